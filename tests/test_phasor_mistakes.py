@@ -12,7 +12,7 @@ from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, load, write
 import rotorid as rid
 from rotorid import InputError
 from rotorid.likelihood import solver
-from rotorid.likelihood.rivals_tables import FAR, NEAR
+from rotorid.likelihood.doubts import FAR, NEAR
 
 TRIAL = 5e-5 + 2e-5j
 NOISE = 1e-6

@@ -8,7 +8,7 @@ import pytest
 from coast_down import RPM, coast, identify, write
 from test_own_parameters import MODEL, TRIAL, text
 
-from rotorid.likelihood import rivals_channels
+from rotorid.likelihood import rivals_records
 from rotorid.likelihood import rivals_stated as trial_leads
 from rotorid.likelihood.effects import Replaces
 from rotorid.likelihood.unknowns import Scalar, Unknown, phase
@@ -71,7 +71,7 @@ def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch) -> N
     ]
     layout = SimpleNamespace(nuisances=own)
     case = SimpleNamespace(records=records, prepared=SimpleNamespace(layout=layout))
-    found = list(trial_leads._exchanges(case))
+    found = list(rivals_records._exchanges(case))
     pairs = ["0, 1", "0, 2", "0, 3", "0, 4", "1, 2", "2, 3"]
     assert [lead.term for lead in found] == [
         f"swap[record {pair.replace(', ', ', record ')}]" for pair in pairs
@@ -99,15 +99,15 @@ def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
     )
     case = SimpleNamespace(prepared=SimpleNamespace(layout=layout))
     order = (0, 1) if way == 1j else (1, 0)
-    assert trial_leads.trials(case) == ([trial_leads.Trial(1, *order)] if found else [])
+    assert trial_leads.trials(case) == ([(1, *order)] if found else [])
 
 
 @pytest.mark.parametrize("table", [True, False])
 def test_what_is_told_of_a_turned_mark_can_be_done(monkeypatch, table: bool) -> None:
     """A table has no key that sets its phase free."""
-    monkeypatch.setattr(rivals_channels, "is_table", lambda record: table)
-    monkeypatch.setattr(rivals_channels, "later_phases", lambda records, starts: [(1, phase(1))])
+    monkeypatch.setattr(rivals_records, "is_table", lambda record: table)
+    monkeypatch.setattr(rivals_records, "later_phases", lambda records, starts: [(1, phase(1))])
     layout = SimpleNamespace(index={})
     case = SimpleNamespace(records=["bare", "run"], prepared=SimpleNamespace(layout=layout))
-    (rival,) = rivals_channels._angles(case)
-    assert ('phase = "unknown"' in rival.small.unknown.cure) != table
+    (rival,) = rivals_records._angles(case)
+    assert ('phase = "unknown"' in rival.added.cure) != table

@@ -7,10 +7,10 @@ near the estimate or from its starts. A rival hypothesis is such a change with a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -20,9 +20,8 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.layout import physical_factors
-from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.preparation import Prepared, generic
-from rotorid.likelihood.problem import Known, Point, Problem, inside, outside
+from rotorid.likelihood.problem import Point, Problem, inside, outside
 from rotorid.likelihood.relations import Monomials, Relations
 from rotorid.likelihood.solver import STAGES, evaluated, few_steps, solve
 from rotorid.likelihood.starts import moved, thinned
@@ -44,6 +43,8 @@ STEPS = 6
 would be left to gain after six decide nothing."""
 
 Records = Sequence[Observation]
+Way = Literal["near", "far", "both", "start"]
+"""From where a case is minimized: where it is, its starts, both, or the first start alone."""
 
 
 @frozen
@@ -52,7 +53,7 @@ class Case:
 
     prepared: Prepared
     records: tuple[Observation, ...]
-    unknowns: Floats  # where `near` starts; of a case with other records the minimum of nothing
+    unknowns: Floats  # where it is; of a case with other records the minimum of nothing
     expected: float = 0.0  # cost that noise alone leaves of these records
     # physical parameters at the estimate, not finite where open; None before there is an estimate
     values: Floats | None = None
@@ -91,9 +92,21 @@ class Case:
         return structure_of(self.model, self.values, max(speeds, key=abs, default=0.0))
 
     def plus(self, *added: Unknown) -> Case:
-        starts = [scalar.start for unknown in added for scalar in unknown.scalars]
-        unknowns = np.concatenate([self.unknowns, starts])
-        return self._prepared(_extended(self.prepared, added), unknowns)
+        """Return the case with further unknowns, which stand behind the others."""
+        every, layout = self.prepared, self.prepared.layout
+        scalars = tuple(scalar for unknown in added for scalar in unknown.scalars)
+        wider = replace(
+            layout,
+            unknowns=(*layout.unknowns, *scalars),
+            nuisances=(*layout.nuisances, *added),
+        )
+        exact, relations, bounds = (
+            _widened(r, len(scalars)) for r in (every.exact, every.known.relations, every.bounds)
+        )
+        known = every.known.within(wider, relations, generic(wider, exact))
+        prepared = replace(every, layout=wider, exact=exact, known=known, bounds=bounds)
+        unknowns = np.concatenate([self.unknowns, [scalar.start for scalar in scalars]])
+        return replace(self.prepared_as(prepared), unknowns=unknowns)
 
     def freed(self, *names: str) -> Case:
         return self._anew({name: {"std": None} for name in names})
@@ -107,37 +120,26 @@ class Case:
         for name in changes:
             known = known.without(name)
         layout = replace(layout, unknowns=scalars)
-        return self._prepared(replace(self.prepared, layout=layout, known=known))
+        return self.prepared_as(replace(self.prepared, layout=layout, known=known))
 
-    def knowing(self, known: Known) -> Case:
-        return self._prepared(replace(self.prepared, known=known))
-
-    def without_bounds(self, rows: Collection[int]) -> Case:
-        every = self.prepared
-        kept = [i for i in range(len(every.bounds)) if i not in rows]
-        bounds = every.bounds.subset(np.array(kept, dtype=np.int64))
-        limits = tuple(every.limits[i] for i in kept)
-        return self._prepared(replace(every, bounds=bounds, limits=limits))
-
-    def _prepared(self, prepared: Prepared, unknowns: Floats | None = None) -> Case:
-        at = self.unknowns if unknowns is None else unknowns
-        return replace(self, prepared=prepared, unknowns=at, found=None, like=self.point)
+    def prepared_as(self, prepared: Prepared) -> Case:
+        return replace(self, prepared=prepared, found=None, like=self.point)
 
     def reading(self, change: Callable[[Records], Records]) -> Case:
         return replace(self, records=tuple(change(self.records)), found=None, like=None)
 
-    def on_lines(self, few: int) -> Case | None:
-        """Return the case on some of the lines of its records; None where they have few."""
+    def on_lines(self, few: int) -> Case:
+        """Return the case on some of the lines of its records, where they have more than few."""
         fewer = thinned(self.records, few)
-        return None if fewer is None else self.reading(lambda _: fewer)
+        return self if fewer is None else self.reading(lambda _: fewer)
 
     def on_model(self, whole: Model) -> Case:
         """Return the case with a model of the same parameters and other coordinates."""
-        factors = physical_factors(whole)
-        layout = replace(self.prepared.layout, model=whole, monomial_factors=factors)
-        prepared = replace(self.prepared, layout=layout)
+        layout = replace(
+            self.prepared.layout, model=whole, monomial_factors=physical_factors(whole)
+        )
         other = self.reading(lambda records: [moved(record, whole) for record in records])
-        return replace(other, prepared=prepared)
+        return replace(other, prepared=replace(self.prepared, layout=layout))
 
     def at(self, point: Point | None) -> Case | None:
         """Return the case at a minimum of its own; None where that is none."""
@@ -149,22 +151,18 @@ class Case:
             return None
         return replace(self, unknowns=point.unknowns, found=point, expected=expected)
 
-    def near(self) -> Point | None:
-        return self._minimized(self.unknowns, (0.0,))
+    def settled(self, way: Way = "near") -> Case | None:
+        return self.at(self.minimized(way))
 
-    def far(self) -> Point | None:
-        """Minimize from the starts, by the homotopy."""
-        return _lowest([self._minimized(start, STAGES) for start in self._starts()])
+    def minimized(self, way: Way = "near") -> Point | None:
+        """Return the lowest end of the ways from some points, from the starts by the homotopy."""
+        here: list[tuple[Floats, Sequence[float]]] = [(self.unknowns, (0.0,))]
+        afar: list[tuple[Floats, Sequence[float]]] = [(x, STAGES) for x in self._starts()]
+        tried = {"near": here, "far": afar, "both": here + afar, "start": afar[:1]}[way]
+        ends = [self._descended(start, stages) for start, stages in tried]
+        return min((p for p in ends if p is not None), key=lambda p: p.cost, default=None)
 
-    def from_start(self) -> Point | None:
-        """Minimize from the start alone, by the homotopy."""
-        return self._minimized(self.prepared.layout.start, STAGES)
-
-    def both(self) -> Point | None:
-        """Minimize from where it is and from the starts; return the lower end."""
-        return _lowest([self.near(), self.far()])
-
-    def _minimized(self, start: Floats, stages: Sequence[float]) -> Point | None:
+    def _descended(self, start: Floats, stages: Sequence[float]) -> Point | None:
         """Return the minimum, or None where the way leads nowhere.
 
         What leaves a misfit beyond all hope explains nothing: how much exactly is not found out.
@@ -200,27 +198,6 @@ class Case:
         return found
 
 
-def _lowest(ends: Sequence[Point | None]) -> Point | None:
-    return min((p for p in ends if p is not None), key=lambda p: p.cost, default=None)
-
-
-def _extended(prepared: Prepared, added: Sequence[Unknown]) -> Prepared:
-    """Return what is prepared with further unknowns behind the others."""
-    layout = prepared.layout
-    scalars = tuple(scalar for unknown in added for scalar in unknown.scalars)
-    wider = replace(
-        layout,
-        unknowns=(*layout.unknowns, *scalars),
-        nuisances=(*layout.nuisances, *added),
-    )
-    exact, relations, bounds = (
-        _widened(r, len(scalars))
-        for r in (prepared.exact, prepared.known.relations, prepared.bounds)
-    )
-    known = prepared.known.within(wider, relations, generic(wider, exact))
-    return replace(prepared, layout=wider, exact=exact, known=known, bounds=bounds)
-
-
 def _widened(relations: Relations, added: int) -> Relations:
     old = relations.monomials
     count = old.unknowns + added
@@ -245,15 +222,8 @@ def _screened(problem: Problem, start: Floats) -> float:
 Kind = Literal["bound", "known", "term", "gain", "lag", "mistake", "unit", "speed", "omission"]
 """What a rival says is otherwise: a limit; a value known beforehand; a term or an effect that
 nobody thought of; a factor; a lag; what was read, in one way or another; a line that counts."""
-
-
-@frozen
-class Small:
-    """The derivative by which a small change is scored before it is tried."""
-
-    columns: Callable[[Slopes], Floats]  # of the whitened residual, by what is set free
-    value: Callable[[Floats], float | None]  # from the first step of what is set free
-    unknown: Unknown | None = None  # what is added
+Told = tuple[str, str]
+"""What is the matter, and what to do about it."""
 
 
 @frozen
@@ -263,24 +233,35 @@ class Rival:
     term: str  # for people: ``swap[x1, y1]``; no code takes it apart
     on: tuple[str, ...]  # channels, groups of them, records, or the term itself
     kind: Kind
-    change: Callable[[Case], Case | None]
-    # what is the matter, and what to do about it; at its value
-    told: tuple[str, str] | Callable[[float | None], tuple[str, str]]
+    change: Callable[[Case], Case]
+    told: Told | Callable[[float | None], Told]  # at its value
     value: float | Callable[[Point], float | None] | None = None  # what is right, in `unit`
     unit: str = ""
-    way: Literal["near", "far", "both"] = "near"  # from where it is minimized
-    small: Small | None = None  # it is scored first
+    way: Way = "near"  # from where it is minimized
+    added: Unknown | None = None  # the unknown that it frees, where that is a further one
+    # A small change is scored first, by the derivative: the unknowns that it frees, the value that
+    # theirs come to, and what is no longer known.
+    frees: tuple[str, ...] = ()
+    size: Callable[[Floats], float] | None = None
+    forgets: str = ""
     likely: Callable[[Point], bool] | None = None  # of a bound: whether it is a mistake by itself
     # from the case and the minimum that it leads to, to what says the same more exactly
     sharper: Callable[[Case, Point], Iterator[Rival]] | None = None
 
-    @property
-    def added(self) -> Unknown | None:
-        """The unknown that it frees, where that is a further one."""
-        return None if self.small is None else self.small.unknown
-
     def value_at(self, point: Point) -> float | None:
+        if self.size is not None:
+            index = point.problem.layout.index
+            return self.size(point.unknowns[[index[name] for name in self.frees]])
         return self.value(point) if callable(self.value) else self.value
+
+    def score(self, slopes: Slopes) -> tuple[float, float | None]:
+        """Return the drop of the cost to first order, and the value after the first step."""
+        columns = np.column_stack([slopes.by(*self.frees), slopes.slack(self.forgets)])
+        drop, step = slopes.point.linear.score(columns)
+        if self.size is None:
+            return drop, None
+        at = [slopes.index[name] for name in self.frees]
+        return drop, self.size(slopes.point.unknowns[at] + step[: len(at)])
 
 
 @frozen
@@ -289,12 +270,6 @@ class Slopes:
 
     point: Point  # the estimate, with the rivals fixed
     columns: Floats
-    index: Mapping[str, int]
-    known: Known
-
-    @property
-    def linear(self) -> Linearized:
-        return self.point.linear
 
     @classmethod
     def turns(cls, case: Case, rivals: Sequence[Rival]) -> Iterator[tuple[Slopes, list[Rival]]]:
@@ -316,24 +291,27 @@ class Slopes:
         """Evaluate the derivative by all unknowns of a case, and by further ones."""
         fixed = [replace(u, scalars=tuple(replace(s, std=0.0) for s in u.scalars)) for u in added]
         wide = case.plus(*fixed) if fixed else case
-        known = wide.point.problem.known
         rows = [record.jacobian() for record in wide.point.records]
-        columns = np.concatenate([*rows, known.jacobian(wide.unknowns)])
-        index = {u.name: k for k, u in enumerate(wide.prepared.layout.unknowns)}
-        return cls(wide.point, columns, index, known)
+        known = wide.point.problem.known.jacobian(wide.unknowns)
+        return cls(wide.point, np.concatenate([*rows, known]))
+
+    @property
+    def index(self) -> Mapping[str, int]:
+        return self.point.problem.layout.index
 
     def by(self, *names: str) -> Floats:
         return self.columns[:, [self.index[name] for name in names]]
 
     def slack(self, text: str) -> Floats:
         """Return the columns that take what is known of something out of the residual."""
-        known, count = self.known, len(self.columns)
-        rows = [i for i, each in enumerate(known.texts) if each == text]
+        texts, count = self.point.problem.known.texts, len(self.columns)
+        rows = np.flatnonzero([each == text for each in texts]) + count - len(texts)
         columns = np.zeros((count, len(rows)))
-        columns[[count - len(known) + i for i in rows], range(len(rows))] = 1.0
+        columns[rows, np.arange(len(rows))] = 1.0
         return columns
 
 
+U = TypeVar("U", bound=Unknown)
 Entry = Callable[[Case], Iterator[Rival]]
 CATALOGUE: dict[str, list[Entry]] = {}
 
@@ -348,42 +326,28 @@ def rivals(stage: str) -> Callable[[Entry], Entry]:
     return enter
 
 
-def freed(
-    unknown: Unknown,
-    kind: Kind = "term",
-    *,
-    on: tuple[str, ...] | None = None,
-) -> Rival:
+def freed(unknown: Unknown, kind: Kind = "term", *, on: tuple[str, ...] = ()) -> Rival:
     """Return the rival that an unknown is not what it is taken for."""
-    names = [scalar.name for scalar in unknown.scalars]
-    start = np.array([scalar.start for scalar in unknown.scalars])
-
-    def value(point: Point) -> float:
-        index = point.problem.layout.index
-        return unknown.size(point.unknowns[[index[name] for name in names]])
 
     def instead(case: Case, point: Point) -> Iterator[Rival]:
-        misfit = point.cost >= case.expected + CLOSE
-        other = unknown.instead(value(point), case.model.inputs) if misfit else None
-        if other is not None:
-            yield freed(other, "lag")
+        value = rival.value_at(point)
+        if value is not None and point.cost >= case.expected + CLOSE:
+            other = unknown.instead(value, case.model.inputs)
+            yield from [] if other is None else [freed(other, "lag")]
 
-    alone = tuple(unknown.on) if len(unknown.on) == 1 else (unknown.term,)
-    return Rival(
+    rival = Rival(
         unknown.term,
-        on or alone,
+        on or (tuple(unknown.on) if len(unknown.on) == 1 else (unknown.term,)),
         kind,
         lambda case: case.plus(unknown),
         unknown.told,
-        value,
-        unknown.unit,
-        small=Small(
-            lambda slopes: slopes.by(*names),
-            lambda step: unknown.size(start + step),
-            unknown,
-        ),
+        unit=unknown.unit,
+        added=unknown,
+        frees=tuple(scalar.name for scalar in unknown.scalars),
+        size=unknown.size,
         sharper=instead,
     )
+    return rival
 
 
 def mistake(
@@ -408,3 +372,9 @@ def each_record(
 ) -> Callable[[Records], list[Observation]]:
     """Return what changes each record by itself; `of`: those of one kind."""
     return lambda records: [change(record) if of(record) else record for record in records]
+
+
+def not_asked(case: Case, unknowns: Iterable[U]) -> list[U]:
+    """Return the unknowns that are not estimated already."""
+    index = case.prepared.layout.index
+    return [u for u in unknowns if not any(s.name in index for s in u.scalars)]

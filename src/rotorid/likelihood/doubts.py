@@ -30,6 +30,7 @@ from rotorid.core.distributions import Expectation
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
+from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PeriodicClock
 from rotorid.data.observation import Observation
@@ -39,13 +40,22 @@ from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns, of_kind
 from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.layout import Layout
+from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
-from rotorid.likelihood.rivals_channels import speed_term
-from rotorid.likelihood.rivals_tables import growing_mode, is_table, lines_alike, scale_of_time
+from rotorid.likelihood.rivals_records import SPEEDS, is_response, is_table
 from rotorid.likelihood.rivals_terms import parts_between
 from rotorid.likelihood.summary import physical_at
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Plausible, Unknown, every_unknown
+from rotorid.likelihood.unknowns import (
+    TAKEN_AS_EXACT,
+    Plausible,
+    Scalar,
+    Unknown,
+    every_unknown,
+)
 from rotorid.models import Model
+from rotorid.models.modal import eigenmodes
+from rotorid.signals.covariance import lag_one_correlation
 
 
 @frozen
@@ -53,29 +63,50 @@ class Asked:
     model: Model
     estimate: Estimate
     fit: Fit
+    speed: bool = False  # whether a speed is suspected
+
+    @property
+    def point(self) -> Point:
+        return self.fit.solution.point
+
+    @property
+    def layout(self) -> Layout:
+        return self.fit.prepared.layout
+
+    @property
+    def records(self) -> tuple[Observation, ...]:
+        return self.fit.records
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the free unknowns."""
+        return [self.layout.unknowns[i].name for i in self.layout.free]
+
+    @property
+    def determined(self) -> bool:
+        return self.fit.solution.converged and not self.fit.inference.linear.null.shape[1]
 
     @cached_property
     def case(self) -> Case:
-        fit, point = self.fit, self.fit.solution.point
-        return Case(fit.prepared, fit.records, point.unknowns, values=physical_at(fit), found=point)
+        fit, at = self.fit, self.point.unknowns
+        return Case(fit.prepared, fit.records, at, values=physical_at(fit), found=self.point)
 
     @cached_property
     def scales(self) -> list[Unknown]:
         """The unknowns that multiply all forces."""
-        every = every_unknown(self.fit.records)
+        every = every_unknown(self.records)
         return [u for u in every if _scales_all(of_kind(Drives, u.effects))]
 
     @cached_property
     def exact(self) -> list[tuple[Plausible, list[Unknown]]]:
         """What may be wrong by how much where nobody asks for it, and its unknowns."""
-        records = self.fit.records
-        return [(plausible, kind(records, None)) for kind, plausible in TAKEN_AS_EXACT]
+        return [(plausible, kind(self.records, None)) for kind, plausible in TAKEN_AS_EXACT]
 
     @cached_property
     def parts(self) -> list[Unknown]:
         """Masses between two places of the shaft, which the model may lack."""
         model, structure = self.case.model, self.case.structure
-        if structure is None or not self.fit.records:
+        if structure is None or not self.records:
             return []
         return parts_between(structure, [model.units[name] for name in model.coordinates])
 
@@ -87,6 +118,21 @@ class Asked:
 
     def by(self, *unknowns: Unknown) -> Floats:
         return self.slopes.by(*(s.name for unknown in unknowns for s in unknown.scalars))
+
+    def moved_unseen(self, effect: Floats) -> tuple[str, float]:
+        """Return which parameter errors may move most unseen, and by how many deviations.
+
+        `effect` is what errors of a plausible size do to the residual, shape (row, error).
+        """
+        if not effect.any():
+            return "", 0.0
+        std, layout = self.fit.inference.std, self.layout
+        named = np.array([i < layout.named and i not in layout.idle for i in layout.free])
+        std = np.where(named & (std > 0), std, np.inf)
+        excess = unseen_excess(self.fit.inference.expectation)
+        moved = self.point.linear.unseen(effect, std, excess)
+        worst = int(np.argmax(moved))
+        return self.names[worst], float(moved[worst])
 
 
 Doubt = Callable[[Asked], Iterable[Note]]
@@ -106,9 +152,10 @@ def doubt(*when: Status, last: bool = False) -> Callable[[Doubt], Doubt]:
     return entered
 
 
-def doubted(model: Model, estimate: Estimate, fit: Fit) -> Estimate:
+def doubted(model: Model, estimate: Estimate, fit: Fit, *, speed: bool = False) -> Estimate:
+    """Return an answer with all doubts about it; `speed`: one is suspected to be wrong."""
     for tier in (False, True):
-        asked = Asked(model, estimate, fit)
+        asked = Asked(model, estimate, fit, speed)
         cast = [each for each, when, last in CATALOGUE if last == tier and estimate.status in when]
         estimate = estimate.with_notes(*(note for each in cast for note in each(asked)))
     return estimate
@@ -128,18 +175,21 @@ FOLLOWS = 0.5
 @doubt("ok")
 def taken_as_exact(asked: Asked) -> Iterable[Note]:
     """Say what is taken as exact, where a plausible error of it is beyond deviations and unseen."""
-    fit = asked.fit
-    told = _scale_note(fit, asked.by(*asked.scales)[:, 0])
-    notes = [*told, *_angle_note(fit)]
+    told = list(_scale_notes(asked, asked.by(*asked.scales)[:, 0]))
+    notes = [*told, *_angle_notes(asked)]
     for plausible, unknowns in asked.exact:
         scalars = [scalar for unknown in unknowns for scalar in unknown.scalars]
         meant = np.array([scalar.unit == plausible.unit for scalar in scalars], dtype=bool)
         effect = asked.by(*unknowns)[:, meant] * plausible.size
-        if told and plausible.in_scale:
-            effect = _differences(fit, effect, unknowns)
-        name, size = moved_unseen(fit, effect)
+        if told and plausible.in_scale:  # beside a scale common to all inputs, or to all sensors
+            inputs = {c.name for record in asked.records for c in record.inputs}
+            driven = np.array([bool(inputs & gain.on) for gain in unknowns])
+            for group in (driven, ~driven):
+                effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
+        name, size = asked.moved_unseen(effect)
         if size > MATTERS:
-            text = f"{plausible.text} may move {name} by {_figure(size)} deviations unseen"
+            figure = f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
+            text = f"{plausible.text} may move {name} by {figure} deviations unseen"
             notes.append(Note(plausible.about, "says", text, plausible.cure, value=size, unit="1"))
     return notes
 
@@ -148,73 +198,54 @@ def _scales_all(effects: Iterable[Drives]) -> bool:
     return any(effect.part == "force" for effect in effects)
 
 
-def _angle_note(fit: Fit) -> list[Note]:
+def _angle_notes(asked: Asked) -> Iterator[Note]:
     """Say where the stated uncertainty of the rotor angle is most of that of a parameter.
 
     Who gave a keyphasor has asked for no unknown, and looks for where these deviations come from.
     """
-    layout, covariance = fit.prepared.layout, fit.inference.covariance
-    unknowns = [layout.unknowns[i] for i in layout.free]
-    asked = {int(i) for _, _, at in layout.wherever(Turns) for i in at}
-    std = fit.inference.std
+    layout, free = asked.layout, asked.layout.free
+    turning = {int(i) for _, _, at in layout.wherever(Turns) for i in at}
+    turned = [k for k, i in enumerate(free) if i in turning and layout.unknowns[i].std]
+    std = asked.fit.inference.std
     unit = np.where((std > 0) & np.isfinite(std), std, np.inf)
-    share = np.abs(covariance / unit / unit[:, None])
-    turned = [k for k, i in enumerate(layout.free) if i in asked and layout.unknowns[i].std]
-    led = [
-        unknowns[j].name
-        for j, i in enumerate(layout.free)
-        if i < layout.named and turned and share[j, turned].max() > LED
-    ]
-    if not led:
-        return []
-    worst = np.degrees(max(unknowns[k].std or 0.0 for k in turned))
-    text = (
-        f"known to {worst:.2g} deg, which is most of the deviations of {', '.join(led)}: nobody "
-        "knows how much later than the mark the columns are, so within a sample, unless "
-        "angle_lag_std says it better"
-    )
-    return [Note("rotor angle", "says", text)]
+    share = np.abs(asked.fit.inference.covariance / unit / unit[:, None])[:, turned]
+    led = (free < layout.named) & (share.max(axis=1, initial=0.0) > LED)
+    if led.any():
+        worst = np.degrees(max(layout.unknowns[free[k]].std or 0.0 for k in turned))
+        names = ", ".join(name for name, its in zip(asked.names, led, strict=True) if its)
+        text = (
+            f"known to {worst:.2g} deg, which is most of the deviations of {names}: nobody "
+            "knows how much later than the mark the columns are, so within a sample, unless "
+            "angle_lag_std says it better"
+        )
+        yield Note("rotor angle", "says", text)
 
 
-def _differences(fit: Fit, effect: Floats, gains: Sequence[Unknown]) -> Floats:
-    """Return what gains do beside a scale common to all inputs, or to all sensors."""
-    inputs, effect = {c.name for record in fit.records for c in record.inputs}, effect.copy()
-    driven = np.array([bool(inputs & gain.on) for gain in gains])
-    for group in (driven, ~driven):
-        effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
-    return effect
-
-
-def _scale_note(fit: Fit, column: Floats) -> list[Note]:
+def _scale_notes(asked: Asked, column: Floats) -> Iterator[Note]:
     """Say where a scale that is taken as exact is in masses and stiffnesses, and in no misfit.
 
     A rotor with all masses, stiffnesses and dampings one per cent larger moves as before under
     forces one per cent larger. column, shape (row,), is the derivative of the residual by the
     scale.
     """
-    channels = [c for record in fit.records for c in record.inputs]
+    layout, point = asked.layout, asked.point
+    channels = [c for record in asked.records for c in record.inputs]
     read = [c.name for c in channels if c.law is not None or c.drive is not None]
-    layout = fit.prepared.layout
     if not read or _scales_all(effect for effect, _ in layout.acting(Drives)):
-        return []
-    point = fit.solution.point
+        return
     found, left = point.linear.taken(column), point.linear.rest(column)
     if not np.isfinite(found).all() or left @ left > TAKEN_OVER * (column @ column):
-        return []
+        return
     value = point.unknowns[layout.free]
     share = np.abs(found) / np.where(value != 0, np.abs(value), np.inf)
-    names = [
-        layout.unknowns[i].name
-        for i, s in zip(layout.free, share, strict=True)
-        if i < layout.named and s > FOLLOWS
-    ]
-    if not names:
-        return []
-    text = (
-        f"taken as exact: 1 % of it is 1 % of {', '.join(names)}, beyond their deviations, and no "
-        "misfit shows it; say how well it is known (force_scale_std), or weigh the rotor"
-    )
-    return [Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))]
+    follows = (layout.free < layout.named) & (share > FOLLOWS)
+    if follows.any():
+        names = ", ".join(name for name, its in zip(asked.names, follows, strict=True) if its)
+        text = (
+            f"taken as exact: 1 % of it is 1 % of {names}, beyond their deviations, and no "
+            "misfit shows it; say how well it is known (force_scale_std), or weigh the rotor"
+        )
+        yield Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))
 
 
 @lru_cache(maxsize=1)
@@ -234,74 +265,45 @@ def unseen_excess(expected: Expectation) -> float:
     return high
 
 
-def moved_unseen(fit: Fit, effect: Floats) -> tuple[str, float]:
-    """Return which parameter errors may move most unseen, and by how many deviations.
-
-    `effect` is what errors of a plausible size do to the residual, shape (row, error).
-    """
-    layout, std = fit.prepared.layout, fit.inference.std
-    if not effect.any():
-        return "", 0.0
-    named = np.array([i < layout.named and i not in layout.idle for i in layout.free], dtype=bool)
-    std = np.where(named & (std > 0), std, np.inf)
-    excess = unseen_excess(fit.inference.expectation)
-    moved = fit.solution.point.linear.unseen(effect, std, excess)
-    worst = int(np.argmax(moved))
-    return layout.unknowns[layout.free[worst]].name, float(moved[worst])
-
-
-def _figure(size: float) -> str:
-    return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
-
-
 PART = 0.01
 """Share of the mass that weighing the parts and sharing out the shaft may well miss."""
-FAR = 5.0
+BEYOND = 5.0
 """Deviations by which it moves a parameter unseen, above which it is told: beyond chance."""
 
 
 @doubt("ok")
 def part_left_out(asked: Asked) -> Iterator[Note]:
     """Say how far a part between two places of the shaft may move the answer unseen."""
-    model, structure, parts = asked.case.model, asked.case.structure, asked.parts
-    if structure is None or not parts:
+    model, structure = asked.case.model, asked.case.structure
+    if structure is None or not asked.parts:
         return
     size = PART * structure.mass([model.units[name] for name in model.coordinates])
-    moved = [(*moved_unseen(asked.fit, size * asked.by(part)), part.name) for part in parts]
-    worst, deviations, name = max(moved, key=lambda each: each[1], default=("", 0.0, ""))
-    if not deviations > FAR:
-        return
-    text = (
-        f"taken as whole: a {name} of 1 % of all ({size:.2g} kg), left out, may move {worst} by "
-        f"{deviations:.2g} deviations unseen; lines about higher modes or a sensor there show it"
-    )
-    yield Note("model", "says", text)
+    moved = [(*asked.moved_unseen(size * asked.by(part)), part.name) for part in asked.parts]
+    worst, deviations, name = max(moved, key=lambda each: each[1])
+    if deviations > BEYOND:
+        text = (
+            f"taken as whole: a {name} of 1 % of all ({size:.2g} kg), left out, may move {worst} "
+            f"by {deviations:.2g} deviations unseen; lines about higher modes or a sensor there "
+            "show it"
+        )
+        yield Note("model", "says", text)
 
 
 @doubt()
 def no_machine(asked: Asked) -> Iterable[Note]:
     """Judge whether the values can be a machine's; where records have their own, the first's."""
-    return machine_checks.physical(asked.model, _of_one_record(asked))
-
-
-def _of_one_record(asked: Asked) -> Estimate:
-    model, estimate, whole = asked.model, asked.estimate, asked.fit.prepared.layout
-    if whole.named == whole.parameters:
-        return estimate
-    layout = whole.of_record(0)
-    names = [whole.unknowns[i].name for i in layout.held]
-    found = {v.name: v for v in estimate.parameters}
-    values = [
-        replace(found[name], name=parameter)
-        for name, parameter in zip(names, model.parameter_names, strict=True)
-    ]
-    free = [int(i) for i in layout.held if not whole.unknowns[i].fixed]
-    return estimate.with_(
-        parameters=tuple(values),
-        nuisance=(),
-        derived=(),
-        covariance=asked.fit.covariance[np.ix_(free, free)],
-    )
+    model, estimate, whole = asked.model, asked.estimate, asked.layout
+    if whole.named > whole.parameters:
+        held = whole.of_record(0).held
+        found = {v.name: v for v in estimate.parameters}
+        values = tuple(
+            replace(found[whole.unknowns[i].name], name=parameter)
+            for i, parameter in zip(held, model.parameter_names, strict=True)
+        )
+        free = [int(i) for i in held if not whole.unknowns[i].fixed]
+        covariance = asked.fit.covariance[np.ix_(free, free)]
+        estimate = estimate.with_(parameters=values, nuisance=(), derived=(), covariance=covariance)
+    return machine_checks.physical(model, estimate)
 
 
 TELLING = 1e-6
@@ -313,14 +315,12 @@ LEAST_PERIODS = 4
 @doubt("ok", "rejected")
 def halves_differ(asked: Asked) -> Iterable[Note]:
     """Hold the halves of periods against each other, or those of whole records."""
-    fit, layout = asked.fit, asked.fit.prepared.layout
-    names = [layout.unknowns[i].name for i in layout.free]
-    halves = answers_of_parts(fit.solution.point, fit.records, 2)
+    halves = answers_of_parts(asked.point, asked.records, 2)
     if halves is not None:
-        turning = {layout.unknowns[i].name for i in fit.problem.affine}
-        return machine_checks.agreement(names, halves, fit.inference.std, turning)
-    windows = answers_of_windows(fit.solution.point, fit.records)
-    return () if windows is None else machine_checks.agreement(names, *windows)
+        turning = {asked.layout.unknowns[i].name for i in asked.fit.problem.affine}
+        return machine_checks.agreement(asked.names, halves, asked.fit.inference.std, turning)
+    windows = answers_of_windows(asked.point, asked.records)
+    return () if windows is None else machine_checks.agreement(asked.names, *windows)
 
 
 def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -> Floats | None:
@@ -405,34 +405,110 @@ def _turned(point: Point, number: int, record: Observation, parts: int) -> Float
     return changes
 
 
+FAR = 30.0
+"""Factor by which a stiffness is off its start, at least, before the unit of speed is doubted: of
+the units that are mistaken, rad/s for Hz changes it least, by 39."""
+NEAR = 3.0
+"""Factor within which the answer lies about its start once the unit is put right."""
+SURE = 1000.0
+"""Factor of a stiffness from which on the answer is turned away: rpm for Hz, 3600; nobody's start
+is off by so much and right in every parameter but for the one factor of time."""
+
+
 @doubt()
-def unit_of_speed(asked: Asked) -> Iterable[Note]:
-    fit = asked.fit
-    modes = bool(len(fit.problem.known.modes))
-    at = fit.solution.point.unknowns
-    return scale_of_time(fit.prepared.layout, at, fit.records, modes=modes)
+def unit_of_speed(asked: Asked) -> Iterator[Note]:
+    """Say that the speeds of tables look like those of another unit.
+
+    With all speeds a factor f off, stiffnesses are f^2 and dampings f times what they are, and
+    nothing else in a table changes; with all frequencies of responses, masses are f^-2 times, and
+    with those of measured modes, stiffnesses f^2 times what they are. So the answer is held
+    against its start: where it is far off, and near with the speeds in another unit, that unit is
+    suspected.
+    """
+    records, layout, unknowns = asked.records, asked.layout, asked.point.unknowns
+    force = bool(records) and all(map(is_response, records))
+    if not records:
+        what = "the measured natural frequencies"
+    elif len(asked.fit.problem.known.modes):
+        return  # two kinds of data hold each other's unit
+    elif force or all(map(is_table, records)):
+        what = "the frequencies of the responses" if force else "the speeds of the table"
+    else:
+        return
+    inner = [int(i) for i in layout.free if i < layout.parameters]
+    powers = {i: _of_time(layout.unknowns[i], force) for i in inner}
+    at = [i for i, power in powers.items() if power and unknowns[i] * layout.start[i] > 0]
+    if not at:
+        return
+    power = np.array([powers[i] for i in at])
+    ratio = np.log(np.maximum(unknowns[at] / layout.start[at], 1e-300))
+    if np.abs(ratio * 2 / power).max() < np.log(FAR):
+        return
+    off = {said: float(np.abs(ratio + power * np.log(f)).max()) for said, f in SPEEDS.items()}
+    said = min(off, key=lambda name: off[name])
+    factor = SPEEDS[said]
+    if off[said] > np.log(NEAR) or factor in (0.5, 2.0):
+        return
+    names = ", ".join(layout.unknowns[i].name for i in at)
+    text = (
+        f"{names} are far off their start, and within a factor {np.exp(off[said]):.2g} of it with "
+        f"{what} {factor:.4g} times as large ({said}): the data cannot tell, so check their "
+        "unit, or give a nearer start"
+    )
+    sure = max(factor, 1 / factor) ** 2 > SURE
+    yield Note("unit of the speed", "rejects" if sure else "doubts", text)
+
+
+def _of_time(unknown: Scalar, force: bool) -> float:
+    """Return the power of 1 / time in a parameter: 2 of a stiffness, where masses stay.
+
+    Where forces stay, 0 of a stiffness, and -2 of a mass: kg = N s^2 / m.
+    """
+    powers = dict(dimension_of(unknown.unit).powers)
+    return -float(powers.get("s", 0)) - (2 * float(powers.get("kg", 0)) if force else 0.0)
 
 
 @doubt()
 def against_the_angle(asked: Asked) -> Iterator[Note]:
     """Judge how the rotation moves against the angle that was given."""
-    yield from creeping(asked.fit.records, asked.fit.creeps)
-    speeds = {speed_term(), *map(speed_term, range(len(asked.fit.records)))}
-    if not speeds & {suspect.term for suspect in asked.estimate.suspects}:
-        yield from against_angle(asked.fit.solution.point, asked.fit.records)
+    yield from creeping(asked.records, asked.fit.creeps)
+    if not asked.speed:
+        yield from against_angle(asked.point, asked.records)
+
+
+GROWS = 3.0
+"""Deviations by which a damping is below zero before it counts: no free machine that grows has a
+steady response, and a damping of zero is estimated as often below as above."""
+NONE = 1e-9
+"""Damping ratio below which a growth is rounding: of a model without damping."""
 
 
 @doubt()
-def growing(asked: Asked) -> Iterable[Note]:
-    """Say that a machine whose responses were measured grows by itself."""
-    fit, layout = asked.fit, asked.fit.prepared.layout
-    if not _determined(fit):
-        return ()
-    return growing_mode(layout, fit.solution.point.unknowns, fit.covariance, fit.records)
-
-
-def _determined(fit: Fit) -> bool:
-    return fit.solution.converged and not fit.inference.linear.null.shape[1]
+def growing(asked: Asked) -> Iterator[Note]:
+    """Say that a machine whose responses were measured grows by itself: it would have none."""
+    layout, unknowns, covariance = asked.layout, asked.point.unknowns, asked.fit.covariance
+    linear = layout.model.require_linear()
+    if not asked.determined or linear.rows != linear.coordinates:
+        return
+    for number, record in enumerate(asked.records):
+        if not is_response(record):
+            continue
+        pencil = pencil_at(layout.of_record(number), float(record.lines.speed[0]))
+        stiffness, damping, mass = pencil.matrices(unknowns)
+        modes = eigenmodes(mass, damping, stiffness)
+        for value, left, right in zip(modes.values, modes.left, modes.right, strict=True):
+            gram = left.conj() @ (2 * value * mass + damping) @ right
+            slope = pencil.slopes(value, left[None], right[None], unknowns)[0, 0] / gram
+            std = float(np.sqrt(max(float(slope.real @ covariance @ slope.real), 0.0)))
+            if value.real > max(GROWS * std, NONE * abs(value)):
+                text = (
+                    f"a mode at {value.imag / (2 * np.pi):.4g} Hz with a damping ratio of "
+                    f"{-value.real / abs(value):.3g}: a machine that grows by itself has no "
+                    "frequency response, so the phases count the other way (set lag = true in "
+                    "the channels), or a response has the wrong sign"
+                )
+                yield Note("growing mode", "rejects", text)
+                return
 
 
 CLOSED = 0.1
@@ -462,22 +538,17 @@ def told_by_few(asked: Asked) -> Iterator[Note]:
 
     Not of the unbalance, which the line of the rotation tells.
     """
-    point, records = asked.fit.solution.point, asked.fit.records
+    point, records, layout = asked.point, asked.records, asked.layout
     closed = any(r.lines.parts is not None and coherence(r) > CLOSED for r in records)
-    if not closed or not _determined(asked.fit):
+    if not closed or not asked.determined:
         return
-    layout = point.problem.layout
-    loads = layout.load_only()
+    kept = np.isin(layout.free, list({*layout.held.tolist()} - layout.load_only()))
     shares = [rows.sum(axis=1) for rows in point.by_line(point.linear.told_by().T)]
-    weights = np.concatenate(shares).T
-    names = [layout.unknowns[i].name for i in layout.free]
-    for name, index, each in zip(names, layout.free, weights, strict=True):
-        if index not in layout.held or index in loads or not each.any():
-            continue
-        count = float(each.sum() ** 2 / (each**2).sum())
+    hertz = np.concatenate([record.lines.frequency for record in records])
+    for name, held, each in zip(asked.names, kept, np.concatenate(shares).T, strict=True):
+        count = float(each.sum() ** 2 / (each**2).sum()) if held and each.any() else np.inf
         if count >= FEW:
             continue
-        hertz = np.concatenate([record.lines.frequency for record in records])
         text = (
             f"{name} is told by {count:.2g} lines about {hertz[each.argmax()]:.4g} Hz, closer than "
             "the window in which noise is told from motion: in a closed loop noise changes there, "
@@ -497,6 +568,11 @@ ORDERLY = 3.0
 """Deviations of a correlation from row to row beyond which rows are not independent."""
 STILL = 1e-6
 """Scatter over a deviation below which no block tells a value: it is as known beforehand."""
+ALIKE = 0.2
+"""Correlation of the residuals of neighbouring lines from which they are not independent: those of
+a Hann window have .44, independent ones .1 at most where there are a hundred."""
+LEAST = 50
+"""Lines below which chance makes neighbours as alike."""
 BLOCKS = 8
 """Parts of a record whose scatter is told beside the stated deviations."""
 
@@ -504,36 +580,33 @@ BLOCKS = 8
 @doubt()
 def too_good(asked: Asked) -> Iterator[Note]:
     """Say where the cost is lower than chance makes it."""
-    fit = asked.fit
-    cost, expectation = fit.solution.point.cost, fit.inference.expectation
-    if not fit.records:  # measured modes alone: their deviations are what the user stated
+    cost, expected = asked.point.cost, asked.fit.inference.expectation
+    # Of measured modes alone the deviations are what the user stated.
+    if not asked.records or expected.dof <= 0 or not 1 - expected.p_value(cost) < TOO_GOOD:
         return
-    if expectation.dof > 0 and 1 - expectation.p_value(cost) < TOO_GOOD:
-        if all(record.lines.covariance.kind == "stated" for record in fit.records):
-            text = (
-                f"the misfit is {cost:.4g} where {expectation.mean:.4g} is expected: the stated "
-                f"std is too large, {np.sqrt(cost / expectation.mean):.2g} times as much would do, "
-                "and deviations are too wide"
-            )
-            yield Note("too good", "doubts", text)
-            return
-        text = (
-            f"the misfit is {cost:.4g} where {expectation.mean:.4g} is expected, too good to be "
-            "chance: the scatter that was taken for noise holds more than noise (settling, drift, "
-            "motion that carries over between periods), and deviations are too wide"
+    said, cure = f"the misfit is {cost:.4g} where {expected.mean:.4g} is expected", ""
+    if all(record.lines.covariance.kind == "stated" for record in asked.records):
+        said += (
+            f": the stated std is too large, {np.sqrt(cost / expected.mean):.2g} times as much "
+            "would do, and deviations are too wide"
+        )
+    else:
+        said += (
+            ", too good to be chance: the scatter that was taken for noise holds more than noise "
+            "(settling, drift, motion that carries over between periods), and deviations are too "
+            "wide"
         )
         cure = "skip more, record longer, or look at the record with rotorid inspect"
-        yield Note("too good", "doubts", text, cure)
+    yield Note("too good", "doubts", said, cure)
 
 
 @doubt("rejected")
 def scattered(asked: Asked) -> Iterator[Note]:
     """Say where what is left of rejected tables has no order: then noise was understated."""
-    fit = asked.fit
-    if not all(is_table(record) for record in fit.records):
+    if not all(map(is_table, asked.records)):
         return
     order, count = 0.0, 0.0
-    for at in fit.solution.point.records:
+    for at in asked.point.records:
         left = at.problem.data - at.corrected()[0]
         size = np.sqrt((np.abs(left) ** 2).mean(axis=0))
         left = left[:, size > 0] / size[size > 0]
@@ -541,24 +614,22 @@ def scattered(asked: Asked) -> Iterator[Note]:
         count += left[1:].size
     # Independent rows give a correlation of zero within 1 / sqrt(2 numbers).
     if abs(order) < ORDERLY * np.sqrt(count / 2):
-        times = np.sqrt(fit.solution.point.cost / fit.inference.expectation.mean)
+        times = float(np.sqrt(asked.point.cost / asked.fit.inference.expectation.mean))
         text = (
             "what the model leaves has no order from row to row: perhaps it is noise, and the "
             f"stated std is too small ({times:.2g} times as much would do), or the speeds are "
             "rounded"
         )
-        yield Note("order of rows", "doubts", text, value=float(times), unit="1")
+        yield Note("order of rows", "doubts", text, value=times, unit="1")
 
 
 @doubt()
 def few_periods(asked: Asked) -> Iterator[Note]:
     """Say where too few periods in closed loop leave the misfit no power."""
-    for record in asked.fit.records:
+    for record in asked.records:
         periods, sensors = record.lines.periods, len(record.sensors)
-        white = record.lines.covariance.kind == "white"
-        if record.lines.scatter is None or not white or periods >= POWER * sensors:
-            continue
-        if coherence(record) > CLOSED:
+        white = record.lines.covariance.kind == "white" and record.lines.scatter is not None
+        if white and periods < POWER * sensors and coherence(record) > CLOSED:
             text = (
                 f"{periods} periods for {sensors} sensors in closed loop: below {POWER * sensors} "
                 "the misfit hardly tells a wrong model from a right one, and deviations are too "
@@ -569,41 +640,57 @@ def few_periods(asked: Asked) -> Iterator[Note]:
 
 @doubt()
 def sensors_alike(asked: Asked) -> Iterator[Note]:
-    """Say where sensors or neighbouring lines are not independent; a misfit is alike too."""
-    fit = asked.fit
-    if fit.shared is not None:
+    """Say where sensors share noise, which was stated of each by itself."""
+    shared = asked.fit.shared
+    if shared is not None:
         text = (
-            f"{', '.join(fit.shared.names[:8])} share noise on each line, as of a force that was "
+            f"{', '.join(shared.names[:8])} share noise on each line, as of a force that was "
             "not measured, where each was stated by itself: deviations are widened by up to "
-            f"{fit.shared.factor:.2g}, to what the lines scatter by"
+            f"{shared.factor:.2g}, to what the lines scatter by"
         )
-        yield Note("shared noise", "doubts", text, on=fit.shared.names)
-    point = fit.solution.point
-    if fit.inference.expectation.p_value(point.cost) < MISFIT:
-        return
-    for record, at in zip(fit.records, point.records, strict=True):
-        yield from lines_alike(record, at)
+        yield Note("shared noise", "doubts", text, on=shared.names)
+
+
+@doubt()
+def lines_alike(asked: Asked) -> Iterator[Note]:
+    """Say that neighbouring lines of responses hold the same noise, as a window makes them.
+
+    Where there is a misfit, that is alike too.
+    """
+    misfit = asked.fit.inference.expectation.p_value(asked.point.cost) < MISFIT
+    for record, at in zip(asked.records, asked.point.records, strict=True):
+        if misfit or not is_response(record) or len(at.whitened) < LEAST:
+            continue
+        correlation = lag_one_correlation(at.whitened[:, :, None])
+        if correlation < ALIKE:
+            continue
+        names = ", ".join(sensor.channel.name for sensor in record.sensors)
+        text = (
+            f"the residuals of neighbouring lines of {names} are alike (correlation "
+            f"{correlation:.2f}), as a window such as Hann makes them: the deviations are too "
+            f"small by a factor of about {np.sqrt(1 + 2 * correlation):.2g}; keep every second "
+            "line (every = 2)"
+        )
+        yield Note("neighbouring lines", "doubts", text)
 
 
 @doubt("rejected", last=True)
 def blocks_scatter(asked: Asked) -> Iterator[Note]:
     """Say how much the answers of blocks of the record scatter, against the stated deviations."""
-    fit = asked.fit
-    most = min((r.lines.periods // LEAST_PERIODS for r in fit.records), default=0)
+    most = min((r.lines.periods // LEAST_PERIODS for r in asked.records), default=0)
     parts = min(BLOCKS, most)
-    answers = answers_of_parts(fit.solution.point, fit.records, parts) if parts >= 3 else None
+    answers = answers_of_parts(asked.point, asked.records, parts) if parts >= 3 else None
     if answers is None:
         return
-    std = fit.inference.std
+    std = asked.fit.inference.std
     with np.errstate(over="ignore"):  # blocks of an estimate astray may end anywhere
         spread = answers.std(axis=0, ddof=1) / np.sqrt(parts)
     stated = (std > 0) & np.isfinite(std) & (spread > STILL * std) & np.isfinite(spread)
     ratio = spread[stated] / std[stated]
-    if not ratio.size:
-        return
-    text = (
-        f"between {parts} blocks of the record the answers scatter by {ratio.min():.2g} to "
-        f"{ratio.max():.2g} times the stated deviations: that is how well this record repeats "
-        "itself, not how right the model is"
-    )
-    yield Note("blocks", "remarks", text)
+    if ratio.size:
+        text = (
+            f"between {parts} blocks of the record the answers scatter by {ratio.min():.2g} to "
+            f"{ratio.max():.2g} times the stated deviations: that is how well this record repeats "
+            "itself, not how right the model is"
+        )
+        yield Note("blocks", "remarks", text)

@@ -21,6 +21,7 @@ from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.doubts import doubted
 from rotorid.likelihood.fit import Fit, Rough, Step, answered, approached, located
 from rotorid.likelihood.preparation import Knowledge
+from rotorid.likelihood.rivals import Causes
 from rotorid.likelihood.starts import FINER, NEGLIGIBLE, ROUGH, SHARE, reduced, shift_by_reduction
 from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances
@@ -148,7 +149,7 @@ def answers(model: Model, steps: Iterator[Step], *, quick: bool) -> Iterator[Pro
             yield Progress(DONE, answer=partial(_first, model, step))
             return
         yield Progress(step.say, step.done, step.of, answer=partial(_so_far, model, step))
-    causes: Callable[[], tuple[Note, ...]] = tuple
+    causes: Callable[[], Causes] = Causes
     step = replace(step, say=TRYING)
     for trial in trials_of(step.best):
         causes = trial.causes
@@ -158,14 +159,14 @@ def answers(model: Model, steps: Iterator[Step], *, quick: bool) -> Iterator[Pro
     yield Progress(DONE, answer=lambda: estimate)
 
 
-def _answer(model: Model, step: Step, causes: Sequence[Note] = ()) -> Estimate:
+def _answer(model: Model, step: Step, causes: Causes) -> Estimate:
     """Return the answer at a step, with all doubts about it that are cheap."""
     fit = step.best
     own = fit.records[0].model if fit.records else model  # perhaps a rotor with fewer shapes
-    return doubted(own, summarize(own, fit, causes), fit)
+    return doubted(own, summarize(own, fit, causes.notes), fit, speed=causes.speed)
 
 
-def _so_far(model: Model, step: Step, causes: Callable[[], tuple[Note, ...]] = tuple) -> Estimate:
+def _so_far(model: Model, step: Step, causes: Callable[[], Causes] = Causes) -> Estimate:
     """Return the answer at a step that is not the last."""
     told = f"the search was stopped while {step.say}: this is the best answer so far"
     note = Note("interrupted", "unfinished", told, "let the search run to its end")
@@ -174,7 +175,7 @@ def _so_far(model: Model, step: Step, causes: Callable[[], tuple[Note, ...]] = t
 
 def _first(model: Model, step: Step) -> Estimate:
     """Return the first minimum as an answer: a doubtful one, and none that noise excludes."""
-    estimate = _answer(model, step)
+    estimate = _answer(model, step, Causes())
     none = any(note.severity in ("rejects", "unfinished") for note in estimate.notes)
     told = (
         "neither a lower one nor a mistake that explains its misfit was looked for"

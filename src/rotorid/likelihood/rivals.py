@@ -2,7 +2,7 @@
 
 All of them are one thing: change the case, minimize again, compare the cost, tell. They differ in
 what they change, and each kind is an entry of the catalogue (`rivals_channels`, `rivals_terms`,
-`rivals_stated`, `rivals_tables`). One runner tries them, before the search on a hundred lines of
+`rivals_stated`, `rivals_records`). One runner tries them, before the search on a hundred lines of
 each record, after it, and where natural frequencies alone were measured.
 
 A small change adds columns D to the Jacobian J of the whitened residual r. With what J can explain
@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,22 +33,21 @@ from rotorid.answer.judge import SUSPECTS
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
-from rotorid.likelihood import rivals_channels, rivals_stated, rivals_tables, rivals_terms
-from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes
+from rotorid.likelihood import rivals_channels, rivals_records, rivals_stated, rivals_terms
+from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes, Told
 from rotorid.likelihood.effects import Entry, of_kind
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.preparation import Prepared
 from rotorid.likelihood.problem import Point, Problem
-from rotorid.likelihood.rivals_channels import shown_speed
-from rotorid.likelihood.rivals_terms import BENDS
+from rotorid.likelihood.rivals_records import shown_speed
+from rotorid.likelihood.rivals_terms import BENDING
 from rotorid.likelihood.solver import HOPELESS, Solution, solve
 from rotorid.likelihood.starts import FEW, PLAIN_LINES, explained, searched
 from rotorid.likelihood.symmetric_answers import CLOSE
-from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.drawing import PLANES
 
-ENTRIES = (rivals_channels, rivals_stated, rivals_tables, rivals_terms)
+ENTRIES = (rivals_channels, rivals_records, rivals_stated, rivals_terms)
 """The modules that fill the catalogue."""
 SMALL = ("gain", "mode", "channel", "angle", "term", "drawn", "known", "reads")
 """Stages of small changes, in the order in which they stand where the data cannot tell them."""
@@ -120,15 +119,16 @@ class Finding:
         return self.rival.kind in ("mistake", "unit", "speed")
 
     @property
-    def told(self) -> tuple[str, str]:
-        """What is said of it, and what to do about it."""
+    def told(self) -> Told:
         told = self.rival.told
         return told(self.value) if callable(told) else told
 
-    @property
-    def note(self) -> Note:
-        term, unit = self.rival.term, self.rival.unit
-        return Note(term, "doubts", value=self.value, unit=unit, drop=self.drop, share=self.share)
+
+class Causes(NamedTuple):
+    """What may be wrong."""
+
+    notes: tuple[Note, ...] = ()
+    speed: bool = False  # whether a speed is among it
 
 
 @frozen
@@ -137,51 +137,49 @@ class Tried:
 
     done: int
     of: int
-    causes: Callable[[], tuple[Note, ...]]
-
-
-def tell(case: Case, tried: frozenset[str] = frozenset(), besides: str = "") -> Iterator[Tried]:
-    """Rank what may be wrong, what explains most first, and say what to do about it.
-
-    Rivals are tried one by one; the last trial has all. `tried` are terms of mistakes that are
-    known to explain nothing; `besides` is said behind everything else.
-    """
-    trials = _Search(case, tried, besides).trials()
-    while True:
-        # An estimate astray. Whoever takes the trials has his own way with such numbers.
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            trial = next(trials, None)
-        if trial is None:
-            return
-        yield trial
-
-
-def _told(case: Case, found: Sequence[Finding], besides: str, which: str = "") -> tuple[Note, ...]:
-    said = Note(SUSPECTS, "rejects", sentence(case, found, which) + besides)
-    return said, *(finding.note for finding in found[:KEPT])
+    causes: Callable[[], Causes]
 
 
 Tries = Generator[Tried, None, list[Finding]]
 
 
 @frozen
-class _Search:
+class Search:
+    """Rank what may be wrong, what explains most first, and say what to do about it."""
+
     case: Case
-    tried: frozenset[str] = frozenset()
-    besides: str = ""
+    tried: frozenset[str] = frozenset()  # terms of mistakes that are known to explain nothing
+    besides: str = ""  # said behind everything else
     so_far: list[Finding] = field(default_factory=list)
 
     def trials(self) -> Iterator[Tried]:
-        """Try rivals; the last trial has what is suspected after all."""
+        """Try rivals one by one; the last trial has what is suspected after all."""
+        every = self._trials()
+        while True:
+            # An estimate astray. Whoever takes the trials has his own way with such numbers.
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                trial = next(every, None)
+            if trial is None:
+                return
+            yield trial
+
+    def _trials(self) -> Iterator[Tried]:
         found = yield from self.findings()
-        case = self.case
-        which = "" if case.records else _which_end(case.model, found, case.expected)
-        yield Tried(0, 0, lambda: _told(case, found, self.besides, which))
+        which = "" if self.case.records else _which_end(self.case, found)
+        yield Tried(0, 0, lambda: self.told(found, which))
+
+    def told(self, found: Sequence[Finding], which: str = "") -> Causes:
+        said = Note(SUSPECTS, "rejects", sentence(self.case, found, which) + self.besides)
+        kept = [(finding.rival, finding) for finding in found[:KEPT]]
+        notes = (
+            Note(r.term, "doubts", value=f.value, unit=r.unit, drop=f.drop, share=f.share)
+            for r, f in kept
+        )
+        return Causes((said, *notes), any(r.kind == "speed" for r, _ in kept))
 
     def trial(self, done: int, of: int) -> Tried:
-        expected, found = self.case.expected, tuple(self.so_far)
-        causes = partial(ranked, found, expected, {})
-        return Tried(done, of, lambda: _told(self.case, causes(), self.besides))
+        found = tuple(self.so_far)
+        return Tried(done, of, lambda: self.told(ranked(found, self.case.expected, {})))
 
     def findings(self) -> Tries:
         small = self.entered(*SMALL)
@@ -200,8 +198,7 @@ class _Search:
             found += scored[REFITTED:]
         else:
             found += yield from self.screened()
-            if not self.any_explains(found):
-                found += scored[FIRST:]
+            found += [] if self.any_explains(found) else scored[FIRST:]
         # Another unit may explain anything: it is as if there were more noise.
         if not self.any_explains([f for f in found if f.rival.kind != "unit"]):
             found += [f for f in (yield from self.at("line")) if self.explains(f)]
@@ -213,9 +210,6 @@ class _Search:
     def entered(self, *stages: str) -> list[Rival]:
         return [r for stage in stages for entry in CATALOGUE[stage] for r in entry(self.case)]
 
-    def at(self, stage: str) -> Tries:
-        return self.one_by_one(self.entered(stage))
-
     def explains(self, finding: Finding) -> bool:
         return finding.left < GROSS * max(self.case.expected, 1.0)
 
@@ -224,15 +218,16 @@ class _Search:
 
     def scored(self, small: Sequence[Rival]) -> list[Finding]:
         """Return small changes by the score test, the largest drop of the cost first."""
-        cost, found = self.case.point.cost, list[Finding]()
+        found = []
         for slopes, among in Slopes.turns(self.case, small):
             for rival in among:
-                assert rival.small is not None
-                drop, step = slopes.linear.score(rival.small.columns(slopes))
-                if drop > 0:
-                    share, value = self.share(drop), rival.small.value(step)
-                    found.append(Finding(rival, cost - drop, drop, share, value, tried=False))
-        return sorted(found, key=lambda f: -f.drop)
+                drop, value = rival.score(slopes)
+                left = self.case.point.cost - drop
+                found.append(Finding(rival, left, drop, self.share(drop), value, tried=False))
+        return sorted((f for f in found if f.drop > 0), key=lambda f: -f.drop)
+
+    def at(self, stage: str) -> Tries:
+        return self.one_by_one(self.entered(stage))
 
     def freed(self, scored: Sequence[Finding]) -> Tries:
         return self.one_by_one([each.rival for each in scored])
@@ -246,9 +241,8 @@ class _Search:
 
     def followed(self, rival: Rival) -> list[Finding]:
         """Minimize with a rival, and with what says the same more exactly."""
-        changed = rival.change(self.case)
-        point = None if changed is None else getattr(changed, rival.way)()
-        if changed is None or point is None:
+        point = rival.change(self.case).minimized(rival.way)
+        if point is None:
             return []
         found = [self.finding(rival, point)]
         self.so_far.extend(found)
@@ -280,7 +274,7 @@ class _Search:
         for stage in LARGE:
             stages = [r for r in self.entered(stage) if r.term not in self.tried]
             for number, rival in enumerate(stages, 1):
-                cost = _screened(self.case, rival)
+                cost = rival.change(self.case).screened()
                 if cost < STANDS_OUT * level:
                     found += self.followed(rival)
                 else:
@@ -295,19 +289,16 @@ class _Search:
         """Follow the best of a stage after screening."""
         entered, costs = self.entered(stage), list[float]()
         for rival in entered:
-            costs.append(_screened(self.case, rival))
+            costs.append(rival.change(self.case).screened())
             yield self.trial(len(costs), len(entered))
         return self.followed(entered[costs.index(min(costs))]) if entered else []
 
 
-def _screened(case: Case, rival: Rival) -> float:
-    changed = rival.change(case)
-    return np.inf if changed is None else changed.screened()
+Places = Mapping[tuple[str, ...], int]
+"""Where channels and places stand among those that rivals act on."""
 
 
-def ranked(
-    found: Sequence[Finding], expected: float, places: Mapping[tuple[str, ...], int]
-) -> list[Finding]:
+def ranked(found: Sequence[Finding], expected: float, places: Places) -> list[Finding]:
     """Order findings by the cost that is left, one for each term.
 
     Those that were tried come first, and of those that the data cannot tell apart a bound that is
@@ -321,11 +312,32 @@ def ranked(
     ordered = list(best.values())
     group = alike(ordered, expected)
     exact = {f.rival.on for f in group if f.exact}
-    told = [f for f in group if f.likely]
-    told += [f for f in group if f.exact]
+    told = [f for f in group if f.likely] + [f for f in group if f.exact]
     rest = [f for f in group if f not in told and f.rival.on not in exact]
     told += sorted(rest, key=lambda f: STANDING.get(f.rival.kind, 1))
     return [*told, *(f for f in ordered if f not in group)]
+
+
+def _in_order(found: Sequence[Finding], expected: float, places: Places) -> list[Finding]:
+    """Order findings by the cost that is left, and where it is even by what they act on.
+
+    There a channel that reads too little, as dead ones do, comes before too much.
+    """
+
+    def even(finding: Finding) -> tuple[bool, int, str]:
+        rival, value = finding.rival, finding.value
+        too_much = rival.kind == "gain" and value is not None and abs(value) > 1
+        return too_much, places.get(rival.on, len(places)), rival.term
+
+    ordered: list[Finding] = []
+    rest = sorted(found, key=lambda f: (not f.tried, f.left))
+    while rest:
+        least, tried = rest[0].left, rest[0].tried
+        margin = EVEN * max(1.0, least / max(expected, 1.0))
+        count = sum(f.tried == tried and f.left - least < margin for f in rest)
+        ordered += sorted(rest[:count], key=even)
+        rest = rest[count:]
+    return ordered
 
 
 def _one_speed(found: Sequence[Finding], expected: float) -> list[Finding]:
@@ -340,36 +352,10 @@ def _one_speed(found: Sequence[Finding], expected: float) -> list[Finding]:
         if np.ptp(values) > SAME_SPEED * np.abs(values).max():
             where = f" of {group[0].rival.on[0]}" if group[0].rival.on else ""
             said = f"another speed{where} than the one given, which one no line tells"
-            told = (said, LOOK_FOR_THE_SPEED)
-            any_speed = replace(group[0].rival, told=told, unit="")
+            any_speed = replace(group[0].rival, told=(said, LOOK_FOR_THE_SPEED), unit="")
             one = replace(group[0], rival=any_speed, value=None)
             kept = [one, *(f for f in kept if f.rival.term != term)]
     return kept
-
-
-def _in_order(
-    found: Sequence[Finding], expected: float, places: Mapping[tuple[str, ...], int]
-) -> list[Finding]:
-    """Order findings by the cost that is left, and where it is even by what they act on.
-
-    There a channel that reads too little, as dead ones do, comes before too much.
-    """
-
-    def even(finding: Finding) -> tuple[bool, int, str]:
-        rival, value = finding.rival, finding.value
-        too_much = rival.kind == "gain" and value is not None and abs(value) > 1
-        return too_much, places.get(rival.on, len(places)), rival.term
-
-    ordered: list[Finding] = []
-    for tried in (True, False):
-        rest = sorted((f for f in found if f.tried == tried), key=lambda f: f.left)
-        while rest:
-            least = rest[0].left
-            margin = EVEN * max(1.0, least / max(expected, 1.0))
-            count = sum(f.left - least < margin for f in rest)
-            ordered += sorted(rest[:count], key=even)
-            rest = rest[count:]
-    return ordered
 
 
 def alike(found: Sequence[Finding], expected: float) -> list[Finding]:
@@ -386,13 +372,13 @@ def alike(found: Sequence[Finding], expected: float) -> list[Finding]:
     return [f for f in tried if f.left - least < margin]
 
 
-def _which_end(model: Model, found: Sequence[Finding], expected: float) -> str:
+def _which_end(case: Case, found: Sequence[Finding]) -> str:
     """Say that either end of the shaft may carry what the first finding is, where that is so."""
-    if not isinstance(model, RotorModel) or not found:
+    if not isinstance(case.model, RotorModel) or not found:
         return ""
-    last = len(model.coordinates) - PLANES
+    last = len(case.model.coordinates) - PLANES
     across = {k: last + k for k in range(PLANES)} | {last + k: k for k in range(PLANES)}
-    first, *others = (_entries_of(finding.rival) for finding in alike(found, expected))
+    first, *others = (_entries(f.rival) for f in alike(found, case.expected))
     mirrored = {
         replace(e, row=across.get(e.row, e.row), column=across.get(e.column, e.column))
         for e in first
@@ -402,7 +388,7 @@ def _which_end(model: Model, found: Sequence[Finding], expected: float) -> str:
     return ""
 
 
-def _entries_of(rival: Rival) -> set[Entry]:
+def _entries(rival: Rival) -> set[Entry]:
     return {*of_kind(Entry, rival.added.effects)} if rival.added else set()
 
 
@@ -419,7 +405,8 @@ def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
     group = f" (the data cannot tell it from {', '.join(others[:4])}{which})" if others else ""
     rest = ""
     # Far from its first bending frequency alone is a shaft that bends all that it is taken for.
-    if first.left >= GROSS * max(case.expected, 1.0) and first.rival.term != BENDS:
+    bends = any(entry.order == BENDING for entry in _entries(first.rival))
+    if first.left >= GROSS * max(case.expected, 1.0) and not bends:
         rest = (
             "; by itself it is not enough, so there is a second mistake or another one in its place"
         )
@@ -436,13 +423,13 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
     The last trial has what is suspected after all.
     """
     shown = _shown(case, plain)
-    if shown:
+    if shown.notes:
         yield Tried(0, 0, lambda: shown)
         return
     few = _on_whole_rotor(_on_fewer_lines(case))
     exact = any(record.lines.covariance.kind == "inputs" for record in case.records)
     besides = _by_lines(few, case) + (EXACT_INPUTS if exact else "")
-    yield from tell(few, plain.tried if plain else frozenset(), besides)
+    yield from Search(few, plain.tried if plain else frozenset(), besides).trials()
 
 
 def _on_fewer_lines(case: Case) -> Case:
@@ -452,9 +439,7 @@ def _on_fewer_lines(case: Case) -> Case:
     hundred, and dozens of rivals are tried on them.
     """
     few = case.on_lines(PLAIN_LINES if case.costs(HOPELESS) else FEW)
-    if few is None or not case.costs(PLAIN):
-        return case
-    there = few.at(few.near())
+    there = few.settled() if few is not case and case.costs(PLAIN) else None
     return there if there is not None and there.costs(PLAIN) else case
 
 
@@ -466,12 +451,10 @@ def _on_whole_rotor(case: Case) -> Case:
     whole = case.model.whole if isinstance(case.model, RotorModel) else None
     if whole is None or (cubed := len(whole.coordinates) ** 3) > LARGEST / FEWEST:
         return case
-    there = case.on_model(whole)
-    there = there.on_lines(int(LARGEST / cubed)) or there
-    return there.at(there.near()) or case
+    return case.on_model(whole).on_lines(int(LARGEST / cubed)).settled() or case
 
 
-def _shown(case: Case, plain: Plain | None) -> tuple[Note, ...]:
+def _shown(case: Case, plain: Plain | None) -> Causes:
     """Return the causes among what the search came upon: a speed that lines show, a mistake.
 
     Empty where there is none, or where a misfit is left without it.
@@ -479,24 +462,23 @@ def _shown(case: Case, plain: Plain | None) -> tuple[Note, ...]:
     speed = shown_speed(case.records)
     leads = (plain.rivals if plain else ()) if speed is None else (speed,)
     if not leads:
-        return ()
-    few = case.on_lines(FEW) or case
+        return Causes()
+    few = case.on_lines(FEW)
     # The best here is that of the search, with the unbalance at its best for these lines.
     here = replace(few, found=few.problem.best_at(case.unknowns))
     found, expected = list[Finding](), np.inf
     for rival in leads:
-        changed = rival.change(few)
-        there = None if changed is None else changed.at(changed.near())
-        if changed is None or there is None:
+        there = rival.change(few).settled()
+        if there is None:
             continue
-        search = _Search(replace(here, expected=there.expected))
+        search = Search(replace(here, expected=there.expected))
         finding = search.finding(rival, there.point)
         if search.explains(finding):
             found, expected = [*found, finding], min(expected, there.expected)
     if not found:
-        return ()
-    here = replace(here, expected=expected)
-    return _told(here, ranked(found, expected, {}), _by_lines(here, case))
+        return Causes()
+    search = Search(replace(here, expected=expected), besides=_by_lines(here, case))
+    return search.told(ranked(found, expected, {}))
 
 
 def _by_lines(few: Case, every: Case) -> str:
@@ -520,32 +502,32 @@ def plainly(prepared: Prepared, records: Sequence[Observation], problem: Problem
 
     The unknowns are those of the records without the mistake, the unbalance the best with it.
     """
-    few = Case(prepared, tuple(records), prepared.layout.start).on_lines(PLAIN_LINES)
-    there = None if problem.sketch is None or few is None else few.at(few.from_start())
-    if few is None or there is None or not there.gross:
+    if problem.sketch is None:
         return None
-    mistakes = _Search(few).entered("single")
+    few = Case(prepared, tuple(records), prepared.layout.start).on_lines(PLAIN_LINES)
+    there = few.settled("start")
+    if there is None or not there.gross:
+        return None
+    mistakes = Search(few).entered("single")
     right = _without_a_mistake(few, mistakes)
     if right:
         # The start may have been bad, and nothing else: from there the records as they are.
-        there = replace(few, unknowns=right[0][0].unknowns)
-        near = there.at(there.near())
+        near = replace(few, unknowns=right[0][0].unknowns).settled()
         if near is not None and not near.gross:
             return None
         return _on_all_lines(problem, right[0][0], tuple(rival for _, rival in right))
     ended = _searched(few, problem) if there.costs(HOPELESS) else None
-    plain = None if ended is None else _on_all_lines(problem, ended, ())
+    plain = None if ended is None else _on_all_lines(problem, ended)
     return plain and replace(plain, tried=frozenset(rival.term for rival in mistakes))
 
 
 def _without_a_mistake(case: Case, mistakes: Sequence[Rival]) -> list[tuple[Point, Rival]]:
     """Return the mistakes without which noise explains the records, the best first."""
-    costs = [_screened(case, rival) for rival in mistakes]
+    costs = [rival.change(case).screened() for rival in mistakes]
     order = np.argsort(costs, kind="stable")[:FOLLOWED]
     found = []
     for rival in [mistakes[k] for k in order if costs[k] <= LIKELY * costs[order[0]]]:
-        changed = rival.change(case)
-        there = None if changed is None else changed.at(changed.from_start())
+        there = rival.change(case).settled("start")
         if there is not None and not there.gross:
             found.append((there.point, rival))
     return sorted(found, key=lambda pair: pair[0].cost)
@@ -554,9 +536,7 @@ def _without_a_mistake(case: Case, mistakes: Sequence[Rival]) -> list[tuple[Poin
 def _searched(few: Case, problem: Problem) -> Point | None:
     """Return where the best of all ways on few lines leads on more; None where one is not bad."""
     found = searched(few.problem, few.prepared.layout.start)
-    if found is None or not found[0].converged:
-        return None
-    there = few.at(found[0].point)
+    there = few.at(found[0].point) if found is not None and found[0].converged else None
     if there is None or not there.costs(HOPELESS):
         return None
     try:
@@ -565,7 +545,7 @@ def _searched(few: Case, problem: Problem) -> Point | None:
         return None
 
 
-def _on_all_lines(problem: Problem, point: Point, rivals: tuple[Rival, ...]) -> Plain | None:
+def _on_all_lines(problem: Problem, point: Point, rivals: tuple[Rival, ...] = ()) -> Plain | None:
     """Return what a minimum on few lines is on all; None where noise explains it there."""
     try:
         found = Solution(problem.best_at(point.unknowns), converged=True, iterations=0)
@@ -587,12 +567,11 @@ def by_shown_speed(
     if speed is None:
         return None
     case = Case(prepared, tuple(records), prepared.layout.start)
-    turned = speed.change(case.on_lines(FEW) or case)
-    point = None if turned is None else turned.from_start()
+    point = speed.change(case.on_lines(FEW)).minimized("start")
     try:
         if point is None or not explained(Solution(point, True, 0), infer(point)):
             return None
     except np.linalg.LinAlgError:
         return None
-    there = _on_all_lines(problem, point, ())
+    there = _on_all_lines(problem, point)
     return None if there is None else (there.solution, there.inference)

@@ -74,25 +74,23 @@ def test_a_machine_with_one_place_has_no_part_between():
 
 
 @pytest.mark.parametrize(("moved", "told"), [(4.9, 0), (5.1, 1)])
-def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told(
-    monkeypatch, moved, told
-):
+def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told(moved, told):
     effects = []
+
+    def unseen(effect):
+        effects.append(effect[0, 0])
+        return "k1", moved
+
     part = SimpleNamespace(name="mass between x1 and x2", unknown=None)
     structure = SimpleNamespace(mass=lambda units: 40.0)
     model = SimpleNamespace(coordinates=(), units={})
     asked = SimpleNamespace(
-        fit=None,
+        moved_unseen=unseen,
         case=SimpleNamespace(model=model, structure=structure),
         parts=[part],
         by=lambda unknown: np.ones((3, 1)),
     )
 
-    def unseen(fit, effect):
-        effects.append(effect[0, 0])
-        return "k1", moved
-
-    monkeypatch.setattr(left_out, "moved_unseen", unseen)
     assert len(list(left_out.part_left_out(asked))) == told
     assert effects == pytest.approx([0.4])  # kg
 

@@ -10,7 +10,7 @@ from fitting import fit
 
 from rotorid import MaximumLikelihood, identify
 from rotorid.data.observation import bind
-from rotorid.likelihood import rivals_stated as line_leads
+from rotorid.likelihood import rivals_records as line_leads
 from rotorid.likelihood.case import Case
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.problem import Point

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,20 +13,24 @@ from rotorid import load_model
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals
 from rotorid.likelihood import unknowns as channels
-from rotorid.likelihood.case import Case, Rival, Slopes, Small
+from rotorid.likelihood.case import Case, Rival, Slopes
 
 
-def rival(term: str, kind="term", *, on=(), screened=0.0, left=0.0, gone=None, **more) -> Rival:
+def rival(
+    term: str, kind="term", *, on=(), screened=0.0, left=0.0, gone=None, drop=0.0, **more
+) -> Rival:
     """Return one that leaves so much of the cost, after a screening and at the minimum."""
 
-    def at_minimum():
+    def at_minimum(way):
         if gone is not None:
             gone.append(term)
         return SimpleNamespace(cost=left)
 
-    changed = SimpleNamespace(screened=lambda: screened, near=at_minimum)
+    changed = SimpleNamespace(screened=lambda: screened, minimized=at_minimum)
     told = (term, "add it")
-    return Rival(term, on or (term,), kind, lambda case: changed, told, 1.0, "kg", **more)
+    made = Rival(term, on or (term,), kind, lambda case: changed, told, 1.0, "kg", **more)
+    object.__setattr__(made, "score", lambda slopes: (drop, 1.0))
+    return made
 
 
 def finding(term: str, left: float, kind="term", *, share=1.0, value=1.0, likely=False, on=()):
@@ -37,8 +40,7 @@ def finding(term: str, left: float, kind="term", *, share=1.0, value=1.0, likely
 
 def case_of(cost: float, expected: float = 100.0, records=("record",)) -> Case:
     """Return what was estimated, at this cost."""
-    score = SimpleNamespace(score=lambda column: (column, [0.0]))
-    point = SimpleNamespace(cost=cost, unknowns=np.zeros(0), linear=score)
+    point = SimpleNamespace(cost=cost, unknowns=np.zeros(0))
     return Case(SimpleNamespace(), records, np.zeros(0), expected, None, point)
 
 
@@ -49,14 +51,6 @@ def found_by(tries: rivals.Tries) -> list[rivals.Finding]:
             next(tries)
         except StopIteration as end:
             return end.value
-
-
-def dropped(drop: float, _: object) -> float:
-    return drop
-
-
-def one(_: object) -> float:
-    return 1.0
 
 
 @pytest.fixture
@@ -79,18 +73,10 @@ def test_how_many_small_changes_are_freed_before_mistakes_are_thought_of(
 ) -> None:
     """Three where the misfit is three times what noise leaves; then mistakes are tried."""
     gone: list[str] = []
-    small = [
-        rival(
-            f"mass {k}",
-            left=310.0,
-            gone=gone,
-            small=Small(lambda _, k=k: 200.0 - 15 * k, lambda _: 1.0),
-        )
-        for k in range(12)
-    ]
+    small = [rival(f"mass {k}", left=310.0, gone=gone, drop=200.0 - 15 * k) for k in range(12)]
     catalogue("term", *small[::-1])
     catalogue("single", rival("swap", "mistake", left=400.0, gone=gone))
-    found = found_by(rivals._Search(case_of(cost)).findings())
+    found = found_by(rivals.Search(case_of(cost)).findings())
     assert gone == [f"mass {k}" for k in range(freed)] + ["swap"] * asked
     untried = [f.rival.term for f in found if not f.tried]
     assert untried == [f"mass {k}" for k in range(freed, 12)]
@@ -99,9 +85,9 @@ def test_how_many_small_changes_are_freed_before_mistakes_are_thought_of(
 def test_a_mistake_that_explains_the_data_leaves_small_changes_out(catalogue) -> None:
     catalogue("single", rival("swap", "mistake", left=100.0))
     catalogue("several", rival("sign", "mistake", left=90.0))
-    small = [rival(f"m {k}", left=9e3, small=Small(partial(dropped, 9.0), one)) for k in range(4)]
+    small = [rival(f"m {k}", left=9e3, drop=9.0) for k in range(4)]
     catalogue("term", *small)
-    found = found_by(rivals._Search(case_of(1e4)).findings())
+    found = found_by(rivals.Search(case_of(1e4)).findings())
     assert [f.rival.term for f in found if f.left < 9e3] == ["swap"]
     assert len(found) == 4
 
@@ -117,14 +103,14 @@ def test_which_mistakes_are_followed_after_the_screening(catalogue, best, follow
         "single",
         *(rival(str(c), "mistake", screened=c, left=100.0, gone=gone) for c in costs),
     )
-    found_by(rivals._Search(case_of(1e6)).screened())
+    found_by(rivals.Search(case_of(1e6)).screened())
     assert gone == [str(cost) for cost in followed]
 
 
 def test_what_was_tried_before_is_not_tried_again(catalogue) -> None:
     gone: list[str] = []
     catalogue("single", *(rival(t, "mistake", left=1e5, gone=gone) for t in ("a", "b")))
-    found_by(rivals._Search(case_of(1e6), frozenset("a")).screened())
+    found_by(rivals.Search(case_of(1e6), frozenset("a")).screened())
     assert gone == ["b"]
 
 
@@ -137,7 +123,7 @@ def test_a_line_is_left_out_where_nothing_else_explains_the_data(
     catalogue("trial", rival("other", kind, left=left))
     gone: list[str] = []
     catalogue("line", rival("line", "omission", left=90.0, gone=gone))
-    found_by(rivals._Search(case_of(1e6)).findings())
+    found_by(rivals.Search(case_of(1e6)).findings())
     assert len(gone) == max(line, kind == "unit")
 
 
@@ -231,14 +217,14 @@ def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch) -> None:
     """From the angles that are tried, and from that of the mark itself."""
     later = [SimpleNamespace(lines=SimpleNamespace(clock=None))] * 2
     monkeypatch.setattr(
-        rivals.rivals_channels,
+        rivals.rivals_records,
         "later_phases",
         lambda records, starts: [(1, channels.phase(1, start=s)) for s in starts],
     )
     prepared = SimpleNamespace(layout=SimpleNamespace(index={}))
     case = SimpleNamespace(records=later, prepared=prepared)
     found = [*entered("angle", case), *entered("angle far", case)]
-    asked = np.exp(1j * np.array([r.small.unknown.scalars[0].start for r in found]))
+    asked = np.exp(1j * np.array([r.added.scalars[0].start for r in found]))
     every = np.exp(1j * np.deg2rad(np.arange(360.0)))
     assert np.degrees(np.abs(np.angle(every[:, None] / asked))).min(axis=1).max() < 23.0
     assert {r.way for r in found} == {"near", "both"}
@@ -356,7 +342,7 @@ def test_swaps_of_many_like_channels_are_those_of_neighbours(channels, swaps) ->
 @pytest.mark.parametrize(("times", "unlike"), [(4.9, False), (5.1, True), (1 / 5.1, True)])
 def test_a_channel_unlike_the_others_of_its_kind(times, unlike) -> None:
     case = with_sensors(jeffcott(sizes=(1.0, 1.0, times)), ("a", "b", "c"))
-    starts = {r.on[0]: r.small.unknown.scalars[0].start for r in entered("factor", case)}
+    starts = {r.on[0]: r.added.scalars[0].start for r in entered("factor", case)}
     assert starts == pytest.approx({"a": 1.0, "b": 1.0, "c": 1 / times if unlike else 1.0})
 
 
