@@ -144,7 +144,7 @@ Tries = Generator[Tried, None, list[Finding]]
 
 
 @frozen
-class Search:
+class RivalSearch:
     """Rank what may be wrong, what explains most first, and say what to do about it."""
 
     case: Case
@@ -429,7 +429,7 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
     few = _on_whole_rotor(_on_fewer_lines(case))
     exact = any(record.lines.covariance.kind == "inputs" for record in case.records)
     besides = _by_lines(few, case) + (EXACT_INPUTS if exact else "")
-    yield from Search(few, plain.tried if plain else frozenset(), besides).trials()
+    yield from RivalSearch(few, plain.tried if plain else frozenset(), besides).trials()
 
 
 def _on_fewer_lines(case: Case) -> Case:
@@ -471,13 +471,13 @@ def _shown(case: Case, plain: Plain | None) -> Causes:
         there = rival.change(few).settled()
         if there is None:
             continue
-        search = Search(replace(here, expected=there.expected))
+        search = RivalSearch(replace(here, expected=there.expected))
         finding = search.finding(rival, there.point)
         if search.explains(finding):
             found, expected = [*found, finding], min(expected, there.expected)
     if not found:
         return Causes()
-    search = Search(replace(here, expected=expected), besides=_by_lines(here, case))
+    search = RivalSearch(replace(here, expected=expected), besides=_by_lines(here, case))
     return search.told(ranked(found, expected, {}))
 
 
@@ -508,7 +508,7 @@ def plainly(prepared: Prepared, records: Sequence[Observation], problem: Problem
     there = few.settled("start")
     if there is None or not there.gross:
         return None
-    mistakes = Search(few).entered("single")
+    mistakes = RivalSearch(few).entered("single")
     right = _without_a_mistake(few, mistakes)
     if right:
         # The start may have been bad, and nothing else: from there the records as they are.

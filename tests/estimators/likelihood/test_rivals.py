@@ -76,7 +76,7 @@ def test_how_many_small_changes_are_freed_before_mistakes_are_thought_of(
     small = [rival(f"mass {k}", left=310.0, gone=gone, drop=200.0 - 15 * k) for k in range(12)]
     catalogue("term", *small[::-1])
     catalogue("single", rival("swap", "mistake", left=400.0, gone=gone))
-    found = found_by(rivals.Search(case_of(cost)).findings())
+    found = found_by(rivals.RivalSearch(case_of(cost)).findings())
     assert gone == [f"mass {k}" for k in range(freed)] + ["swap"] * asked
     untried = [f.rival.term for f in found if not f.tried]
     assert untried == [f"mass {k}" for k in range(freed, 12)]
@@ -87,7 +87,7 @@ def test_a_mistake_that_explains_the_data_leaves_small_changes_out(catalogue) ->
     catalogue("several", rival("sign", "mistake", left=90.0))
     small = [rival(f"m {k}", left=9e3, drop=9.0) for k in range(4)]
     catalogue("term", *small)
-    found = found_by(rivals.Search(case_of(1e4)).findings())
+    found = found_by(rivals.RivalSearch(case_of(1e4)).findings())
     assert [f.rival.term for f in found if f.left < 9e3] == ["swap"]
     assert len(found) == 4
 
@@ -103,14 +103,14 @@ def test_which_mistakes_are_followed_after_the_screening(catalogue, best, follow
         "single",
         *(rival(str(c), "mistake", screened=c, left=100.0, gone=gone) for c in costs),
     )
-    found_by(rivals.Search(case_of(1e6)).screened())
+    found_by(rivals.RivalSearch(case_of(1e6)).screened())
     assert gone == [str(cost) for cost in followed]
 
 
 def test_what_was_tried_before_is_not_tried_again(catalogue) -> None:
     gone: list[str] = []
     catalogue("single", *(rival(t, "mistake", left=1e5, gone=gone) for t in ("a", "b")))
-    found_by(rivals.Search(case_of(1e6), frozenset("a")).screened())
+    found_by(rivals.RivalSearch(case_of(1e6), frozenset("a")).screened())
     assert gone == ["b"]
 
 
@@ -123,7 +123,7 @@ def test_a_line_is_left_out_where_nothing_else_explains_the_data(
     catalogue("trial", rival("other", kind, left=left))
     gone: list[str] = []
     catalogue("line", rival("line", "omission", left=90.0, gone=gone))
-    found_by(rivals.Search(case_of(1e6)).findings())
+    found_by(rivals.RivalSearch(case_of(1e6)).findings())
     assert len(gone) == max(line, kind == "unit")
 
 
