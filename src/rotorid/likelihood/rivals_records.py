@@ -342,11 +342,11 @@ def _line(case: Case) -> Iterator[Rival]:
     if not drop > HOLDS * (case.point.cost - case.expected):
         return
     hertz = float(case.records[number].lines.frequency[line])
-    term = f"line {hertz:.6g} Hz{_of_record(case, number)}"
-    said = f"the line at {term.removeprefix('line ')}, {source(hertz)}, left out"
+    where = f"{hertz:.6g} Hz{_of_record(case, number)}"
+    said = f"the line at {where}, {source(hertz)}, left out"
     cure = "leave it out of the harmonics, or stop its source"
     change = partial(without, number=number, line=line)
-    yield mistake(term, (term,), said, cure, change, kind="omission")
+    yield mistake(f"line {where}", (f"line {where}",), said, cure, change, kind="omission")
 
 
 def source(hertz: float) -> str:
