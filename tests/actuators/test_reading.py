@@ -79,15 +79,6 @@ def test_samples_of_a_measured_current(law, delays: tuple[float, float]) -> None
     np.testing.assert_allclose(record.column("F"), truth, atol=1e-8 * np.abs(truth).max())
 
 
-def test_without_hold_the_lines_are_wrong() -> None:
-    """What the two correct, and why neither can be left out: 4 degrees at 220 Hz."""
-    truth = lines_of_truth(LINEAR, held_from=50e-6)
-    raw = recorded(False, 0.0, 0.0)
-    naive = forces(raw, {"F": ForceReading(LINEAR, ("i",), {"x": 1.0})}, period=SIZE)
-    found = average(naive, F0, harmonics=LINES).mean_spectrum[:, 0]
-    assert np.abs(found / truth - 1).max() > 0.1
-
-
 def test_channels_used_up_are_replaced_and_others_kept() -> None:
     record = forces(recorded(True, 0.0, 0.0), {"F": ForceReading(LINEAR, ("i",), {"x": 1.0})})
     assert record.names == ("F", "x", "other")
@@ -165,8 +156,3 @@ def test_a_law_needs_its_channels() -> None:
         ForceReading(Flux(1e-4), ("b1",))
     with pytest.raises(InputError, match="one current"):
         ForceReading(LINEAR, ("i", "j"))
-
-
-def test_where_nothing_is_converted_nothing_is_copied() -> None:
-    plain = Record([Channel("F", "N"), Channel("x", "m")], np.zeros((8, 2)), 100.0)
-    assert forces(plain, {}) is plain

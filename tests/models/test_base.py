@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid import InputError, load_model, parse_model
-from rotorid.models.base import _relations, independent_signals, monomial_name
+from rotorid.models.base import _relations, independent_signals
 from rotorid.models.equations import split_equations
 from rotorid.models.expressions import evaluate
 from rotorid.models.text import expression, read
@@ -213,11 +213,6 @@ def test_equations_permuted_permute_the_matrices():
     first, second = (m.require_linear().matrices(values, 880.0) for m in (model, other))
     for name in "MDGKB":
         np.testing.assert_array_equal(getattr(second, name), getattr(first, name)[order])
-
-
-def test_monomial_names():
-    assert monomial_name((1, 2, 0), ["k1", "L1", "m"]) == "k1*L1^2"
-    assert monomial_name((0, 0, 1), ["k1", "L1", "m"]) == "m"
 
 
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)

@@ -1,6 +1,5 @@
 """Model files: what is read, what is refused, in one line that names file and place."""
 
-import os
 import random
 import re
 
@@ -65,11 +64,6 @@ def test_names_that_mean_something_elsewhere(name):
     assert model.base.names == (name, "k")
 
 
-def test_unicode_names():
-    model = parse_model(edited(("m*x''", "μ*x''"), ("m = {", '"μ" = {')))
-    assert model.base.names == ("μ", "k")
-
-
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [
@@ -88,19 +82,13 @@ def test_unicode_names():
         ([('"kg"', '"kg", nominal = 0, positive = true')], r"parameters\.m\.nominal: found 0"),
         ([("m = {", "m = 3 #")], r"parameters\.m: found 3; expected a table"),
         ([("k = {", "m = {")], "line 10.*: found a key that is there twice"),
-        ([('F = "N"', 'F = "N"\nF = "N"')], "line 8.*: found a key that is there twice"),
         ([('F = "N"', 'x = "N"')], "inputs: found the name 'x' again"),
         ([("m = {", "F = {")], "parameters: found the name 'F' again"),
         ([("m = {", "Omega = {")], "parameters: found the name 'Omega' again"),
-        ([("m = {", "pi = {")], "parameters: found the name 'pi' again"),
-        ([("m = {", "sin = {")], "parameters: found the name 'sin' again"),
         ([("m = {", "m-a = {")], "parameters: found the name 'm-a'; expected a letter"),
-        ([("m = {", "1 = {")], "parameters: found the name '1'"),
         ([("m = {", '"" = {')], "parameters: found the name ''"),
         ([("m = {", '"m\'" = {')], 'parameters: found the name "m\'"'),
         ([("m = {", '"m\\u0000" = {')], r"parameters: found the name 'm\\x00'"),
-        ([("m = {", '"m\\n" = {')], r"parameters: found the name 'm\\n'"),
-        ([("m = {", '"m\\u001b[31m" = {')], r"parameters: found the name 'm\\x1b\[31m'"),
         ([("m = {", "m" * 65 + " = {")], "parameters: found the name 'mmm"),
         ([('[inputs]\nF = "N"', "")], "unknown name .F."),
         ([('x = "m"', "")], r"coordinates: found \{\}"),
@@ -109,7 +97,6 @@ def test_unicode_names():
         ([('F = "N"', 'F = "N"\nG = "N"')], "equations: found 'G' in no equation"),
         ([('x = "m"', 'x = "m"\ny = "m"')], "equations: found 'y' in no equation"),
         ([("= F", "F")], "equation 1: column 13: found 'F'.*write an operator before it"),
-        ([("= F", "== F")], "equation 1: column 14: found '='"),
         ([("= F", "= F + q")], "equation 1: found the unknown name 'q'"),
         ([("= F", "= F*x")], r"equation 1: found the term F\*x with the input F"),
         ([("= F", "= F^2")], r"equation 1: found the term F\^2 with the input F"),
@@ -117,7 +104,6 @@ def test_unicode_names():
         ([("= F", "= F + x/0")], "equation 1: found a division by zero"),
         ([('= F"', '= F", "x = x"')], "equation 2: found neither a coordinate nor a parameter"),
         ([('= F"', '= F", "F = 3"')], "equation 2: found neither a coordinate nor a parameter"),
-        ([('= F"', '= F", "phi = t"')], "equation 2: found neither a coordinate nor a parameter"),
         ([('= F"', '= F", ""')], "equation 2: column 1: found the end of the text"),
         (
             [("k*x", "*".join(["1e100"] * 4) + "*k*x")],
@@ -135,19 +121,9 @@ def test_unicode_names():
         ([("[\"m*x'' + k*x = F\"]", "[1]")], r"equations\.0: found 1"),
         ([("[\"m*x'' + k*x = F\"]", "[]")], r"equations: found \[\]"),
         ([("[\"m*x'' + k*x = F\"]", '"m = F"')], "equations: found 'm = F'"),
-        ([('"a mass on a spring"', "1979-05-27")], "title: found datetime"),
-        ([('"a mass on a spring"', "[" * 300 + "]" * 300)], r"title: found \[\[\["),
-        ([('"a mass on a spring"', "[" * 3000 + "]" * 3000)], "found nesting too deep"),
-        ([('"a mass on a spring"', "{a=" * 300 + "1" + "}" * 300)], "title: found {'a'"),
-        ([('"a mass on a spring"', "9" * 5000)], "found a number of more than 400 digits"),
-        ([("title", "title" + ".a" * 40)], "found a key of more than 32 parts"),
-        ([("title", "title" + ".'a'" * 100_000)], "found a key of more than 32 parts"),
-        ([("[inputs]", "[a" + ' . "a"' * 100_000 + "]")], "found a key of more than 32 parts"),
         ([("k = {", "z" * 900_000 + " = {")], "parameters: found the name 'zzz"),
         ([("k = {", "z" * 900_000 + " = { q = 1 }#")], r"parameters\.zzz.*found the unknown key"),
         ([("k*x", "z" * 900_000)], "equation 1: found 900012 characters"),
-        ([("k*x", "(" * 1000 + "k*x" + ")" * 1000)], "equation 1: found nesting deeper than"),
-        ([("k*x", "(k + m)^1000*x")], "equation 1: found the power 1000"),
     ],
 )
 def test_one_line_with_file_and_place(pairs, message):
@@ -170,33 +146,6 @@ def test_many_equations_that_expand_are_too_many():
         ("k = {", "#"),
     )
     assert "equation 3: found more than 5000 terms" in refusal(text)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"\xff\xfe" + FILE.encode(), "found byte 0 that is no UTF-8"),
-        (FILE.encode("utf-16"), "found byte 0 that is no UTF-8"),
-        (FILE.encode() + b"\0", "found no key = value"),
-        (b"\x89PNG\r\n\x1a\n", "found byte 0 that is no UTF-8"),
-        (b"", "title: found no such key"),
-        (b"x" * 2_000_000, "found more than 1000 kB"),
-    ],
-)
-def test_files_that_are_something_else(tmp_path, content, message):
-    path = tmp_path / "model.toml"
-    path.write_bytes(content)
-    with pytest.raises(ReadError, match=message) as caught:
-        load_model(path)
-    assert str(path) in str(caught.value)
-
-
-def test_fifty_megabytes_are_not_read(tmp_path):
-    path = tmp_path / "model.toml"
-    with path.open("wb") as stream:
-        os.truncate(stream.fileno(), 50_000_000)
-    with pytest.raises(ReadError, match="found more than 1000 kB; expected a TOML file"):
-        load_model(path)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from rotorid import load_model
 from rotorid.models import modal
-from rotorid.models.modal import _scales, eigenmodes, parted
+from rotorid.models.modal import eigenmodes, parted
 
 CHAIN_M = np.diag([2.0, 3.0, 1.5])
 CHAIN_K = np.array([[1.5e6, -1e6, 0], [-1e6, 3e6, -2e6], [0, -2e6, 2e6]])
@@ -31,17 +31,11 @@ def test_eigenvalues_and_vectors_of_a_damped_chain() -> None:
         assert np.abs(left.conj() @ pencil).max() < 1e-10 * size * np.abs(left).max()
 
 
-def test_rows_and_columns_of_other_units_change_nothing() -> None:
+def test_other_units_and_another_order_of_the_equations_change_nothing() -> None:
     row, column = np.array([1e6, 1e-5, 1.0]), np.array([1.0, 1e-7, 1e4])
-    other = eigenmodes(*(row[:, None] * m * column for m in (CHAIN_M, CHAIN_D, CHAIN_K)))
+    order = [2, 0, 1]
+    other = eigenmodes(*((row[:, None] * m * column)[order] for m in (CHAIN_M, CHAIN_D, CHAIN_K)))
     np.testing.assert_allclose(other.values, reference(CHAIN_M, CHAIN_D, CHAIN_K), rtol=1e-9)
-
-
-def test_equations_in_another_order_change_nothing() -> None:
-    turned = [m[[2, 0, 1]] for m in (CHAIN_M, CHAIN_D, CHAIN_K)]
-    np.testing.assert_allclose(
-        eigenmodes(*turned).values, reference(CHAIN_M, CHAIN_D, CHAIN_K), rtol=1e-9
-    )
 
 
 def test_the_paper_rotor_at_its_speed() -> None:
@@ -116,14 +110,6 @@ def test_coinciding_frequencies_part_as_their_planes_do() -> None:
     slopes = found.left.conj()[:, None, :] * found.right[None, :, :]
     away = parted(gram, slopes.astype(complex), np.array([1.0, -0.3])).imag
     np.testing.assert_allclose(away, [[0, 1 / 8], [1 / 8, 0]], atol=1e-12)
-
-
-def test_scaling_goes_as_far_as_it_needs_to() -> None:
-    """A matrix that no scaling levels: a sweep halves what is left; after 8 it is 10 %."""
-    size = np.array([[1.0, 1e12], [0.0, 1.0]])
-    row, column = _scales(size)
-    least = float((row[:, None] * size * column).max(axis=0).min())
-    assert 0.8 < least < 0.95
 
 
 @pytest.mark.parametrize("complex_stiffness", [False, True])

@@ -185,7 +185,7 @@ def test_a_reduced_rotor_is_searched_as_a_whole(monkeypatch):
 def matrices(term, shape):
     """Return the matrices that the entries of a term make."""
     found = {at: np.zeros(shape) for at in (K, K_SPEED, D)}
-    for entry in term.entries:
+    for entry in term.effects:
         found[entry.order, entry.speed_power][entry.row, entry.column] += entry.coefficient
     return found
 
