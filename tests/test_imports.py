@@ -3,6 +3,7 @@
 import ast
 import re
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -72,10 +73,14 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(path: Path) -> set[str]:
-    """Return every dotted name that a module imports: inside functions, and for types only, too."""
+def imports(path: Path, *, late: bool = True) -> set[str]:
+    """Return every dotted name that a module imports, for types only too; `late`: in functions."""
     found: set[str] = set()
-    for node in ast.walk(tree_of(path)):
+    nodes = list(ast.walk(tree_of(path)))
+    inside = {n for f in nodes if isinstance(f, ast.FunctionDef) for n in ast.walk(f)}
+    for node in nodes:
+        if node in inside and not late:
+            continue
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -84,28 +89,13 @@ def imports(path: Path) -> set[str]:
     return found
 
 
-def inner(path: Path) -> set[str]:
-    """Return the modules of the package that a module imports."""
+@cache
+def inner(path: Path) -> frozenset[str]:
+    """Return the modules of the package on which a module rests; what shows itself, at import."""
     modules = {name_of(module) for module in MODULES}
-    names = {name.removeprefix("rotorid.") for name in imports(path) if name.startswith("rotorid.")}
-    return {name if name in modules else name.rpartition(".")[0] for name in names}
-
-
-def at_import(path: Path) -> set[str]:
-    """Return the modules of the package that load with a module, or are imported for types."""
-    late = ast.Module(
-        [n for n in ast.walk(tree_of(path)) if isinstance(n, ast.FunctionDef)], type_ignores=[]
-    )
-    inside = {id(n) for n in ast.walk(late) if isinstance(n, ast.ImportFrom)}
-    found = {
-        f"{n.module}.{a.name}".removeprefix("rotorid.")
-        for n in ast.walk(tree_of(path))
-        if isinstance(n, ast.ImportFrom) and id(n) not in inside and n.module
-        for a in n.names
-        if n.module.startswith("rotorid")
-    }
-    modules = {name_of(module) for module in MODULES}
-    return {name if name in modules else name.rpartition(".")[0] for name in found}
+    used = imports(path, late=name_of(path) not in SHOWN_LATE)
+    names = {name.removeprefix("rotorid.") for name in used if name.startswith("rotorid.")}
+    return frozenset(name if name in modules else name.rpartition(".")[0] for name in names)
 
 
 def layer(module: str) -> int:
@@ -134,8 +124,7 @@ def test_imports_run_one_way() -> None:
     strayed = {}
     for path in MODULES:
         name = name_of(path)
-        used = at_import(path) if name in SHOWN_LATE else inner(path)
-        strayed[name] = {other for other in used if layer(other) > layer(name) >= 0}
+        strayed[name] = {other for other in inner(path) if layer(other) > layer(name) >= 0}
     assert not {name: others for name, others in strayed.items() if others}
 
 
@@ -155,34 +144,10 @@ def test_h5py_is_imported_by_single_modules() -> None:
     assert parts == {"io.hdf5", "rig.files"}, [label(path) for path in users]
 
 
-@pytest.mark.slow
 def test_modules_form_no_cycle() -> None:
-    names = {name_of(path): path for path in MODULES}
-    graph: dict[str, set[str]] = {}
-    for name, path in names.items():
-        found = at_import(path) if name in SHOWN_LATE else inner(path)
-        if not path.name.startswith("__init__"):  # packages only collect names
-            graph[name] = {
-                part
-                for part in found
-                if part in names and not names[part].name.startswith("__init__")
-            }
-    assert not cyclic(graph)
-
-
-def cyclic(graph: dict[str, set[str]]) -> set[str]:
-    """Return the nodes from which a way leads back to themselves."""
-    return {node for node in graph if node in reached(graph, node)}
-
-
-def reached(graph: dict[str, set[str]], start: str) -> set[str]:
-    found: set[str] = set()
-    ahead = [start]
-    while ahead:
-        new = graph.get(ahead.pop(), set()) - found
-        found |= new
-        ahead += new
-    return found
+    """Packages are left out: they only collect names."""
+    graph = {name_of(p): inner(p) for p in MODULES if not p.name.startswith("__init__")}
+    TopologicalSorter({name: used & graph.keys() for name, used in graph.items()}).prepare()
 
 
 @pytest.mark.slow

@@ -164,17 +164,27 @@ def test_files_of_one_size_are_told_apart(load, tmp_path: Path) -> None:
     assert len(load(("run.h5", LINES), ("other.h5", LINES)).records()) == 2
 
 
+PLATES = '[{ column = "fx", unit = "T" }, { column = "fx", unit = "T" }]'
+FLUX = f'F = {{ law = "flux", flux = {PLATES}, area = "1 cm^2" }}'
+
+
 @pytest.mark.parametrize(
-    ("changed", "found"),
+    ("old", "new", "found"),
     [
-        (('G = { column = "gx"', 'G = { column = "fx"'), "channels.G: found 'fx' for F and for G"),
-        (('x = { column = "px"', 'x = { column = "fx"'), "channels.x: found 'fx' for F and for x"),
-        (('x = { column = "px"', 'x = { column = "/fx"'), "channels.x: found 'fx' for F and for x"),
+        ('G = { column = "gx"', 'G = { column = "fx"', "channels.G: found 'fx' for F and for G"),
+        ('x = { column = "px"', 'x = { column = "fx"', "channels.x: found 'fx' for F and for x"),
+        ('x = { column = "px"', 'x = { column = "/fx"', "channels.x: found 'fx' for F and for x"),
+        ('F = { column = "fx", unit = "N" }', FLUX, "found 'fx' for F and for F"),
+        (
+            "[channels]",
+            '[channels]\nfar = { column = "px", unit = "um", reads = "2*x" }',
+            "found 'px' for far and for x; .* one channel with reads",
+        ),
     ],
 )
-def test_a_column_for_two_channels(changed: tuple[str, str], found: str, load) -> None:
+def test_a_column_for_two_channels(old: str, new: str, found: str, load) -> None:
     with pytest.raises(InputError, match=found):
-        load(("run.csv", LINES), channels=CHANNELS.replace(*changed))
+        load(("run.csv", LINES), channels=CHANNELS.replace(old, new))
 
 
 def test_a_column_by_two_names(load, tmp_path: Path) -> None:
@@ -182,14 +192,6 @@ def test_a_column_by_two_names(load, tmp_path: Path) -> None:
     channels = CHANNELS.replace('G = { column = "gx"', 'G = { column = "log/fx"')
     with pytest.raises(InputError, match=r"channels\.G\.column: found 'log/fx' for F and for G"):
         load(("run.h5", LINES), channels=channels).records()
-
-
-def test_a_sensor_read_by_its_own_name(load) -> None:
-    channels = CHANNELS + 'far = { column = "px", unit = "um", reads = "2*x" }\n'
-    with pytest.raises(
-        InputError, match=r"found 'px' for x and for far; .* one channel with reads"
-    ):
-        load(("run.csv", LINES), channels=channels)
 
 
 def test_coils_in_series(load, tmp_path: Path) -> None:
@@ -204,14 +206,6 @@ def test_coils_in_series(load, tmp_path: Path) -> None:
     assert "the current 'fx' drives F and G: right for coils in series only" in record.warnings
     with pytest.raises(InputError, match="found 'fx' for F and for x"):
         load(("run.csv", LINES), channels=channels + last.replace("px", "fx"))
-
-
-def test_both_plates_of_a_flux_law(load) -> None:
-    plates = '[{ column = "fx", unit = "T" }, { column = "fx", unit = "T" }]'
-    flux = f'F = {{ law = "flux", flux = {plates}, area = "1 cm^2" }}'
-    channels = CHANNELS.replace('F = { column = "fx", unit = "N" }', flux)
-    with pytest.raises(InputError, match="found 'fx' for F and for F"):
-        load(("run.csv", LINES), channels=channels)
 
 
 def test_phasors_and_responses_of_one_column(load, tmp_path: Path) -> None:
@@ -267,75 +261,71 @@ def test_natural_frequencies_twice(
             rid.load_experiment(tmp_path / "run.toml")
 
 
+def scatters(load, folder: Path, first: dict, second: dict, more: str = LINES) -> list[str]:
+    """Return what is told of the second of two records, whose first is not told of."""
+    write(folder / "run.h5", first)
+    write(folder / "again.h5", second)
+    one, other = load(("run.h5", more), ("again.h5", more)).records()
+    assert not any("scatters as" in text for text in one.warnings)
+    return [text for text in other.warnings if "scatters as" in text]
+
+
 @pytest.mark.parametrize("how", ["units", "digits", "single", "another"])
 def test_an_export_with_fewer_digits(how: str, load, tmp_path: Path) -> None:
     """Noise does not repeat: where it does, in other units or digits, that is told."""
     values = columns()
-    write(tmp_path / "run.h5", values)
     again = {
         "units": {name: one * 1e-3 for name, one in values.items()},
         "digits": {name: np.round(one, 5) for name, one in values.items()},
         "single": {name: one.astype(np.float32) for name, one in values.items()},
         "another": columns(1),
     }[how]
-    write(tmp_path / "again.h5", again)
-    first, second = load(("run.h5", LINES), ("again.h5", LINES)).records()
-    said = [text for text in second.warnings if "run.h5 does, period by period" in text]
+    said = scatters(load, tmp_path, values, again)
     assert len(said) == (how != "another")
-    assert not any("scatters as" in text for text in first.warnings)
+    assert all("run.h5 does, period by period" in text for text in said)
 
 
 @pytest.mark.parametrize(("part", "said"), [(0.2, True), (0.45, False)])
 def test_lost_digits_are_noise_of_their_own(part: float, said: bool, load, tmp_path: Path) -> None:
     """Correlations of .98 and .91; .95 is asked for."""
     values, rng = columns(), np.random.default_rng(5)
-    write(tmp_path / "run.h5", values)
-    values["px"] = values["px"] + part * 1e-3 * rng.standard_normal(1000)
-    write(tmp_path / "again.h5", values)
+    again = {**values, "px": values["px"] + part * 1e-3 * rng.standard_normal(1000)}
     more = "harmonics = [1, 2, 3, 4, 5, 6, 7]"
-    _, second = load(("run.h5", more), ("again.h5", more)).records()
-    assert any("scatters as" in text for text in second.warnings) == said
+    assert bool(scatters(load, tmp_path, values, again, more)) == said
 
 
 def test_a_measurement_from_its_fourth_period_on(load, tmp_path: Path) -> None:
-    write(tmp_path / "run.h5", columns())
-    write(tmp_path / "late.h5", {name: 2 * one[300:] for name, one in columns().items()})
-    _, second = load(("run.h5", LINES), ("late.h5", LINES)).records()
-    assert any("period by period, 3 periods later (corr" in text for text in second.warnings)
-    _, second = load(("late.h5", LINES), ("run.h5", LINES)).records()
-    assert any("period by period, 3 periods earlier" in text for text in second.warnings)
+    values = columns()
+    late = {name: 2 * one[300:] for name, one in values.items()}
+    (said,) = scatters(load, tmp_path, values, late)
+    assert "period by period, 3 periods later (corr" in said
+    (said,) = scatters(load, tmp_path, late, values)
+    assert "period by period, 3 periods earlier" in said
 
 
 def test_hum_of_two_records_is_no_copy(load, tmp_path: Path) -> None:
     """It meets itself at some lag; with a twentieth of noise to .997, short of .999."""
-    rng = np.random.default_rng(3)
-    for name, start in (("run.h5", 0.0), ("again.h5", 0.4321)):
+    rng, made = np.random.default_rng(3), []
+    for start in (0.0, 0.4321):
         values = columns(7)
         hum = 0.1 * np.sin(2 * np.pi * 52.3 * (TIME + start))
-        values["px"] = values["px"] + hum + 5e-3 * rng.standard_normal(1000)
-        write(tmp_path / name, values)
-    _, second = load(("run.h5", LINES), ("again.h5", LINES)).records()
-    assert not any("scatters as" in text for text in second.warnings)
+        made.append({**values, "px": values["px"] + hum + 5e-3 * rng.standard_normal(1000)})
+    assert not scatters(load, tmp_path, *made)
 
 
 def test_scatter_that_is_none_tells_nothing(load, tmp_path: Path) -> None:
     """Two exact records of one excitation are alike in all but their rounding."""
     exact = {name: np.resize(one[:100], 1000) for name, one in columns().items()}
-    write(tmp_path / "run.h5", exact)
-    write(tmp_path / "again.h5", {name: 3 * one for name, one in exact.items()})
-    _, second = load(("run.h5", LINES), ("again.h5", LINES)).records()
-    assert not any("scatters as" in text for text in second.warnings)
+    assert not scatters(load, tmp_path, exact, {name: 3 * one for name, one in exact.items()})
 
 
 @pytest.mark.slow
-def test_few_periods_may_be_alike_by_chance(load, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("periods", "said"), [(5, True), (4, False)])
+def test_few_periods_may_be_alike_by_chance(periods: int, said: bool, load, tmp_path: Path) -> None:
     """Of n periods n - 1 are free, on each line: eight of these are needed."""
-    write(tmp_path / "run.h5", columns())
-    write(tmp_path / "again.h5", {name: one * 1e-3 for name, one in columns().items()})
-    for periods, said in ((5, True), (4, False)):
-        until = f'{LINES}\nuntil = "{periods * 0.1} s"\nskip = "0 s"'
-        _, second = load(("run.h5", until), ("again.h5", until)).records()
-        assert any("scatters as" in text for text in second.warnings) == said
+    again = {name: one * 1e-3 for name, one in columns().items()}
+    until = f'{LINES}\nuntil = "{periods * 0.1} s"\nskip = "0 s"'
+    assert bool(scatters(load, tmp_path, columns(), again, until)) == said
 
 
 @pytest.mark.parametrize(
