@@ -1,20 +1,13 @@
 """Recorded currents, fluxes and positions to forces, sample by sample.
 
-A current that a sampled controller commands is held: it is constant for one sample period while
-the displacement goes on. Its line is that of its samples times sinc(f T) exp(-i pi f T), the line
-of the displacement is not, so that neither the samples of the force nor those of a held force
-give the right line. That of the true force is a sum over the periods of the hold,
-
-    1/(N T) sum_k int law(i_k, x(t_k + s)) exp(-i omega (t_k + s)) ds,   s = 0 ... T.
-
-By Gauss's points c_j and weights w_j in T it is the line of
+A current that a sampled controller commands is held while the displacement goes on, so that neither
+the samples of the force nor those of a held force give the right line. By Gauss's points c_j and
+weights w_j in the period of the hold, it is the line of (docs/rig.md derives it)
 
     F = sum_j w_j S(-c_j) law(i, S(c_j) x),
 
-S(c) a shift of samples by c: the law with the held current and the displacement at each point,
-carried back to the sample. Delays add to the shifts. The result is a channel without hold and
-delay, right up to 0.45 of the sample rate to 1e-9 (the shifts, `rotorid.signals.spectrum`). For the
-linear law it is k_i times the held current plus k_s times the displacement.
+S(c) a shift of samples by c, to which delays add. The result is a channel without hold and delay,
+right up to 0.45 of the sample rate to 1e-9 (the shifts, `rotorid.signals.spectrum`).
 
 A column with dynamics, as of a lagging amplifier or of a sensor of some bandwidth, is first made
 the current that flows, or the displacement that there is, line by line over the record: hold, delay

@@ -39,7 +39,7 @@ class Names:
         return frozenset([*motion, *self.inputs, *self.parameters, *RESERVED])
 
 
-def check_names(tables: Mapping[str, Iterable[str]]) -> None:
+def check_names(**tables: Iterable[str]) -> None:
     """Refuse names that are reserved, declared twice, or no names; by the table they stand in."""
     taken = {*RESERVED, "pi", *FUNCTIONS}
     for table, members in tables.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -146,7 +145,7 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
 
     declared = parse_toml(data, _Declared, file=file).parameters
     with naming(file):
-        check_names({"parameters": declared})
+        check_names(parameters=declared)
         parameters = tuple(row.parameter(key) for key, row in declared.items())
     units = {p.name: p.unit for p in parameters}
     nominal = {p.name: p.nominal for p in parameters if p.nominal is not None}
@@ -156,14 +155,8 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
         model = rotor_model(
             divided(rotor), parameters, name=name, title=rotor.title, source=rotor.source
         )
-        check_names(
-            {
-                "places": model.coordinates,
-                "actuators": model.inputs,
-                "parameters": model.parameter_names,
-            }
-        )
-        for key in (name for name in model.parameter_names if name not in model.used):
+        check_names(places=model.coordinates, actuators=model.inputs, parameters=declared)
+        for key in (name for name in declared if name not in model.used):
             of_g = any(key in material.G.names for material in rotor.materials.values())
             raise ModelError(
                 f"{key!r} in no quantity",
@@ -178,13 +171,7 @@ def _build(data: bytes, name: str, file: str) -> Model:
     entry = parse_toml(data, ModelFile, file=file)
     names = Names(tuple(entry.coordinates), tuple(entry.inputs), tuple(entry.parameters))
     with naming(file):
-        check_names(
-            {
-                "coordinates": names.coordinates,
-                "inputs": names.inputs,
-                "parameters": names.parameters,
-            }
-        )
+        check_names(coordinates=entry.coordinates, inputs=entry.inputs, parameters=entry.parameters)
         units = {
             key: check_unit(unit, place=f"{table}.{key}")
             for table, rows in (("coordinates", entry.coordinates), ("inputs", entry.inputs))
@@ -205,7 +192,7 @@ def _check_use(model: Model) -> None:
     driving = {t.monomial for t in model.input_terms}
     kept = [i for i, c in enumerate(model.base.gather.T) if c.any() or i in driving]
     used |= {model.parameter_names[i] for i in np.flatnonzero(model.monomials[kept].any(axis=0))}
-    for name in _declared(model):
+    for name in (*model.coordinates, *model.inputs, *model.parameter_names):
         if not {name, name + "'", name + "''"} & used:
             raise ModelError(
                 f"{name!r} in no equation",
@@ -228,7 +215,3 @@ def _check_angle(model: Model) -> None:
                 "write phi, which is Omega*t where nothing else is known of the angle",
                 place=f"equation {row + 1}",
             )
-
-
-def _declared(model: Model) -> Iterable[str]:
-    return (*model.coordinates, *model.inputs, *model.parameter_names)

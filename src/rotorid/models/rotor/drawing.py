@@ -418,7 +418,7 @@ class Rotor(Schema):
         """Refuse places off the shaft, and names that stand for two."""
         first: dict[str, tuple[str, float]] = {}
         for table in ("sensors", "actuators", "discs", "supports", "unbalance"):
-            check_names({table: getattr(self, table)})
+            check_names(**{table: getattr(self, table)})
             for name, member in getattr(self, table).items():
                 place = f"{table}.{name}"
                 if name.startswith("node") or name in ENDS:

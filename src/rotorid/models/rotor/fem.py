@@ -109,38 +109,22 @@ def _in_plane(a: float, b: float, c: float, d: float, e: float, f: float) -> Flo
     return np.array([[a, b, c, d], [b, e, -d, f], [c, -d, a, -b], [d, f, -b, e]])
 
 
-def both_planes(plane: Floats) -> Floats:
-    """Return a matrix of displacements and slopes in both planes, (4 node, 4 node)."""
-    nodes = len(plane) // 2
-    out = np.zeros((PLANES * nodes, PLANES * nodes))
-    along, across = slots(nodes)
-    sign = signs(nodes)
-    out[np.ix_(along, along)] = plane
-    out[np.ix_(across, across)] = plane * np.outer(sign, sign)
-    return out
+# Of a node: displacement and slope in the plane of x, and in that of y; and S, which takes x to y
+# and y to -x, the slopes alike: minus a quarter turn.
+_IN_X = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+_IN_Y = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
+_TURN = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]])
 
 
-def turned(nodes: int) -> Floats:
-    """Return S, which takes x to y and y to -x, the slopes alike: minus a quarter turn."""
-    turn = np.zeros((PLANES * nodes, PLANES * nodes))
-    for node in range(nodes):
-        x, y, theta_x, theta_y = range(PLANES * node, PLANES * node + PLANES)
-        turn[x, y], turn[y, x] = 1.0, -1.0
-        turn[theta_x, theta_y], turn[theta_y, theta_x] = 1.0, -1.0
-    return turn
+def _planes(nodes: int) -> tuple[Floats, Floats]:
+    """Return the coordinates of nodes by displacements and slopes in either plane."""
+    return np.kron(np.eye(nodes), _IN_X), np.kron(np.eye(nodes), _IN_Y)
 
 
-def slots(nodes: int) -> tuple[list[int], list[int]]:
-    """Return where displacements and slopes stand in the plane of x, and in that of y."""
-    starts = [PLANES * node for node in range(nodes)]
-    along = [start + k for start in starts for k in (0, 3)]
-    across = [start + k for start in starts for k in (1, 2)]
-    return along, across
-
-
-def signs(nodes: int) -> Floats:
-    """Return by what displacements and slopes in the plane of y are multiplied to be like x's."""
-    return np.tile([1.0, -1.0], nodes)
+def _both_planes(plane: Floats) -> Floats:
+    """Return the matrix of an element from that of one plane."""
+    along, across = _planes(2)
+    return along @ plane @ along.T + across @ plane @ across.T
 
 
 def spans(rotor: Rotor) -> Iterator[tuple[int, Section, Beam]]:
@@ -221,9 +205,7 @@ def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
         first = PLANES * rotor.node(disc.at)
         gathered.add(disc.mass, 2, first, np.diag([1.0, 1.0, 0.0, 0.0]))
         gathered.add(disc.I_t, 2, first, np.diag([0.0, 0.0, 1.0, 1.0]))
-        spin = np.zeros((PLANES, PLANES))
-        spin[2, 3], spin[3, 2] = 1.0, -1.0
-        gathered.add(disc.I_p.times(_SPEED), 1, first, spin)
+        gathered.add(disc.I_p.times(_SPEED), 1, first, _TURN * [[0], [0], [1], [1]])
     for support in rotor.supports.values():
         first = PLANES * rotor.node(support.at)
         for order, kind in enumerate("kc"):
@@ -242,10 +224,10 @@ def _add_element(
 ) -> None:
     first = PLANES * node
     _add_elastic(gathered, rotor, first, section, beam)
-    mass = both_planes(beam.translation() + beam.rotation())
+    mass = _both_planes(beam.translation() + beam.rotation())
     gathered.add(section.material.density, 2, first, mass)
     gathered.add(section.material.density.times(rotor.damping.external), 1, first, mass)
-    polar = both_planes(2 * beam.rotation()) @ turned(2)
+    polar = _both_planes(2 * beam.rotation()) @ np.kron(np.eye(2), _TURN)
     gathered.add(section.material.density.times(_SPEED), 1, first, polar)
 
 
@@ -253,12 +235,12 @@ def _add_elastic(
     gathered: _Gatherer, rotor: Rotor, first: int, section: Section, beam: Beam
 ) -> None:
     """Add the stiffness of an element, with the damping that goes with it."""
-    stiffness = both_planes(beam.stiffness()) / section.material.modulus
+    stiffness = _both_planes(beam.stiffness()) / section.material.modulus
     elastic = section.material.E.times(section.stiffness)
     gathered.add(elastic, 0, first, stiffness)
     spun = elastic.times(rotor.damping.internal)
     gathered.add(spun, 1, first, stiffness)
-    gathered.add(spun.times(_SPEED), 0, first, stiffness @ turned(2))
+    gathered.add(spun.times(_SPEED), 0, first, stiffness @ np.kron(np.eye(2), _TURN))
     gathered.add(elastic.times(rotor.damping.structural), 0, first, stiffness, structural=True)
 
 
@@ -473,8 +455,9 @@ def reduction(pieces: Sequence[Piece], kept: Integers, band: Band, share: float)
     """
     whole = Banded.of(pieces, band.values)
     shapes = np.concatenate([whole.motion(kept, *p) for p in band.points()], axis=1)
-    along, across = _in_planes(shapes)
-    both = np.concatenate([part for s in (along, across) for part in (s.real, s.imag)], axis=1)
+    planes = _planes(len(shapes) // PLANES)
+    seen = [plane.T @ shapes for plane in planes]
+    both = np.concatenate([part for s in seen for part in (s.real, s.imag)], axis=1)
     length = np.linalg.norm(both, axis=0)
     triangle = np.asarray(np.linalg.qr((both[:, length > 0] / length[length > 0]).T, mode="r"))
     left, values, _ = np.linalg.svd(triangle.T, full_matrices=False)
@@ -482,29 +465,13 @@ def reduction(pieces: Sequence[Piece], kept: Integers, band: Band, share: float)
     count = max(int((values > share * values[0]).sum()), len(places))
     basis = left[:, :count] * whole.size.reshape(-1, PLANES)[:, [0, 3]].ravel()[:, None]
     basis = basis @ _showing(basis[places])
-    transform = _both(basis)
+    transform = np.stack([plane @ basis for plane in planes], axis=2).reshape(len(shapes), -1)
     where = []
     for k, place in enumerate(places.tolist()):
         first, angle = PLANES * (place // 2), place % 2
         where += [first + 3, first + 2] if angle else [first, first + 1]
         transform[:, 2 * k + 1] *= -1 if angle else 1  # theta_x is the slope of -y
     return Reduction(np.array(where, dtype=np.int64), transform)
-
-
-def _both(basis: Floats) -> Floats:
-    """Return shapes of one plane, (2 node, shape), as shapes of x and of y by turns."""
-    along, across = slots(len(basis) // 2)
-    out = np.zeros((2 * len(basis), 2 * basis.shape[1]))
-    out[along, 0::2] = basis
-    out[across, 1::2] = signs(len(basis) // 2)[:, None] * basis
-    return out
-
-
-def _in_planes(shapes: Complexes) -> tuple[Complexes, Complexes]:
-    """Return displacement and slope in the plane of x, and in that of y."""
-    nodes = len(shapes) // PLANES
-    along, across = slots(nodes)
-    return shapes[along], signs(nodes)[:, None] * shapes[across]
 
 
 def _showing(rows: Floats) -> Floats:
