@@ -199,11 +199,8 @@ def _power_text(powers: dict[str, Fraction]) -> str:
 
 def _left_open(fit: Fit, record: Observation, number: int) -> int:
     """Return how many directions would stay open with one more record like this."""
-    linear, layout, unknowns = (
-        fit.inference.linear,
-        fit.prepared.layout,
-        fit.solution.point.unknowns,
-    )
+    linear, layout = fit.inference.linear, fit.prepared.layout
+    unknowns = fit.solution.point.unknowns
     nothing = int(linear.null.shape[1])
     try:  # an answer astray says nothing of other records
         with np.errstate(all="ignore"):
@@ -225,29 +222,24 @@ def find_cures(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     """
     if not combinations:
         return []
-    cures = [
+    count = len(combinations)
+    helped: list[tuple[int, str]] = []
+    for number, hertz, left in _other_speeds(fit):
+        where = f" as record {number + 1}" if len(fit.records) > 1 else ""
+        helped += [(left, text) for text in _rotation_left_out(fit.records[number], where)]
+        helped.append((left, f"a further record at another speed{where}, such as {hertz:g} Hz"))
+    sensors: dict[int, list[str]] = {}
+    for name, left in _sensors(fit):
+        sensors.setdefault(left, []).append(name)
+    helped += [(left, f"a sensor of {' or '.join(names)}") for left, names in sensors.items()]
+    best = sorted((pair for pair in helped if pair[0] < count), key=lambda pair: pair[0])
+    return [
         _fixing(combinations),
         *_further_modes(fit, combinations),
         *_total_mass(fit, combinations),
         *_trial_mass(fit, combinations),
+        *(text + _rest(left, count) for left, text in best),
     ]
-    count = len(combinations)
-    speeds = _other_speeds(fit)
-    helped: list[tuple[int, str]] = []
-    for number, hertz, left in speeds:
-        if left < count:
-            where = f" as record {number + 1}" if len(fit.records) > 1 else ""
-            helped += [(left, text) for text in _rotation_left_out(fit.records[number], where)]
-            helped.append((left, f"a further record at another speed{where}, such as {hertz:g} Hz"))
-    sensors: dict[int, list[str]] = {}
-    for name, left in _sensors(fit):
-        if left < count:
-            sensors.setdefault(left, []).append(name)
-    for left, names in sensors.items():
-        helped.append((left, f"a sensor of {' or '.join(names)}"))
-    for left, text in sorted(helped, key=lambda pair: pair[0]):
-        cures.append(text + _rest(left, count))
-    return cures
 
 
 def _rest(left: int, count: int) -> str:
@@ -256,14 +248,11 @@ def _rest(left: int, count: int) -> str:
 
 def _fixing(combinations: Sequence[Combination]) -> str:
     """Say which members to fix: any one of each combination, its first members at best."""
-    texts = []
-    for combination in combinations:
-        names = combination.names
-        texts.append(names[0] if len(names) == 1 else f"one of {', '.join(names)}")
-    if len(texts) == 1:
-        return f"fix {texts[0]}"
+    first = combinations[0].names
+    if len(combinations) == 1:
+        return f"fix {'one of ' if len(first) > 1 else ''}{', '.join(first)}"
     firsts = ", ".join(combination.names[0] for combination in combinations)
-    return f"fix {len(texts)} of them, such as {firsts}"
+    return f"fix {len(combinations)} of them, such as {firsts}"
 
 
 def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
@@ -311,10 +300,8 @@ def _total_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
 def _trial_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     """Say that a known unbalance sets the scale, where no force is measured and all scales."""
     forced = any(np.abs(r.lines.mean[:, list(r.input_columns)]).any() for r in fit.records)
-    together = any(
-        c.exponents is not None and len(c.names) > 1 and len(set(c.exponents)) == 1
-        for c in combinations
-    )
+    powers = (c.exponents for c in combinations if c.exponents and len(c.names) > 1)
+    together = any(len(set(exponents)) == 1 for exponents in powers)
     if forced or not together:
         return []
     return [
@@ -328,11 +315,8 @@ def _weighed(model: Model) -> set[str]:
     names = set()
     for term in model.require_linear().stiffness:
         powers = model.monomials[term.monomial]
-        if (
-            term.order == 2
-            and powers.sum() == 1
-            and model.units[model.coordinates[term.column]] == "m"
-        ):
+        length = model.units[model.coordinates[term.column]] == "m"
+        if term.order == 2 and powers.sum() == 1 and length:
             names.add(model.parameter_names[int(powers.argmax())])
     return names
 

@@ -170,10 +170,8 @@ def _change(at: Evaluation, record: Observation, point: Point, number: int) -> F
         motion = at.corrected()[1][chosen] * at.problem.scales.coordinates
         values, lines = point.unknowns[held], record.lines
         named = dict(zip(model.parameter_names, values.tolist(), strict=True))
-        whole, missing = (
-            Banded.of(model.whole.pieces, named),
-            _force(record, values, chosen, motion),
-        )
+        whole = Banded.of(model.whole.pieces, named)
+        missing = _force(record, values, chosen, motion)
         for k, line in enumerate(chosen.tolist()):
             omega, speed = float(lines.omega[line]), float(lines.speed[line])
             missing[k] = whole.force(kept, motion[k, : len(kept)], omega, speed) - missing[k]
@@ -299,9 +297,8 @@ def search(problem: Problem, start: Floats) -> Iterator[Minimum]:
             else:
                 costs.append((way.number, solution.point.cost))
                 first = first or solution
-        if best[0].converged and (
-            explained(*best) or any(_agreed(c, best) for c in (costs, opened))
-        ):
+        arrived = explained(*best) or _agreed(costs, best) or _agreed(opened, best)
+        if best[0].converged and arrived:
             break
         yield best
     if best is not None and not explained(*best) and not _agreed(costs + lost, best):
@@ -369,7 +366,8 @@ def explained(solution: Solution, inference: Inference) -> bool:
     return inference.expectation.p_value(solution.point.cost) >= SUSPICIOUS
 
 
-def _agreed(costs: list[tuple[int, float]], best: tuple[Solution, Inference]) -> bool:
+def _agreed(costs: list[tuple[int, float]], best: Minimum) -> bool:
+    """Tell whether different starts led to the lowest cost."""
     most = _as_low(best[0].point.cost, best[1].expectation.mean)
     return len({number for number, cost in costs if cost <= most}) > 1
 

@@ -228,7 +228,7 @@ def _links(
     links: list[Link] = []
     seen: set[Hashable] = set()
     every = [_terms_of(layout.of_record(k), record) for k, record in enumerate(records)]
-    for number, terms in enumerate(every or [_unread(layout)]):
+    for number, terms in enumerate(every or [_terms_of(layout, None)]):
         signature = tuple(terms.items())
         if signature in seen:
             continue
@@ -245,29 +245,26 @@ def _links(
     return list(nodes), links
 
 
-def _unread(layout: Layout) -> dict[Entry, float]:
-    """Return the terms of a machine of which natural frequencies alone are known."""
-    found: dict[Entry, float] = {}
-    for term in layout.model.require_linear().stiffness:
-        factors = layout.monomial_factors[term.monomial]
-        if factors is not None:
-            kind = TermKind(term.order, term.factor, term.structural)
-            ends = ("row", term.row), ("coordinate", term.column)
-            key = kind, *ends, tuple(sorted(factors))
-            found[key] = found.get(key, 0.0) + term.coefficient
-    return found
+def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
+    """Return the coefficient of each kind, row, column and product of unknowns.
 
-
-def _terms_of(layout: Layout, record: Observation) -> dict[Entry, float]:
-    """Return the coefficient of each kind, row, column and product of unknowns."""
+    `record`: None of a machine of which natural frequencies alone are known.
+    """
     n, rows = len(layout.model.coordinates), len(layout.model.texts)
-    record = layout.observed(record)
     found: dict[Entry, float] = {}
 
     def add(kind: Hashable, row: Place, column: Place, factors: Sequence[int], size: float) -> None:
         key = kind, row, column, tuple(sorted(factors))
         found[key] = found.get(key, 0.0) + size
 
+    if record is None:
+        for term in layout.model.require_linear().stiffness:
+            kind = TermKind(term.order, term.factor, term.structural)
+            factors = layout.monomial_factors[term.monomial]
+            if factors is not None:
+                add(kind, ("row", term.row), ("coordinate", term.column), factors, term.coefficient)
+        return found
+    record = layout.observed(record)
     table = Stiffness.of(layout, record.lines)
     kinds = layout.model.require_linear().stiffness.kinds
     columns = (table.row, table.column, table.place, table.monomial, table.coefficient)
@@ -278,16 +275,9 @@ def _terms_of(layout: Layout, record: Observation) -> dict[Entry, float]:
     for t in other_terms(layout, record):
         if t.column in idle:
             continue
-        row, column = ("row", t.row), ("coordinate", t.column)
-        if t.row >= rows:
-            row = ("sensor row", t.row)
-        add(
-            ("other", t.order),
-            row,
-            column if t.column < n else ("input", t.column),
-            t.factors,
-            t.coefficient,
-        )
+        row = ("row" if t.row < rows else "sensor row", t.row)
+        column = ("coordinate" if t.column < n else "input", t.column)
+        add(("other", t.order), row, column, t.factors, t.coefficient)
     for load in every_load(layout):
         add("load", ("row", load.row), ("load", load.signal), load.factors, load.coefficient)
     for number, reads in enumerate(record.reads):
@@ -320,10 +310,8 @@ def _web(
         else:
             colours.append(("alone", node))
             still.add(node)
-    alike = [
-        *_alike(problem.exact, ()),
-        *_alike(problem.known.relations, [u.name for u in layout.unknowns]),
-    ]
+    priors = [u.name for u in layout.unknowns]
+    alike = [*_alike(problem.exact, ()), *_alike(problem.known.relations, priors)]
     return Web(tuple(links), tuple(colours), still, alike)
 
 

@@ -58,16 +58,13 @@ def test_how_many_lines_are_few(
     shares = np.zeros((100, 2, 3))
     shares[5 : 5 + count] = 0.5
     monkeypatch.setattr(few_lines, "coherence", lambda _: closed)
-    layout = type("Layout", (), {})()
-    layout.unknowns = [type("Unknown", (), {"name": name})() for name in ("c", "xi", "gain[x]")]
-    layout.free, layout.held, layout.load_only = [0, 1, 2], [0, 1], lambda: {1}
+    layout = SimpleNamespace(free=np.arange(3), held=np.arange(2), load_only=lambda: {1})
     point = SimpleNamespace(
-        problem=SimpleNamespace(layout=layout),
         linear=SimpleNamespace(told_by=lambda: shares.reshape(200, 3).T),
         by_line=lambda rows: [rows.reshape(100, 2, 3)],
     )
-    solution = SimpleNamespace(point=point, converged=True)
-    inference = SimpleNamespace(linear=SimpleNamespace(null=np.zeros((3, 0))))
-    fit = SimpleNamespace(solution=solution, inference=inference, records=[record])
-    notes = told_by_few(few_lines.Asked(None, None, fit))
+    asked = SimpleNamespace(
+        point=point, layout=layout, records=[record], names=["c", "xi", "gain[x]"], determined=True
+    )
+    notes = told_by_few(asked)
     assert [note.on for note in notes] == [("c",)] * told

@@ -42,7 +42,7 @@ def test_what_is_plain_is_told_before_anything_is_searched(
         return tangent(point, *rest)
 
     monkeypatch.setattr(solver, "tangent", counting)
-    monkeypatch.setattr(plain, "tell", None)
+    monkeypatch.setattr(plain.RivalSearch, "trials", None)
     monkeypatch.setattr(plain, "searched", None)
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status == "rejected"
@@ -68,7 +68,9 @@ def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
 
     searched = plain.searched
     monkeypatch.setattr(plain, "searched", counting)
-    monkeypatch.setattr(plain, "tell", lambda *_: [plain.Tried(0, 0, tuple)])
+    monkeypatch.setattr(
+        plain.RivalSearch, "trials", lambda _: iter([plain.Tried(0, 0, plain.Causes)])
+    )
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status in ("rejected", "not_converged")
     assert len(asked) == 1
@@ -84,9 +86,7 @@ def test_which_mistakes_are_followed(costs: tuple[float, ...], followed: int) ->
 
     def changed(cost: float) -> SimpleNamespace:
         there = SimpleNamespace(point=SimpleNamespace(cost=cost), gross=False)
-        return SimpleNamespace(
-            screened=lambda: cost, from_start=lambda: None, at=lambda point: there
-        )
+        return SimpleNamespace(screened=lambda: cost, settled=lambda way: there)
 
     mistakes = [SimpleNamespace(change=lambda _, cost=cost: changed(cost)) for cost in costs]
     found = plain._without_a_mistake(None, mistakes)

@@ -239,7 +239,7 @@ def test_only_a_rotor_without_a_spring_is_suspected_of_bending(name):
     assert len(found) == (name == "rigid")
     for term in found:
         assert len(term.scalars) == 3
-        assert {e.order for e in term.entries} == {4}
+        assert {e.order for e in term.effects} == {4}
 
 
 def test_structure_of_the_shipped_models():
