@@ -50,6 +50,7 @@ from rotorid.experiment.schema import (
     ExperimentFile,
     Method,
     RecordEntry,
+    RecordKeys,
     response_tables,
 )
 from rotorid.io import READERS, read_record
@@ -407,15 +408,20 @@ def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection
             named = lines.source or ", ".join(entry.paths)
             yield inspect_lines(replace(lines, source=named))
         return
-    record = measured(one, currents=True)
+    yield _inspected(measured(one, currents=True), entry, entry.band)
+
+
+def _inspected(
+    record: Record, entry: RecordKeys, band: tuple[float, float] | None = None
+) -> Inspection:
     size = period_of(record, entry)
-    yield inspect_record(
+    return inspect_record(
         record,
         period_samples=size,
         harmonics=entry.harmonics,
-        band=entry.band,
+        band=band,
         skip=entry.skip or 0.0,
-        whole=size is None and entry.band is not None,
+        whole=size is None and "band" in entry.model_fields_set,
     )
 
 
@@ -441,15 +447,7 @@ def _inspect_draft(folder: Path, entry: DraftRecord) -> Inspection:
     if OPEN in entry.paths:
         raise ReadError("no name of a file", "the file of a record", "name it")
     record = read_record([folder / name for name in entry.paths], mask=entry.mask, **said_of(entry))
-    record = _without_mark(record, entry)
-    size = period_of(record, entry)
-    return inspect_record(
-        record,
-        period_samples=size,
-        harmonics=entry.harmonics,
-        skip=entry.skip or 0.0,
-        whole=size is None and "band" in entry.model_fields_set,
-    )
+    return _inspected(_without_mark(record, entry), entry)
 
 
 def _without_mark(record: Record, entry: DraftRecord) -> Record:

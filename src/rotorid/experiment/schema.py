@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Set
+from collections.abc import Iterable, Set
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_validator
@@ -11,8 +11,8 @@ from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_valida
 from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
-from rotorid.force.channel_dynamics import UNKNOWN, Constant
-from rotorid.force.entry import LawEntry, LawName, law_keys
+from rotorid.force.channel_dynamics import Constant
+from rotorid.force.entry import LawEntry, LawName, law_keys, stated_constant
 
 
 def _quantity(unit: str) -> BeforeValidator:
@@ -52,19 +52,8 @@ def _constant(name: str, unit: str) -> BeforeValidator:
     def read(value: object) -> object:
         if isinstance(value, Constant):
             return value
-        if not isinstance(value, dict):
-            return Constant(name, unit, to_si(value, unit))
-        keys = set(value)
-        if keys == {"start"}:
-            return Constant(name, unit, to_si(value["start"], unit, place="start"), UNKNOWN)
-        if keys == {"value", "std"}:
-            number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
-            return Constant(name, unit, number, std)
-        raise InputError(
-            f"the keys {', '.join(sorted(keys)) or '(none)'}",
-            "value and std, or start",
-            f"write {{ value = '1 {unit}', std = '0.1 {unit}' }}, or {{ start = '1 {unit}' }}",
-        )
+        told = stated_constant(value, unit, shares=False)
+        return Constant(name, unit, told.value, told.std)
 
     return BeforeValidator(read)
 
@@ -100,6 +89,13 @@ class DynamicsEntry(Schema):
         """Whether a constant is not known exactly."""
         constants = (self.bandwidth, self.damping, self.eddy)
         return any(c is not None and c.std for c in constants)
+
+
+def _require_keys(entry: Schema, kinds: Iterable[Set[str]], expected: str, cure: str) -> None:
+    """Refuse keys that are none of the sets that may stand together."""
+    given = entry.model_fields_set
+    if given not in kinds:
+        raise InputError(" and ".join(sorted(given)) or "nothing", expected, cure)
 
 
 def _band(value: object) -> tuple[float, float]:
@@ -296,13 +292,12 @@ class SpeedEntry(Schema):
 
     @model_validator(mode="after")
     def _value_or_column(self) -> SpeedEntry:
-        given = self.model_fields_set
-        if given not in (set(), {"value"}, {"column"}, {"column", "unit"}):
-            raise InputError(
-                f"{' and '.join(sorted(given))} of a speed",
-                "a speed, or a column with its unit",
-                'write speed = "3000 rpm", or { column = "n", unit = "rpm" } in a table',
-            )
+        _require_keys(
+            self,
+            (set(), {"value"}, {"column"}, {"column", "unit"}),
+            "a speed, or a column with its unit",
+            'write speed = "3000 rpm", or { column = "n", unit = "rpm" } in a table',
+        )
         return self
 
 
@@ -346,13 +341,13 @@ class OwnEntry(Schema):
 
     @model_validator(mode="after")
     def _one_kind(self) -> OwnEntry:
-        if self.model_fields_set not in ({"fixed"}, {"value", "std"}):
-            raise InputError(
-                " and ".join(sorted(self.model_fields_set)) or "nothing",
-                "fixed, or value and std",
-                "say what the parameter was in this record; each = true in [parameters] lets "
-                "every record have an unknown one of its own",
-            )
+        _require_keys(
+            self,
+            ({"fixed"}, {"value", "std"}),
+            "fixed, or value and std",
+            "say what the parameter was in this record; each = true in [parameters] lets every "
+            "record have an unknown one of its own",
+        )
         return self
 
 
@@ -543,12 +538,9 @@ class ParameterEntry(PriorKeys):
 
     @model_validator(mode="after")
     def _one_kind(self) -> ParameterEntry:
-        given = {
-            key for key in ("fixed", "value", "std", "start") if getattr(self, key) is not None
-        }
-        kinds: list[set[str]] = [{"value", "std"}, {"start"}]
-        kinds.append(set() if self.bounded or self.each else {"fixed"})
-        if given not in kinds:
+        given = self.model_fields_set - {"min", "max", "each"}
+        alone = set() if self.bounded or self.each else {"fixed"}
+        if given not in ({"value", "std"}, {"start"}, alone):
             raise InputError(
                 " and ".join(sorted(given)) or "nothing",
                 "fixed, or each, or value and std, or start",

@@ -24,23 +24,26 @@ class StatedConstant(NamedTuple):
     shared: str = ""
 
 
-def _constant(unit: str) -> BeforeValidator:
-    def read(value: object) -> StatedConstant:
-        if not isinstance(value, dict):
-            return StatedConstant(to_si(value, unit))
-        keys, shared = set(value) - {"shared"}, value.get("shared", "")
-        if keys not in ({"value", "std"}, {"start"}) or not isinstance(shared, str):
-            raise InputError(
-                f"the keys {', '.join(sorted(value)) or '(none)'}",
-                "value and std, or start, or a quantity alone; a name in shared beside them",
-                f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}, or {{ start = '1 {unit}' }}",
-            )
-        if keys == {"start"}:
-            return StatedConstant(to_si(value["start"], unit, place="start"), np.inf, shared)
-        number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
-        return StatedConstant(number, std, shared)
+def stated_constant(value: object, unit: str, *, shares: bool = True) -> StatedConstant:
+    """Read a quantity, value and std, or a start; with a name in `shared` where it `shares`."""
+    if not isinstance(value, dict):
+        return StatedConstant(to_si(value, unit))
+    keys, shared = set(value) - ({"shared"} if shares else set()), value.get("shared", "")
+    if keys not in ({"value", "std"}, {"start"}) or not isinstance(shared, str):
+        beside = ", or a quantity alone; a name in shared beside them" if shares else ""
+        raise InputError(
+            f"the keys {', '.join(sorted(value)) or '(none)'}",
+            f"value and std, or start{beside}",
+            f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}, or {{ start = '1 {unit}' }}",
+        )
+    if keys == {"start"}:
+        return StatedConstant(to_si(value["start"], unit, place="start"), np.inf, shared)
+    number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
+    return StatedConstant(number, std, shared)
 
-    return BeforeValidator(read)
+
+def _constant(unit: str) -> BeforeValidator:
+    return BeforeValidator(lambda value: stated_constant(value, unit))
 
 
 _LAWS: Mapping[LawName, tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
