@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from rotorid.core.errors import InputError, ModelError, naming
@@ -104,8 +105,8 @@ def split_equations(texts: Sequence[str], names: Names) -> SplitEquations:
         forces = [p for p in products if p.signal in inputs]
         others = [p for p in products if p.signal not in inputs]
         sign = _orientation(others, forces)
-        left += [_scaled(p, sign) for p in others]
-        right += [_scaled(p, -sign) for p in forces]
+        left += [replace(p, coefficient=sign * p.coefficient) for p in others]
+        right += [replace(p, coefficient=-sign * p.coefficient) for p in forces]
     return SplitEquations(tuple(left), tuple(right))
 
 
@@ -152,10 +153,6 @@ def _orientation(others: list[Product], forces: list[Product]) -> int:
     if inertia:
         return 1 if inertia[0].coefficient > 0 else -1
     return 1 if not forces or forces[0].coefficient < 0 else -1
-
-
-def _scaled(product: Product, sign: int) -> Product:
-    return Product(product.row, product.monomial, sign * product.coefficient, product.signal)
 
 
 def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
@@ -229,7 +226,12 @@ def product_dimensions(
     coordinates: Sequence[str],
 ) -> list[Dimension | None]:
     """Return the dimension of each product; ``None`` where it cannot be told."""
-    symbols = _symbol_dimensions(units, coordinates)
+    second = dimension_of("s")
+    symbols = {name: dimension_of(unit) for name, unit in units.items()}
+    for name in coordinates:
+        for order, dots in enumerate(DERIVATIVES):
+            symbols[name + dots] = symbols[name] * second**-order
+    symbols |= {"t": second, "Omega": second**-1, "phi": _NUMBER}
     parameters = [dimension_of(unit) for unit in parameter_units]
     monomials = {m: _monomial(m, parameters) for m in {p.monomial for p in products}}
     signals = {s: _signal_dimension(s, symbols) for s in {p.signal for p in products}}
@@ -249,28 +251,13 @@ def unit_faults(
     """
     found: dict[int, dict[Dimension, None]] = {}
     for p, dimension in zip(products, dimensions, strict=True):
-        if dimension is not None and _is_plain(p.coefficient):
+        plain = p.coefficient.denominator == 1 and abs(p.coefficient) <= 4
+        if dimension is not None and plain:
             found.setdefault(p.row, {})[dimension] = None
     for row in sorted(found):
         if len(found[row]) > 1:
             shown = " and in ".join(map(str, found[row]))
             yield f"equation {row + 1} adds terms in {shown}: check it"
-
-
-def _symbol_dimensions(
-    units: Mapping[str, str], coordinates: Sequence[str]
-) -> dict[str, Dimension]:
-    """Return the dimension of each name that an equation may hold besides parameters."""
-    second = dimension_of("s")
-    found = {name: dimension_of(unit) for name, unit in units.items()}
-    for name in coordinates:
-        for order, dots in enumerate(DERIVATIVES):
-            found[name + dots] = found[name] * second**-order
-    return {**found, "t": second, "Omega": second**-1, "phi": _NUMBER}
-
-
-def _is_plain(coefficient: Fraction) -> bool:
-    return coefficient.denominator == 1 and abs(coefficient) <= 4
 
 
 def _monomial(monomial: Monomial, parameters: list[Dimension]) -> Dimension:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import combinations
 from math import ceil, prod
 from typing import Annotated, Any, Self
 
@@ -404,17 +405,12 @@ class Rotor(Schema):
             info.context["materials"] = materials
         return materials
 
-    @model_validator(mode="after")
-    def _placed(self) -> Self:
-        self._check_places()
-        self._check_channels()
-        return self
-
     @property
     def length(self) -> float:
         return sum(section.length for section in self.sections)
 
-    def _check_places(self) -> None:
+    @model_validator(mode="after")
+    def _check_places(self) -> Self:
         """Refuse places off the shaft, and names that stand for two."""
         first: dict[str, tuple[str, float]] = {}
         for table in ("sensors", "actuators", "discs", "supports", "unbalance"):
@@ -444,19 +440,21 @@ class Rotor(Schema):
                         "give the other another name",
                         place=f"{place}.at",
                     )
+        return self
 
-    def _check_channels(self) -> None:
+    @model_validator(mode="after")
+    def _check_channels(self) -> Self:
         """Refuse two names of one place where channels would have to know which of them it has."""
         shown = [(n, c.at) for table in (self.sensors, self.actuators) for n, c in table.items()]
-        for k, (name, at) in enumerate(shown):
-            for other, there in shown[:k]:
-                if name != other and abs(at - there) <= self._near:
-                    raise ModelError(
-                        f"{other!r} and {name!r} at {at:g} m",
-                        "one name of one place, after which its coordinates are called",
-                        f"call both {name}: the actuator then has F_x{name}, the sensor x_{name}",
-                        place=f"sensors.{other}",
-                    )
+        for (other, there), (name, at) in combinations(shown, 2):
+            if name != other and abs(at - there) <= self._near:
+                raise ModelError(
+                    f"{other!r} and {name!r} at {at:g} m",
+                    "one name of one place, after which its coordinates are called",
+                    f"call both {name}: the actuator then has F_x{name}, the sensor x_{name}",
+                    place=f"sensors.{other}",
+                )
+        return self
 
     def with_elements(self, counts: Sequence[int]) -> Rotor:
         """Return the same rotor, its sections divided into so many elements."""
