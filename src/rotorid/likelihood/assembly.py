@@ -76,18 +76,17 @@ class Stiffness:
     @classmethod
     def of(cls, layout: Layout, lines: Lines) -> Stiffness:
         table = layout.model.require_linear().stiffness
-        sizes: list[float] = []
-        profiles: list[tuple[int, Complexes | None]] = []
-        for order, factor, structural in table.kinds:
-            size, along = _profile(factor, structural, lines.omega, lines.speed)
-            sizes.append(size)
-            profiles.append((order, along))
-        every: Floats = np.array(sizes, dtype=float)[table.kind]
+        found = [
+            (order, *_profile(factor, structural, lines.omega, lines.speed))
+            for order, factor, structural in table.kinds
+        ]
+        every: Floats = np.array([size for _, size, _ in found], dtype=float)[table.kind]
+        profiles = tuple((order, along) for order, _, along in found)
         stands = np.array([f is not None for f in layout.monomial_factors], dtype=bool)
         kept = (every != 0) & stands[table.monomial]
         coefficient = -table.coefficient[kept] * every[kept]
         row, column, kind = table.row[kept], table.column[kept], table.kind[kept]
-        return cls(row, column, kind, table.monomial[kept], coefficient, tuple(profiles))
+        return cls(row, column, kind, table.monomial[kept], coefficient, profiles)
 
 
 def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
@@ -109,12 +108,12 @@ def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
         levers = [(*e.arms[b.row], (at,)) for e, at in acting if e.part == "lever"]
         for row, arm, lever in [(b.row, 1.0, ()), *levers]:
             common, size = factors + scale + lever, b.coefficient * arm
-            terms.append(MatrixTerm(row, column, 0, common + gain, size * ki))
+            terms.append(MatrixTerm(row, column, 0, _product(common + gain), size * ki))
             if channel.drive is None:
                 continue
             ks, slope = _constant(acting, "ks", channel.drive.ks)
             for t in _displacement(layout, channel):
-                there = common + slope + _parameters(layout, t)
+                there = _product(common + slope + _parameters(layout, t))
                 terms.append(MatrixTerm(row, t.coordinate, 0, there, size * ks * t.coefficient))
     return [*terms, *_further_terms(layout, observation), *_sensor_rows(layout, observation)]
 
@@ -127,13 +126,19 @@ def _constant(
     return (known, ()) if unknown is None else (1.0, (unknown,))
 
 
+def _product(factors: Factors) -> Factors:
+    return tuple(sorted(factors))
+
+
 def _further_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
-    speed = observation.lines.speed
-    found: list[MatrixTerm] = []
-    powers: dict[int, tuple[float, Complexes | None]] = {}
-    for e, at in layout.acting(Entry):
-        if e.speed_power not in powers:
-            powers[e.speed_power] = _common(speed**e.speed_power)
+    acting = layout.acting(Entry)
+    # Entries of one power share one array, so that they are of one kind.
+    powers = {
+        power: _common(observation.lines.speed**power)
+        for power in {e.speed_power for e, _ in acting}
+    }
+    found = []
+    for e, at in acting:
         size, along = powers[e.speed_power]
         term = (e.row, e.column, e.order, (int(at[e.unknown]),))
         found.append(MatrixTerm(*term, -e.coefficient * size, along))
@@ -207,19 +212,13 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[MatrixTerm]:
 
 
 def monomial_table(
-    layout: Layout, stiffness: Stiffness, terms: Sequence[MatrixTerm]
+    layout: Layout, terms: Sequence[MatrixTerm | Load]
 ) -> tuple[Monomials, Mapping[Factors, int]]:
     """Return the monomials in use, and where each product of unknowns stands among them."""
-    loads = {f for f in layout.monomial_factors if f is not None}
-    loads |= {load.factors for load in every_load(layout)}
-    loads |= {_sorted(layout, m) for m in np.unique(stiffness.monomial).tolist()}
-    distinct = sorted(loads | {tuple(sorted(term.factors)) for term in terms})
+    of_model = {factors for factors in layout.monomial_factors if factors is not None}
+    distinct = sorted(of_model | {term.factors for term in terms})
     table = Monomials.of(distinct, len(layout.unknowns))
     return table, {factors: i for i, factors in enumerate(distinct)}
-
-
-def _sorted(layout: Layout, monomial: int) -> Factors:
-    return tuple(sorted(layout.monomial_factors[monomial] or ()))
 
 
 @frozen
@@ -237,18 +236,20 @@ def every_load(layout: Layout) -> list[Load]:
     for term in layout.model.require_linear().load_terms:
         factors = layout.monomial_factors[term.monomial]
         if factors is not None:
-            found.append(Load(term.row, tuple(sorted(factors)), term.signal, term.coefficient))
+            found.append(Load(term.row, factors, term.signal, term.coefficient))
     for load, at in layout.acting(RowLoad):
-        where = (int(at[load.unknown]),)
-        found.append(Load(load.row, where, load.signal, load.coefficient))
+        own = (int(at[load.unknown]),)
+        found.append(Load(load.row, own, load.signal, load.coefficient))
     return found
 
 
 def load_lines(
-    layout: Layout, lines: Lines, where: Mapping[Factors, int], phase_unknown: bool
+    loads: Sequence[Load], lines: Lines, rows: Floats, phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
-    """Return the columns of g by order of the rotor angle, and the orders."""
-    linear, loads = layout.model.require_linear(), every_load(layout)
+    """Return the columns of g, one for each product of unknowns, and the orders of the rotor angle.
+
+    Shapes (order, line, row, product), the products ascending, and (order,); `rows`: the scales.
+    """
     signals = list(dict.fromkeys(load.signal for load in loads))
     timed = any(symbol("t") in signal.free_symbols for signal in signals)
     steps = phase_steps(signals) if phase_unknown else 1
@@ -263,11 +264,12 @@ def load_lines(
         used = np.flatnonzero(size > 1e-12 * size.max(initial=0.0))
         orders = np.asarray(np.fft.fftfreq(steps, 1 / steps)[used], dtype=np.float64)
         found = found[used]
-    columns = np.zeros((len(found), len(lines.omega), linear.rows, len(where)), np.complex128)
+    products = sorted({load.factors for load in loads})
+    columns = np.zeros((len(found), len(lines.omega), len(rows), len(products)), np.complex128)
     for load in loads:
         signal = found[:, :, signals.index(load.signal)]
-        columns[:, :, load.row, where[load.factors]] += load.coefficient * signal
-    return columns, orders
+        columns[:, :, load.row, products.index(load.factors)] += load.coefficient * signal
+    return np.asarray(columns / rows[:, None], dtype=np.complex128), orders
 
 
 def phase_steps(signals: Sequence[Expression]) -> int:
@@ -338,13 +340,14 @@ def assemble(
     data = lines.mean[:, order]
     ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
     stiffness, terms = Stiffness.of(layout, lines), other_terms(layout, observation)
-    monomials, where = monomial_table(layout, stiffness, terms)
+    loads = every_load(layout)
+    monomials, where = monomial_table(layout, [*terms, *loads])
     phase = next((int(at[0]) for _, at in layout.acting(Turns)), None)
     entries = _entries(layout, stiffness, terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
     turned = phase is not None
-    loading, loads, orders = _scaled_loads(layout, lines, where, turned, scales.rows)
+    load, orders = load_lines(loads, lines, scales.rows, turned)
     columns = np.append(scales.coordinates, np.ones(width))
     scaled = replace(
         entries,
@@ -360,8 +363,8 @@ def assemble(
         scaled,
         EntrySlopes.of(scaled, monomials, rows, reads.shape[1] + width),
         monomials,
-        loads,
-        loading,
+        load,
+        np.array(sorted({where[each.factors] for each in loads}), dtype=np.int64),
         rows,
         sensing,
         Calibration.of(
@@ -379,22 +382,8 @@ def assemble(
         len(observation.indirect),
         _transient(observation),
         order,
-        lambda other: _scaled_loads(layout, other, where, turned, scales.rows)[1],
+        lambda other: load_lines(loads, other, scales.rows, turned)[0],
     )
-
-
-def _scaled_loads(
-    layout: Layout, lines: Lines, where: Mapping[Factors, int], turned: bool, rows: Floats
-) -> tuple[Integers, Complexes, Floats]:
-    """Return the monomials that loads are multiplied by, the loads by scaled row, and the orders.
-
-    Shapes (load,), (order, line, row, load) and (order,).
-    """
-    load, orders = load_lines(layout, lines, where, turned)
-    loading = np.unique(np.array([where[x.factors] for x in every_load(layout)], dtype=np.int64))
-    loads = np.zeros((*load.shape[:2], len(rows), len(loading)), dtype=np.complex128)
-    loads[:, :, : load.shape[2]] = load[..., loading]
-    return loading, np.asarray(loads / rows[:, None], dtype=np.complex128), orders
 
 
 def _transient(observation: Observation) -> Transient | None:
@@ -427,11 +416,10 @@ def _entries(
             power = (1j * omega) ** order
             weights.append(power if along is None else power * along)
     kind = np.array([kinds[order, id(along)] for order, along in profiles], dtype=np.int64)
-    places = {m: where[_sorted(layout, m)] for m in np.unique(stiffness.monomial).tolist()}
-    place = np.array([places.get(m, -1) for m in range(len(layout.monomial_factors))])
+    place = np.array([-1 if f is None else where[f] for f in layout.monomial_factors])
     own = (stiffness.row, stiffness.column, place[stiffness.monomial], kind[stiffness.place])
     further = np.array(
-        [(t.row, t.column, where[tuple(sorted(t.factors))]) for t in terms], dtype=np.int64
+        [(t.row, t.column, where[t.factors]) for t in terms], dtype=np.int64
     ).reshape(-1, 3)
     others = (*further.T, kind[len(stiffness.profiles) :])
     row, column, monomial, kind = (np.concatenate(pair) for pair in zip(own, others, strict=True))

@@ -1,8 +1,8 @@
 """What unknowns of the measurement do to one record: a closed set of effects.
 
-An unknown says by effects what it does; the likelihood knows these and no kinds of unknowns.
-`Calibration` is what those on channels, readings and rotor angle come to on the lines of a record,
-with derivatives; terms, loads and what drives the model go into its equations (`assembly`).
+The likelihood knows these and no kinds of unknowns. `Calibration` is what those on channels,
+readings and rotor angle come to on the lines of a record, with derivatives; terms, loads and what
+drives the model go into its equations (`assembly`).
 
 A constant such as the gap is no factor of a line. The samples behind the lines, mean period or
 whole record, go through the law again; what changes is added to the lines as they were read. The
@@ -246,13 +246,11 @@ class CalibrationState:
 
 
 class Acting(Protocol):
-    """What a point of the cost says of channels and loads; `cost.Evaluation` says it.
-
-    `columns`, shape (line, row, channel), act on the measured lines, `plain` on what adds to them.
-    """
+    """What a point of the cost says of channels and loads; `cost.Evaluation` says it."""
 
     unknowns: Floats
     state: CalibrationState
+    # (line, row, channel): what acts on what adds to the measured lines, and on these themselves
     plain: Complexes
     columns: Complexes
 
@@ -280,24 +278,24 @@ class Addition:
 
 
 @frozen
-class Readings:
-    """What adds to readings, ``w (cos * cos(n phi) + sin * sin(n phi))`` each.
+class Reading:
+    """What adds ``w (cos * cos(n phi) + sin * sin(n phi))`` to the readings of a channel.
 
     The weight w is 1 for the sensor itself, and a function of time for a force that is read with
     the displacement of that sensor.
     """
 
-    # (reading,): the channel and the two unknowns
-    channel: Integers
-    cos: Integers
-    sin: Integers
-    order: Floats  # (reading,): n
-    rotation: Complexes  # (line, reading, 2): lines of w exp(i n phi) and w exp(-i n phi)
+    channel: int
+    # the two unknowns
+    cos: int
+    sin: int
+    order: int  # n
+    rotation: Complexes  # (line, 2): lines of w exp(i n phi) and w exp(-i n phi)
 
     def cosine_sine(self, phase: float) -> tuple[Complexes, Complexes]:
-        """Return the lines of w cos(n phi) and w sin(n phi), each of shape (line, reading)."""
+        """Return the lines of w cos(n phi) and w sin(n phi), each of shape (line,)."""
         turn = np.exp(1j * self.order * phase)
-        forward, backward = self.rotation[:, :, 0] * turn, self.rotation[:, :, 1] / turn
+        forward, backward = self.rotation[:, 0] * turn, self.rotation[:, 1] / turn
         return (forward + backward) / 2, (forward - backward) / 2j
 
 
@@ -308,7 +306,7 @@ class Calibration:
     omega: Floats  # (line,): rad/s
     channels: int
     factors: tuple[BoundFactor, ...] = ()
-    readings: Readings | None = None
+    readings: tuple[Reading, ...] = ()
     phase_unknown: int | None = None  # the unknown that adds to phi
     # (order,): orders n of exp(i n phi) into which the loads are split; (0,) where the phase is
     # known
@@ -338,7 +336,7 @@ class Calibration:
             observation.lines.omega,
             len(names),
             tuple(factors),
-            _readings(observation, names, adds),
+            tuple(_readings(observation, names, adds)),
             phase,
             orders,
             (*_laws(observation, rereads), *passed),
@@ -348,9 +346,7 @@ class Calibration:
     @property
     def affine(self) -> Integers:
         """Unknowns on which the equation error depends linearly, whitening not at all."""
-        if self.readings is None:
-            return np.zeros(0, dtype=np.int64)
-        return np.unique([self.readings.cos, self.readings.sin])
+        return np.unique(np.array([(r.cos, r.sin) for r in self.readings], dtype=np.int64))
 
     def at(self, unknowns: Floats) -> CalibrationState:
         shape = (len(self.omega), self.channels)
@@ -359,11 +355,9 @@ class Calibration:
             factor = bound.scales.factor(unknowns[bound.unknowns], self.omega)
             factors[:, bound.channels] *= factor[:, None]
         added = np.zeros(shape, dtype=np.complex128)
-        if self.readings is not None:
-            cos, sin = self.readings.cosine_sine(self.phase(unknowns))
-            parts = cos * unknowns[self.readings.cos] + sin * unknowns[self.readings.sin]
-            for j, channel in enumerate(self.readings.channel):  # several may act on one
-                added[:, channel] += parts[:, j]
+        for reading in self.readings:
+            cos, sin = reading.cosine_sine(self.phase(unknowns))
+            added[:, reading.channel] += cos * unknowns[reading.cos] + sin * unknowns[reading.sin]
         for addition in self.additions:
             added[:, addition.channel] += unknowns[addition.unknown] * addition.lines
         for law in self.reread:
@@ -403,59 +397,44 @@ class Calibration:
 
     def add_readings(self, jacobian: Complexes, at: Acting, among: Integers) -> None:
         """Add the columns of what adds to readings to those of some unknowns."""
-        if self.readings is None:
-            return
-        cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
-        acted = at.plain[:, :, self.readings.channel]
-        for unknown, line in ((self.readings.cos, cos), (self.readings.sin, sin)):
-            for there, where in np.argwhere(unknown[:, None] == among):  # several share one
-                jacobian[:, :, where] -= acted[:, :, there] * line[:, None, there]
+        for reading in self.readings:
+            acted = at.plain[:, :, reading.channel]
+            parts = reading.cosine_sine(self.phase(at.unknowns))
+            for unknown, line in zip((reading.cos, reading.sin), parts, strict=True):
+                for where in np.flatnonzero(among == unknown):  # several share one
+                    jacobian[:, :, where] -= acted * line[:, None]
 
     def _add_phase(self, jacobian: Complexes, at: Acting, load: Complexes, unknown: int) -> None:
         turned = np.tensordot(1j * self.phase_orders * at.state.phase, load, 1)
         jacobian[:, : turned.shape[1], unknown] += turned @ at.load_factors
-        if self.readings is not None:
-            cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
-            moved = cos * at.unknowns[self.readings.sin] - sin * at.unknowns[self.readings.cos]
-            moved = moved * self.readings.order
-            acted = at.plain[:, :, self.readings.channel] @ moved[:, :, None]
-            jacobian[:, :, unknown] -= acted[:, :, 0]
+        for reading in self.readings:
+            cos, sin = reading.cosine_sine(self.phase(at.unknowns))
+            moved = cos * at.unknowns[reading.sin] - sin * at.unknowns[reading.cos]
+            moved = moved * reading.order
+            jacobian[:, :, unknown] -= at.plain[:, :, reading.channel] * moved[:, None]
 
 
 def _readings(
     observation: Observation, names: Sequence[str], adds: Placed[Adds]
-) -> Readings | None:
-    """Return what turns with the rotor in sensors, and in the forces whose laws they enter."""
-    places: list[tuple[int, int, int]] = []
-    orders, lines = [], []
+) -> Iterator[Reading]:
+    """Yield what turns with the rotor in sensors, and in the forces whose laws they enter.
+
+    Such a force is read too large by the slope of its law, in N/m at each sample: exact to first
+    order, what is read wrong being small against the gap.
+    """
     for effect, at in adds:
         if not effect.order:
             continue
-        cos, sin = at.tolist()
-        weights = _slopes_by(observation, effect.channel)
+        weights = {
+            number: passed.law.position[effect.channel] * passed.slope
+            for number, passed in observation.passed.items()
+            if passed.law.position.get(effect.channel)
+        }
         if effect.channel in names:
             weights[names.index(effect.channel)] = np.ones(1)
         for channel, weight in weights.items():
-            places.append((channel, cos, sin))
-            orders.append(float(effect.order))
-            lines.append(_rotation(observation.lines, effect.order, weight))
-    if not places:
-        return None
-    channels, cosines, sines = np.array(places, dtype=np.int64).T
-    return Readings(channels, cosines, sines, np.array(orders), np.stack(lines, axis=1))
-
-
-def _slopes_by(observation: Observation, sensor: str) -> dict[int, Floats]:
-    """Return by how much each input's force is read too large per metre that a sensor is.
-
-    In N/m at each sample, for the inputs whose law takes the displacement from that sensor. Exact
-    to first order: what is read wrong is small against the gap.
-    """
-    return {
-        number: passed.law.position[sensor] * passed.slope
-        for number, passed in observation.passed.items()
-        if passed.law.position.get(sensor)
-    }
+            rotation = _rotation(observation.lines, effect.order, weight)
+            yield Reading(channel, *at.tolist(), effect.order, rotation)
 
 
 def _rotation(lines: Lines, order: int, weight: Floats) -> Complexes:

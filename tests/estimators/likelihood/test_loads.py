@@ -7,7 +7,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import Lines
-from rotorid.likelihood.assembly import load_lines, phase_steps
+from rotorid.likelihood.assembly import every_load, load_lines, phase_steps
 from rotorid.likelihood.layout import Layout, physical_factors
 from rotorid.models.expressions import Expression, number, product, symbol
 
@@ -26,8 +26,8 @@ def test_a_load_that_periods_do_not_repeat_is_averaged_over_all_of_them():
     record = rid.Record(channels, np.zeros((500, 2)), 1000.0)
     periods = rid.average(record, 10.0, harmonics=[1, 2])
     layout = Layout(model, (), physical_factors(model), False)
-    where = {tuple(sorted(f)): i for i, f in enumerate(layout.monomial_factors)}
-    columns, orders = load_lines(layout, Lines.of_periods(periods), where, False)
+    lines = Lines.of_periods(periods)
+    columns, orders = load_lines(every_load(layout), lines, np.ones(1), False)
     np.testing.assert_array_equal(orders, [0.0])
     time = np.arange(500) / 1000.0
     wave = np.cos(2 * np.pi * 12.5 * time)
@@ -68,15 +68,14 @@ def test_a_phase_turns_a_load_of_any_order(load):
         "parameters = {", 'parameters = { b = { unit = "s" },'
     )
     model = rid.parse_model(text)
-    layout = Layout(model, (), physical_factors(model), False)
-    where = {tuple(sorted(f)): i for i, f in enumerate(layout.monomial_factors)}
+    loads = every_load(Layout(model, (), physical_factors(model), False))
     channels = (rid.Channel("F"), rid.Channel("x"))
 
     def columns(phase, unknown):
         angle = 2 * np.pi * 10.0 * np.arange(400) / 1000.0 + phase
         record = rid.Record(channels, np.zeros((400, 2)), 1000.0, 20 * np.pi, angle=angle)
         periods = rid.average(record, 10.0, harmonics=[1, 2, 3, 4])
-        return load_lines(layout, Lines.of_periods(periods), where, unknown)
+        return load_lines(loads, Lines.of_periods(periods), np.ones(1), unknown)
 
     by_order, orders = columns(0.0, True)
     turned = np.tensordot(np.exp(1j * orders * 0.7), by_order, axes=1)
