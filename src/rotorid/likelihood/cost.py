@@ -12,18 +12,8 @@ Notation (theory, section 3), for one line; rows and coordinates are scaled, see
     eps = U^-H e       the whitened residual; J = sum c |eps|^2
 
 Where the sensors outnumber what they can read, the contradictions among them are further rows of
-s: ``X^H v``, X a basis of the left null space of the sensor matrix. With sigma = 0, J is the
-likelihood with the true line amplitudes profiled out; no log-determinant is left.
-
-Derivative. With dN^H = -N^H dP H (P H)^+ and dV the exact gradient is
-
-    dJ = 2 Re sum c eps^H U^-H N^H [dL zh + dh + dP H wh],
-
-zh = z - C L^H N V^-1 e and wh = -(P H)^+ (s - T N V^-1 e), T = V before the projection: the
-measured lines corrected, and hidden coordinates to go with them, so that the corrected lines
-satisfy the equations of motion exactly. (The terms of dV are those that make the correction.) The
-bracket, whitened, is therefore the Jacobian in one gauge of the whitening, and the Gauss-Newton
-matrix that follows from it is the Fisher information at the corrected lines.
+s: ``X^H v``, X a basis of the left null space of the sensor matrix. The derivative is that at the
+corrected lines (docs/maximum-likelihood.md, section 1).
 """
 
 from __future__ import annotations

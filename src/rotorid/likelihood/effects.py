@@ -425,6 +425,7 @@ def _readings(
     for effect, at in adds:
         if not effect.order:
             continue
+        cos, sin = at.tolist()
         weights = {
             number: passed.law.position[effect.channel] * passed.slope
             for number, passed in observation.passed.items()
@@ -434,7 +435,7 @@ def _readings(
             weights[names.index(effect.channel)] = np.ones(1)
         for channel, weight in weights.items():
             rotation = _rotation(observation.lines, effect.order, weight)
-            yield Reading(channel, *at.tolist(), effect.order, rotation)
+            yield Reading(channel, cos, sin, effect.order, rotation)
 
 
 def _rotation(lines: Lines, order: int, weight: Floats) -> Complexes:
