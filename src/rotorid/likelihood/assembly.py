@@ -346,6 +346,7 @@ def assemble(
     entries = _entries(layout, stiffness, terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
+    on_channels = layout.acting(Scales), layout.acting(Adds), layout.acting(Rereads)
     turned = phase is not None
     load, orders = load_lines(loads, lines, scales.rows, turned)
     columns = np.append(scales.coordinates, np.ones(width))
@@ -367,14 +368,7 @@ def assemble(
         np.array(sorted({where[each.factors] for each in loads}), dtype=np.int64),
         rows,
         sensing,
-        Calibration.of(
-            observation,
-            layout.acting(Scales),
-            layout.acting(Adds),
-            layout.acting(Rereads),
-            phase,
-            orders,
-        ),
+        Calibration.of(observation, *on_channels, phase, orders),
         data,
         noise,
         scales,
