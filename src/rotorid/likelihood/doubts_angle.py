@@ -256,8 +256,7 @@ def creeping(records: Sequence[Observation], found: Sequence[Creep | None]) -> I
         if creep is not None and (creep.strays or creep.jumps):
             yield Note(ANGLE, "rejects", told(record, creep))
         elif creep is not None and creep.creeps:
-            text = f"{told(record, creep)}; until then its angle is unsure"
-            yield Note(ANGLE, "doubts", text)
+            yield Note(ANGLE, "doubts", f"{told(record, creep)}; until then its angle is unsure")
 
 
 def told(record: Observation, creep: Creep) -> str:

@@ -197,9 +197,7 @@ class Doubt:
 
 def noise_free(point: Point) -> Point:
     """Return the problem at a point where the sensors read just what the forces make of it."""
-    silent = []
-    for at in point.records:
-        silent.append(at.with_data(replace(at.problem, data=response(at))))
+    silent = [at.with_data(replace(at.problem, data=response(at))) for at in point.records]
     quiet = replace(point.problem, likelihoods=tuple(at.problem for at in silent))
     return Point(quiet, point.unknowns, silent, point.known)
 
@@ -240,12 +238,10 @@ def informed_by_noise(point: Point) -> tuple[Floats, Booleans]:
     much of each line as the readings bear out.
     """
     none = np.zeros(len(point.problem.layout.free), dtype=bool)
+    predicted = np.full(len(none), np.inf)
     try:
         root = _predicted_root(point)
-    except np.linalg.LinAlgError:
-        return np.full(len(none), np.inf), none
-    predicted = _deviations_of(root)
-    try:
+        predicted = _deviations_of(root)
         noise = _by_noise(point)
         told = _owed(noise, root)
         if told.any():
@@ -421,8 +417,7 @@ class _Minimum:
     inference: Inference
 
     def moved(self, lower: Solution) -> _Minimum:
-        inference = infer(lower.point)
-        return _Minimum(self.problem, self.start, lower, inference)
+        return replace(self, solution=lower, inference=infer(lower.point))
 
     @cached_property
     def stated(self) -> Floats:

@@ -78,20 +78,15 @@ def with_unknown(text, name, unit, nominal):
 
 
 @pytest.mark.slow
-def test_a_mass_at_one_end_of_the_shaft():
-    first, estimate, record = first_suspect(with_disc("530 mm"))
-    assert first.term == "mass at x_right_end, y_right_end"
+@pytest.mark.parametrize(
+    ("at", "end", "nominal"), [("530 mm", "right", 0.025), ("0 mm", "left", 0.01)]
+)
+def test_a_mass_at_one_end_of_the_shaft(at, end, nominal):
+    first, estimate, record = first_suspect(with_disc(at))
+    assert first.term == f"mass at x_{end}_end, y_{end}_end"
     assert first.value == pytest.approx(0.025, rel=0.02)
     assert any("add it to the rotor file" in text for text in estimate.warnings)
-    mended = with_unknown(with_disc("530 mm", "m_x"), "m_x", "kg", first.value)
-    accepted(mended, record, m_x=0.025)
-
-
-@pytest.mark.slow
-def test_a_mass_at_the_other_end():
-    first, _, record = first_suspect(with_disc("0 mm"))
-    assert first.term == "mass at x_left_end, y_left_end"
-    accepted(with_unknown(with_disc("0 mm", "m_x"), "m_x", "kg", 0.01), record, m_x=0.025)
+    accepted(with_unknown(with_disc(at, "m_x"), "m_x", "kg", nominal), record, m_x=0.025)
 
 
 @pytest.mark.slow
@@ -191,13 +186,8 @@ def matrices(term, shape):
 
 
 def test_terms_of_the_shaft_are_the_derivatives_of_its_matrices():
-    text = (
-        FLEXIBLE.replace(
-            'length = "30 mm", outer = "30 mm", material = "steel"',
-            'length = "30 mm", outer = "30 mm", material = "steel", stiffness = "s_M"',
-        )
-        + 's_M = { unit = "1", nominal = 1.0 }\n'
-    )
+    text = FLEXIBLE.replace(MIDDLE, f'{MIDDLE}, stiffness = "s_M"')
+    text += 's_M = { unit = "1", nominal = 1.0 }\n'
     model, speed = rid.parse_model(text), 700.0
     values = model.values(model.nominal)
     structure = structure_of(model, values, speed)
