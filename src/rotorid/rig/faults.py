@@ -20,7 +20,7 @@ from rotorid.core.units import to_si
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.controller import Controller
-from rotorid.rig.marks import Encoder, Keyphasor
+from rotorid.rig.marks import Encoder, Keyphasor, Rotation
 from rotorid.rig.parts import Actuator, Coil, Disturbance, PositionSensor, SensorRunout
 from rotorid.rig.rig import Rig, Spoil
 from rotorid.signals.spectrum import shifted
@@ -58,18 +58,22 @@ def _fault(
     size: str,
     wanted: Wanted,
     *names: str,
+    of: Callable[[Any], Apply] = lambda apply: apply,
     none: float = 0.0,
     rig: str = "three-mass",
     turns: bool = False,
-) -> Callable[[Apply], Apply]:
-    """Enter a function as the fault of its name, its docstring being what it is."""
+) -> Callable[[Callable[..., Any]], Apply]:
+    """Enter a function as the fault of its name, its docstring being what it is.
 
-    def enter(apply: Apply) -> Apply:
-        name = apply.__name__.strip("_").replace("_", "-")
-        what = (apply.__doc__ or "").rstrip(".")
+    The function changes a rig, or the parts that it is a fault `of`.
+    """
+
+    def enter(change: Callable[..., Any]) -> Apply:
+        name = change.__name__.strip("_").replace("_", "-")
+        what = (change.__doc__ or "").rstrip(".")
         number, _, unit = size.partition(" ")
-        value = to_si(size, _SI.get(unit, unit)) if unit else float(number)
         si = _SI.get(unit, unit) or "1"
+        apply, value = of(change), to_si(size, si) if unit else float(number)
         FAULTS[name] = Fault(name, si, size, value, what, wanted, names, apply, none, rig, turns)
         return apply
 
@@ -107,29 +111,73 @@ def with_faults(rig: Rig, faults: Sequence[tuple[Fault, float]]) -> Rig:
     return faulty
 
 
-# What the entries below are made of.
+# What the entries below are faults of: from a change of one part to the change of a rig.
 
 
-def _actuators(rig: Rig, change: Callable[[Actuator], Actuator]) -> Rig:
-    return replace(rig, actuators={name: change(part) for name, part in rig.actuators.items()})
+def _actuators(change: Callable[[Actuator, float], Actuator]) -> Apply:
+    return lambda rig, size: replace(
+        rig, actuators={name: change(part, size) for name, part in rig.actuators.items()}
+    )
 
 
-def _laws(rig: Rig, change: Callable[[Differential], Differential]) -> Rig:
-    """Change the magnets; the limits of the currents stay within the bias."""
+def _magnets(change: Callable[[Differential, float], Differential]) -> Apply:
+    """Change the laws of magnets; the limits of the currents stay within the bias."""
 
-    def changed(part: Actuator) -> Actuator:
+    def changed(part: Actuator, size: float) -> Actuator:
         if not isinstance(part.law, Differential):
             raise InputError(
                 "an actuator without magnets", "law = 'differential'", "try it on the rig rigid"
             )
-        law = change(part.law)
+        law = change(part.law, size)
         return replace(part, law=law, limit=min(part.limit, law.most))
 
-    return _actuators(rig, changed)
+    return _actuators(changed)
 
 
-def _sensors(rig: Rig, change: Callable[[PositionSensor, int], PositionSensor]) -> Rig:
-    return replace(rig, sensors=tuple(change(sensor, j) for j, sensor in enumerate(rig.sensors)))
+def _linear_laws(change: Callable[[Linear, float], Linear]) -> Apply:
+    def changed(part: Actuator, size: float) -> Actuator:
+        if not isinstance(part.law, Linear):
+            raise InputError("another law", "law = 'linear'", "try it on the rig three-mass")
+        return replace(part, law=change(part.law, size))
+
+    return _actuators(changed)
+
+
+def _sensors(change: Callable[[PositionSensor, float], PositionSensor]) -> Apply:
+    return lambda rig, size: replace(
+        rig, sensors=tuple(change(sensor, size) for sensor in rig.sensors)
+    )
+
+
+def _rotation(change: Callable[[Rotation, float], Rotation]) -> Apply:
+    return lambda rig, size: replace(rig, rotation=change(rig.rotation, size))
+
+
+Change = Callable[[Floats, float, np.random.Generator], Floats]
+
+
+def _columns(chosen: Callable[[Rig, str], bool]) -> Callable[[Change], Apply]:
+    """Have the samples of the logger's columns changed, those of the names chosen."""
+
+    def of(change: Change) -> Apply:
+        def apply(rig: Rig, size: float) -> Rig:
+            return _spoiled(
+                rig,
+                lambda columns, rng: {
+                    name: change(samples, size, rng)
+                    for name, samples in columns.items()
+                    if chosen(rig, name)
+                },
+            )
+
+        return apply
+
+    return of
+
+
+_first_sensor = _columns(lambda rig, name: name == rig.sensors[0].name)
+_every_column = _columns(lambda rig, name: True)
+_positions = _columns(lambda rig, name: any(name == sensor.name for sensor in rig.sensors))
 
 
 def _known(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
@@ -146,40 +194,26 @@ def _spoiled(rig: Rig, spoil: Spoil) -> Rig:
     return replace(rig, spoils=(*rig.spoils, spoil))
 
 
-def _spoil(
-    rig: Rig,
-    change: Callable[[Floats, np.random.Generator], Floats],
-    chosen: Callable[[str], bool] = lambda name: True,
-) -> Rig:
-    """Have the samples of the logger's columns changed, those of the names chosen."""
-    return _spoiled(
-        rig,
-        lambda columns, rng: {n: change(x, rng) for n, x in columns.items() if chosen(n)},
-    )
-
-
-def _spoil_first(rig: Rig, change: Callable[[Floats, np.random.Generator], Floats]) -> Rig:
-    return _spoil(rig, change, lambda name: name == rig.sensors[0].name)
-
-
 def _swapped(name: str) -> str:
     return name.translate(str.maketrans("xy", "yx"))
 
 
-def _turned(parts: Mapping[str, float], angle: float) -> dict[str, float]:
-    """Return a combination of coordinates, its axes turned: x becomes x cos + y sin."""
+def _side(name: str) -> float:
+    """Return the sign that a turn about the shaft has on an axis."""
+    return 1.0 if "x" in name else -1.0
+
+
+def _sum(*parts: tuple[float, Mapping[str, float]]) -> dict[str, float]:
+    """Return a sum of multiples of combinations of coordinates."""
     found: dict[str, float] = {}
-    for name, factor in parts.items():
-        side = 1.0 if "x" in name else -1.0
-        found[name] = found.get(name, 0.0) + factor * np.cos(angle)
-        found[_swapped(name)] = found.get(_swapped(name), 0.0) + side * factor * np.sin(angle)
+    for factor, combination in parts:
+        for name, value in combination.items():
+            found[name] = found.get(name, 0.0) + factor * value
     return found
 
 
-def _work(rig: Rig) -> Floats:
-    if rig.work is not None:
-        return rig.work
-    return np.asarray(rig.model.require_linear().matrices(rig.parameters, rig.rotation.speed).B)
+def _work(rig: Rig, values: Floats) -> Floats:
+    return np.asarray(rig.model.require_linear().matrices(values, rig.rotation.speed).B)
 
 
 def _translations(rig: Rig, axis: str) -> list[str]:
@@ -191,21 +225,17 @@ def _translations(rig: Rig, axis: str) -> list[str]:
 # The amplifiers and magnets.
 
 
-@_fault("1 kHz", "rejected", "bandwidth", "delay[force]", "amplifier", none=np.inf)
-def _current_loop(rig: Rig, size: float) -> Rig:
+@_fault("1 kHz", "rejected", "bandwidth", "delay[force]", "amplifier", of=_actuators, none=np.inf)
+def _current_loop(part: Actuator, size: float) -> Actuator:
     """Amplifiers as current loops with coil and induced voltage, this bandwidth."""
     coil = Coil(resistance=1.5, inductance=25e-3, bandwidth=size)
-    return _actuators(rig, lambda part: replace(part, coil=coil, bandwidth=None, slew=np.inf))
+    return replace(part, coil=coil, bandwidth=None, slew=np.inf)
 
 
-@_fault("25 V", "right", none=np.inf, rig="rigid")
-def _voltage_limit(rig: Rig, size: float) -> Rig:
+@_fault("25 V", "right", of=_actuators, none=np.inf, rig="rigid")
+def _voltage_limit(part: Actuator, size: float) -> Actuator:
     """Amplifiers that saturate at this voltage (coils of 25 mH)."""
-
-    def limited(part: Actuator) -> Actuator:
-        return replace(part, slew=size / 25e-3, bandwidth=part.bandwidth or 2e3)
-
-    return _actuators(rig, limited)
+    return replace(part, slew=size / 25e-3, bandwidth=part.bandwidth or 2e3)
 
 
 @_fault("20 mA", "right", rig="rigid")
@@ -213,29 +243,32 @@ def _pwm_ripple(rig: Rig, size: float) -> Rig:
     """Ripple of the switching amplifiers, 19.937 kHz, in the measured currents."""
 
     # The motion that it causes, k_i size / (m (2 pi 20 kHz)^2), is below 1e-10 m: left out.
-    def rippled(samples: Floats, rng: np.random.Generator) -> Floats:
+    def rippled(samples: Floats, size: float, rng: np.random.Generator) -> Floats:
         turns = 19937.0 * np.arange(len(samples)) / rig.logger.sample_rate + rng.uniform()
         return np.asarray(samples + size * (4 * np.abs(turns % 1.0 - 0.5) - 1))
 
-    return _spoil(rig, rippled, lambda name: name.startswith("i_"))
+    return _columns(lambda _, name: name.startswith("i_"))(rippled)(rig, size)
 
 
-@_fault("30 us", "rejected", "eddy", "delay[force]", "bandwidth", "amplifier")
-def _eddy(rig: Rig, size: float) -> Rig:
+@_fault("30 us", "rejected", "eddy", "delay[force]", "bandwidth", "amplifier", of=_actuators)
+def _eddy(part: Actuator, size: float) -> Actuator:
     """Eddy currents: the force follows as 1 / (1 + sqrt(i omega tau))."""
-    return _actuators(rig, lambda part: replace(part, eddy=size))
+    return replace(part, eddy=size)
 
 
-@_fault("10 mA", "rejected", "hysteresis", rig="rigid")
-def _hysteresis(rig: Rig, size: float) -> Rig:
+@_fault("10 mA", "rejected", "hysteresis", of=_actuators, rig="rigid")
+def _hysteresis(part: Actuator, size: float) -> Actuator:
     """Iron with a loop of half this width."""
-    return _actuators(rig, lambda part: replace(part, hysteresis=size))
+    return replace(part, hysteresis=size)
 
 
-@_fault("20 um", "rejected", "gap", "ki", "ks", "force law", "common gain", rig="rigid")
-def _iron_path(rig: Rig, size: float) -> Rig:
+_LAW = ("force law", "ki", "ks", "common gain")
+
+
+@_fault("20 um", "rejected", "gap", *_LAW, of=_magnets, rig="rigid")
+def _iron_path(law: Differential, size: float) -> Differential:
     """Iron whose path is worth so much of a gap more."""
-    return _laws(rig, lambda law: replace(law, iron=size))
+    return replace(law, iron=size)
 
 
 @_fault(
@@ -246,22 +279,23 @@ def _iron_path(rig: Rig, size: float) -> Rig:
     "force law",
     "common gain",
     "ki",
+    of=_magnets,
     none=np.inf,
     rig="rigid",
 )
-def _saturation(rig: Rig, size: float) -> Rig:
+def _saturation(law: Differential, size: float) -> Differential:
     """Iron whose knee is at so many times the flux of the bias."""
-    return _laws(rig, lambda law: replace(law, saturation=size * law.bias / law.gap))
+    return replace(law, saturation=size * law.bias / law.gap)
 
 
-@_fault("0.05", "rejected", "bias", "force law", "nonlinear", "ki", "ks", rig="rigid")
-def _bias_mismatch(rig: Rig, size: float) -> Rig:
+@_fault("0.05", "rejected", "bias", "force law", "nonlinear", "ki", "ks", of=_magnets, rig="rigid")
+def _bias_mismatch(law: Differential, size: float) -> Differential:
     """Bias of opposed magnets apart by twice this part."""
-    return _laws(rig, lambda law: replace(law, bias_difference=size * law.bias))
+    return replace(law, bias_difference=size * law.bias)
 
 
-@_fault("0.05", "rejected", "bias", "force law", "ki", "ks", "common gain", rig="rigid")
-def _bias_low(rig: Rig, size: float) -> Rig:
+@_fault("0.05", "rejected", "bias", *_LAW, of=_magnets, rig="rigid")
+def _bias_low(law: Differential, size: float) -> Differential:
     """Bias lower than stated by this part."""
     if not size < 1:
         raise InputError(
@@ -269,7 +303,7 @@ def _bias_low(rig: Rig, size: float) -> Rig:
             "a part below 1",
             'write bias = "0 A" in the rig file: commands are other ones then',
         )
-    return _laws(rig, lambda law: replace(law, bias=law.bias * (1 - size)))
+    return replace(law, bias=law.bias * (1 - size))
 
 
 @_fault("0.3", "right", rig="rigid")
@@ -278,42 +312,36 @@ def _low_bias(rig: Rig, size: float) -> Rig:
     return _known(rig, lambda known: _bias_low(known, size))
 
 
-@_fault("10 um", "rejected", "gap", "force law", "ki", "ks", "common gain", rig="rigid")
-def _gap(rig: Rig, size: float) -> Rig:
+@_fault("10 um", "rejected", "gap", *_LAW, of=_magnets, rig="rigid")
+def _gap(law: Differential, size: float) -> Differential:
     """Gaps wider than stated."""
-    return _laws(rig, lambda law: replace(law, gap=law.gap + size))
+    return replace(law, gap=law.gap + size)
 
 
-def _linear(part: Actuator, ki: float, ks: float) -> Actuator:
-    if not isinstance(part.law, Linear):
-        raise InputError("another law", "law = 'linear'", "try it on the rig three-mass")
-    return replace(part, law=Linear(part.law.ki * (1 + ki), part.law.ks * (1 + ks)))
-
-
-@_fault("0.02", "rejected", "ki", "gain[force]")
-def _force_gain(rig: Rig, size: float) -> Rig:
+@_fault("0.02", "rejected", "ki", "gain[force]", of=_linear_laws)
+def _force_gain(law: Linear, size: float) -> Linear:
     """All forces per current larger than stated by this part."""
-    return _actuators(rig, lambda part: _linear(part, size, 0.0))
+    return replace(law, ki=law.ki * (1 + size))
 
 
 @_fault("0.02", "rejected", "ki", "gain[F")
 def _force_gain_one(rig: Rig, size: float) -> Rig:
     """Force per current of the first axis larger by this part."""
     name = rig.model.inputs[0]
-    part = _linear(rig.actuators[name], size, 0.0)
-    return replace(rig, actuators={**rig.actuators, name: part})
+    changed = _force_gain(rig, size).actuators[name]
+    return replace(rig, actuators={**rig.actuators, name: changed})
 
 
-@_fault("0.1", "rejected", "ks", "stiffness")
-def _negative_stiffness(rig: Rig, size: float) -> Rig:
+@_fault("0.1", "rejected", "ks", "stiffness", of=_linear_laws)
+def _negative_stiffness(law: Linear, size: float) -> Linear:
     """K_s larger than stated by this part."""
-    return _actuators(rig, lambda part: _linear(part, 0.0, size))
+    return replace(law, ks=law.ks * (1 + size))
 
 
-@_fault("0.004 1/s", "rejected", "drift")
-def _gap_drift(rig: Rig, size: float) -> Rig:
+@_fault("0.004 1/s", "rejected", "drift", of=_actuators)
+def _gap_drift(part: Actuator, size: float) -> Actuator:
     """Gaps that grow by this part in a second."""
-    return _actuators(rig, lambda part: replace(part, heating=size))
+    return replace(part, heating=size)
 
 
 # Where magnets and sensors stand.
@@ -322,36 +350,33 @@ def _gap_drift(rig: Rig, size: float) -> Rig:
 @_fault("3 deg", "rejected", "rotation", "cross")
 def _actuators_rotated(rig: Rig, size: float) -> Rig:
     """Magnets turned against the sensors about the shaft."""
-    B, inputs = _work(rig), rig.model.inputs
-    columns = {name: B[:, j] for j, name in enumerate(inputs)}
-    turned = [
-        np.cos(size) * columns[name]
-        + (1 if "x" in name else -1) * np.sin(size) * columns[_swapped(name)]
-        for name in inputs
-    ]
+    B = _work(rig, rig.parameters) if rig.work is None else rig.work
+    inputs, cos, sin = rig.model.inputs, np.cos(size), np.sin(size)
+    columns = dict(zip(inputs, B.T, strict=True))
+    turned = [cos * columns[n] + _side(n) * sin * columns[_swapped(n)] for n in inputs]
     return replace(rig, work=np.column_stack(turned))
 
 
-@_fault("3 deg", "rejected", "rotation", "cross")
-def _sensors_rotated(rig: Rig, size: float) -> Rig:
+@_fault("3 deg", "rejected", "rotation", "cross", of=_sensors)
+def _sensors_rotated(sensor: PositionSensor, size: float) -> PositionSensor:
     """Sensors turned against the magnets about the shaft."""
-    return _sensors(rig, lambda s, _: replace(s, reads=_turned(s.combination, size)))
+    across = {_swapped(name): _side(name) * f for name, f in sensor.combination.items()}
+    return replace(sensor, reads=_sum((np.cos(size), sensor.combination), (np.sin(size), across)))
 
 
 @_fault("5 mm", "rejected", "sensor plane", "plane", "L_", rig="rigid")
 def _sensor_plane(rig: Rig, size: float) -> Rig:
     """Sensors so much further along the shaft than stated."""
 
-    def moved(sensor: PositionSensor, _: int) -> PositionSensor:
-        reads = dict(sensor.combination)
-        for name, factor in sensor.combination.items():
-            angle = "theta_" + _swapped(name)
-            if angle in rig.model.coordinates:
-                side = 1.0 if name.startswith("x") else -1.0
-                reads[angle] = reads.get(angle, 0.0) + side * factor * size
-        return replace(sensor, reads=reads)
+    def moved(sensor: PositionSensor, size: float) -> PositionSensor:
+        lever = {
+            angle: _side(name) * factor
+            for name, factor in sensor.combination.items()
+            if (angle := "theta_" + _swapped(name)) in rig.model.coordinates
+        }
+        return replace(sensor, reads=_sum((1.0, sensor.combination), (size, lever)))
 
-    return _sensors(rig, moved)
+    return _sensors(moved)(rig, size)
 
 
 @_fault("5 mm", "rejected", "L_", "prior L_", "plane", rig="rigid")
@@ -360,7 +385,7 @@ def _actuator_plane(rig: Rig, size: float) -> Rig:
     if "L_a" not in rig.values:
         raise InputError("a model without L_a", "the model rigid", "try it on the rig rigid")
     moved = rig.model.values({**rig.values, "L_a": rig.values["L_a"] + size})
-    return replace(rig, work=rig.model.require_linear().matrices(moved, rig.rotation.speed).B)
+    return replace(rig, work=_work(rig, moved))
 
 
 @_fault("2e4 N/m", "rejected", "cross", "rotating damping")
@@ -396,59 +421,52 @@ def _gravity_45(rig: Rig, size: float) -> Rig:
 # The sensors.
 
 
-@_fault("3 kHz", "rejected", "bandwidth", "delay", none=np.inf)
-def _sensor_bandwidth(rig: Rig, size: float) -> Rig:
+@_fault("3 kHz", "rejected", "bandwidth", "delay", of=_sensors, none=np.inf)
+def _sensor_bandwidth(sensor: PositionSensor, size: float) -> PositionSensor:
     """Position sensors of first order with this bandwidth."""
-    return _sensors(rig, lambda s, _: replace(s, bandwidth=size))
+    return replace(sensor, bandwidth=size)
 
 
 @_fault("0.02", "rejected", "gain[")
 def _sensor_gain(rig: Rig, size: float) -> Rig:
     """The first sensor reads too much by this part."""
-
-    def scaled(sensor: PositionSensor, j: int) -> PositionSensor:
-        reads = {name: factor * (1 + size) for name, factor in sensor.combination.items()}
-        return replace(sensor, reads=reads) if j == 0 else sensor
-
-    return _sensors(rig, scaled)
+    first, *others = rig.sensors
+    first = replace(first, reads=_sum((1 + size, first.combination)))
+    return replace(rig, sensors=(first, *others))
 
 
-@_fault("0.05", "rejected", "nonlinear", "gain[s", rig="rigid")
-def _sensor_bend(rig: Rig, size: float) -> Rig:
+@_fault("0.05", "rejected", "nonlinear", "gain[s", of=_sensors, rig="rigid")
+def _sensor_bend(sensor: PositionSensor, size: float) -> PositionSensor:
     """Sensors that read too much by this part at 50 um, as the cube."""
-    return _sensors(rig, lambda s, _: replace(s, cubic=size / 50e-6**2))
+    return replace(sensor, cubic=size / 50e-6**2)
 
 
-@_fault("0.004 1/s", "rejected", "drift")
-def _gain_drift(rig: Rig, size: float) -> Rig:
+@_fault("0.004 1/s", "rejected", "drift", of=_sensors)
+def _gain_drift(sensor: PositionSensor, size: float) -> PositionSensor:
     """Sensors whose gain grows by this part in a second."""
-    return _sensors(rig, lambda s, _: replace(s, heating=size))
+    return replace(sensor, heating=size)
 
 
 @_fault("0.02", "rejected", "cross", "rotation")
 def _cross_talk(rig: Rig, size: float) -> Rig:
     """Each sensor reads this part of the other axis's one."""
-    by_name = {sensor.name: sensor for sensor in rig.sensors}
+    read = {sensor.name: sensor.combination for sensor in rig.sensors}
 
-    def mixed(sensor: PositionSensor, _: int) -> PositionSensor:
-        other = by_name.get(_swapped(sensor.name))
-        reads = dict(sensor.combination)
-        for name, factor in other.combination.items() if other else ():
-            reads[name] = reads.get(name, 0.0) + size * factor
-        return replace(sensor, reads=reads)
+    def mixed(sensor: PositionSensor, size: float) -> PositionSensor:
+        other = read.get(_swapped(sensor.name), {})
+        return replace(sensor, reads=_sum((1.0, sensor.combination), (size, other)))
 
-    return _sensors(rig, mixed)
+    return _sensors(mixed)(rig, size)
 
 
 def _runout(rig: Rig, order: int, size: float) -> Rig:
     """Add runout of an order: a quarter turn on from axis to axis, another angle in each plane."""
-
-    def rough(sensor: PositionSensor, j: int) -> PositionSensor:
+    sensors = []
+    for j, sensor in enumerate(rig.sensors):
         angle = order * np.pi / 2 * (j % 2) + 0.7 * (j // 2)
         part = SensorRunout(order, size * np.cos(angle), size * np.sin(angle))
-        return replace(sensor, runout=(*sensor.runout, part))
-
-    return _sensors(rig, rough)
+        sensors.append(replace(sensor, runout=(*sensor.runout, part)))
+    return replace(rig, sensors=tuple(sensors))
 
 
 @_fault("5 um", "rejected", "runout", "load")
@@ -469,16 +487,16 @@ def _runout_3(rig: Rig, size: float) -> Rig:
     return _runout(rig, 3, size)
 
 
-@_fault("2 um", "rejected", "hum", "line 50", rig="rigid")
-def _hum(rig: Rig, size: float) -> Rig:
+@_fault("2 um", "rejected", "hum", "line 50", of=_sensors, rig="rigid")
+def _hum(sensor: PositionSensor, size: float) -> PositionSensor:
     """50 Hz of the mains in all sensors."""
-    return _sensors(rig, lambda s, _: replace(s, hum=size))
+    return replace(sensor, hum=size)
 
 
-@_fault("2 um", "right")
-def _quantization(rig: Rig, size: float) -> Rig:
+@_fault("2 um", "right", of=_sensors)
+def _quantization(sensor: PositionSensor, size: float) -> PositionSensor:
     """Sensors with steps of this size."""
-    return _sensors(rig, lambda s, _: replace(s, quantum=size))
+    return replace(sensor, quantum=size)
 
 
 # What acts on the rotor.
@@ -518,34 +536,29 @@ def _touch_down(rig: Rig, size: float) -> Rig:
 # The rotation and its marks.
 
 
-@_fault("1e-3", "rejected", "speed")
-def _speed_variation(rig: Rig, size: float) -> Rig:
+@_fault("1e-3", "rejected", "speed", of=_rotation)
+def _speed_variation(turn: Rotation, size: float) -> Rotation:
     """A speed that wanders by this part in 7 s, stated as constant."""
-    turn = replace(rig.rotation, drift=size * rig.rotation.speed, drift_period=7.0)
-    return replace(rig, rotation=turn)
+    return replace(turn, drift=size * turn.speed, drift_period=7.0)
 
 
-@_fault("1e-4", "rejected", "speed")
-def _speed_off(rig: Rig, size: float) -> Rig:
+@_fault("1e-4", "rejected", "speed", of=_rotation)
+def _speed_off(turn: Rotation, size: float) -> Rotation:
     """A speed higher than stated by this part."""
-    turn = replace(rig.rotation, speed=rig.rotation.speed * (1 + size))
-    return replace(rig, rotation=turn)
+    return replace(turn, speed=turn.speed * (1 + size))
 
 
-@_fault("5 deg", "right", turns=True)
-def _phase_mark(rig: Rig, size: float) -> Rig:
+@_fault("5 deg", "right", of=_rotation, turns=True)
+def _phase_mark(turn: Rotation, size: float) -> Rotation:
     """A mark that stands off its place; directions count from it."""
-    return replace(rig, rotation=replace(rig.rotation, phase=rig.rotation.phase + size))
+    return replace(turn, phase=turn.phase + size)
 
 
 @_fault("1", "right", rig="rigid")
 def _backward(rig: Rig, size: float) -> Rig:
     """A rotor that turns the other way, as its encoder shows."""
-
-    def reversed_(known: Rig) -> Rig:
-        return replace(known, rotation=replace(known.rotation, speed=-known.rotation.speed))
-
-    return _known(rig, reversed_)
+    reverse = _rotation(lambda turn, _: replace(turn, speed=-turn.speed))
+    return _known(rig, lambda known: reverse(known, size))
 
 
 def _mark(rig: Rig, kind: type[Encoder] | type[Keyphasor], **changes: Any) -> Rig:
@@ -611,10 +624,10 @@ def _skew(rig: Rig, size: float) -> Rig:
     )
 
 
-@_fault("1", "rejected", "sign[")
-def _sensor_sign(rig: Rig, size: float) -> Rig:
+@_fault("1", "rejected", "sign[", of=_first_sensor)
+def _sensor_sign(samples: Floats, size: float, _: np.random.Generator) -> Floats:
     """The first sensor's column with the other sign."""
-    return _spoil_first(rig, lambda samples, _: -samples)
+    return -samples
 
 
 @_fault("1", "rejected", "swap[")
@@ -624,85 +637,59 @@ def _sensors_swapped(rig: Rig, size: float) -> Rig:
     return _spoiled(rig, lambda columns, _: {one: columns[other], other: columns[one]})
 
 
-@_fault("25.4", "rejected", "unit[", none=1.0)
-def _unit(rig: Rig, size: float) -> Rig:
+@_fault("25.4", "rejected", "unit[", of=_first_sensor, none=1.0)
+def _unit(samples: Floats, size: float, _: np.random.Generator) -> Floats:
     """The first sensor's column so many times too small: mil, said to be um."""
-    return _spoil_first(rig, lambda samples, _: samples / size)
+    return samples / size
 
 
-@_fault("0.5", "rejected", "stuck")
-def _dead_sensor(rig: Rig, size: float) -> Rig:
+@_fault("0.5", "rejected", "stuck", of=_first_sensor)
+def _dead_sensor(samples: Floats, size: float, _: np.random.Generator) -> Floats:
     """The first sensor stands still for this part of the record."""
-
-    def dead(samples: Floats, _: np.random.Generator) -> Floats:
-        at = round((1 - size) * len(samples))
-        return np.concatenate([samples[:at], np.full(len(samples) - at, samples[at - 1])])
-
-    return _spoil_first(rig, dead)
+    at = round((1 - size) * len(samples))
+    return np.concatenate([samples[:at], np.full(len(samples) - at, samples[at - 1])])
 
 
-@_fault("0.8", "rejected", "clip", "nonlinear", none=1.0)
-def _clipping(rig: Rig, size: float) -> Rig:
+@_fault("0.8", "rejected", "clip", "nonlinear", of=_first_sensor, none=1.0)
+def _clipping(samples: Floats, size: float, _: np.random.Generator) -> Floats:
     """The first sensor's column clipped at this part of its peak."""
-
-    def clipped(samples: Floats, _: np.random.Generator) -> Floats:
-        most = size * np.abs(samples).max()
-        return np.clip(samples, -most, most)
-
-    return _spoil_first(rig, clipped)
+    most = size * np.abs(samples).max()
+    return np.clip(samples, -most, most)
 
 
-@_fault("3", "rejected", "nan", "finite")
-def _nan(rig: Rig, size: float) -> Rig:
+@_fault("3", "rejected", "nan", "finite", of=_first_sensor)
+def _nan(samples: Floats, size: float, rng: np.random.Generator) -> Floats:
     """So many readings of the first sensor that are no numbers."""
-
-    def holed(samples: Floats, rng: np.random.Generator) -> Floats:
-        gaps = samples.copy()
-        gaps[rng.choice(len(samples), round(size), replace=False)] = np.nan
-        return gaps
-
-    return _spoil_first(rig, holed)
-
-
-def _lost(rig: Rig, size: float) -> Rig:
-    """Leave samples out of all columns, in the middle of the record."""
-
-    def shorter(samples: Floats, _: np.random.Generator) -> Floats:
-        at = len(samples) // 2 + 37
-        return np.delete(samples, slice(at, at + round(size)))
-
-    return _spoil(rig, shorter)
+    gaps = samples.copy()
+    gaps[rng.choice(len(samples), round(size), replace=False)] = np.nan
+    return gaps
 
 
 @_fault("1", "rejected", "lost", "dropped", "phase", "clock")
 def _lost_sample(rig: Rig, size: float) -> Rig:
     """One sample lost in the middle of the record."""
-    return _lost(rig, size)
+    return _lost_samples(rig, size)
 
 
-@_fault("20", "rejected", "lost", "dropped", "phase", "clock")
-def _lost_samples(rig: Rig, size: float) -> Rig:
+@_fault("20", "rejected", "lost", "dropped", "phase", "clock", of=_every_column)
+def _lost_samples(samples: Floats, size: float, _: np.random.Generator) -> Floats:
     """So many samples lost in the middle of the record."""
-    return _lost(rig, size)
+    at = len(samples) // 2 + 37
+    return np.delete(samples, slice(at, at + round(size)))
 
 
-@_fault("20e-6", "rejected", "clock", "drift")
-def _two_clocks(rig: Rig, size: float) -> Rig:
+@_fault("20e-6", "rejected", "clock", "drift", of=_positions)
+def _two_clocks(samples: Floats, size: float, _: np.random.Generator) -> Floats:
     """Positions on a clock that is fast by this part."""
-
-    def late(samples: Floats, _: np.random.Generator) -> Floats:
-        """Interpolate from blocks of constant shift, a thousandth of a sample apart."""
-        grid = np.round(size * np.arange(len(samples)) * 1e3) / 1e3
-        found = samples.copy()
-        for shift in np.unique(grid):
-            rows = np.flatnonzero(grid == shift)
-            first, last = max(rows[0] - 64, 0), min(rows[-1] + 65, len(samples))
-            moved = shifted(samples[first:last], float(-shift))
-            found[rows] = moved[rows - first]
-        return found
-
-    names = [sensor.name for sensor in rig.sensors]
-    return _spoil(rig, late, names.__contains__)
+    # Interpolated from blocks of constant shift, a thousandth of a sample apart.
+    grid = np.round(size * np.arange(len(samples)) * 1e3) / 1e3
+    found = samples.copy()
+    for shift in np.unique(grid):
+        rows = np.flatnonzero(grid == shift)
+        first, last = max(rows[0] - 64, 0), min(rows[-1] + 65, len(samples))
+        moved = shifted(samples[first:last], float(-shift))
+        found[rows] = moved[rows - first]
+    return found
 
 
 # The controller, as everybody knows it.
