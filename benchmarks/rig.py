@@ -18,9 +18,9 @@ import numpy as np
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from rotorid.rig import kernel_tables
+from rotorid.rig import tables
 from rotorid.rig.file import load_rig, parse_rig
-from rotorid.rig.kernel import forces
+from rotorid.rig.kernel import _forces
 from rotorid.rig.parts import ProcessNoise
 from rotorid.rig.rig import Rig
 
@@ -71,17 +71,16 @@ def derivative(motion, load, harmonics, per_force, angle, y, force):
 def by_scipy(rig: Rig, duration: float, method: str, rtol: float) -> np.ndarray:
     """Positions at the samples of a quiet rig, each interval of constant inputs by solve_ivp."""
     plant = rig.plant(duration)
-    bearings, rotor = kernel_tables.bearing_table(rig, plant), kernel_tables.rotor_table(rig, plant)
-    table, controller = kernel_tables.excitation_table(rig), rig.controller
-    names = [sensor.name for sensor in rig.sensors]
-    reads = kernel_tables.sensor_matrix(rig)[[names.index(name) for name in rig.feedback]]
+    bearings, rotor = tables.bearing_table(rig, plant), tables.rotor_table(rig, plant)
+    table, controller = tables.excitation_table(rig), rig.controller
+    reads = rig.reads[rig.fed_back]
     n, inputs = plant.force.shape
     force, floor = np.zeros(inputs), np.repeat([1e-6, 1e-3], n)
     speed, phase = rig.rotation.speed, rig.rotation.phase
     motion, load = rotor.motion[0], rotor.load[0]
 
     def slope(t: float, y: np.ndarray, held: np.ndarray) -> np.ndarray:
-        forces(bearings, bearings.law, y, held, force)
+        _forces(bearings.displacement, bearings.kind, bearings.law, y, held, force)
         angle = phase + speed * t
         return derivative(motion, load, rotor.harmonics, rotor.force, angle, y, force)
 

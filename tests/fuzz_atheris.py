@@ -33,7 +33,6 @@ with atheris.instrument_imports(include=["rotorid"]):
     import rotorid.models.expressions
     import rotorid.models.text
     import rotorid.rig.file
-    import rotorid.rig.file_schema
 from corpus import CASES
 from corpus.texts import EXPRESSIONS, named
 from fuzz_files import FORMATS

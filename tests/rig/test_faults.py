@@ -11,14 +11,14 @@ from scipy import integrate as ode
 from rotorid import InputError, load_rig
 from rotorid.cli import run
 from rotorid.force.laws import Differential, Linear
-from rotorid.rig import kernel_tables
+from rotorid.rig import tables
 from rotorid.rig.controller import Controller
 from rotorid.rig.faults import FAULTS, find_fault, with_faults
 from rotorid.rig.kernel import _played
-from rotorid.rig.lags import build_lags, eddy_weights
-from rotorid.rig.marks import Encoder, Keyphasor, Rotation, encoder_counts, keyphasor_pulses
 from rotorid.rig.parts import Actuator, Coil
+from rotorid.rig.plant import eddy_weights
 from rotorid.rig.rig import Rig
+from rotorid.rig.rotation import Encoder, Keyphasor, Rotation, encoder_counts, keyphasor_pulses
 
 RIGS = {name: load_rig(name).rig for name in ("three-mass", "rigid")}
 # Their size is a number of events, or they are there or not.
@@ -133,7 +133,7 @@ def test_a_current_loop_without_motion_is_a_lag_of_first_order() -> None:
         rig, actuators={name: replace(part, coil=coil) for name, part in rig.actuators.items()}
     )
     plant = held.plant(1.0)
-    lags = build_lags(held, plant, kernel_tables.sensor_matrix(held))
+    lags = held.lags(plant)
     motion, electric, state = lags.rate
     omega = 2 * np.pi * np.array([10.0, 400.0, 3000.0])
     inputs = len(rig.model.inputs)
@@ -166,7 +166,7 @@ def test_the_induced_voltage_takes_the_power_that_the_force_gives() -> None:
     part = replace(rig.parts[0], law=Linear(ki, 0.0), coil=Coil(resistance, inductance, 500.0))
     coiled = replace(rig, actuators={**rig.actuators, "F_x1": part})
     plant = coiled.plant(1.0)
-    motion, _, state = build_lags(coiled, plant, kernel_tables.sensor_matrix(coiled)).rate
+    motion, _, state = coiled.lags(plant).rate
     n = len(plant.force)
     np.testing.assert_allclose(motion[0, n:] * inductance, -ki * plant.displacement[0])
     assert state[0, 0] == pytest.approx(-(resistance + 2 * np.pi * 500.0 * inductance) / inductance)
@@ -249,7 +249,7 @@ def test_base_motion_accelerates_the_rotor_as_seen_from_the_housing() -> None:
     np.testing.assert_allclose(
         part.size(np.array([0.0, 1 / 140.0])), size * (2 * np.pi * 70) ** 2 * np.array([1, -1])
     )
-    matrix = kernel_tables.noise_matrix(free, free.plant(1.0))
+    matrix = tables.noise_matrix(free, free.plant(1.0))
     np.testing.assert_allclose(matrix[:, -1], [1.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
@@ -312,7 +312,7 @@ def test_gaps_that_grow_change_the_linear_law_as_the_magnets() -> None:
     part = Actuator(Linear(slope.ki, slope.ks), heating=rate)
     rig = RIGS["three-mass"]
     hot = replace(rig, actuators=dict.fromkeys(rig.actuators, part))
-    table = kernel_tables.bearing_table(hot, hot.plant(1.0))
+    table = tables.bearing_table(hot, hot.plant(1.0))
     np.testing.assert_allclose(
         table.heating[0, :2] * step, [later.ki - slope.ki, later.ks - slope.ks], rtol=1e-5
     )
@@ -323,8 +323,8 @@ def test_a_seal_drives_the_forward_whirl() -> None:
     rig = RIGS["three-mass"]
     plain, sealed = rig, replace(rig, cross=3e4)
     speed = rig.rotation.speed
-    slower = kernel_tables.growth(plain, plain.plant(1.0), speed)[0]
-    assert kernel_tables.growth(sealed, sealed.plant(1.0), speed)[0] > slower
+    slower = tables.growth(plain, plain.plant(1.0), speed)[0]
+    assert tables.growth(sealed, sealed.plant(1.0), speed)[0] > slower
     plant, other = plain.plant(1.0), sealed.plant(1.0)
     n = len(plant.force)
     moved = other.motion[0, :, :n] - plant.motion[0, :, :n]

@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from rotorid import InputError, load_rig, parse_model
 from rotorid.force.laws import Differential
 from rotorid.rig.kernel import coil_current
-from rotorid.rig.kernel_tables import excitation_table, growth, pairs
-from rotorid.rig.marks import Rotation
 from rotorid.rig.parts import Actuator, Logger
 from rotorid.rig.plant import rotor_plant
+from rotorid.rig.rotation import Rotation
+from rotorid.rig.tables import excitation_table, growth, pairs
 
 MAGNET = Differential(constant=5e-6, bias=1.5, gap=5e-4, angle=np.radians(22.5))
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rotorid import InputError
-from rotorid.rig.schedule import merge_clocks
+from rotorid.rig.machine import merge_clocks
 
 
 @given(st.integers(1, 12), st.integers(1, 12), st.integers(0, 40))

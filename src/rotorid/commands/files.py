@@ -19,7 +19,7 @@ FILES = {
     "experiment": ("rotorid.experiment.schema", "ExperimentFile"),
     "model": ("rotorid.models.loader", "ModelFile"),
     "rotor": ("rotorid.models.rotor.drawing", "Rotor"),
-    "rig": ("rotorid.rig.file_schema", "RigFile"),
+    "rig": ("rotorid.rig.file", "RigFile"),
 }
 """The files that people write, and the class that says what may stand in each."""
 

@@ -13,6 +13,7 @@ from scipy import linalg, signal
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
+from rotorid.rig.rotation import check_rate
 
 
 @frozen
@@ -41,29 +42,19 @@ class Controller:
         commands, positions = D.shape
         A = np.asarray(self.A, dtype=float)
         n = 0 if A.size == 0 else len(np.atleast_2d(A))
-        shapes = {"A": (n, n), "B": (n, positions), "C": (commands, n)}
-        object.__setattr__(self, "D", D)
+        shapes = {"A": (n, n), "B": (n, positions), "C": (commands, n), "D": D.shape}
         for name, shape in shapes.items():
-            given = np.asarray(getattr(self, name), dtype=float)
-            if given.size != shape[0] * shape[1] or (
-                given.ndim == 2 and n and given.shape != shape
-            ):
+            given = np.asarray(D if name == "D" else getattr(self, name), dtype=float)
+            turned = given.ndim == 2 and n and given.shape != shape
+            if given.size != shape[0] * shape[1] or turned:
                 raise InputError(
                     f"{name} of shape {given.shape}", f"{shape}", "make A, B, C and D of one size"
                 )
+            if not np.isfinite(given).all():
+                cure = f"look for NaN and inf where {name} is computed"
+                raise InputError(f"numbers in {name} that are not finite", "finite numbers", cure)
             object.__setattr__(self, name, given.reshape(shape))
-        if not all(np.isfinite(getattr(self, name)).all() for name in "ABCD"):
-            raise InputError(
-                "numbers that are not finite",
-                "finite matrices",
-                "look for NaN and inf where A, B, C and D are computed",
-            )
-        if not (np.isfinite(self.period) and self.period > 0):
-            raise InputError(
-                f"a period of {self.period} s",
-                "more than 0 s",
-                "give the time between two steps of the controller",
-            )
+        check_rate(1 / self.period if self.period else np.inf, "period")
 
     @property
     def states(self) -> int:
@@ -131,13 +122,7 @@ def pid(
     forward rule, the derivative as first-order hold through the filter, so that
     ``d[k] = a d[k-1] + D (1 - a) (y[k] - y[k-1]) / T``, a = exp(-2 pi f T).
     """
-    if not (np.isfinite(filter_frequency) and filter_frequency > 0):
-        raise InputError(
-            f"{filter_frequency} Hz",
-            "more than 0 Hz",
-            "give the corner of the filter of the derivative",
-            place="filter_frequency",
-        )
+    check_rate(filter_frequency, "filter_frequency")
     a = np.exp(-2 * np.pi * filter_frequency * period)
     slope = derivative * (1 - a) / period
     # States: the filtered derivative less slope * y; the integral of y, where it has a gain.

@@ -1,4 +1,8 @@
-"""Rig files: TOML to `Rig`. The shipped rigs are such files too."""
+"""Rig files: what they may hold, key by key, and the rig that is built of it.
+
+The shipped rigs are such files too. Quantities whose unit is known become SI numbers when a file is
+read; those in a unit that the model or the actuator knows, when the rig is built.
+"""
 
 from __future__ import annotations
 
@@ -6,33 +10,26 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import BeforeValidator, Field, StrictInt
 from scipy import signal
 
 from rotorid.core.errors import InputError, ReadError, naming, nearest, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RIG_SAMPLES
-from rotorid.core.toml import parse_toml, read_bytes
+from rotorid.core.toml import Schema, parse_toml, read_bytes
 from rotorid.core.units import to_si
 from rotorid.data.record import Channel
-from rotorid.force.entry import law_keys
+from rotorid.force.entry import LawEntry, law_keys
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.force.reading import as_channels
 from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.equations import linear_combination
 from rotorid.rig.controller import Controller, pid, side_by_side
 from rotorid.rig.faults import find_fault, with_faults
-from rotorid.rig.file_schema import (
-    ActuatorEntry,
-    ControllerEntry,
-    ExcitationEntry,
-    LoggerEntry,
-    RigFile,
-    SensorEntry,
-)
 from rotorid.rig.logger import Logged, RigRecord, read
-from rotorid.rig.marks import Encoder, Keyphasor, Rotation
 from rotorid.rig.parts import (
     Actuator,
     FluxSensors,
@@ -43,7 +40,7 @@ from rotorid.rig.parts import (
     sensor_unit,
 )
 from rotorid.rig.rig import Rig
-from rotorid.rig.schedule import check_rate
+from rotorid.rig.rotation import Encoder, Keyphasor, Rotation, check_rate
 from rotorid.signals.multisine import (
     Multisine,
     full_harmonics,
@@ -52,6 +49,411 @@ from rotorid.signals.multisine import (
     multisine,
     odd_harmonics,
 )
+
+
+def _quantity(unit: str) -> BeforeValidator:
+    return BeforeValidator(lambda value: to_si(value, unit))
+
+
+Hertz = Annotated[float, _quantity("Hz")]
+Seconds = Annotated[float, _quantity("s")]
+Radians = Annotated[float, _quantity("rad")]
+Metres = Annotated[float, _quantity("m")]
+Speed = Annotated[float, _quantity("rad/s")]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Quantity = str | int | float  # in a unit that the model, or the actuator, knows
+
+
+def _require(name: str, known: Iterable[str], place: str) -> None:
+    there = list(known)
+    require_names([name], there, cure=nearest(name, there), place=place)
+
+
+class RotationEntry(Schema):
+    """How the rotor turns; the speed is that of the first sample."""
+
+    speed: Speed = 0.0
+    acceleration: Annotated[float, _quantity("rad/s^2")] = 0.0
+    drift: Speed = 0.0
+    drift_period: Seconds = 10.0
+    phase: Radians = 0.0
+
+
+class ControllerEntry(Schema):
+    """The sampled controller of all axes.
+
+    ``pid``: stiffness and damping of the closed bearing, so that k_s is added to what the gains
+    must give; integral and filter. ``transfer-function``, the same on each axis, and
+    ``state-space``: from positions in m to commands in A (N), the sign of the feedback in them.
+    """
+
+    rate: Hertz
+    delay: Seconds = 0.0
+    kind: Literal["pid", "transfer-function", "state-space"] = "pid"
+    stiffness: Annotated[float | None, _quantity("N/m")] = None
+    damping: Annotated[float | None, _quantity("N s/m")] = None
+    integral: Annotated[float, _quantity("N/(m s)")] = 0.0
+    filter: Hertz = 2000.0
+    numerator: list[Number] | None = None
+    denominator: list[Number] | None = None
+    A: list[list[Number]] | None = None
+    B: list[list[Number]] | None = None
+    C: list[list[Number]] | None = None
+    D: list[list[Number]] | None = None
+    feedback: dict[str, str] = Field(default_factory=dict)
+
+    def build(self, actuators: Sequence[Actuator]) -> Controller:
+        check_rate(self.rate, "rate")
+        if self.kind == "pid":
+            return side_by_side([self._pid(*part.slopes) for part in actuators])
+        if self.kind == "transfer-function":
+            return self._transfer_function().on_each(len(actuators))
+        if self.D is None:
+            raise InputError("no D", "matrices D, and A, B, C where it has states", "add them")
+        a, b, c, d = (np.array(getattr(self, key) or [], dtype=float) for key in "ABCD")
+        return Controller(a, b, c, d, 1 / self.rate)
+
+    def _pid(self, ki: float, ks: float) -> Controller:
+        if self.stiffness is None or self.damping is None:
+            raise InputError(
+                "no stiffness or no damping",
+                "stiffness and damping of the closed bearing",
+                "add them",
+            )
+        gains = (self.stiffness + ks) / ki, self.integral / ki, self.damping / ki
+        return pid(*gains, self.filter, 1 / self.rate)
+
+    def _transfer_function(self) -> Controller:
+        if not self.numerator or not self.denominator:
+            raise InputError(
+                "no numerator or no denominator", "both, highest power of z first", "add them"
+            )
+        if len(self.numerator) > len(self.denominator) or self.denominator[0] == 0:
+            raise InputError(
+                f"{len(self.numerator)} and {len(self.denominator)} coefficients",
+                "a denominator at least as long as the numerator, that starts with no 0",
+                "pad the denominator: a controller cannot look ahead",
+            )
+        numerator = np.trim_zeros(self.numerator, "f") or [0.0]
+        return Controller(*signal.tf2ss(numerator, self.denominator), 1 / self.rate)
+
+    def sensors_of(
+        self, model: Model, values: Mapping[str, float], sensors: Sequence[PositionSensor]
+    ) -> tuple[str, ...]:
+        """Return the sensor of each input: the one given, or that which reads its displacement."""
+        found = []
+        names = [sensor.name for sensor in sensors]
+        channels = [Channel(sensor.name, reads=sensor.combination) for sensor in sensors]
+        columns = model.require_linear().matrices(model.values(values)).B.T
+        for name, column in zip(model.inputs, columns, strict=True):
+            given = self.feedback.get(name)
+            if given is not None:
+                cure = "take a sensor from there"
+                require_names([given], names, cure=cure, place=f"feedback.{name}")
+                found.append(given)
+                continue
+            position = {c: float(b) for c, b in zip(model.coordinates, column, strict=True) if b}
+            try:
+                read = as_channels(channels, position)
+            except InputError:
+                read = {}
+            if list(read.values()) != [1.0]:
+                raise InputError(
+                    f"no sensor that reads the displacement at {name}",
+                    "the sensor to feed back to it",
+                    f"add {name} = '...' to controller.feedback",
+                    place="feedback",
+                )
+            found += read
+        return tuple(found)
+
+
+class FluxEntry(Schema):
+    """Hall sensors under the poles; constants of the force law, and noise."""
+
+    area: Annotated[float, _quantity("m^2")]
+    poles: StrictInt = 2
+    noise: Annotated[float, _quantity("T")] = 0.0
+
+
+ALL = "all"
+
+
+class ActuatorEntry(LawEntry):
+    """An actuator; what ``[actuators.all]`` says holds for all of them."""
+
+    law: Literal["force", "linear", "differential"] | None = None  # type: ignore[assignment]
+    limit: Quantity | None = None
+    bandwidth: Hertz | None = None
+    supply: Annotated[float | None, _quantity("V")] = None
+    inductance: Annotated[float | None, _quantity("H")] = None
+    noise: Quantity | None = None
+    flux: FluxEntry | None = None
+
+    def actuator(self) -> Actuator:
+        law = self._force_law()
+        unit = "N" if law is None else "A"
+        if (self.supply is None) != (self.inductance is None):
+            raise InputError(
+                "one of supply and inductance",
+                "both, whose ratio limits the current's slope, or neither",
+                "add the other",
+            )
+        supply, inductance = self.supply, self.inductance
+        flux = None
+        if self.flux is not None:
+            angle = law.angle if isinstance(law, Differential) else 0.0
+            flux = FluxSensors(Flux(self.flux.area, self.flux.poles, angle), self.flux.noise)
+        return Actuator(
+            law=law,
+            limit=np.inf if self.limit is None else to_si(self.limit, unit, place="limit"),
+            bandwidth=self.bandwidth,
+            slew=np.inf if supply is None or inductance is None else supply / inductance,
+            noise=0.0 if self.noise is None else to_si(self.noise, unit, place="noise"),
+            flux=flux,
+        )
+
+    def _force_law(self) -> Linear | Differential | None:
+        if self.law not in (None, "force"):
+            law = self.build()
+            return None if isinstance(law, Flux) else law
+        given = [key for key in law_keys() if key in self.model_fields_set and key != "law"]
+        if given:
+            raise InputError(
+                f"{given[0]} without a force law",
+                "law = 'linear' or 'differential' beside it",
+                "add the law",
+            )
+        return None
+
+
+def build_actuators(entries: Mapping[str, ActuatorEntry], model: Model) -> dict[str, Actuator]:
+    """Return the actuator of each input: what ``all`` says, and what its own table changes."""
+    require_names(entries, (ALL, *model.inputs), place="actuators")
+    shared = entries.get(ALL, ActuatorEntry())
+    built = {}
+    for name in model.inputs:
+        own = entries.get(name, ActuatorEntry())
+        changed = {key: getattr(own, key) for key in own.model_fields_set}
+        with naming(place=f"actuators.{name if changed else ALL}"):
+            built[name] = shared.model_copy(update=changed).actuator()
+    return built
+
+
+class RunoutEntry(Schema):
+    """One order of the runout of a sensor."""
+
+    order: StrictInt = 1
+    cos: Quantity = "0 m"
+    sin: Quantity = "0 m"
+
+
+class SensorEntry(Schema):
+    """A position sensor, named after the coordinate that it reads, or with `reads`."""
+
+    reads: str | None = None
+    noise: Quantity | None = None
+    bias: Quantity | None = None
+    quantum: Quantity | None = None
+    runout: list[RunoutEntry] = Field(default_factory=list)
+
+    def build(self, name: str, model: Model) -> PositionSensor:
+        if self.reads is None:
+            _require(name, model.coordinates, "sensors")
+        with naming(place=f"sensors.{name}"):
+            reads = None
+            if self.reads is not None:
+                reads = linear_combination(self.reads, model.coordinates, place="reads")
+            unit = sensor_unit(reads or [name], model.units)
+            noise, bias, quantum = (
+                0.0 if (value := getattr(self, key)) is None else to_si(value, unit, place=key)
+                for key in ("noise", "bias", "quantum")
+            )
+            runout = []
+            for i, part in enumerate(self.runout):
+                cos, sin = (
+                    to_si(getattr(part, key), unit, place=f"runout.{i}.{key}")
+                    for key in ("cos", "sin")
+                )
+                runout.append(SensorRunout(part.order, cos, sin))
+            return PositionSensor(name, reads, noise, bias, quantum, tuple(runout))
+
+
+class SignalEntry(Schema):
+    """The excitation of one input: the peak of each line, and a phase added to each."""
+
+    amplitude: Quantity
+    phase: Radians = 0.0
+
+
+class ExcitationEntry(Schema):
+    """A multisine: its lines by `harmonics`, or all odd or all up to the highest."""
+
+    fundamental: Hertz
+    harmonics: list[StrictInt] | None = None
+    odd: StrictInt | None = None
+    full: StrictInt | None = None
+    leave_out: StrictInt | None = None
+    phases: Literal["zero", "schroeder", "random"] = "schroeder"
+    apart: bool = False
+    minimize_crest: bool = False
+    signals: dict[str, SignalEntry] = Field(min_length=1)
+
+    def build(self, rate: float, seed: int) -> Multisine:
+        """Return the multisine for a controller's rate in Hz."""
+        rng = np.random.default_rng([seed, 1])
+        first = next(iter(self.signals.values()))
+        unit = "A" if str(first.amplitude).strip().endswith("A") else "N"
+        amplitude = {
+            name: to_si(signal.amplitude, unit, place=f"signals.{name}.amplitude")
+            for name, signal in self.signals.items()
+        }
+        self._check_lines(rate)
+        lines, phases = self._lines(rng), self.phases
+        signals = multisine(
+            self.fundamental, lines, amplitude, phases=phases, apart=self.apart, unit=unit, rng=rng
+        )
+        turned = signals.scaled([np.exp(1j * signal.phase) for signal in self.signals.values()])
+        return minimize_crest(turned) if self.minimize_crest else turned
+
+    def _check_lines(self, rate: float) -> None:
+        """Refuse lines that a controller cannot play, before they are laid out one by one."""
+        highest = max(self.odd or 0, self.full or 0)
+        # A fundamental that is not positive is refused by itself.
+        period = rate / self.fundamental if self.fundamental > 0 else 1.0
+        if not period <= RIG_SAMPLES:
+            raise InputError(
+                f"a period of {period:.3g} steps of the controller",
+                f"at most {RIG_SAMPLES}",
+                "choose a higher fundamental",
+                place="fundamental",
+            )
+        if 2 * highest > period:
+            raise InputError(
+                f"lines up to {highest * self.fundamental:.6g} Hz",
+                f"at most half the rate of the controller, {rate / 2:.6g} Hz",
+                "end at a lower line",
+            )
+
+    def _lines(self, rng: np.random.Generator) -> np.ndarray:
+        given = [key for key in ("harmonics", "odd", "full") if getattr(self, key) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "no lines"
+            raise InputError(found, "one of harmonics, odd and full", "keep one of these")
+        if self.odd is not None:
+            lines = odd_harmonics(self.odd)
+        elif self.full is not None:
+            lines = full_harmonics(self.full)
+        else:
+            lines = np.array(self.harmonics)
+        return lines if self.leave_out is None else leave_out(lines, self.leave_out, rng)
+
+
+class EncoderEntry(Schema):
+    """An encoder; the logger reads its counter."""
+
+    lines: StrictInt
+    jitter: Radians = 0.0
+
+
+class KeyphasorEntry(Schema):
+    """A mark that passes once per revolution; the logger samples its pulse."""
+
+    jitter: Seconds = 0.0
+    noise: Number = 0.0
+    width: Number = 0.1
+
+
+class LoggerEntry(Schema):
+    """What the logger records besides the positions."""
+
+    sample_rate: Hertz
+    current: Literal["command", "measured"] = "command"
+    oversampling: StrictInt = 1
+    encoder: EncoderEntry | None = None
+    keyphasor: KeyphasorEntry | None = None
+
+    def build(self) -> Logger:
+        angle: Encoder | Keyphasor | None = None
+        if self.encoder is not None and self.keyphasor is not None:
+            raise InputError("both", "one of encoder and keyphasor", "remove one", place="encoder")
+        if self.encoder is not None:
+            angle = Encoder(**dict(self.encoder))
+        elif self.keyphasor is not None:
+            angle = Keyphasor(**dict(self.keyphasor))
+        return Logger(self.sample_rate, self.current, angle, oversampling=self.oversampling)
+
+
+class RigFile(Schema):
+    """A rig file."""
+
+    title: str = ""
+    model: str
+    duration: Seconds
+    settling: Seconds = 1.0
+    seed: Annotated[StrictInt, Field(ge=0)] = 0
+    clearance: Metres | None = None
+    rotation: RotationEntry = Field(default_factory=RotationEntry)
+    parameters: dict[str, Quantity] = Field(default_factory=dict)
+    controller: ControllerEntry
+    actuators: dict[str, ActuatorEntry]
+    sensors: dict[str, SensorEntry] = Field(min_length=1)
+    excitation: ExcitationEntry | None = None
+    process_noise: dict[str, Quantity] = Field(default_factory=dict)
+    logger: LoggerEntry
+
+    def build(self, model: Model) -> Rig:
+        sensors = tuple(entry.build(name, model) for name, entry in self.sensors.items())
+        actuators = build_actuators(self.actuators, model)
+        values = self._values(model)
+        with naming(place="controller"):
+            feedback = self.controller.sensors_of(model, values, sensors)
+            controller = self.controller.build([actuators[name] for name in model.inputs])
+        with naming(place="logger"):
+            logger = self.logger.build()
+        with naming(place="excitation"):
+            entry, rate = self.excitation, self.controller.rate
+            excitation = None if entry is None else entry.build(rate, self.seed)
+        return Rig(
+            model=model,
+            values=values,
+            rotation=Rotation(**dict(self.rotation)),
+            actuators=actuators,
+            sensors=sensors,
+            controller=controller,
+            feedback=feedback,
+            logger=logger,
+            excitation=excitation,
+            process_noise=self._process_noise(model),
+            clearance=np.inf if self.clearance is None else self.clearance,
+            delay=self.controller.delay,
+            settling=self.settling,
+        )
+
+    def _values(self, model: Model) -> dict[str, float]:
+        units = model.parameter_units
+        known = {**model.nominal}
+        for name, quantity in self.parameters.items():
+            _require(name, units, "parameters")
+            known[name] = to_si(quantity, units[name], place=f"parameters.{name}")
+        missing = [name for name in units if name not in known]
+        if missing:
+            raise InputError(
+                f"no value of {', '.join(missing)}",
+                "a value of every parameter that has no nominal one",
+                "add it",
+                place="parameters",
+            )
+        return known
+
+    def _process_noise(self, model: Model) -> ProcessNoise:
+        std = {}
+        for name, quantity in self.process_noise.items():
+            _require(name, (*model.inputs, *model.coordinates), "process_noise")
+            angle = model.units[name] == "rad"
+            unit = "N m" if angle else model.units[name] if name in model.inputs else "N"
+            std[name] = to_si(quantity, unit, place=f"process_noise.{name}")
+        return ProcessNoise(std)
 
 
 @frozen
@@ -144,318 +546,8 @@ def parse_rig(
     raw = data.encode() if isinstance(data, str) else data
     entry = parse_toml(raw, RigFile, file=file)
     with naming(file):
-        rig = _build(entry, load_model(entry.model, folder=folder))
-    model = _model_path(entry, folder)
-    return RigPlan(name, entry.title, raw.decode(), file, model, rig, entry.duration, entry.seed)
-
-
-def _model_path(entry: RigFile, folder: str | Path) -> str:
-    """Return the model's name, or its whole path, that any folder can be left for."""
+        rig = entry.build(load_model(entry.model, folder=folder))
+    # The model's name, or its whole path, that any folder can be left for.
     shipped = entry.model in shipped_models()
-    return entry.model if shipped else (Path(folder) / entry.model).resolve().as_posix()
-
-
-def _build(entry: RigFile, model: Model) -> Rig:
-    sensors = tuple(_sensor(name, e, model) for name, e in entry.sensors.items())
-    actuators = build_actuators(entry.actuators, model)
-    values = _values(entry, model)
-    controller, feedback = build_controller(entry.controller, model, values, actuators, sensors)
-    return Rig(
-        model=model,
-        values=values,
-        rotation=Rotation(**dict(entry.rotation)),
-        actuators=actuators,
-        sensors=sensors,
-        controller=controller,
-        feedback=feedback,
-        logger=_logger(entry.logger),
-        excitation=None if entry.excitation is None else _excitation(entry, entry.excitation),
-        process_noise=_process_noise(entry, model),
-        clearance=np.inf if entry.clearance is None else entry.clearance,
-        delay=entry.controller.delay,
-        settling=entry.settling,
-    )
-
-
-def _values(entry: RigFile, model: Model) -> dict[str, float]:
-    units = model.parameter_units
-    known = {**model.nominal}
-    for name, quantity in entry.parameters.items():
-        _require(name, units, "parameters")
-        known[name] = to_si(quantity, units[name], place=f"parameters.{name}")
-    missing = [name for name in units if name not in known]
-    if missing:
-        raise InputError(
-            f"no value of {', '.join(missing)}",
-            "a value of every parameter that has no nominal one",
-            "add it",
-            place="parameters",
-        )
-    return known
-
-
-def _require(name: str, known: Iterable[str], place: str) -> None:
-    there = list(known)
-    require_names([name], there, cure=nearest(name, there), place=place)
-
-
-def _sensor(name: str, entry: SensorEntry, model: Model) -> PositionSensor:
-    place = f"sensors.{name}"
-    reads = None
-    if entry.reads is not None:
-        reads = linear_combination(entry.reads, model.coordinates, place=f"{place}.reads")
-    else:
-        _require(name, model.coordinates, "sensors")
-    unit = sensor_unit(reads or [name], model.units)
-
-    def si(key: str) -> float:
-        value = getattr(entry, key)
-        return 0.0 if value is None else to_si(value, unit, place=f"{place}.{key}")
-
-    runout = tuple(
-        SensorRunout(
-            part.order,
-            to_si(part.cos, unit, place=f"{place}.runout.{i}.cos"),
-            to_si(part.sin, unit, place=f"{place}.runout.{i}.sin"),
-        )
-        for i, part in enumerate(entry.runout)
-    )
-    with naming(place=place):
-        return PositionSensor(name, reads, si("noise"), si("bias"), si("quantum"), runout)
-
-
-def _logger(entry: LoggerEntry) -> Logger:
-    marks: Mapping[str, object] = {"encoder": entry.encoder, "keyphasor": entry.keyphasor}
-    if all(mark is not None for mark in marks.values()):
-        raise InputError(
-            "both", "one of encoder and keyphasor", "remove one", place="logger.encoder"
-        )
-    angle: Encoder | Keyphasor | None = None
-    with naming(place="logger"):
-        if entry.encoder is not None:
-            angle = Encoder(**dict(entry.encoder))
-        elif entry.keyphasor is not None:
-            angle = Keyphasor(**dict(entry.keyphasor))
-    return Logger(entry.sample_rate, entry.current, angle, oversampling=entry.oversampling)
-
-
-def _excitation(file: RigFile, entry: ExcitationEntry) -> Multisine:
-    rng = np.random.default_rng([file.seed, 1])
-    unit = "A" if str(next(iter(entry.signals.values())).amplitude).strip().endswith("A") else "N"
-    amplitude = {
-        name: to_si(signal.amplitude, unit, place=f"excitation.signals.{name}.amplitude")
-        for name, signal in entry.signals.items()
-    }
-    highest = max(entry.odd or 0, entry.full or 0)
-    with naming(place="excitation"):
-        _check_lines(highest, entry.fundamental, file.controller.rate)
-        signals = multisine(
-            entry.fundamental,
-            _lines(entry, rng),
-            amplitude,
-            phases=entry.phases,
-            apart=entry.apart,
-            unit=unit,
-            rng=rng,
-        )
-    turned = signals.scaled([np.exp(1j * signal.phase) for signal in entry.signals.values()])
-    return minimize_crest(turned) if entry.minimize_crest else turned
-
-
-def _check_lines(highest: int, fundamental: float, rate: float) -> None:
-    """Refuse lines that a controller cannot play, before they are laid out one by one."""
-    period = rate / fundamental if fundamental > 0 else 1.0  # else it is refused by itself
-    if not period <= RIG_SAMPLES:
-        raise InputError(
-            f"a period of {period:.3g} steps of the controller",
-            f"at most {RIG_SAMPLES}",
-            "choose a higher fundamental",
-            place="fundamental",
-        )
-    if 2 * highest > period:
-        raise InputError(
-            f"lines up to {highest * fundamental:.6g} Hz",
-            f"at most half the rate of the controller, {rate / 2:.6g} Hz",
-            "end at a lower line",
-        )
-
-
-def _lines(entry: ExcitationEntry, rng: np.random.Generator) -> np.ndarray:
-    given = [key for key in ("harmonics", "odd", "full") if getattr(entry, key) is not None]
-    if len(given) != 1:
-        raise InputError(
-            " and ".join(given) or "no lines",
-            "one of harmonics, odd and full",
-            "keep one of these",
-        )
-    if entry.harmonics is not None:
-        lines = np.array(entry.harmonics)
-    elif entry.odd is not None:
-        lines = odd_harmonics(entry.odd)
-    else:
-        lines = full_harmonics(entry.full or 0)
-    return lines if entry.leave_out is None else leave_out(lines, entry.leave_out, rng)
-
-
-def _process_noise(entry: RigFile, model: Model) -> ProcessNoise:
-    known = (*model.inputs, *model.coordinates)
-    std = {}
-    for name, quantity in entry.process_noise.items():
-        _require(name, known, "process_noise")
-        angle = model.units[name] == "rad"
-        unit = "N m" if angle else model.units[name] if name in model.inputs else "N"
-        std[name] = to_si(quantity, unit, place=f"process_noise.{name}")
-    return ProcessNoise(std)
-
-
-ALL = "all"
-
-
-def build_actuators(entries: Mapping[str, ActuatorEntry], model: Model) -> dict[str, Actuator]:
-    """Return the actuator of each input: what ``all`` says, and what its own table changes."""
-    for name in entries:
-        if name != ALL and name not in model.inputs:
-            raise InputError(
-                repr(name[:60]),
-                f"all, or one of {', '.join(model.inputs)}",
-                "name an input of the model, or all",
-                place="actuators",
-            )
-    shared = entries.get(ALL, ActuatorEntry())
-    built = {}
-    for name in model.inputs:
-        own = entries.get(name, ActuatorEntry())
-        changed = {key: getattr(own, key) for key in own.model_fields_set}
-        with naming(place=f"actuators.{name if own.model_fields_set else ALL}"):
-            built[name] = _actuator(shared.model_copy(update=changed))
-    return built
-
-
-def _actuator(entry: ActuatorEntry) -> Actuator:
-    law = _law(entry)
-    unit = "N" if law is None else "A"
-    electric = (entry.supply, entry.inductance)
-    if (None in electric) != (electric == (None, None)):
-        raise InputError(
-            "one of supply and inductance",
-            "both, whose ratio limits the current's slope, or neither",
-            "add the other",
-        )
-    supply, inductance = entry.supply, entry.inductance
-    slew = np.inf if supply is None or inductance is None else supply / inductance
-    angle = law.angle if isinstance(law, Differential) else 0.0
-    flux = None
-    if entry.flux is not None:
-        flux = FluxSensors(Flux(entry.flux.area, entry.flux.poles, angle), entry.flux.noise)
-    return Actuator(
-        law=law,
-        limit=np.inf if entry.limit is None else to_si(entry.limit, unit, place="limit"),
-        bandwidth=entry.bandwidth,
-        slew=slew,
-        noise=0.0 if entry.noise is None else to_si(entry.noise, unit, place="noise"),
-        flux=flux,
-    )
-
-
-def _law(entry: ActuatorEntry) -> Linear | Differential | None:
-    if entry.law in (None, "force"):
-        given = [key for key in law_keys() if key in entry.model_fields_set and key != "law"]
-        if given:
-            raise InputError(
-                f"{given[0]} without a force law",
-                "law = 'linear' or 'differential' beside it",
-                "add the law",
-            )
-        return None
-    law = entry.build()
-    return None if isinstance(law, Flux) else law
-
-
-def build_controller(
-    entry: ControllerEntry,
-    model: Model,
-    values: Mapping[str, float],
-    actuators: Mapping[str, Actuator],
-    sensors: Sequence[PositionSensor],
-) -> tuple[Controller, tuple[str, ...]]:
-    """Return the controller of a rig file and the sensors that it reads."""
-    with naming(place="controller"):
-        feedback = tuple(
-            _feedback(name, j, entry, model, values, sensors) for j, name in enumerate(model.inputs)
-        )
-        check_rate(entry.rate, "rate")
-        period = 1 / entry.rate
-        if entry.kind == "pid":
-            return side_by_side(
-                [_pid(entry, actuators[name], period) for name in model.inputs]
-            ), feedback
-        if entry.kind == "transfer-function":
-            axis = _transfer_function(entry, period)
-            return axis.on_each(len(model.inputs)), feedback
-        if entry.D is None:
-            raise InputError("no D", "matrices D, and A, B, C where it has states", "add them")
-        a, b, c, d = (np.array(getattr(entry, key) or [], dtype=float) for key in "ABCD")
-        return Controller(a, b, c, d, period), feedback
-
-
-def _pid(entry: ControllerEntry, actuator: Actuator, period: float) -> Controller:
-    if entry.stiffness is None or entry.damping is None:
-        raise InputError(
-            "no stiffness or no damping",
-            "stiffness and damping of the closed bearing",
-            "add them",
-        )
-    ki, ks = actuator.slopes
-    return pid(
-        (entry.stiffness + ks) / ki,
-        entry.integral / ki,
-        entry.damping / ki,
-        entry.filter,
-        period,
-    )
-
-
-def _transfer_function(entry: ControllerEntry, period: float) -> Controller:
-    if not entry.numerator or not entry.denominator:
-        raise InputError(
-            "no numerator or no denominator", "both, highest power of z first", "add them"
-        )
-    if len(entry.numerator) > len(entry.denominator) or entry.denominator[0] == 0:
-        raise InputError(
-            f"{len(entry.numerator)} and {len(entry.denominator)} coefficients",
-            "a denominator at least as long as the numerator, that starts with no 0",
-            "pad the denominator: a controller cannot look ahead",
-        )
-    numerator = np.trim_zeros(entry.numerator, "f") or [0.0]
-    return Controller(*signal.tf2ss(numerator, entry.denominator), period)
-
-
-def _feedback(
-    name: str,
-    index: int,
-    entry: ControllerEntry,
-    model: Model,
-    values: Mapping[str, float],
-    sensors: Sequence[PositionSensor],
-) -> str:
-    """Return the sensor of an input: the one given, or the one that reads its displacement."""
-    names = [sensor.name for sensor in sensors]
-    if name in entry.feedback:
-        cure = "take a sensor from there"
-        require_names([entry.feedback[name]], names, cure=cure, place=f"feedback.{name}")
-        return entry.feedback[name]
-    column = model.require_linear().matrices(model.values(values)).B[:, index]
-    position = {c: float(b) for c, b in zip(model.coordinates, column, strict=True) if b}
-    channels = [Channel(sensor.name, reads=sensor.combination) for sensor in sensors]
-    try:
-        found = as_channels(channels, position)
-    except InputError:
-        found = {}
-    if list(found.values()) != [1.0]:
-        raise InputError(
-            f"no sensor that reads the displacement at {name}",
-            "the sensor to feed back to it",
-            f"add {name} = '...' to controller.feedback",
-            place="feedback",
-        )
-    return next(iter(found))
+    model = entry.model if shipped else (Path(folder) / entry.model).resolve().as_posix()
+    return RigPlan(name, entry.title, raw.decode(), file, model, rig, entry.duration, entry.seed)

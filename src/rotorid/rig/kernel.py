@@ -4,7 +4,7 @@ Between events the inputs are constant. A linear rig takes exact steps (matrix e
 nonlinear one, or one whose speed changes, is integrated by the embedded pair of Dormand and Prince,
 5(4), with error control; the amplifiers' currents have a closed form, as their commands are held.
 What the loop works on are the tables below, plain arrays and numbers.
-x = [q, q', lagging currents, z], y = [q, q', z], z the states of `rotorid.rig.lags`.
+x = [q, q', lagging currents, z], y = [q, q', z], z the states of `rotorid.rig.plant`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from numba import njit
 
 from rotorid.core.values import Floats, Integers
 from rotorid.force.laws import magnet_fluxes
-from rotorid.rig.lags import Lags
-from rotorid.rig.schedule import Schedule
+from rotorid.rig.machine import Schedule
+from rotorid.rig.plant import Lags
 
 
 class Events(NamedTuple):
@@ -245,22 +245,10 @@ def _contact(bearings: Any, position: Any, forward: float, force: Any) -> None:
             force[other] += -drag * x - normal * y
 
 
-@njit(cache=True, error_model="numpy")
-def forces(bearings: Any, laws: Any, position: Any, current: Any, out: Any) -> None:
-    """Compute the forces of the actuators, their laws as they are now."""
-    _forces(bearings.displacement, bearings.kind, laws, position, current, out)
-
-
 @njit(cache=True, error_model="numpy", inline="always")
 def _currents(time_constant: Any, slew: Any, start: Any, held: Any, time: float, out: Any) -> None:
     for j in range(len(out)):
         out[j] = coil_current(start[j], held[j], time_constant[j], slew[j], time)
-
-
-@njit(cache=True, error_model="numpy")
-def currents(bearings: Any, start: Any, held: Any, time: float, out: Any) -> None:
-    """Compute the currents, some time after they were start and the commands held began."""
-    _currents(bearings.time_constant, bearings.slew, start, held, time, out)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -522,6 +510,8 @@ def run(
     (x, moved, y, stages, peak, steady, held, newest, coil, iron, room, laws, memory, scratch,
      waiting, reading, shown) = working  # fmt: skip
     plan, current, played = events.pattern, room[0], room[1]
+    displacement, kind = bearings.displacement, bearings.kind
+    lag, slew = bearings.time_constant, bearings.slew
     n, z, tick = 2 * len(steady), len(x) - len(lags.floor), 0
     for event in range(events.repeats * len(plan.offset)):
         pattern, e = event // len(plan.offset), event % len(plan.offset)
@@ -545,7 +535,7 @@ def run(
             held[:] = waiting[due % len(waiting)]
         fine = since * plan.logs + plan.log[e]
         if plan.log[e] >= 0 and 0 <= fine < len(log.recorded):
-            currents(bearings, coil, held, 0.0, current)
+            _currents(lag, slew, coil, held, 0.0, current)
             for j in range(len(held)):
                 played[j] = _played(iron[j], bearings.hysteresis[j], current[j])
             _signal(lags.effective, x, 0, current, played, z, log.effective[fine])
@@ -560,7 +550,7 @@ def run(
                     _read(loop, time, error, shown)
                 log.reading[sample] = shown
                 _signal(lags.coil, x, 0, current, played, z, log.current[sample])
-                forces(bearings, laws, x, log.effective[fine], log.force[sample])
+                _forces(displacement, kind, laws, x, log.effective[fine], log.force[sample])
         axis = _touch(bearings, x) if bearings.contact == 0.0 else -1
         if axis >= 0:
             return TOUCH, axis, time, 0.0

@@ -16,10 +16,10 @@ from rotorid.data.record import Channel, Drive, Record
 from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential, Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
-from rotorid.rig.marks import Encoder, Keyphasor, encoder_counts, keyphasor_pulses, read_mark
+from rotorid.rig.machine import RigMachine
 from rotorid.rig.parts import Actuator, sensor_unit
 from rotorid.rig.plant import Plant
-from rotorid.rig.rig_machine import RigMachine
+from rotorid.rig.rotation import Encoder, Keyphasor, encoder_counts, keyphasor_pulses, read_mark
 from rotorid.signals.spectrum import shifted
 
 if TYPE_CHECKING:
@@ -147,8 +147,7 @@ def _age(theta: float, period: float, delay: float, lag: float) -> float:
 
 def logged(rig: RigMachine, plant: Plant, log: Log, rng: np.random.Generator) -> Logged:
     """Return what the logger makes of a run; the noise of its recording is drawn here."""
-    rate = rig.logger.sample_rate
-    time = np.arange(len(log.state)) / rate
+    time = np.arange(len(log.state)) / rig.logger.sample_rate
     count = len(rig.model.coordinates)
     truth = Truth(
         parameters=dict(rig.values),
@@ -162,36 +161,36 @@ def logged(rig: RigMachine, plant: Plant, log: Log, rng: np.random.Generator) ->
         current=log.current,
         force=log.force,
     )
-    columns = _columns(rig, plant, log, time, rng)
-    return Logged(rate, columns, truth)
+    drives = _drive_columns(rig, plant, log, rng)
+    positions = [
+        LoggedColumn(sensor.name, sensor_unit(sensor.combination, rig.model.units), reading)
+        for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
+    ]
+    marks = []
+    match rig.logger.angle:
+        case Encoder() as mark:
+            marks = [LoggedColumn("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))]
+        case Keyphasor() as mark:
+            pulses = keyphasor_pulses(mark, rig.rotation, time, rng)
+            marks = [LoggedColumn("keyphasor", "1", pulses)]
+    return Logged(rig.logger.sample_rate, (*drives, *positions, *marks), truth)
 
 
 def read(rig: RigMachine, found: Logged) -> RigRecord:
     """Return the record that a reader makes of a rig's columns, told what the rig is."""
     by_name = {column.name: column for column in found.columns}
     mark = by_name.get("encoder", by_name.get("keyphasor"))
-    samples = None if mark is None else mark.samples
-    angle = read_mark(rig.logger.angle, samples, found.sample_rate)
-    if angle is None:
+    turned: Floats | None
+    if mark is not None and rig.logger.angle is not None:
+        angle = read_mark(rig.logger.angle, mark.samples, found.sample_rate)
+        turned, speed = angle.angle, angle.speed
+    else:
         time = np.arange(found.count) / found.sample_rate
         known = rig.rotation.constant and rig.rotation.phase == 0
         turned = None if known else rig.rotation.angle_at(time)
         speed = float(rig.rotation.speed_at(time).mean())
-    else:
-        turned, speed = angle.angle, angle.speed
-    record = _as_read(rig, found.columns, turned, speed)
+    record = _as_read(rig, by_name, turned, speed)
     return RigRecord(**vars(record), columns=found.columns, truth=found.truth)
-
-
-def _columns(
-    rig: RigMachine, plant: Plant, log: Log, time: Floats, rng: np.random.Generator
-) -> tuple[LoggedColumn, ...]:
-    positions = [
-        LoggedColumn(sensor.name, sensor_unit(sensor.combination, rig.model.units), reading)
-        for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
-    ]
-    drives = _drive_columns(rig, plant, log, rng)
-    return (*drives, *positions, *_mark_column(rig, time, rng))
 
 
 def _drive_columns(
@@ -206,13 +205,15 @@ def _drive_columns(
     position = np.array([[shifted(x, step) for step in steps] for x in position.T])
     position = position.transpose(2, 1, 0).reshape(len(log.effective), -1)
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
-        hold, delay = how_recorded(described, described.parts[j])
+        told = described.parts[j]
         samples = shown[:, j] + part.noise * rng.normal(size=len(shown))
-        known = described.parts[j].bandwidth if command else None
-        behind = known and FirstOrder(bandwidth=Constant("bandwidth", "Hz", known), actuator=True)
-        found.append(
-            LoggedColumn(label(name, part), part.unit, samples, hold, delay, behind or None)
-        )
+        dynamics = None
+        if command and told.bandwidth:
+            dynamics = FirstOrder(
+                bandwidth=Constant("bandwidth", "Hz", told.bandwidth), actuator=True
+            )
+        how = how_recorded(described, told)
+        found.append(LoggedColumn(label(name, part), part.unit, samples, *how, dynamics))
         if part.flux is not None and isinstance(part.law, Differential):
             current = _unfolded(rig, part, log.effective[:, j])
             densities = part.flux.law.densities(part.law, current, position[:, j])
@@ -254,24 +255,6 @@ def decimated(samples: Floats, every: int) -> Floats:
     )
 
 
-def _mark_column(rig: RigMachine, time: Floats, rng: np.random.Generator) -> list[LoggedColumn]:
-    match rig.logger.angle:
-        case Encoder() as mark:
-            return [LoggedColumn("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))]
-        case Keyphasor() as mark:
-            return [LoggedColumn("keyphasor", "1", keyphasor_pulses(mark, rig.rotation, time, rng))]
-    return []
-
-
-def _force_reading(rig: RigMachine, plant: Plant, index: int, law: Differential) -> ForceReading:
-    """Return how a reader gets the force of magnets from the columns."""
-    name, part = rig.model.inputs[index], rig.parts[index]
-    if part.flux is not None:
-        return ForceReading(part.flux.law, (label(name, part, "b1"), label(name, part, "b2")))
-    place = as_channels(sensor_channels(rig), actuator_position(rig, plant, index))
-    return ForceReading(law, (label(name, part),), place)
-
-
 def actuator_position(rig: RigMachine, plant: Plant, index: int) -> dict[str, float]:
     row = zip(rig.model.coordinates, plant.displacement[index].tolist(), strict=True)
     return {name: value for name, value in row if value}
@@ -283,25 +266,31 @@ def sensor_channels(rig: RigMachine) -> list[Channel]:
 
 
 def _as_read(
-    rig: RigMachine, columns: tuple[LoggedColumn, ...], angle: Floats | None, speed: float
+    rig: RigMachine, columns: Mapping[str, LoggedColumn], angle: Floats | None, speed: float
 ) -> Record:
     plant = rig.plant(1.0)
-    by_name = {column.name: column for column in columns}
+    sensors = sensor_channels(rig)
     found: list[tuple[Channel, LoggedColumn]] = []
     readings: dict[str, ForceReading] = {}
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
+        place = actuator_position(rig, plant, j)
         if isinstance(part.law, Differential):
-            readings[name] = _force_reading(rig, plant, j, part.law)
-            sources = [by_name[source] for source in readings[name].channels]
+            if part.flux is None:
+                place = as_channels(sensors, place)
+                reading = ForceReading(part.law, (label(name, part),), place)
+            else:
+                both = (label(name, part, "b1"), label(name, part, "b2"))
+                reading = ForceReading(part.flux.law, both)
+            readings[name] = reading
+            sources = [columns[source] for source in reading.channels]
             found += [(column.channel(column.name), column) for column in sources]
             continue
-        column = by_name[label(name, part)]
+        column = columns[label(name, part)]
         channel = column.channel(name)
         if isinstance(part.law, Linear):
-            place = actuator_position(rig, plant, j)
             channel = replace(channel, drive=Drive(part.law.ki, part.law.ks, place))
         found.append((channel, column))
-    found += [(sensor, by_name[sensor.name]) for sensor in sensor_channels(rig)]
+    found += [(sensor, columns[sensor.name]) for sensor in sensors]
     record = Record(
         channels=tuple(channel for channel, _ in found),
         samples=np.stack([column.samples for _, column in found], axis=1),
@@ -310,12 +299,10 @@ def _as_read(
         angle=angle,
         source=f"rig {rig.model.name}",
     )
-    return forces(record, readings, drives=False, period=_period(rig)) if readings else record
-
-
-def _period(rig: RigMachine) -> int | None:
-    """Return the samples of a period of the excitation, where that is a whole number."""
-    if rig.excitation is None:
-        return None
-    exact = rig.logger.sample_rate / rig.excitation.fundamental
-    return round(exact) if abs(exact - round(exact)) < 1e-6 else None
+    if not readings:
+        return record
+    period = None  # samples of the excitation's, where that is a whole number
+    if rig.excitation is not None:
+        exact = rig.logger.sample_rate / rig.excitation.fundamental
+        period = round(exact) if abs(exact - round(exact)) < 1e-6 else None
+    return forces(record, readings, drives=False, period=period)

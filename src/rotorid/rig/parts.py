@@ -12,8 +12,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Flux, Linear
-from rotorid.rig.marks import Encoder, Keyphasor
-from rotorid.rig.schedule import check
+from rotorid.rig.rotation import Encoder, Keyphasor, check
 
 
 @frozen

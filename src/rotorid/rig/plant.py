@@ -1,9 +1,15 @@
-"""The rotor of a rig: accelerations from positions, velocities, forces and loads."""
+"""The rotor of a rig, and what lags beside it: coils, eddy currents, sensors, filters.
+
+The rotor's accelerations follow from positions, velocities, forces and loads. Signals of what lags
+are rows over [q, q', i, h, z]: the rotor's motion, the amplifiers' currents i, the same after the
+iron's hysteresis h, and linear states z, with z' such rows too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -13,7 +19,8 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.models.linear_form import LinearForm
 from rotorid.models.model import Model
-from rotorid.rig.marks import Rotation
+from rotorid.rig.parts import Actuator, PositionSensor
+from rotorid.rig.rotation import Rotation
 
 _DEGREE = 4
 _ANGLES = 64
@@ -180,12 +187,8 @@ def _load_harmonics(
 def pairs(inputs: tuple[str, ...]) -> Integers:
     """Return the other axis of each auxiliary bearing: F_x1 and F_y1; -1 where there is none."""
     swapped = [name.translate(str.maketrans("xy", "yx")) for name in inputs]
-    return np.array(
-        [
-            inputs.index(other) if other != name and other in inputs else -1
-            for name, other in zip(inputs, swapped, strict=True)
-        ]
-    )
+    others = [n if n != name else "" for n, name in zip(swapped, inputs, strict=True)]
+    return np.array([inputs.index(n) if n in inputs else -1 for n in others])
 
 
 def quarter_turn(inputs: tuple[str, ...]) -> Floats:
@@ -195,3 +198,141 @@ def quarter_turn(inputs: tuple[str, ...]) -> Floats:
         if other >= 0:
             turn[j, other] = 1.0 if "x" in inputs[j] else -1.0
     return turn
+
+
+# Eddy currents: rates over tau, one to each factor of e. What is slower than the first is left to
+# it, what is faster than the last follows at once: right to 5e-4 from omega tau = 1e-3 to 0.3, as
+# far as a rig goes; faster ones would make the integration of nonlinear rigs stiff for nothing.
+_RATES = np.exp(np.arange(-12.0, 5.0))
+_CURRENT_FLOOR, _READING_FLOOR = 1e-3, 1e-6  # A, m: below, errors of a state count absolutely
+
+
+Rows = tuple[Floats, Floats, Floats]
+"""Signals: a matrix over [q, q'], one over [i, h] and one over z."""
+
+
+class Lags(NamedTuple):
+    """States z beside the rotor's, and the signals that they make."""
+
+    rate: Rows  # z'
+    # currents that the forces follow, in the coils, and as the logger gets them, one per input
+    effective: Rows
+    coil: Rows
+    recorded: Rows
+    # sensors, as the controller and as the logger get them, before noise
+    reading: Rows
+    logged: Rows
+    # (state,): size of a state below which errors of the integration count absolutely
+    floor: Floats
+
+
+class _States:
+    """States that are added one after the other; a signal is a row over all there may be."""
+
+    def __init__(self, motion: int, inputs: int, most: int) -> None:
+        self.motion, self.inputs = motion, inputs
+        self.width = motion + 2 * inputs + most
+        self.rates: list[Floats] = []
+        self.floors: list[float] = []
+
+    def signal(self, index: int) -> Floats:
+        return np.asarray(np.arange(self.width) == index, dtype=float)
+
+    def add(self, floor: float) -> Floats:
+        """Return the signal of a new state, whose rate is set later."""
+        self.rates.append(np.zeros(self.width))
+        self.floors.append(floor)
+        return self.signal(self.motion + 2 * self.inputs + len(self.rates) - 1)
+
+    def lagged(self, source: Floats, rate: float, floor: float) -> Floats:
+        """Return a signal after a lag of first order, rate in 1/s."""
+        state = self.add(floor)
+        self.rates[-1] = rate * (source - state)
+        return state
+
+    def filtered(self, source: Floats, corner: float, floor: float) -> Floats:
+        """Return a signal after Butterworth's filter of second order, corner in Hz."""
+        if not np.isfinite(corner):
+            return source
+        w = 2 * np.pi * corner
+        level, slope = self.add(floor), self.add(w * floor)
+        self.rates[-2] = slope
+        self.rates[-1] = w**2 * (source - level) - np.sqrt(2) * w * slope
+        return level
+
+    def split(self, rows: Sequence[Floats]) -> Rows:
+        table = np.array(rows).reshape(len(rows), self.width)
+        first, second = self.motion, self.motion + 2 * self.inputs
+        parts = (table[:, :first], table[:, first:second], table[:, second:])
+        motion, current, state = (np.ascontiguousarray(part) for part in parts)
+        return motion, current, np.ascontiguousarray(state[:, : len(self.rates)])
+
+
+def eddy_weights(tau: float) -> tuple[Floats, Floats, float]:
+    """Return rates in 1/s and weights of the lags that make 1 / (1 + sqrt(s tau)), and the rest.
+
+    Across its cut at s = -r it jumps by 2 i sqrt(r tau) / (1 + r tau), so it is the integral of
+    r / (s + r) times sqrt(r tau) / (pi (1 + r tau)) over log r: a sum by the trapezoidal rule.
+    Below r tau = e^u lies the part 2 / pi atan(e^(u / 2)) of its weight.
+    """
+    weights = np.sqrt(_RATES) / (np.pi * (1 + _RATES))
+    edges = _RATES[[0, -1]] * np.exp([-0.5, 0.5])
+    slow, all_but_fast = 2 / np.pi * np.arctan(np.sqrt(edges))
+    weights[0] += slow
+    fast = 1 - all_but_fast
+    return _RATES / tau, weights * (1 - fast) / weights.sum(), float(fast)
+
+
+def build_lags(
+    plant: Plant,
+    actuators: Sequence[Actuator],
+    sensors: Sequence[PositionSensor],
+    reads: Floats,
+    corner: float,
+) -> Lags:
+    """Return what lags; `reads` is what the sensors read, `corner` that of the logger's filter."""
+    inputs = len(actuators)
+    eddies = sum(part.eddy > 0 for part in actuators)
+    most = eddies * len(_RATES) + 4 * inputs + 3 * len(sensors)
+    states = _States(2 * len(plant.mass), inputs, most)
+    effective, coil = zip(
+        *(_current(part, plant, states, j) for j, part in enumerate(actuators)), strict=True
+    )
+    reading = []
+    for sensor, row in zip(sensors, reads, strict=True):
+        signal = np.pad(row, (0, states.width - len(row)))
+        if np.isfinite(sensor.bandwidth):
+            signal = states.lagged(signal, 2 * np.pi * sensor.bandwidth, _READING_FLOOR)
+        reading.append(signal)
+    recorded = [states.filtered(row, corner, _CURRENT_FLOOR) for row in coil]
+    logged = [states.filtered(row, corner, _READING_FLOOR) for row in reading]
+    return Lags(
+        rate=states.split(states.rates),
+        effective=states.split(effective),
+        coil=states.split(coil),
+        recorded=states.split(recorded),
+        reading=states.split(reading),
+        logged=states.split(logged),
+        floor=np.array(states.floors),
+    )
+
+
+def _current(part: Actuator, plant: Plant, states: _States, j: int) -> tuple[Floats, Floats]:
+    """Return the currents that the force of an input follows, and that its coil carries."""
+    coil = states.signal(states.motion + j)
+    iron = states.signal(states.motion + states.inputs + j)
+    if part.coil is not None:
+        resistance, inductance = part.coil.resistance, part.coil.inductance
+        w = 2 * np.pi * part.coil.bandwidth
+        command, induced = coil, np.zeros(states.width)
+        induced[states.motion // 2 : states.motion] = part.slopes[0] * plant.displacement[j]
+        coil, integral = states.add(_CURRENT_FLOOR), states.add(_CURRENT_FLOOR * resistance)
+        voltage = w * inductance * (command - coil) + integral
+        states.rates[-2] = (voltage - resistance * coil - induced) / inductance
+        states.rates[-1] = w * resistance * (command - coil)
+        iron = coil
+    if part.eddy > 0:
+        rates, weights, rest = eddy_weights(part.eddy)
+        lagged = [states.lagged(iron, rate, _CURRENT_FLOOR) for rate in rates]
+        iron = weights @ lagged + rest * iron
+    return iron, coil

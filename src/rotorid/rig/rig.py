@@ -13,11 +13,11 @@ from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.values import Floats
 from rotorid.core.watch import polled
 from rotorid.force.laws import Differential
-from rotorid.rig import kernel, kernel_tables
-from rotorid.rig.lags import build_lags
+from rotorid.rig import kernel
 from rotorid.rig.logger import Logged, RigRecord, logged, read
+from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Plant
-from rotorid.rig.rig_machine import RigMachine
+from rotorid.rig.tables import growth, kernel_tables, load_table, log_table
 
 # From the samples of the logger's columns, by name, to those that it changes.
 Spoil = Callable[[dict[str, Floats], np.random.Generator], dict[str, Floats]]
@@ -26,24 +26,15 @@ Spoil = Callable[[dict[str, Floats], np.random.Generator], dict[str, Floats]]
 class RigError(InputError):
     """A rig that cannot run on: what happened, when (s since it was switched on), on which axis."""
 
-    def __init__(
-        self,
-        found: str,
-        expected: str,
-        cure: str,
-        *,
-        file: str = "",
-        place: str = "",
-        time: float | None = None,
-        where: str = "",
-    ) -> None:
+    time: float | None = None
+    where: str = ""
+
+    def of(self, time: float, where: str) -> RigError:
         self.time, self.where = time, where
-        super().__init__(found, expected, cure, file=file, place=place)
+        return self
 
     def at(self, *, file: str = "", place: str = "") -> RigError:
-        found = super().at(file=file, place=place)
-        found.time, found.where = self.time, self.where
-        return found
+        return super().at(file=file, place=place).of(self.time or 0.0, self.where)
 
 
 SETTLED = 60.0
@@ -87,21 +78,12 @@ class Rig(RigMachine):
             raise InputError(f"{duration} s", "one sample or more", "run longer", place="duration")
         plant = self.plant(duration)
         self._require_stable(plant, duration)
-        events = kernel_tables.event_table(self, samples)
-        log = kernel_tables.log_table(self, samples)
-        lags = build_lags(self, plant, kernel_tables.sensor_matrix(self))
-        tables = (
-            events,
-            kernel_tables.step_table(self, plant, lags),
-            bearings := kernel_tables.bearing_table(self, plant),
-            kernel_tables.rotor_table(self, plant),
-            lags,
-            kernel_tables.loop_table(self, events, samples, rng),
-        )
-        loads = kernel_tables.load_table(self, plant, events)
-        room = kernel.room_of(*tables)
+        log = log_table(self, samples)
+        made = kernel_tables(self, plant, samples, rng)
+        events, bearings = made[0], made[2]
+        loads, room = load_table(self, plant, events), kernel.room_of(*made)
         with polled("simulating samples", lambda: int(np.count_nonzero(log.state[:, 0])), samples):
-            code, axis, time, size = kernel.run(*tables, loads, room, log)
+            code, axis, time, size = kernel.run(*made, loads, room, log)
         if code != kernel.FINE:
             since = time + events.settling * events.pattern.duration
             raise self._fault(code, axis, since, size, float(bearings.clearance[axis]))
@@ -131,12 +113,12 @@ class Rig(RigMachine):
             expected = f"motion that can be followed to {self.tolerance:g}"
             cure = "check the parameters, or allow a larger tolerance"
             name = ""
-        return RigError(found, expected, cure, time=time, where=name)
+        return RigError(found, expected, cure).of(time, name)
 
     def _require_stable(self, plant: Plant, duration: float) -> None:
         """Refuse a loop that grows at any speed of the run."""
         for speed in dict.fromkeys(self.rotation.range_until(duration)):
-            rate, frequency, axis = kernel_tables.growth(self, plant, speed)
+            rate, frequency, axis = growth(self, plant, speed)
             if rate >= 0:
                 raise RigError(
                     f"an unstable loop at {speed:.6g} rad/s: from the first instant it grows by a "
@@ -145,6 +127,4 @@ class Rig(RigMachine):
                     "a loop whose free motion decays",
                     "check the sign and the size of the gains against k_i and k_s, add damping, or "
                     "shorten the delay",
-                    time=0.0,
-                    where=axis,
-                )
+                ).of(0.0, axis)

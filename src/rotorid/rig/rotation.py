@@ -8,8 +8,27 @@ from numpy.typing import ArrayLike
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.rig.schedule import check
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
+
+
+def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...] = ()) -> None:
+    """Refuse values that are not positive, or negative, where they must not be."""
+    for name in (*positive, *zero):
+        value, strict = getattr(part, name), name in positive
+        if value is None or value > 0 or (value == 0 and not strict):
+            continue
+        raise InputError(
+            f"{name} = {value}",
+            "more than 0" if strict else "0 or more",
+            f"give a {'positive ' if strict else ''}size, without a sign",
+            place=name,
+        )
+
+
+def check_rate(rate: float, place: str) -> None:
+    if not (np.isfinite(rate) and rate > 0):
+        cure = "give how often its clock ticks in a second"
+        raise InputError(f"{rate} Hz", "more than 0 Hz", cure, place=place)
 
 
 @frozen
@@ -38,13 +57,8 @@ class Rotation:
                 raise InputError(
                     f"{value}", "a finite number", "give a number, or leave it out", place=name
                 )
-        if self.drift and self.drift_period <= 0:
-            raise InputError(
-                f"{self.drift_period}",
-                "more than 0 s",
-                "give the time in which the speed drifts to and fro",
-                place="drift_period",
-            )
+        if self.drift:
+            check(self, positive=("drift_period",))
 
     @property
     def constant(self) -> bool:
@@ -186,12 +200,8 @@ def _times_of(turns: Floats, rotation: Rotation, time: Floats) -> Floats:
     return np.asarray(t)
 
 
-def read_mark(
-    mark: Encoder | Keyphasor | None, column: Floats | None, sample_rate: float
-) -> MeasuredAngle | None:
-    """Return what a reader makes of the column of the angle, if there is one."""
-    if column is None:
-        return None
+def read_mark(mark: Encoder | Keyphasor, column: Floats, sample_rate: float) -> MeasuredAngle:
+    """Return what a reader makes of the column of the angle."""
     if isinstance(mark, Encoder):
         return encoder_angle(column, sample_rate, per_revolution=mark.lines, lines=mark.lines)
     times, half = pulse_edges(column, sample_rate)

@@ -1,23 +1,104 @@
-"""`Machine`: the parts of a rig, and what follows from them alone."""
+"""`RigMachine`: the parts of a rig, and what follows from them alone."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import field
+from fractions import Fraction
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, Integers
 from rotorid.models.model import Model
 from rotorid.rig.controller import Controller
-from rotorid.rig.marks import Rotation
-from rotorid.rig.parts import Actuator, Disturbance, Logger, PositionSensor, ProcessNoise
-from rotorid.rig.plant import Plant, quarter_turn, rotor_plant
-from rotorid.rig.schedule import Schedule, merge_clocks
+from rotorid.rig.parts import (
+    Actuator,
+    Disturbance,
+    Logger,
+    PositionSensor,
+    ProcessNoise,
+)
+from rotorid.rig.plant import Lags, Plant, build_lags, quarter_turn, rotor_plant
+from rotorid.rig.rotation import Rotation, check, check_rate
 from rotorid.signals.multisine import Multisine
+
+MAX_EVENTS = 20_000
+MAX_DELAY = 100
+"""Steps of the controller: each is a state of the loop, whose stability is looked at; real ones
+take one or two."""
+
+
+class Schedule(NamedTuple):
+    """One pattern of events, repeated for ever.
+
+    The events of one instant happen in this order: the controller reads and computes; commands
+    whose delay is over take effect; the logger records.
+    """
+
+    duration: float  # length of the pattern in s
+    # (event,): time in s of each event in the pattern, and until the next one
+    offset: Floats
+    length: Floats
+    # (event,): number within the pattern of the control step, of the command that takes effect and
+    # of the logged sample; -1 where the event is none of the kind
+    control: Integers
+    apply: Integers
+    log: Integers
+    # control steps and logged samples of the pattern
+    controls: int
+    logs: int
+    lag: int  # control steps after which a command takes effect; 0 where it does in the same one
+
+
+def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Schedule:
+    """Merge the clocks of controller and logger; both tick at t = 0."""
+    check_rate(control_rate, "rate")
+    check_rate(sample_rate, "sample_rate")
+    if not 0 <= delay * control_rate <= MAX_DELAY:
+        raise InputError(
+            f"{delay:g} s",
+            f"0 s or more, and at most {MAX_DELAY} steps of the controller, "
+            f"{MAX_DELAY / control_rate:g} s",
+            "give how long the controller computes: a step or two",
+            place="delay",
+        )
+    ratio = Fraction(sample_rate / control_rate).limit_denominator(MAX_EVENTS)
+    logs, controls = ratio.numerator, ratio.denominator
+    close = abs(float(ratio) * control_rate / sample_rate - 1) < 1e-12
+    if not close or logs + controls > MAX_EVENTS:
+        raise InputError(
+            f"a controller at {control_rate:.12g} Hz and samples at {sample_rate:.12g} Hz",
+            f"a ratio of whole numbers, at most {MAX_EVENTS} together",
+            "choose rates of a simpler ratio",
+            place="sample_rate",
+        )
+    steps = Fraction(delay * control_rate).limit_denominator(10**6)
+    control = {Fraction(k, controls): k for k in range(controls)}
+    log = {Fraction(k, logs): k for k in range(logs)}
+    whole, part = divmod(steps, 1)
+    apply = {Fraction(k + part, controls): k for k in range(controls)}
+    times = sorted({*control, *log, *apply})
+    duration = controls / control_rate
+    ends = [*times[1:], Fraction(1)]
+
+    def numbers(events: dict[Fraction, int]) -> Integers:
+        return np.array([events.get(t, -1) for t in times], dtype=np.int64)
+
+    return Schedule(
+        duration=duration,
+        offset=np.array([float(t) * duration for t in times]),
+        length=np.array([float(b - a) * duration for a, b in zip(times, ends, strict=True)]),
+        control=numbers(control),
+        apply=numbers(apply),
+        log=numbers(log),
+        controls=controls,
+        logs=logs,
+        lag=int(whole),
+    )
 
 
 @frozen
@@ -63,11 +144,7 @@ class RigMachine:
         object.__setattr__(self, "sensors", tuple(self.sensors))
         object.__setattr__(self, "feedback", tuple(self.feedback))
         inputs, coordinates = self.model.inputs, self.model.coordinates
-        missing = [name for name in inputs if name not in self.actuators]
-        if missing:
-            raise InputError(
-                f"no actuator of {missing[0]}", "one for each input", "add it", place="actuators"
-            )
+        require_names(inputs, self.actuators, "no actuator of {}", "add it", place="actuators")
         require_names(self.actuators, inputs, place="actuators")
         require_names(self.feedback, [sensor.name for sensor in self.sensors], place="feedback")
         for part in self.disturbances:
@@ -85,12 +162,7 @@ class RigMachine:
                 "match the sensors fed back and the inputs",
                 place="controller",
             )
-        for name in ("clearance", "tolerance", "delay", "settling"):
-            value = getattr(self, name)
-            if not (value >= 0 if name in ("delay", "settling") else value > 0):
-                raise InputError(
-                    f"{value}", "more than 0", "give a size, without a sign", place=name
-                )
+        check(self, positive=("clearance", "tolerance"), zero=("delay", "settling"))
 
     @cached_property
     def schedule(self) -> Schedule:
@@ -118,3 +190,18 @@ class RigMachine:
         if self.cross:
             plant = plant.with_stiffness(self.cross * quarter_turn(self.model.inputs))
         return plant
+
+    @cached_property
+    def reads(self) -> Floats:
+        """What the sensors read, shape (sensor, coordinate)."""
+        names = self.model.coordinates
+        return np.array([[s.combination.get(name, 0.0) for name in names] for s in self.sensors])
+
+    @cached_property
+    def fed_back(self) -> Integers:
+        """Which sensors the controller reads."""
+        names = [sensor.name for sensor in self.sensors]
+        return np.array([names.index(name) for name in self.feedback], dtype=np.int64)
+
+    def lags(self, plant: Plant) -> Lags:
+        return build_lags(plant, self.parts, self.sensors, self.reads, self.logger.filter)

@@ -9,10 +9,8 @@ from rotorid.core.errors import InputError
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.kernel import Bearings, Events, Log, Loop, RotorTable, Steps
-from rotorid.rig.lags import Lags, build_lags
-from rotorid.rig.parts import PositionSensor
-from rotorid.rig.plant import Plant, pairs
-from rotorid.rig.rig_machine import RigMachine
+from rotorid.rig.machine import RigMachine
+from rotorid.rig.plant import Lags, Plant, Rows, pairs
 
 FRICTION = 0.15  # of a steel shaft in a dry auxiliary bearing
 HUM = 50.0  # Hz, of the mains
@@ -46,7 +44,7 @@ def _continuous(
     current[:, states:first] = np.diag(lag == 0)
     current[lagging, 2 * n + np.arange(len(lagging))] = 1.0
 
-    def rows(signal: tuple[Floats, Floats, Floats]) -> Floats:
+    def rows(signal: Rows) -> Floats:
         motion, electric, state = signal
         found = (electric[:, :inputs] + electric[:, inputs:]) @ current
         found[:, : 2 * n] += motion
@@ -88,23 +86,14 @@ def _acceleration(rig: RigMachine, plant: Plant, name: str, *, force: bool) -> F
     return np.asarray(np.linalg.solve(plant.mass, own) if force else own, dtype=float)
 
 
-def sensor_matrix(rig: RigMachine) -> Floats:
-    """Return what the sensors read, shape (sensor, coordinate)."""
-    return np.array(
-        [[s.combination.get(name, 0.0) for name in rig.model.coordinates] for s in rig.sensors]
-    )
-
-
 def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, str]:
     """Return growth rate (1/s), frequency (Hz) and axis of the loop's least stable motion."""
-    lags = build_lags(rig, plant, sensor_matrix(rig))
+    lags = rig.lags(plant)
     steps = exact_steps(rig, plant, lags, speed)
-    names = [sensor.name for sensor in rig.sensors]
-    fed_back = [names.index(name) for name in rig.feedback]
     motion, _, state = lags.reading
-    reads = np.zeros((len(fed_back), steps.state.shape[1]))
-    reads[:, : motion.shape[1]] = motion[fed_back]
-    reads[:, reads.shape[1] - len(lags.floor) :] = state[fed_back]
+    reads = np.zeros((len(rig.fed_back), steps.state.shape[1]))
+    reads[:, : motion.shape[1]] = motion[rig.fed_back]
+    reads[:, reads.shape[1] - len(lags.floor) :] = state[rig.fed_back]
     values, vectors = np.linalg.eig(_loop_matrix(rig, steps, reads))
     worst = int(np.argmax(np.abs(values)))
     radius, angle = float(np.abs(values[worst])), float(np.abs(np.angle(values[worst])))
@@ -115,12 +104,17 @@ def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, s
     return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
 
 
-def event_table(rig: RigMachine, samples: int) -> Events:
-    """Return the pattern of events, repeated until the record is complete."""
-    plan = rig.schedule
+def kernel_tables(
+    rig: RigMachine, plant: Plant, samples: int, rng: np.random.Generator
+) -> tuple[Events, Steps, Bearings, RotorTable, Lags, Loop]:
+    """Return what the kernel works on, for a record of so many samples."""
+    plan, lags = rig.schedule, rig.lags(plant)
+    # The pattern of events is repeated until the record is complete.
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
     readings = samples * rig.logger.oversampling
-    return Events(plan, settling + -(-readings // plan.logs), settling)
+    events = Events(plan, settling + -(-readings // plan.logs), settling)
+    steps, loop = step_table(rig, plant, lags), loop_table(rig, events, samples, rng)
+    return events, steps, bearing_table(rig, plant), rotor_table(rig, plant), lags, loop
 
 
 def step_table(rig: RigMachine, plant: Plant, lags: Lags) -> Steps:
@@ -201,13 +195,9 @@ def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Gen
     known = [part.size(middle) for part in rig.disturbances]
     recorded = control_time[control_time > -rig.controller.period / 2]
     gain = np.ones(1) if rig.gain is None else rig.gain(recorded)
-    names = [sensor.name for sensor in rig.sensors]
     return Loop(
-        A=rig.controller.A,
-        B=rig.controller.B,
-        C=rig.controller.C,
-        D=rig.controller.D,
-        reads=np.array([names.index(name) for name in rig.feedback], dtype=np.int64),
+        **{name: getattr(rig.controller, name) for name in "ABCD"},
+        reads=rig.fed_back,
         quantum=np.array([sensor.quantum for sensor in rig.sensors]),
         cubic=np.array([sensor.cubic for sensor in rig.sensors]),
         heating=np.array([sensor.heating for sensor in rig.sensors]),
@@ -225,16 +215,12 @@ def _errors(rig: RigMachine, time: Floats, rng: np.random.Generator) -> Floats:
     angle = rig.rotation.angle_at(time)
     errors = rng.normal(size=(len(time), len(rig.sensors)))
     for j, sensor in enumerate(rig.sensors):
-        errors[:, j] = sensor.noise * errors[:, j] + sensor.bias + runout_of(sensor, angle)
+        runout = np.zeros_like(angle)
+        for part in sensor.runout:
+            runout += part.cos * np.cos(part.order * angle) + part.sin * np.sin(part.order * angle)
+        errors[:, j] = sensor.noise * errors[:, j] + sensor.bias + runout
         errors[:, j] += sensor.hum * np.cos(2 * np.pi * HUM * time)
     return errors
-
-
-def runout_of(sensor: PositionSensor, angle: Floats) -> Floats:
-    total = np.zeros_like(angle)
-    for part in sensor.runout:
-        total += part.cos * np.cos(part.order * angle) + part.sin * np.sin(part.order * angle)
-    return total
 
 
 def excitation_table(rig: RigMachine) -> Floats:
