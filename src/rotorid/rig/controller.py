@@ -13,7 +13,6 @@ from scipy import linalg, signal
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
-from rotorid.rig.rotation import check_rate
 
 
 @frozen
@@ -51,10 +50,15 @@ class Controller:
                     f"{name} of shape {given.shape}", f"{shape}", "make A, B, C and D of one size"
                 )
             if not np.isfinite(given).all():
-                cure = f"look for NaN and inf where {name} is computed"
-                raise InputError(f"numbers in {name} that are not finite", "finite numbers", cure)
+                cure = "look for NaN and inf where A, B, C and D are computed"
+                raise InputError("numbers that are not finite", "finite matrices", cure)
             object.__setattr__(self, name, given.reshape(shape))
-        check_rate(1 / self.period if self.period else np.inf, "period")
+        if not (np.isfinite(self.period) and self.period > 0):
+            raise InputError(
+                f"a period of {self.period} s",
+                "more than 0 s",
+                "give the time between two steps of the controller",
+            )
 
     @property
     def states(self) -> int:
@@ -122,7 +126,13 @@ def pid(
     forward rule, the derivative as first-order hold through the filter, so that
     ``d[k] = a d[k-1] + D (1 - a) (y[k] - y[k-1]) / T``, a = exp(-2 pi f T).
     """
-    check_rate(filter_frequency, "filter_frequency")
+    if not (np.isfinite(filter_frequency) and filter_frequency > 0):
+        raise InputError(
+            f"{filter_frequency} Hz",
+            "more than 0 Hz",
+            "give the corner of the filter of the derivative",
+            place="filter_frequency",
+        )
     a = np.exp(-2 * np.pi * filter_frequency * period)
     slope = derivative * (1 - a) / period
     # States: the filtered derivative less slope * y; the integral of y, where it has a gain.

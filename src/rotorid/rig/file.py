@@ -229,7 +229,14 @@ class ActuatorEntry(LawEntry):
 
 def build_actuators(entries: Mapping[str, ActuatorEntry], model: Model) -> dict[str, Actuator]:
     """Return the actuator of each input: what ``all`` says, and what its own table changes."""
-    require_names(entries, (ALL, *model.inputs), place="actuators")
+    for name in entries:
+        if name != ALL and name not in model.inputs:
+            raise InputError(
+                repr(name[:60]),
+                f"all, or one of {', '.join(model.inputs)}",
+                "name an input of the model, or all",
+                place="actuators",
+            )
     shared = entries.get(ALL, ActuatorEntry())
     built = {}
     for name in model.inputs:
@@ -258,25 +265,24 @@ class SensorEntry(Schema):
     runout: list[RunoutEntry] = Field(default_factory=list)
 
     def build(self, name: str, model: Model) -> PositionSensor:
+        place, reads = f"sensors.{name}", None
         if self.reads is None:
             _require(name, model.coordinates, "sensors")
-        with naming(place=f"sensors.{name}"):
-            reads = None
-            if self.reads is not None:
-                reads = linear_combination(self.reads, model.coordinates, place="reads")
-            unit = sensor_unit(reads or [name], model.units)
-            noise, bias, quantum = (
-                0.0 if (value := getattr(self, key)) is None else to_si(value, unit, place=key)
-                for key in ("noise", "bias", "quantum")
-            )
-            runout = []
-            for i, part in enumerate(self.runout):
-                cos, sin = (
-                    to_si(getattr(part, key), unit, place=f"runout.{i}.{key}")
-                    for key in ("cos", "sin")
-                )
-                runout.append(SensorRunout(part.order, cos, sin))
-            return PositionSensor(name, reads, noise, bias, quantum, tuple(runout))
+        else:
+            reads = linear_combination(self.reads, model.coordinates, place=f"{place}.reads")
+        unit = sensor_unit(reads or [name], model.units)
+
+        def si(value: Quantity | None, key: str) -> float:
+            return 0.0 if value is None else to_si(value, unit, place=f"{place}.{key}")
+
+        noise, bias, quantum = (si(getattr(self, key), key) for key in ("noise", "bias", "quantum"))
+        orders = [
+            (part.order, si(part.cos, f"runout.{i}.cos"), si(part.sin, f"runout.{i}.sin"))
+            for i, part in enumerate(self.runout)
+        ]
+        with naming(place=place):
+            runout = tuple(SensorRunout(*part) for part in orders)
+            return PositionSensor(name, reads, noise, bias, quantum, runout)
 
 
 class SignalEntry(Schema):
@@ -305,14 +311,20 @@ class ExcitationEntry(Schema):
         first = next(iter(self.signals.values()))
         unit = "A" if str(first.amplitude).strip().endswith("A") else "N"
         amplitude = {
-            name: to_si(signal.amplitude, unit, place=f"signals.{name}.amplitude")
+            name: to_si(signal.amplitude, unit, place=f"excitation.signals.{name}.amplitude")
             for name, signal in self.signals.items()
         }
-        self._check_lines(rate)
-        lines, phases = self._lines(rng), self.phases
-        signals = multisine(
-            self.fundamental, lines, amplitude, phases=phases, apart=self.apart, unit=unit, rng=rng
-        )
+        with naming(place="excitation"):
+            self._check_lines(rate)
+            signals = multisine(
+                self.fundamental,
+                self._lines(rng),
+                amplitude,
+                phases=self.phases,
+                apart=self.apart,
+                unit=unit,
+                rng=rng,
+            )
         turned = signals.scaled([np.exp(1j * signal.phase) for signal in self.signals.values()])
         return minimize_crest(turned) if self.minimize_crest else turned
 
@@ -376,11 +388,14 @@ class LoggerEntry(Schema):
     def build(self) -> Logger:
         angle: Encoder | Keyphasor | None = None
         if self.encoder is not None and self.keyphasor is not None:
-            raise InputError("both", "one of encoder and keyphasor", "remove one", place="encoder")
-        if self.encoder is not None:
-            angle = Encoder(**dict(self.encoder))
-        elif self.keyphasor is not None:
-            angle = Keyphasor(**dict(self.keyphasor))
+            raise InputError(
+                "both", "one of encoder and keyphasor", "remove one", place="logger.encoder"
+            )
+        with naming(place="logger"):
+            if self.encoder is not None:
+                angle = Encoder(**dict(self.encoder))
+            elif self.keyphasor is not None:
+                angle = Keyphasor(**dict(self.keyphasor))
         return Logger(self.sample_rate, self.current, angle, oversampling=self.oversampling)
 
 
@@ -409,11 +424,9 @@ class RigFile(Schema):
         with naming(place="controller"):
             feedback = self.controller.sensors_of(model, values, sensors)
             controller = self.controller.build([actuators[name] for name in model.inputs])
-        with naming(place="logger"):
-            logger = self.logger.build()
-        with naming(place="excitation"):
-            entry, rate = self.excitation, self.controller.rate
-            excitation = None if entry is None else entry.build(rate, self.seed)
+        logger = self.logger.build()
+        entry, rate = self.excitation, self.controller.rate
+        excitation = None if entry is None else entry.build(rate, self.seed)
         return Rig(
             model=model,
             values=values,

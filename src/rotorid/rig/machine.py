@@ -23,7 +23,7 @@ from rotorid.rig.parts import (
     ProcessNoise,
 )
 from rotorid.rig.plant import Lags, Plant, build_lags, quarter_turn, rotor_plant
-from rotorid.rig.rotation import Rotation, check, check_rate
+from rotorid.rig.rotation import Rotation, check_rate
 from rotorid.signals.multisine import Multisine
 
 MAX_EVENTS = 20_000
@@ -58,11 +58,17 @@ def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Sched
     """Merge the clocks of controller and logger; both tick at t = 0."""
     check_rate(control_rate, "rate")
     check_rate(sample_rate, "sample_rate")
-    if not 0 <= delay * control_rate <= MAX_DELAY:
+    if not (np.isfinite(delay) and delay >= 0):
+        raise InputError(
+            f"{delay} s",
+            "0 s or more",
+            "give how long the controller computes, or leave it out",
+            place="delay",
+        )
+    if delay * control_rate > MAX_DELAY:
         raise InputError(
             f"{delay:g} s",
-            f"0 s or more, and at most {MAX_DELAY} steps of the controller, "
-            f"{MAX_DELAY / control_rate:g} s",
+            f"at most {MAX_DELAY} steps of the controller, {MAX_DELAY / control_rate:g} s",
             "give how long the controller computes: a step or two",
             place="delay",
         )
@@ -144,7 +150,11 @@ class RigMachine:
         object.__setattr__(self, "sensors", tuple(self.sensors))
         object.__setattr__(self, "feedback", tuple(self.feedback))
         inputs, coordinates = self.model.inputs, self.model.coordinates
-        require_names(inputs, self.actuators, "no actuator of {}", "add it", place="actuators")
+        missing = [name for name in inputs if name not in self.actuators]
+        if missing:
+            raise InputError(
+                f"no actuator of {missing[0]}", "one for each input", "add it", place="actuators"
+            )
         require_names(self.actuators, inputs, place="actuators")
         require_names(self.feedback, [sensor.name for sensor in self.sensors], place="feedback")
         for part in self.disturbances:
@@ -162,7 +172,12 @@ class RigMachine:
                 "match the sensors fed back and the inputs",
                 place="controller",
             )
-        check(self, positive=("clearance", "tolerance"), zero=("delay", "settling"))
+        for name in ("clearance", "tolerance", "delay", "settling"):
+            value = getattr(self, name)
+            if not (value >= 0 if name in ("delay", "settling") else value > 0):
+                raise InputError(
+                    f"{value}", "more than 0", "give a size, without a sign", place=name
+                )
 
     @cached_property
     def schedule(self) -> Schedule:

@@ -57,8 +57,13 @@ class Rotation:
                 raise InputError(
                     f"{value}", "a finite number", "give a number, or leave it out", place=name
                 )
-        if self.drift:
-            check(self, positive=("drift_period",))
+        if self.drift and self.drift_period <= 0:
+            raise InputError(
+                f"{self.drift_period}",
+                "more than 0 s",
+                "give the time in which the speed drifts to and fro",
+                place="drift_period",
+            )
 
     @property
     def constant(self) -> bool:
