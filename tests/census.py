@@ -1,14 +1,10 @@
-"""What the source comes to, in figures: `make census`.
-
-Lines and modules by package, modules that a single other one imports, class names that mean several
-things, and tests that look inside.
-"""
+"""The size and structure of the source in figures, each beside its budget: `make census`."""
 
 from __future__ import annotations
 
 import ast
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -35,43 +31,56 @@ def imported(tree: ast.AST, known: set[str]) -> Iterator[str]:
                 yield node.module
 
 
-def main() -> None:
-    """Print the figures."""
-    files = sorted((*SOURCE.rglob("*.py"), *SOURCE.rglob("*.pyi")))
+def packages(trees: Mapping[Path, ast.AST], lengths: Mapping[Path, int]) -> None:
+    """Print lines and modules of each package."""
     lines, modules = Counter[str](), Counter[str]()
-    trees = {file: ast.parse(file.read_text(encoding="utf-8")) for file in files}
-    for file in files:
+    for file in trees:
         inside = file.relative_to(SOURCE).parts
         package = inside[0] if len(inside) > 1 else "rotorid"
-        lines[package] += len(file.read_text(encoding="utf-8").splitlines())
+        lines[package] += lengths[file]
         modules[package] += 1
     for package, count in lines.most_common():
         print(f"{package:12} {count:7} lines {modules[package]:4} modules")
-    print(f"{'source':12} {lines.total():7} lines {modules.total():4} modules")
-    tests = sorted((ROOT / "tests").rglob("*.py"))
-    print(f"{'tests':12} {sum(len(t.read_text().splitlines()) for t in tests):7} lines")
 
-    known = {name_of(file) for file in files}
+
+def single_importers(trees: Mapping[Path, ast.AST], known: set[str]) -> int:
+    """Count the modules that exactly one other imports."""
     importers = defaultdict[str, set[str]](set)
     for file, tree in trees.items():
         for name in imported(tree, known):
             importers[name].add(name_of(file))
-    alone = [name for name in known if len(importers[name] - {name}) == 1]
-    print(f"modules that one other imports: {len(alone)}")
+    return sum(len(importers[name] - {name}) == 1 for name in known)
 
-    classes = Counter(
-        node.name
-        for tree in trees.values()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
-    )
-    print(f"class names of several classes: {sum(n > 1 for n in classes.values())}")
-    inner = [
-        test
-        for test in tests
-        if set(imported(ast.parse(test.read_text(encoding="utf-8")), known)) - FACE
+
+def repeated(names: Iterable[str]) -> int:
+    """Count the names that several things have."""
+    return sum(count > 1 for count in Counter(names).values())
+
+
+def main() -> None:
+    """Print the figures."""
+    files = sorted((*SOURCE.rglob("*.py"), *SOURCE.rglob("*.pyi")))
+    tests = sorted((ROOT / "tests").rglob("*.py"))
+    texts = {file: file.read_text(encoding="utf-8") for file in (*files, *tests)}
+    lengths = {file: len(text.splitlines()) for file, text in texts.items()}
+    trees = {file: ast.parse(texts[file]) for file in files}
+    known = {name_of(file) for file in files}
+    packages(trees, lengths)
+    nodes = [node for tree in trees.values() for node in ast.walk(tree)]
+    public = [n.name for n in nodes if isinstance(n, ast.ClassDef) and n.name[0] != "_"]
+    stems = [file.stem for file in files if file.stem != "__init__"]
+    inner = [t for t in tests if set(imported(ast.parse(texts[t]), known)) - FACE]
+    rows = [
+        ("lines of source", sum(lengths[file] for file in files), 42_000),
+        ("modules", len(files), 165),
+        ("lines of tests", sum(lengths[test] for test in tests), 30_000),
+        ("modules with exactly one importer", single_importers(trees, known), 35),
+        ("class names of several classes", repeated(public), 0),
+        ("file names used twice", repeated(stems), 5),
+        (f"test files that import internals, of {len(tests)}", len(inner), 60),
     ]
-    print(f"test files that import internals: {len(inner)} of {len(tests)}")
+    for what, count, budget in rows:
+        print(f"{what:45} {count:7} (budget {budget})")
 
 
 if __name__ == "__main__":
