@@ -246,7 +246,14 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
             "as many of one as of the other, for natural frequencies",
             "complete the model",
         )
-    held = _held(layout, mode)
+    if layout.base and mode.parameters:
+        raise InputError(
+            f"{next(iter(mode.parameters))} of a mode",
+            "a machine as in the records, where base parameters are asked for",
+            "estimate the physical parameters",
+            place="modes",
+        )
+    held = {layout.index[name]: float(value) for name, value in mode.parameters.items()}
     pencil = replace(pencil_at(layout, mode.in_si[2]), held=held)
     used = set(pencil.monomials.factors.ravel().tolist())
     _refuse_idle(layout, used - held.keys())
@@ -294,18 +301,6 @@ def _refuse_idle(layout: Layout, used: set[int]) -> None:
             f"state it: parameters = {{ {name} = ... }}",
             place="modes",
         )
-
-
-def _held(layout: Layout, mode: Mode) -> dict[int, float]:
-    for name in mode.parameters:
-        if layout.base:
-            raise InputError(
-                f"{name} of a mode",
-                "a machine as in the records, where base parameters are asked for",
-                "estimate the physical parameters",
-                place="modes",
-            )
-    return {layout.index[name]: float(value) for name, value in mode.parameters.items()}
 
 
 NEAR = 5.0

@@ -1,9 +1,7 @@
 """Levenberg-Marquardt on the whitened residual, led by a homotopy.
 
-Far from the truth the likelihood has local minima. Granting every equation of motion an error of
-its own, ``V + sigma^2 S`` with S scaled per row, smooths them away: with a large sigma the cost
-is that of an ordinary regression. Each stage starts where the last one ended, with sigma a tenth
-of the last, and none in the end.
+Errors granted to every equation of motion smooth local minima away, fewer from stage to stage
+(docs/maximum-likelihood.md, section 1).
 
 Where the records inform some combination of the unknowns only weakly, the minimum lies at the end
 of a narrow, bent valley. Straight steps along it leave its floor, and ever shorter ones hardly
@@ -130,11 +128,7 @@ class _Walk:
         problem, free = self.problem, self.problem.layout.free
         aimed = point.unknowns.copy()
         aimed[free] += where.spread(along)
-        target: Floats | None = aimed
-        if self.bounded:
-            target = inside(problem, aimed, where.scale)
-        elif len(problem.exact):
-            target = retract(aimed, free, problem.exact, where.scale)
+        target = _kept(problem, aimed, where.scale, self.bounded)
         return None if target is None else evaluated(problem, target, relaxation)
 
 
@@ -308,16 +302,19 @@ def _walk(problem: Problem, start: Floats, bounded: bool) -> _Walk | None:
     free = problem.layout.free
     scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))
     scale = np.where(scale > 0, scale, 1.0)
-    x = start
+    x = _kept(problem, start, scale, bounded)
+    if x is None and bounded:
+        return None
+    return _Walk(anchored(problem.sketch or problem, start), start if x is None else x, bounded)
+
+
+def _kept(problem: Problem, unknowns: Floats, scale: Floats, bounded: bool) -> Floats | None:
+    """Return the nearest point that keeps the exact relations and, where asked for, the bounds."""
     if bounded:
-        moved = inside(problem, start, scale)
-        if moved is None:
-            return None
-        x = moved
-    elif len(problem.exact):
-        moved = retract(start, free, problem.exact, scale)
-        x = start if moved is None else moved
-    return _Walk(anchored(problem.sketch or problem, start), x, bounded)
+        return inside(problem, unknowns, scale)
+    if len(problem.exact):
+        return retract(unknowns, problem.layout.free, problem.exact, scale)
+    return unknowns
 
 
 def _descended(
