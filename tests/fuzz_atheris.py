@@ -28,7 +28,7 @@ with atheris.instrument_imports(include=["rotorid"]):
     import rotorid.core.toml
     import rotorid.experiment.experiment
     import rotorid.experiment.schema
-    import rotorid.io.mat
+    import rotorid.io.table
     import rotorid.io.text
     import rotorid.models.expressions
     import rotorid.models.text
@@ -69,7 +69,7 @@ def try_csv(data: bytes) -> None:
 
 
 def try_mat(data: bytes) -> None:
-    read_all(rotorid.io.mat.open_mat(laid(data, "run.mat")))
+    read_all(rotorid.io.table.open_table(laid(data, "run.mat")))
 
 
 TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[str, ...]]] = {

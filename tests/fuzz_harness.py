@@ -43,7 +43,7 @@ LOADED = (
     ),
     *("rotorid.models", "rotorid.report.record_tables", "rotorid.experiment.draft"),
     *("rotorid.rig.files", "rotorid.results.export", "rotorid.report.estimate_report"),
-    *("rotorid.report.estimate_report", "rotorid.io.hdf5", "rotorid.io.mat"),
+    *("rotorid.report.estimate_report", "rotorid.io.hdf5", "rotorid.io.formats"),
     *("pyarrow.parquet", "nptdms", "pyuff", "asammdf", "matplotlib.pyplot", "scipy.io"),
 )
 

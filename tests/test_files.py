@@ -12,10 +12,10 @@ import pytest
 
 import rotorid as rid
 from rotorid import InputError, ReadError, load_rig
+from rotorid.answer.result_file import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES
 from rotorid.cli import run
 from rotorid.core.files import check_beside, check_regular, open_regular, read_regular
-from rotorid.core.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES, TOML_BYTES, TOML_VALUES
-from rotorid.core.toml import parse_toml
+from rotorid.core.toml import TOML_BYTES, TOML_VALUES, parse_toml
 from rotorid.io import READERS, open_table
 
 EXPERIMENT = """

@@ -21,7 +21,7 @@ from corpus import CASES
 from fuzz_harness import Case, faults_of
 from fuzz_run import SEED, seed_of_commit
 
-from rotorid.io.child import in_child
+from rotorid.io.sandbox import Sandbox
 
 RUNNER = Path(__file__).with_name("fuzz_run.py")
 FAST = ("csv", "experiment", "model", "result", "hdf5", "mat5", "mat5-packed", "uff", "parquet")
@@ -116,6 +116,18 @@ def test_what_is_said_is_judged(code: int | None, out: str, told: str, fault: st
     assert not faults_of(CASE, 2, "", GOOD)
 
 
+class Work:
+    def sum(self, count: int) -> int:
+        return sum(range(count))
+
+    def fill(self, count: int) -> int:
+        return len(bytearray(b"a") * count)
+
+
+def work(file: str) -> contextlib.AbstractContextManager[Work]:
+    return contextlib.nullcontext(Work())
+
+
 def outcomes(*cases: Case) -> list[tuple[str, ...]]:
     """Run cases in this process's children, and return what was found of each."""
     builds = [lambda case=case: case for case in cases]
@@ -141,9 +153,9 @@ def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
         elif what == "memory":
             bytearray(b"a") * (2 * harness.BYTES)
         elif what == "slow child":
-            in_child(sum, "", range(50_000_000))
+            Sandbox(work, "").ask("sum", 50_000_000)
         elif what == "memory of a child":
-            in_child(lambda: len(bytearray(b"a") * (4 * harness.BYTES)), "")
+            Sandbox(work, "").ask("fill", 4 * harness.BYTES)
         elif what == "file":
             Path("left.part").write_text("half")
         elif what == "change":

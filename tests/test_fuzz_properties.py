@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 import rotorid as rid
 from rotorid import InputError, parse_model
 from rotorid.cli import run
-from rotorid.io.table import READERS
+from rotorid.io import open_table
 
 
 @contextmanager
@@ -152,7 +152,7 @@ def test_samples_are_read_as_they_are_or_not_at_all(layout: dict) -> None:
         path = Path(folder) / "run.h5"
         values, whole = lay(path, layout)
         try:
-            table = READERS[".h5"](path)
+            table = open_table(path)
             name = table.find("x")
             read = table.read([name])[name].values
             blocks = [part[name].values for part in table.blocks([name], layout["rows"])]
@@ -173,7 +173,7 @@ def test_whole_samples_are_read(kind: str, tmp_path: Path) -> None:
         "fill": 0.0,
     }  # fmt: skip
     values, whole = lay(tmp_path / "run.h5", layout)
-    table = READERS[".h5"](tmp_path / "run.h5")
+    table = open_table(tmp_path / "run.h5")
     name = table.find("x")
     assert whole
     np.testing.assert_array_equal(table.read([name])[name].values, values)

@@ -9,9 +9,7 @@ import pytest
 
 from rotorid import ReadError
 from rotorid.cli import run
-from rotorid.io import hdf5
-from rotorid.io.child import in_child
-from rotorid.io.hdf5 import open_hdf5
+from rotorid.io import open_table
 
 
 @pytest.fixture
@@ -35,7 +33,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_columns(path: Path) -> None:
-    opened = open_hdf5(path)
+    opened = open_table(path)
     wanted = ["force/x", "/position/x", "y", "adc[0]", "adc[2]", "packed"]
     found = [opened.find(name) for name in wanted]
     assert found == ["force/x", "position/x", "position/y", "adc[0]", "adc[2]", "packed"]
@@ -50,27 +48,8 @@ def test_columns(path: Path) -> None:
     assert (only.values.tolist(), only.unit) == ([1, 4, 7, 10, 13], "mm")
 
 
-@pytest.mark.parametrize(("first", "most"), [(50, 0), (2, 2)])
-def test_a_file_is_looked_at_once(
-    first: int, most: int, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """To open a file takes longer than to find a name in it: nothing else may ask for one."""
-    monkeypatch.setattr(hdf5, "FIRST", first)
-    table = open_hdf5(path)
-    asked: list[Any] = []
-
-    def counted(*arguments: Any) -> Any:
-        asked.append(arguments)
-        return in_child(*arguments)
-
-    monkeypatch.setattr(hdf5, "in_child", counted)
-    for _ in range(3):
-        assert [table.find(n) for n in ("force/x", "packed")] == ["force/x", "packed"]
-    assert len(asked) == most
-
-
 def test_names(path: Path) -> None:
-    assert sorted(open_hdf5(path).names) == ["force/x", "packed", "position/x", "short", "y"]
+    assert sorted(open_table(path).names) == ["force/x", "packed", "position/x", "short", "y"]
 
 
 @pytest.mark.parametrize(
@@ -92,11 +71,11 @@ def test_names(path: Path) -> None:
 )
 def test_names_that_are_no_columns(path: Path, name: str, message: str) -> None:
     with pytest.raises(ReadError, match=message):
-        open_hdf5(path).find(name)
+        open_table(path).find(name)
 
 
 def test_scalars(path: Path) -> None:
-    opened = open_hdf5(path)
+    opened = open_table(path)
     assert (opened.scalar("gain"), opened.scalar("gain2")) == (2.5, 3.5)
     with pytest.raises(ReadError, match=r"no scalar variable 'gian'.*did you mean 'gain'"):
         opened.scalar("gian")
@@ -106,13 +85,13 @@ def test_files_that_are_no_hdf5(tmp_path: Path, path: Path) -> None:
     text = tmp_path / "text.h5"
     text.write_text("t,x\n1,2\n")
     with pytest.raises(ReadError, match=r"found text; expected HDF5 data, as the ending .h5 says"):
-        open_hdf5(text)
+        open_table(text)
     cut = tmp_path / "cut.h5"
     cut.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(ReadError, match="damaged HDF5 data"):
-        open_hdf5(cut)
+        open_table(cut)
     with pytest.raises(ReadError, match="no such file"):
-        open_hdf5(tmp_path / "none.h5")
+        open_table(tmp_path / "none.h5")
 
 
 @pytest.mark.slow
@@ -126,7 +105,7 @@ def test_damage_inside(path: Path) -> None:
             damaged[place] = rng.integers(256)
         path.write_bytes(damaged)
         try:
-            opened = open_hdf5(path)
+            opened = open_table(path)
             opened.read([opened.find(name) for name in opened.names])
         except ReadError as error:
             assert error.file == str(path)  # noqa: PT017
@@ -147,7 +126,7 @@ def test_packed_numbers(shape: tuple[int, ...], tmp_path: Path) -> None:
         scale = data.create_dataset("scale", data=np.int16(3))
         scale.attrs["scale_factor"] = 0.1
     name = "x[0]" if shape == (5, 2) else "x"
-    opened = open_hdf5(path)
+    opened = open_table(path)
     raw = (stored[:, 0] if shape == (5, 2) else stored.ravel()).astype(float)
     expected = np.where(raw == -32768, np.nan, 0.5 * raw + 2.0)
     np.testing.assert_array_equal(opened.read([name])[name].values, expected)
@@ -167,7 +146,7 @@ def test_numbers_packed_in_no_way_that_is_known(value: object, tmp_path: Path) -
         data["x"] = np.arange(5)
         data["x"].attrs["scale_factor"] = value
     with pytest.raises(ReadError, match="an attribute scale_factor of '/x' that is no number"):
-        open_hdf5(path).read(["x"])
+        open_table(path).read(["x"])
 
 
 @pytest.mark.parametrize(
@@ -186,7 +165,7 @@ def test_the_unit_of_a_rate(said: dict, hertz: float | None, tmp_path: Path) -> 
     with h5py.File(path, "w") as data:
         data["x"] = np.arange(5.0)
         data["x"].attrs.update(said)
-    rate = open_hdf5(path).read(["x"])["x"].rate
+    rate = open_table(path).read(["x"])["x"].rate
     assert (rate and rate.hertz) == (hertz and pytest.approx(hertz))
 
 
@@ -197,7 +176,7 @@ def test_attributes_that_are_lists_are_not_read(tmp_path: Path) -> None:
         listed = np.empty(1, dtype=object)
         listed[0] = np.arange(3, dtype=np.int8)
         data["x"].attrs.create("units", listed, dtype=h5py.vlen_dtype(np.int8))
-    assert open_hdf5(tmp_path / "run.h5").read(["x"])["x"].unit is None
+    assert open_table(tmp_path / "run.h5").read(["x"])["x"].unit is None
 
 
 def ended(*_: object) -> None:
@@ -207,10 +186,10 @@ def ended(*_: object) -> None:
 @pytest.mark.parametrize(
     ("what", "work"),
     [
-        ("rotorid.io.hdf5._walk", open_hdf5),
-        ("rotorid.io.hdf5.check_stored", lambda path: open_hdf5(path).read(["packed"])),
-        ("rotorid.io.hdf5._numbers", lambda path: open_hdf5(path).scalar("gain")),
-        ("rotorid.io.hdf5._rows", lambda path: list(open_hdf5(path).blocks(["packed"], 2))),
+        ("rotorid.io.hdf5._walk", lambda path: open_table(path).names),
+        ("rotorid.io.hdf5.check_stored", lambda path: open_table(path).read(["packed"])),
+        ("rotorid.io.hdf5.h5py.Dataset.__getitem__", lambda path: open_table(path).scalar("gain")),
+        ("rotorid.io.hdf5._rows", lambda path: list(open_table(path).blocks(["packed"], 2))),
     ],
 )
 def test_what_ends_hdf5_ends_a_child(
@@ -237,7 +216,7 @@ def test_numbers_are_those_written(kind: str, shape: tuple[int, ...], tmp_path: 
         data["before"] = np.arange(5.0)
         data["x"] = numbers(kind).reshape(shape)
         data["later"] = np.arange(5.0)
-    table = open_hdf5(path)
+    table = open_table(path)
     names = ["x"] if len(shape) == 1 or 1 in shape else ["x[1]", "x[0]"]
     expected = {"x": numbers(kind).ravel()}
     if len(names) > 1:
@@ -263,14 +242,14 @@ def test_numbers_that_hdf5_converts(tmp_path: Path) -> None:
     with h5py.File(path, "w") as data:
         made = h5py.h5d.create(data.id, b"x", stored, h5py.h5s.create_simple((5,)))
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
-    assert open_hdf5(path).read(["x"])["x"].values.tolist() == values.tolist()
+    assert open_table(path).read(["x"])["x"].values.tolist() == values.tolist()
 
 
 def test_blocks_of_single_precision_are_those_of_the_whole(tmp_path: Path) -> None:
     """Whatever they are multiplied by afterwards: a block is in double precision, as all is."""
     with h5py.File(tmp_path / "run.h5", "w") as data:
         data["x"] = np.random.default_rng(1).standard_normal(1000).astype(np.float32)
-    opened = open_hdf5(tmp_path / "run.h5")
+    opened = open_table(tmp_path / "run.h5")
     whole = opened.read(["x"])["x"].values * 1e-6
     parts = [block["x"].values * 1e-6 for block in opened.blocks(["x"], 300)]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
@@ -290,7 +269,7 @@ def test_what_nobody_wrote_is_known_by_a_few_questions(
     assert run(["new", str(tmp_path / "run.h5")]) == 0
     assert "# not used: x" in capsys.readouterr().out
     assert 0 < len(asked) < 10
-    opened = open_hdf5(tmp_path / "run.h5")
+    opened = open_table(tmp_path / "run.h5")
     with pytest.raises(ReadError, match=r"no sample written: a gap in '/run/table'"):
         opened.read([opened.find("c3")])
 
@@ -304,7 +283,7 @@ def test_the_fields_of_a_table_of_records_are_read_together(tmp_path: Path) -> N
         records[f"c{k}"] = rng.integers(-99, 99, 700)
     with h5py.File(tmp_path / "run.h5", "w") as data:
         data["run/table"] = records
-    opened = open_hdf5(tmp_path / "run.h5")
+    opened = open_table(tmp_path / "run.h5")
     keys = [opened.find(name) for name in opened.names]
     whole = opened.read(keys)
     assert len(whole) == 1000  # within the seconds that a child has

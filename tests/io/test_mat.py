@@ -8,8 +8,7 @@ import pytest
 import scipy.io
 
 from rotorid import ReadError
-from rotorid.io import child
-from rotorid.io.mat import open_mat
+from rotorid.io import open_table, sandbox
 
 
 @pytest.fixture
@@ -35,7 +34,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_columns(path: Path) -> None:
-    opened = open_mat(path)
+    opened = open_table(path)
     for name in ("t", "row", "pulses", "x", "log/sub/y", "y", "log/sub/z", "z"):
         column = opened.read([opened.find(name)])[opened.find(name)]
         assert column.values.dtype == np.float64
@@ -46,40 +45,40 @@ def test_columns(path: Path) -> None:
 
 def test_names(path: Path) -> None:
     names = {"t", "row", "pulses", "x", "y", "z", "log/sub/z"}
-    assert set(open_mat(path).names) == names
+    assert set(open_table(path).names) == names
 
 
 @pytest.mark.parametrize("name", ["label", "complex", "cells", "adc", "gtau", "log", "adc[2]"])
 def test_names_that_are_no_columns(path: Path, name: str) -> None:
     with pytest.raises(ReadError, match="expected"):
-        open_mat(path).find(name)
+        open_table(path).find(name)
 
 
 def test_scalars_by_name(path: Path) -> None:
     with pytest.raises(ReadError, match=r"no scalar variable 'gtua'.*did you mean 'gtau'"):
-        open_mat(path).scalar("gtua")
+        open_table(path).scalar("gtua")
 
 
 def test_uncompressed_and_compressed(tmp_path: Path) -> None:
     path = tmp_path / "c.mat"
     scipy.io.savemat(path, {"x": np.arange(1000.0)}, do_compression=True)
-    assert open_mat(path).read(["x"])["x"].values[-1] == 999.0
+    assert open_table(path).read(["x"])["x"].values[-1] == 999.0
 
 
 def test_files_of_other_kinds(tmp_path: Path, path: Path) -> None:
     other = tmp_path / "other.mat"
     other.write_text("t,x\n1,2\n")
-    with pytest.raises(ReadError, match=r"found text; expected a MAT file, as the ending .mat"):
-        open_mat(other)
+    with pytest.raises(ReadError, match=r"found text; expected MAT data, as the ending .mat"):
+        open_table(other)
     other.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
     with pytest.raises(ReadError, match="damaged HDF5 data"):
-        open_mat(other)
+        open_table(other)
     other.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
     with pytest.raises(ReadError, match="damaged HDF5 data"):
-        open_mat(other)
+        open_table(other)
     other.write_bytes(path.read_bytes()[:300])
     with pytest.raises(ReadError, match="damaged MAT data"):
-        open_mat(other)
+        open_table(other)
 
 
 def test_tags_that_contradict_one_another(tmp_path: Path) -> None:
@@ -87,13 +86,13 @@ def test_tags_that_contradict_one_another(tmp_path: Path) -> None:
     path = tmp_path / "c.mat"
     for packed in (False, True):
         scipy.io.savemat(path, {"fx": np.arange(60.0), "log": {"y": 1.0}}, do_compression=packed)
-        assert open_mat(path).find("fx") == "fx"
+        assert open_table(path).find("fx") == "fx"
     scipy.io.savemat(path, {"fx": np.arange(60.0)})
     data = path.read_bytes()
     for place, value in ((177, 4), (176, 3), (156, 9), (160, 61), (128, 15)):
         path.write_bytes(data[:place] + bytes([value]) + data[place + 1 :])
         with pytest.raises(ReadError, match=r"damaged MAT data|ends the program that reads it"):
-            open_mat(path)
+            open_table(path)
 
 
 def element(kind: int, content: bytes, order: str = "<") -> bytes:
@@ -137,7 +136,7 @@ def test_byte_orders_and_stored_types(order: str, tmp_path: Path) -> None:
     for number, kind in (stored | {12: "i8", 13: "u8"}).items():
         one = matrix("adc", VALUES.astype(kind), stored=number, order=order)
         path.write_bytes(mat5(one, order=order))
-        assert open_mat(path).read(["adc[2]"])["adc[2]"].values.tolist() == [2, 5, 8, 11]
+        assert open_table(path).read(["adc[2]"])["adc[2]"].values.tolist() == [2, 5, 8, 11]
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -152,10 +151,10 @@ def test_version_4(order: str, tmp_path: Path) -> None:
     path.write_bytes(b"".join(parts))
     for _, _, name in words:
         column = f"{name}[1]"
-        assert open_mat(path).read([column])[column].values.tolist() == [1, 4, 7, 10]
+        assert open_table(path).read([column])[column].values.tolist() == [1, 4, 7, 10]
     path.write_bytes(b"".join(parts)[:-1])
     with pytest.raises(ReadError, match=r"damaged MAT data \(Not enough bytes"):
-        open_mat(path)
+        open_table(path)
 
 
 @pytest.mark.parametrize(
@@ -173,15 +172,15 @@ def test_what_holds_no_real_numbers_is_named(name: str, kind: str, tmp_path: Pat
     values = {"label": "run", "complex": np.ones(4) * 1j, "cells": np.array([1, "a"], object)}
     scipy.io.savemat(path, {**values, "several": several, "x": np.ones(4)})
     with pytest.raises(ReadError, match=f"found '{name}' of {kind}; expected real numbers"):
-        open_mat(path).find(name)
+        open_table(path).find(name)
 
 
 def test_a_name_twice(tmp_path: Path) -> None:
     path = tmp_path / "c.mat"
     path.write_bytes(mat5(matrix("x", np.ones(4)), matrix("x", np.zeros(4)), matrix("y", VALUES)))
     with pytest.raises(ReadError, match="found 'x' of two variables of that name"):
-        open_mat(path).find("x")
-    assert open_mat(path).find("y[0]") == "y[0]"
+        open_table(path).find("x")
+    assert open_table(path).find("y[0]") == "y[0]"
 
 
 def test_the_sum_of_packed_bytes_tells_of_damage(tmp_path: Path) -> None:
@@ -189,20 +188,20 @@ def test_the_sum_of_packed_bytes_tells_of_damage(tmp_path: Path) -> None:
     whole = packed(matrix("x", np.arange(4000.0)))
     path.write_bytes(mat5(whole[:-1] + bytes([whole[-1] ^ 1])))
     with pytest.raises(ReadError, match="damaged MAT data"):
-        open_mat(path)
+        open_table(path)
 
 
 def test_packed_elements_that_stand_for_too_much(tmp_path: Path) -> None:
     """Zeros pack a thousandfold: 64 MB are nothing, more is too much, in one or in many."""
     path = tmp_path / "c.mat"
     path.write_bytes(mat5(packed(matrix("x", np.zeros(7_900_000)))))
-    assert len(open_mat(path).read(["x"])["x"].values) == 7_900_000
+    assert len(open_table(path).read(["x"])["x"].values) == 7_900_000
     path.write_bytes(mat5(packed(matrix("x", np.zeros(8_100_000)))))
     with pytest.raises(ReadError, match="bytes of numbers declared"):
-        open_mat(path)
+        open_table(path)
     path.write_bytes(mat5(*[packed(structure(f"s{k}", np.zeros(1_500_000))) for k in range(8)]))
     with pytest.raises(ReadError, match="bytes of numbers declared"):
-        open_mat(path)
+        open_table(path)
 
 
 def structure(name: str, values: np.ndarray) -> bytes:
@@ -218,10 +217,10 @@ def test_memory_is_bounded_before_it_is_asked_for(
     path = tmp_path / "c.mat"
     # More than 32 MB at once: what a process has freed before never holds so much.
     path.write_bytes(mat5(packed(structure("s", np.zeros(7_500_000)))))
-    assert open_mat(path).scalar("s/b") == 1.0
-    monkeypatch.setattr(child, "MEMORY", 20_000_000)
+    assert open_table(path).scalar("s/b") == 1.0
+    monkeypatch.setattr(sandbox, "MEMORY", 20_000_000)
     with pytest.raises(ReadError, match="more samples than memory holds"):
-        open_mat(path)
+        open_table(path)
 
 
 def test_structures_in_structures(tmp_path: Path) -> None:
@@ -229,7 +228,7 @@ def test_structures_in_structures(tmp_path: Path) -> None:
     for _ in range(59):
         inner = {"s": inner}
     scipy.io.savemat(path, inner)
-    assert open_mat(path).find("s/" * 59 + "s")
+    assert open_table(path).find("s/" * 59 + "s")
 
 
 @pytest.mark.slow
@@ -249,7 +248,7 @@ def test_damaged_files_do_not_end_the_process(each: int, form: str, tmp_path: Pa
             damaged[place] = rng.choice([0, 1, 0x7F, 0xFF, rng.integers(256)])
         path.write_bytes(damaged)
         try:
-            opened = open_mat(path)
+            opened = open_table(path)
             for name in opened.names:
                 opened.read([opened.find(name)])
         except ReadError as error:

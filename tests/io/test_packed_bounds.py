@@ -12,9 +12,8 @@ import scipy.io
 from io_writers import WRITERS, write_mdf, write_tdms, write_uff
 
 from rotorid import ReadError
-from rotorid.core.limits import COLUMNS
-from rotorid.io import child, open_table, open_tables
-from rotorid.io.table import check_held
+from rotorid.io import open_table, open_tables, sandbox
+from rotorid.io.table import COLUMNS, check_held
 
 TOO_MANY = "bytes of numbers declared in .* bytes; expected numbers that the file holds"
 
@@ -100,8 +99,8 @@ def test_tdms_of_very_many_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     bare = struct.pack("<4siiqq4d", b"TDSm", 1 << 3, 4712, 32, 0, *range(4))
     path.write_bytes(first + 16 * bare)
     assert len(open_table(path).read(["x"])["x"].values) == 36
-    monkeypatch.setattr(child, "LEAST", 1)
-    monkeypatch.setattr(child, "SPEED", 1e9)
+    monkeypatch.setattr(sandbox, "LEAST", 1)
+    monkeypatch.setattr(sandbox, "SPEED", 1e9)
     path.write_bytes(first + 300_000 * bare)
     with pytest.raises(ReadError, match="or never lets it end"):
         open_table(path)
@@ -114,8 +113,8 @@ def test_universal_files_of_very_many_sets(tmp_path: Path, monkeypatch: pytest.M
     one = path.read_bytes()
     path.write_bytes(one * 5)
     assert len(open_table(path).names) == 5
-    monkeypatch.setattr(child, "LEAST", 1)
-    monkeypatch.setattr(child, "SPEED", 1e9)
+    monkeypatch.setattr(sandbox, "LEAST", 1)
+    monkeypatch.setattr(sandbox, "SPEED", 1e9)
     path.write_bytes(one * 20_000)
     with pytest.raises(ReadError, match="or never lets it end"):
         open_table(path)

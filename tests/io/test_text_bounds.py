@@ -8,17 +8,18 @@ from pathlib import Path
 import pytest
 
 from rotorid import ReadError
-from rotorid.core.limits import (
-    COLUMNS,
+from rotorid.io import open_table
+from rotorid.io import text as delimited
+from rotorid.io.table import COLUMNS
+from rotorid.io.text import (
     DIGITS,
     LINE_CHARACTERS,
     PREAMBLE_CHARACTERS,
     SMALL_TEXT,
     UNIT_CHARACTERS,
+    find_dialect,
+    is_value,
 )
-from rotorid.io import open_table
-from rotorid.io import text as delimited
-from rotorid.io.text import find_dialect, is_value
 
 ROWS = "1,2\n" * 600
 

@@ -15,9 +15,15 @@ from rotorid.answer.estimate import SCHEMA, Estimate, adapter
 from rotorid.core.errors import InputError, ReadError, naming, one_line
 from rotorid.core.files import read_regular
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES
 from rotorid.core.notes import VERDICTS, Note
 from rotorid.core.units import check_unit
+
+RESULT_BYTES = 32_000_000
+"""Of a result file: one of a thousand lines has 1 MB, and reading takes 20 bytes for each."""
+
+RESULT_VALUES, RESULT_OBJECTS = 1_500_000, 300_000
+"""Commas and braces of a result file: a covariance of 500 unknowns beside 1e5 lines; each that is
+wrong takes half a kilobyte before the first is told."""
 
 READABLE = ("rotorid-estimate/1", SCHEMA)
 EDITED = 1e-6  # share by which covariance and deviations of a file differ that was not edited

@@ -14,7 +14,16 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 from rotorid.core.errors import InputError, ReadError, nearest, shortened
 from rotorid.core.files import read_regular
-from rotorid.core.limits import DIGITS, TOML_BYTES, TOML_VALUES
+
+TOML_BYTES = 1_000_000
+"""Of a model, an experiment or a rig: people write them, a few kB at most."""
+
+TOML_VALUES = 20_000
+"""Keys and members of lists of a TOML file: a hundred records with twenty channels of their own
+each; a wrong one takes 0.1 ms to be told."""
+
+DIGITS = 400
+"""Of a number: a double ends at 309 digits, and turning n digits into a number costs n^2."""
 
 # A key of n parts costs n^2: more than anyone writes by hand are refused before they are parsed.
 _LONG_KEY = re.compile(rb"(?<![\w-])(?:(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}")

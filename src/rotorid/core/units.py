@@ -19,6 +19,9 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 
 MAX_LENGTH = 64
+MAGNITUDE = 1e60
+"""Of samples in SI, and one over it: no machine comes near, and the fourth powers of a million
+samples, which variances of variances are made of, stay within what doubles hold (1e308)."""
 _SPELLING = str.maketrans(
     {"·": "*", "⋅": "*", "²": "^2", "³": "^3", "µ": "u", "μ": "u", "Ω": "ohm"}
 )

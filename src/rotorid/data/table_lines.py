@@ -23,9 +23,8 @@ from numpy.typing import ArrayLike
 from rotorid.core.distributions import gamma_tail
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import MAGNITUDE
 from rotorid.core.notes import Note
-from rotorid.core.units import quantity
+from rotorid.core.units import MAGNITUDE, quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.record import Channel

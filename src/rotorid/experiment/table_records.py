@@ -18,10 +18,10 @@ from rotorid.data.record import Channel
 from rotorid.data.table_lines import phasor_lines, response_lines
 from rotorid.experiment.channels import Entries, Recording, source, unknown
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
-from rotorid.io import open_tables, universal
+from rotorid.io import formats, open_tables
 from rotorid.io.columns import check_magnitude, check_stated, largest_of
+from rotorid.io.formats import StoredResponse
 from rotorid.io.table import ColumnFile
-from rotorid.io.universal import StoredResponse
 from rotorid.models import Model
 from rotorid.models.equations import DERIVATIVES, sensor_terms
 from rotorid.signals.checks.channels import check_phases, check_probes
@@ -351,7 +351,7 @@ def _of_universal(
     """Return the responses of universal files, by node and direction."""
     stored: dict[str, StoredResponse] = {}
     for path in paths:
-        stored |= universal.read_responses(path)
+        stored |= formats.read_responses(path)
     found = []
     for name, one in entries.items():
         assert one.input is not None  # checked with the channels

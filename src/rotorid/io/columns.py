@@ -11,14 +11,13 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ReadError, naming, printable
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import MAGNITUDE
-from rotorid.core.units import check_unit, converts, si_factor, to_si
+from rotorid.core.units import MAGNITUDE, check_unit, converts, si_factor, to_si
 from rotorid.core.values import Booleans, Floats
 from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.io.clock import RecordClock, on_grid, weigh_clock
-from rotorid.io.table import Column, ColumnFile, StoredArrays, open_tables
+from rotorid.io.table import Column, ColumnFile, Stored, open_tables
 
 _TIME, _MASK = "time", "mask"
 
@@ -408,12 +407,12 @@ def open_blocks(
     Parameters are those of `rotorid.read_record`, in SI.
     """
     table = open_tables(paths, header_row=header_row)
-    if not isinstance(table, StoredArrays):
+    if not isinstance(table, Stored):
         return None
     with naming(table.file):
         found = _find_columns(table, columns)
         keys = list(dict.fromkeys(found.values()))
-        if table.bytes_of(keys) < WORTH:
+        if (size := table.size_in_blocks(keys)) < WORTH or not size:
             return None
         first = next(table.blocks(keys, 1), None)
         if first is None:
@@ -437,11 +436,11 @@ def open_blocks(
 
 
 def _blocks(
-    table: StoredArrays, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
+    table: Stored, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
 ) -> Iterator[Floats]:
     """Yield blocks of samples in SI, up to the end that the clock knows."""
     left, done = clock.end, 0
-    whole = table.bytes_of(keys) if left is None else 8 * left * len(keys)
+    whole = table.size_in_blocks(keys) if left is None else 8 * left * len(keys)
     say = f"reading megabytes of {printable(Path(table.file).name)}"
     largest = dict.fromkeys(factors, 0.0)
     for block in table.blocks(list(dict.fromkeys(keys)), ROWS):

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from typing import Any
 
 import h5py
@@ -22,148 +20,106 @@ import numpy as np
 from rotorid.core.errors import InputError, ReadError
 from rotorid.core.files import check_beside, check_regular
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import CHUNK_BYTES, COLUMNS, DEPTH, NODES, PARTS, REFERENCES
 from rotorid.core.units import si_factor
-from rotorid.io.child import in_child
+from rotorid.io.sandbox import damaged
 from rotorid.io.table import (
+    COLUMNS,
+    DEPTH,
+    ArrayFile,
     Column,
     ColumnPlace,
     Rate,
-    StoredArrays,
     check_held,
-    content,
-    head,
     is_numeric,
-    not_what_it_says,
-    reading,
 )
+
+CHUNK_BYTES = 256_000_000
+"""Of a chunk, which is unpacked whole: writers choose from 10 kB to 10 MB."""
+
+NODES = 10_000
+"""Groups and data sets of a file that are looked through for a name: each takes 0.1 ms. A data set
+that is named by its whole path is found among any number."""
+
+PARTS = 5_000
+"""Files of a virtual data set, each of which is opened: one a second, for an hour."""
+
+REFERENCES = 4
+"""Files that refer to files: a virtual data set of virtual data sets is two."""
 
 _RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
 _INTERVAL = ("sample_interval", "wf_increment", "dt")
+_HOPS = 16  # links that lead to links: what HDF5 itself allows
+_TEXTS = (b"char", b"cell")  # what MATLAB calls text as codes, and cells
 
 
-@frozen
-class Told:
-    """What a file says of a column."""
+@contextmanager
+def open_hdf5(file: str) -> Iterator[ArrayFile]:
+    """Open an HDF5 file, or a MATLAB file of version 7.3."""
+    with h5py.File(file, "r") as data:  # refused while another program writes it
+        with suppress(ImportError, OSError, NotImplementedError):
+            from fcntl import LOCK_UN, flock
 
-    packing: Packing
-    unit: str | None
-    rate: Rate | None
-
-    def column(self, stored: Any) -> Column:
-        """Return the column of numbers as they are stored."""
-        values = np.asarray(self.packing.unpacked(stored), dtype=np.float64)
-        return Column(np.ascontiguousarray(values.ravel()), self.unit, self.rate)
+            flock(data.id.get_vfd_handle(), LOCK_UN)  # none need wait until this one is closed
+        yield _Hdf5File(file, data)
 
 
-@frozen
-class Hdf5Table(StoredArrays):
-    """A damaged file ends the process that reads it, so that a child does all asked of HDF5."""
+class _Hdf5File(ArrayFile):
+    in_blocks = True
+    shapes: _Contents
 
-    def check_held(self, names: Sequence[str]) -> None:
-        """Leave it to the child, which knows the files that hold the samples."""
+    def __init__(self, file: str, data: h5py.File) -> None:
+        contents = _Contents(data, file)
+        super().__init__(file, contents, others=contents.others)
+        self._stored: dict[h5py.Dataset, int | InputError] = {}
 
-    def rows(self, names: Sequence[str], rows: int | None) -> Iterator[dict[str, Column]]:
-        places = {name: self.place(name) for name in names}
+    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
+        found = dict[str, InputError]()
+        for name in names:
+            try:
+                self._bytes_held(self.place(name).path)
+            except InputError as error:
+                found[name] = error
+        return found
+
+    def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
+        return max((self._bytes_held(place.path) for place in places.values()), default=0)
+
+    def _bytes_held(self, path: str) -> int:
+        """Return the bytes of the files that hold a data set; refuse one not there whole."""
+        dataset = self.shapes.node(path).dataset
+        if dataset not in self._stored:
+            try:
+                self._stored[dataset] = check_stored(dataset, self.file)
+            except InputError as error:
+                self._stored[dataset] = error
+        found = self._stored[dataset]
+        if isinstance(found, InputError):
+            raise found
+        return found
+
+    def columns(
+        self, places: Mapping[str, ColumnPlace], rows: int | None
+    ) -> Iterator[dict[str, Column]]:
         arrays: dict[tuple[str, int], dict[str, ColumnPlace]] = {}
         for name, place in places.items():
             arrays.setdefault((place.path, place.axis), {})[name] = place
-        with opened(self.file) as data:
-            nodes, held, refused = _checked(data, self.file, list(places.values()))
-            for error in refused.values():
-                raise error
-            told = {name: _told(nodes[p.path], p, self.file) for name, p in places.items()}
-            together = _together(nodes.values())
-            if rows is None:
-                check_held(self.bytes_of(names), held, self.file)
-                whole = _records(together, slice(None))
-                for (path, _), asked in arrays.items():
-                    found = _rows(nodes[path], asked, slice(None), whole)
-                    yield {name: told[name].column(stored) for name, stored in found.items()}
-                return
-            count = max(max(self.shapes[path]) for path, _ in arrays)
-            step = _whole_chunks(nodes.values(), rows)
-            for begin in range(0, count, step):
-                samples = slice(begin, begin + step)
-                records, block = _records(together, samples), dict[str, Column]()
-                for (path, _), asked in arrays.items():
-                    found = _rows(nodes[path], asked, samples, records)
-                    block |= {name: told[name].column(stored) for name, stored in found.items()}
-                yield block
-
-    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        places = {name: self.place(name) for name in names}
-        by_path: dict[str, InputError] = in_child(_refused, self.file, self.file, places)
-        return {name: by_path[p.path] for name, p in places.items() if p.path in by_path}
-
-    def scalar(self, name: str) -> float:
-        found: float = in_child(_scalar, self.file, self.file, self.find_scalar(name))
-        return found
-
-
-def open_hdf5(path: Path) -> Hdf5Table:
-    """Open an HDF5 file, or a MATLAB file of version 7.3."""
-    kind = content(head(path))
-    if kind not in ("HDF5 data", "a MAT v7.3 file") and not h5py.is_hdf5(path):
-        raise not_what_it_says(path, kind, "HDF5 data")
-    state = path.stat()
-    return _table(str(path), (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
-
-
-@lru_cache(maxsize=1)
-def _table(file: str, state: tuple[int, ...]) -> Hdf5Table:
-    """Return what is in a file; a record is opened by blocks, and again where it is too small."""
-    shapes = Contents(file)
-    return Hdf5Table(file, shapes, others=shapes.others)
-
-
-def _scalar(file: str, path: str) -> float:
-    with opened(file) as data:
-        nodes, _, refused = _checked(data, file, [ColumnPlace(path)])
-        for error in refused.values():
-            raise error
-        node = nodes[path]
-        packing = packing_of(node.dataset, file)
-        return float(np.ravel(packing.unpacked(np.asarray(_numbers(node)[()])))[0])
-
-
-def _refused(file: str, places: Mapping[str, ColumnPlace]) -> dict[str, InputError]:
-    with opened(file) as data:
-        return _checked(data, file, list(places.values()))[2]
-
-
-def _checked(
-    data: h5py.File, file: str, places: Sequence[ColumnPlace]
-) -> tuple[dict[str, Hdf5Node], int, dict[str, InputError]]:
-    """Return data sets, the bytes of the files that hold the largest, and those not there whole."""
-    nodes: dict[str, Hdf5Node] = {}
-    refused: dict[str, InputError] = {}
-    tables: dict[str, tuple[Hdf5Node, frozenset[str], InputError | None]] = {}
-    held = 0
-    for path in dict.fromkeys(place.path for place in places):
-        above, _, name = path.rpartition("/")
-        table, fields, wrong = tables.get(above, (None, (), None))
-        if table is not None and name in fields:  # what a thousand fields are takes its time
-            nodes[path] = replace(table, field=name)
-        else:
-            node = find(data, path)
-            if node is None:
-                raise ValueError(f"{path!r} is gone")
-            nodes[path], wrong = node, None
-            try:
-                held = max(held, check_stored(node.dataset, file))
-            except InputError as error:
-                wrong = error
-            if node.field is not None:
-                tables[above] = node, frozenset(node.dataset.dtype.names), wrong
-        if wrong is not None:
-            refused[path] = wrong
-    return nodes, held, refused
-
-
-def _numbers(node: Hdf5Node) -> Any:
-    """Return a data set, or the field of a table of records."""
-    return node.dataset if node.field is None else node.dataset.fields(node.field)
+        nodes = {path: self.shapes.node(path) for path, _ in arrays}
+        told = {name: _told(nodes[p.path], p, self.file) for name, p in places.items()}
+        together = _together(nodes.values())
+        count = max(max(self.shapes[path], default=1) for path in nodes)
+        step = max(count, 1) if rows is None else _whole_chunks(nodes.values(), rows)
+        for begin in range(0, max(count, 1), step):
+            samples = slice(begin, begin + step)
+            records = {table: table.fields(names)[samples] for table, names in together.items()}
+            parts = (
+                {name: told[name].column(stored) for name, stored in found.items()}
+                for (path, _), asked in arrays.items()
+                for found in [_rows(nodes[path], asked, samples, records)]
+            )
+            if rows is None:  # one after the other: each takes its room here
+                yield from parts
+            else:
+                yield {name: column for part in parts for name, column in part.items()}
 
 
 def _together(nodes: Iterable[Hdf5Node]) -> dict[h5py.Dataset, list[str]]:
@@ -184,21 +140,17 @@ def _whole_chunks(nodes: Iterable[Hdf5Node], rows: int) -> int:
     return rows if rows < longest // 64 else longest * max(1, round(rows / longest))
 
 
-def _records(together: Mapping[h5py.Dataset, list[str]], samples: slice) -> dict[Any, Any]:
-    return {table: table.fields(names)[samples] for table, names in together.items()}
-
-
 def _rows(
     node: Hdf5Node, asked: Mapping[str, ColumnPlace], samples: slice, records: Mapping[Any, Any]
 ) -> dict[str, Any]:
     """Return some rows of an array: of a 2-D one the columns that are asked for, read at once."""
-    first = next(iter(asked.values()))
+    first, shape = next(iter(asked.values())), node.dataset.shape
     if node.dataset in records:
         return dict.fromkeys(asked, records[node.dataset][node.field])
-    numbers = _numbers(node)
+    numbers = node.dataset if node.field is None else node.dataset.fields(node.field)
     if first.index is None:
-        along = len(node.dataset.shape) == 1 or node.dataset.shape[0] > 1
-        return dict.fromkeys(asked, numbers[samples] if along else numbers[:, samples])
+        along = (samples,) if len(shape) == 1 or shape[:1] > (1,) else (slice(None), samples)
+        return dict.fromkeys(asked, numbers[along if shape else ()])
     if len(asked) == 1:
         one = (samples, first.index) if first.axis == 1 else (first.index, samples)
         return dict.fromkeys(asked, numbers[one])
@@ -206,12 +158,25 @@ def _rows(
     return {name: several[:, place.index] for name, place in asked.items()}
 
 
-def _told(node: Hdf5Node, place: ColumnPlace, file: str) -> Told:
+@frozen
+class _Told:
+    """What a file says of a column."""
+
+    unpacked: Callable[[Any], Any]
+    unit: str | None
+    rate: Rate | None
+
+    def column(self, stored: Any) -> Column:
+        """Return the column of numbers as they are stored."""
+        values = np.asarray(self.unpacked(stored), dtype=np.float64)
+        return Column(np.ascontiguousarray(values.ravel()), self.unit, self.rate)
+
+
+def _told(node: Hdf5Node, place: ColumnPlace, file: str) -> _Told:
     """Return what the attributes of a dataset say of a column, or those of its groups of a rate."""
-    packing = packing_of(node.dataset, file)
     found = [node.dataset.attrs, *(group.attrs for group in reversed(node.above))]
     rates = (rate for attributes in found if (rate := _rate(attributes)))
-    return Told(packing, _unit(found[0], place.index), next(rates, None))
+    return _Told(_unpacking(node.dataset, file), _unit(found[0], place.index), next(rates, None))
 
 
 def _unit(attributes: Any, index: int | None) -> str | None:
@@ -231,13 +196,10 @@ def _text(value: Any) -> str:
 def _rate(attributes: Any) -> Rate | None:
     """Return the sample rate in Hz of an attribute of that name, or of the interval in s."""
     for key in (*_RATE, *_INTERVAL):
-        found = attribute(attributes, key)
-        if found is not None and len(found) == 1:
-            number = found[0]
-            if is_numeric(np.asarray(number).dtype) and np.isfinite(number) and number > 0:
-                size = float(number) * _unit_of(attributes, key)
-                if not size > 0:  # in a unit that says nothing
-                    continue
+        number = _one_number(attribute(attributes, key))
+        if number > 0:
+            size = number * _unit_of(attributes, key)
+            if size > 0:  # in a unit that says something
                 return Rate(size if key in _RATE else 1 / size)
     return None
 
@@ -254,12 +216,59 @@ def _unit_of(attributes: Any, key: str) -> float:
     return 1.0
 
 
-FIRST = 50
-"""Groups and data sets that are looked at when a file is opened: 10 ms."""
+def attribute(attributes: Any, key: str) -> Any:
+    """Return an attribute as a row of values; None where there is none, or none that we ask for."""
+    if key not in attributes or (shape := (told := attributes.get_id(key)).shape) is None:
+        return None
+    if told.dtype.kind == "O" and h5py.check_string_dtype(told.dtype) is None:
+        return None  # a list of any length: of a damaged one HDF5 ends the process
+    return np.ravel(attributes[key]) if 0 < np.prod(shape) <= COLUMNS else None
 
-_HOPS = 16  # links that lead to links: what HDF5 itself allows
-_ELSEWHERE = "a link into another file"
-_TEXTS = (b"char", b"cell")  # what MATLAB calls text as codes, and cells
+
+def _one_number(found: Any) -> float:
+    """Return the one finite number of an attribute, else NaN."""
+    is_one = found is not None and len(found) == 1 and is_numeric(found.dtype)
+    return float(found[0]) if is_one and np.isfinite(found[0]) else math.nan
+
+
+def _unpacking(dataset: Any, file: str) -> Callable[[Any], Any]:
+    """Return what makes samples of stored numbers, by the attributes beside them, as netCDF has it.
+
+    ``value = scale_factor * stored + add_offset``, and a stored ``_FillValue`` is no sample at all.
+    """
+    scale, offset = (_packing(dataset, key, file) for key in ("scale_factor", "add_offset"))
+    missing = []
+    for key in ("_FillValue", "missing_value"):
+        found = attribute(dataset.attrs, key)
+        if found is not None and is_numeric(found.dtype):
+            missing += [float(x) for x in found if np.isfinite(x)]
+    text = attribute(dataset.attrs, "_Unsigned")
+    unsigned = text is not None and str(text[0]).strip("b'").lower() == "true"
+    wrap = 2.0 ** (8 * dataset.dtype.itemsize) if unsigned and dataset.dtype.kind == "i" else 0.0
+    if (scale, offset, missing, wrap) == (1.0, 0.0, [], 0.0):
+        return lambda stored: stored
+
+    def unpacked(stored: Any) -> Any:
+        found = np.array(stored, dtype=np.float64)
+        gaps = np.isin(found, missing)
+        found = scale * np.where(found < 0, found + wrap, found) + offset
+        return np.where(gaps, np.nan, found)
+
+    return unpacked
+
+
+def _packing(dataset: Any, key: str, file: str) -> float:
+    if key not in dataset.attrs:
+        return float(key == "scale_factor")
+    number = _one_number(attribute(dataset.attrs, key))
+    if math.isnan(number) or (number == 0 and key == "scale_factor"):
+        raise ReadError(
+            f"an attribute {key} of {dataset.name[:80]!r} that is no number to scale by",
+            "one number that is not 0" if key == "scale_factor" else "one number",
+            "write the samples as they are, or that attribute anew",
+            file=file,
+        )
+    return number
 
 
 @frozen
@@ -273,109 +282,97 @@ class Hdf5Node:
     @property
     def kind(self) -> str | None:
         """Say what it holds in place of real numbers; None where it holds these."""
-        dtype = self.dataset.dtype if self.field is None else self.dataset.dtype[self.field]
-        return _kind(dtype) or (_matlab_kind(self.dataset) if self.field is None else None)
+        if self.field is not None:
+            return _kind(self.dataset.dtype[self.field])
+        return _kind(self.dataset.dtype) or _matlab_kind(self.dataset)
 
 
-@dataclass
-class Hdf5Content:
-    """Shapes of numeric arrays by path, and what else there is.
-
-    `whole` says that these are all of a file; from `aliases` on, paths were not walked: links, and
-    groups that were seen already.
-    """
-
-    shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)
-    others: dict[str, str] = field(default_factory=dict)
-    whole: bool = False
-    aliases: set[str] = field(default_factory=set)
-
-    def knows(self, path: str) -> bool:
-        """Tell whether all that a path may lead to was looked at."""
-        ends = [end for end, letter in enumerate(path) if letter == "/"]
-        return self.whole and self.aliases.isdisjoint([path, *(path[:end] for end in ends)])
-
-    def note(self, path: str, node: Hdf5Node | None) -> None:
-        """Take up a data set, or the fields of one that is a table of records."""
-        if node is None or node.dataset.shape is None:
-            return
-        names = node.dataset.dtype.names
-        if node.field is None and names:
-            for name in names:
-                self.note(f"{path}/{name}", Hdf5Node(node.dataset, name, ()))
-        elif (kind := node.kind) is None:
-            self.shapes[path] = tuple(node.dataset.shape)
-        else:
-            self.others[path] = kind
+def _kind(dtype: Any) -> str | None:
+    """Say what a type holds in place of real numbers."""
+    if dtype.kind == "b":
+        return None  # a bit is an enumeration, too
+    found = {
+        "text": h5py.check_string_dtype(dtype) is not None or dtype.kind in "SU",
+        "lists": h5py.check_vlen_dtype(dtype) is not None,
+        "references": h5py.check_ref_dtype(dtype) is not None,
+        "names of an enumeration": h5py.check_enum_dtype(dtype) is not None,
+        "complex numbers": dtype.kind == "c",
+        "a table of records": bool(dtype.names),
+        "another type": not is_numeric(dtype),
+    }
+    return next((kind for kind, is_it in found.items() if is_it), None)
 
 
-class Contents(Mapping[str, tuple[int, ...]]):
+def _matlab_kind(dataset: h5py.Dataset) -> str | None:
+    """Say where MATLAB wrote no numbers: text as codes, or an empty array as its size."""
+    if "MATLAB_empty" in dataset.attrs:
+        return "nothing"
+    kind = dataset.attrs.get("MATLAB_class", b"")
+    return "text or cells" if isinstance(kind, bytes) and kind in _TEXTS else None
+
+
+class _Contents(Mapping[str, tuple[int, ...]]):
     """Shapes of the numeric arrays of a file by path.
 
-    Some are looked at when the file is opened. Of those of a larger file one that is asked for by
-    its path is looked at by itself; all are only where names are searched.
+    One that is asked for by its path, which links may lead to, is looked at by itself; all are only
+    where names are searched.
     """
 
-    def __init__(self, file: str) -> None:
-        self._file, self._asked = file, set[str]()
-        self._found: Hdf5Content = in_child(_look, file, file, FIRST)
+    def __init__(self, data: h5py.File, file: str) -> None:
+        self._data, self._file = data, file
+        self._nodes: dict[str, Hdf5Node | None] = {}
+        self._fields: dict[str, tuple[Hdf5Node, frozenset[str]]] = {}  # of tables of records
+        self._all: dict[str, tuple[int, ...]] | None = None
+        self.others: dict[str, str] = {}  # what else there is, as far as it was looked at
 
-    @property
-    def others(self) -> dict[str, str]:
-        """What else there is, as far as it was looked at."""
-        return self._found.others
+    def node(self, path: str) -> Hdf5Node:
+        """Return the data set of a path."""
+        if path not in self._nodes:
+            above, _, name = path.rpartition("/")
+            table, fields = self._fields.get(above, (None, ()))
+            if table is not None and name in fields:  # what a thousand fields are takes its time
+                self._nodes[path] = replace(table, field=name)
+            else:
+                found = self._nodes[path] = find(self._data, path, self.others)
+                if found is not None and found.field is not None:
+                    self._fields[above] = found, frozenset(found.dataset.dtype.names)
+        node = self._nodes[path]
+        if node is None:
+            raise KeyError(path)
+        return node
 
     def __getitem__(self, path: str) -> tuple[int, ...]:
-        """Return the shape of the array of a path, which links may lead to."""
-        found = self._found
-        new = path not in found.shapes and path not in self._asked
-        if new and path == "/".join(_steps(path)) and not found.knows(path):
-            self._asked.add(path)
-            there: Hdf5Content = in_child(_look_at, self._file, self._file, path)
-            found.shapes |= there.shapes
-            found.others |= there.others
-        return found.shapes[path]
+        if self._all is not None and path in self._all:
+            return self._all[path]
+        if path != "/".join(_steps(path)):
+            raise KeyError(path)
+        found = dict(self._arrays(path, self.node(path)))
+        return found[path]
 
     def __iter__(self) -> Iterator[str]:
-        if not self._found.whole:
-            every: Hdf5Content = in_child(_look, self._file, self._file, NODES)
-            every.shapes |= self._found.shapes  # those found behind links
-            self._found.others.update(every.others)
-            self._found = replace(every, others=self._found.others)
-        return iter(self._found.shapes)
+        if self._all is None:
+            found = _walk(self._data, self._file)
+            self._all = {p: shape for at, node in found for p, shape in self._arrays(at, node)}
+        return iter(self._all)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
-
-def _look(file: str, most: int) -> Hdf5Content:
-    """Return what is in a file; where only some of it is asked for, up to what cannot be read."""
-    found = Hdf5Content()
-    with opened(file) as data:
-        try:
-            for path, node in _walk(data, file, most, found):
-                found.note(path, node)
-        except Exception:
-            if most >= NODES:
-                raise
-            return found
-    return replace(found, whole=True)
-
-
-def _look_at(file: str, path: str) -> Hdf5Content:
-    found = Hdf5Content()
-    with opened(file) as data:
-        found.note(path, find(data, path, found.others))
-    return found
+    def _arrays(self, path: str, node: Hdf5Node) -> Iterator[tuple[str, tuple[int, ...]]]:
+        """Yield a data set of numbers, or the fields of one that is a table of records."""
+        if node.dataset.shape is None:
+            return
+        names = node.dataset.dtype.names
+        if node.field is None and names:
+            for name in names:
+                yield from self._arrays(f"{path}/{name}", replace(node, field=name))
+        elif (kind := node.kind) is None:
+            yield path, tuple(node.dataset.shape)
+        else:
+            self.others[path] = kind
 
 
-@contextmanager
-def opened(file: str) -> Iterator[h5py.File]:
-    with reading(file, "HDF5 data"), h5py.File(file, "r") as data:
-        yield data
-
-
-def find(data: h5py.File, path: str, others: dict[str, str] | None = None) -> Hdf5Node | None:
+def find(data: h5py.File, path: str, others: dict[str, str]) -> Hdf5Node | None:
     """Return the data set of a path, or None; links into other files are noted in `others`."""
     steps, above, hops = _steps(path), [data["/"]], 0
     while steps:
@@ -388,9 +385,9 @@ def find(data: h5py.File, path: str, others: dict[str, str] | None = None) -> Hd
             above = above[:1] if target.startswith("/") else above
             steps = [*_steps(target), *steps]
             continue
-        if kind == h5py.h5l.TYPE_EXTERNAL and others is not None:
+        if kind == h5py.h5l.TYPE_EXTERNAL:
             file = _shown(links.get_val(key)[0])
-            others[path.strip("/")] = f"{_ELSEWHERE} ({file[:80]}: name it in files)"
+            others[path.strip("/")] = f"a link into another file ({file[:80]}: name it in files)"
         if key is None or kind != h5py.h5l.TYPE_HARD:
             return None
         node = _open(above[-1], key)
@@ -404,9 +401,7 @@ def find(data: h5py.File, path: str, others: dict[str, str] | None = None) -> Hd
     return None
 
 
-def _walk(
-    data: h5py.File, file: str, most: int, found: Hdf5Content
-) -> Iterator[tuple[str, Hdf5Node]]:
+def _walk(data: h5py.File, file: str) -> Iterator[tuple[str, Hdf5Node]]:
     """Yield the data sets of a file with their paths, each object once."""
     seen, count = {h5py.h5o.get_info(data.id).addr}, 0
     waiting: list[tuple[str, tuple[h5py.Group, ...]]] = [("", (data["/"],))]
@@ -417,30 +412,25 @@ def _walk(
             key, shown = _raw(key), _shown(key)
             path = prefix + shown
             if shown[:1] == "#" or group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
-                found.aliases.add(path)
                 continue  # "#refs#" holds the cells of MATLAB
             count += 1
-            _check_bounds(count, path, file, most)
+            _check_bounds(count, path, file)
             node = _open(group, key)
-            if node is None:  # a type that has a name
-                continue
-            address = h5py.h5o.get_info(node.id).addr
-            if address in seen:
-                found.aliases.add(path)
-                continue
+            if node is None or (address := h5py.h5o.get_info(node.id).addr) in seen:
+                continue  # a type that has a name, or what was seen already
             seen.add(address)
             if isinstance(node, h5py.Group):
                 inner.append((f"{path}/", (*above, node)))
-            elif isinstance(node, h5py.Dataset):
+            else:
                 yield path, Hdf5Node(node, None, above)
         waiting += reversed(inner)
 
 
-def _check_bounds(count: int, path: str, file: str, most: int) -> None:
-    if count > most or path.count("/") > DEPTH:
-        many = f"more than {most} groups and data sets"
+def _check_bounds(count: int, path: str, file: str) -> None:
+    if count > NODES or path.count("/") > DEPTH:
+        many = f"more than {NODES} groups and data sets"
         raise ReadError(
-            many if count > most else f"more than {DEPTH} groups in one another",
+            many if count > NODES else f"more than {DEPTH} groups in one another",
             "fewer to look through for a name",
             "write the whole path of each column, such as run1/x",
             file=file,
@@ -489,113 +479,19 @@ def _open(group: h5py.Group, name: bytes) -> Any:
     return None
 
 
-def _kind(dtype: Any) -> str | None:
-    """Say what a type holds in place of real numbers."""
-    if dtype.kind == "b":
-        return None  # a bit is an enumeration, too
-    found = {
-        "text": h5py.check_string_dtype(dtype) is not None or dtype.kind in "SU",
-        "lists": h5py.check_vlen_dtype(dtype) is not None,
-        "references": h5py.check_ref_dtype(dtype) is not None,
-        "names of an enumeration": h5py.check_enum_dtype(dtype) is not None,
-        "complex numbers": dtype.kind == "c",
-        "a table of records": bool(dtype.names),
-        "another type": not is_numeric(dtype),
-    }
-    return next((kind for kind, is_it in found.items() if is_it), None)
-
-
-def _matlab_kind(dataset: h5py.Dataset) -> str | None:
-    """Say where MATLAB wrote no numbers: text as codes, or an empty array as its size."""
-    if "MATLAB_empty" in dataset.attrs:
-        return "nothing"
-    kind = dataset.attrs.get("MATLAB_class", b"")
-    return "text or cells" if isinstance(kind, bytes) and kind in _TEXTS else None
-
-
-@frozen
-class Packing:
-    """How stored numbers become samples, by the attributes beside them, as netCDF has it.
-
-    ``value = scale_factor * stored + add_offset``, and a stored ``_FillValue`` is no sample at all.
-    """
-
-    scale: float = 1.0
-    offset: float = 0.0
-    missing: tuple[float, ...] = ()  # stored numbers that stand for a gap
-    wrap: float = 0.0  # added to negative numbers: unsigned ones that were stored as signed
-
-    def unpacked(self, stored: Any) -> Any:
-        """Return samples, gaps as NaN; what is not packed as it is."""
-        if self == Packing():
-            return stored
-        found = np.array(stored, dtype=np.float64)
-        gaps = np.isin(found, self.missing) if self.missing else None
-        if self.wrap:
-            found[found < 0] += self.wrap
-        found *= self.scale
-        found += self.offset
-        if gaps is not None:
-            found[gaps] = np.nan
-        return found
-
-
-def packing_of(dataset: Any, file: str) -> Packing:
-    """Return how the numbers of a data set are packed."""
-    attributes = dataset.attrs
-    one = {"scale_factor": 1.0, "add_offset": 0.0}
-    for key in one:
-        if key in attributes:
-            one[key] = _number(attributes, key, dataset.name, file)
-    missing = []
-    for key in ("_FillValue", "missing_value"):
-        found = attribute(attributes, key)
-        if found is not None and is_numeric(found.dtype):
-            missing += [float(x) for x in found if np.isfinite(x)]
-    text = attribute(attributes, "_Unsigned")
-    unsigned = text is not None and str(text[0]).strip("b'").lower() == "true"
-    wrap = 2.0 ** (8 * dataset.dtype.itemsize) if unsigned and dataset.dtype.kind == "i" else 0.0
-    return Packing(one["scale_factor"], one["add_offset"], tuple(missing), wrap)
-
-
-def _number(attributes: Any, key: str, name: str, file: str) -> float:
-    found = attribute(attributes, key)
-    is_one = found is not None and len(found) == 1 and is_numeric(found.dtype)
-    number = float(found[0]) if is_one else float("nan")
-    if not np.isfinite(number) or (number == 0 and key == "scale_factor"):
-        raise ReadError(
-            f"an attribute {key} of {name[:80]!r} that is no number to scale by",
-            "one number that is not 0" if key == "scale_factor" else "one number",
-            "write the samples as they are, or that attribute anew",
-            file=file,
-        )
-    return number
-
-
-def attribute(attributes: Any, key: str) -> Any:
-    """Return an attribute as a row of values; None where there is none, or none that we ask for."""
-    if key not in attributes or (shape := (told := attributes.get_id(key)).shape) is None:
-        return None
-    if told.dtype.kind == "O" and h5py.check_string_dtype(told.dtype) is None:
-        return None  # a list of any length: of a damaged one HDF5 ends the process
-    return np.ravel(attributes[key]) if 0 < np.prod(shape) <= COLUMNS else None
-
-
 _REWRITE = "write the data set whole, or cut it to what was recorded (dataset.resize in h5py)"
 
 
 def check_stored(dataset: h5py.Dataset, file: str, depth: int = 0) -> int:
     """Refuse a data set that is not there whole; return the bytes of the files that hold it."""
-    plan = dataset.id.get_create_plist()
-    layout = plan.get_layout()
     held = check_regular(file).st_size
     if not dataset.size:
         return held
-    if layout == h5py.h5d.VIRTUAL:
-        held += _check_virtual(dataset, plan, file, depth)
-    elif plan.get_external_count():
-        held += _check_external(dataset, plan, file, depth)
-    elif layout == h5py.h5d.CHUNKED:
+    if dataset.is_virtual:
+        held += _check_virtual(dataset, file, depth)
+    elif dataset.external:
+        held += _check_external(dataset, file, depth)
+    elif dataset.chunks:
         _check_chunks(dataset, file)
     elif not dataset.id.get_storage_size() and not _tells_gaps(dataset):
         raise _gap(dataset, "no sample written", file)
@@ -620,7 +516,7 @@ def _check_chunks(dataset: h5py.Dataset, file: str) -> None:
         raise _gap(dataset, f"{expected - written} of {expected} chunks never written", file)
 
 
-def _check_external(dataset: h5py.Dataset, plan: Any, file: str, depth: int) -> int:
+def _check_external(dataset: h5py.Dataset, file: str, depth: int) -> int:
     """Look at the files that hold the samples; return their bytes."""
     needed, held = dataset.size * dataset.dtype.itemsize, 0
     if depth:
@@ -630,8 +526,7 @@ def _check_external(dataset: h5py.Dataset, plan: Any, file: str, depth: int) -> 
             "write the parts whole: h5repack -l CONTI",
             file=file,
         )
-    for number in range(plan.get_external_count()):
-        name, offset, size = plan.get_external(number)
+    for name, offset, size in dataset.external:
         path = check_beside(os.fsdecode(name), file)
         there = max(path.stat().st_size - offset, 0)
         size = min(size, needed)  # the last may be without end
@@ -643,11 +538,11 @@ def _check_external(dataset: h5py.Dataset, plan: Any, file: str, depth: int) -> 
     return held
 
 
-def _check_virtual(dataset: h5py.Dataset, plan: Any, file: str, depth: int) -> int:
+def _check_virtual(dataset: h5py.Dataset, file: str, depth: int) -> int:
     """Look at the parts of a virtual data set, and that they fill it; return their files' bytes."""
-    count, files = plan.get_virtual_count(), {}
-    if count > PARTS or depth >= REFERENCES:
-        found = f"{count} parts" if count > PARTS else f"parts of parts, {depth} deep,"
+    parts, files = dataset.virtual_sources(), dict[str, int]()
+    if len(parts) > PARTS or depth >= REFERENCES:
+        found = f"{len(parts)} parts" if len(parts) > PARTS else f"parts of parts, {depth} deep,"
         raise ReadError(
             f"{found} of {_name(dataset)}",
             f"{PARTS} at most",
@@ -656,10 +551,7 @@ def _check_virtual(dataset: h5py.Dataset, plan: Any, file: str, depth: int) -> i
         )
     covered = h5py.h5s.create_simple(dataset.shape)
     covered.select_none()
-    for number in range(count):
-        name = plan.get_virtual_filename(number)
-        inner = plan.get_virtual_dsetname(number)
-        target, origin = plan.get_virtual_vspace(number), plan.get_virtual_srcspace(number)
+    for target, name, inner, origin in parts:
         if any("%b" in text.replace("%%", "") for text in (name, inner)) or _endless(target):
             raise ReadError(
                 f"parts without end in {_name(dataset)}",
@@ -681,8 +573,12 @@ def _check_part(
     path: str, name: str, origin: Any, target: Any, whole: h5py.Dataset, depth: int
 ) -> int:
     """Look at one part of a virtual data set; return the bytes of the files that hold it."""
-    with opened(path) as data:
-        node = find(data, name)
+    try:
+        opened = h5py.File(path, "r")
+    except OSError as error:
+        raise damaged(error, "HDF5 data", path) from None
+    with opened as data:
+        node = find(data, name, {})
         if node is None or node.field is not None or node.kind is not None:
             raise ReadError(
                 f"no numbers {name[:80]!r}, a part of {_name(whole)}",

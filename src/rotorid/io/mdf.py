@@ -6,54 +6,31 @@ Only numbers are taken from the file. A conversion may also be a formula, which 
 
 from __future__ import annotations
 
-import gc
-import sys
-import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
-from io import StringIO
+from importlib import import_module
 from itertools import count, islice, takewhile
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from rotorid.core.errors import ReadError
-from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.io.child import in_child
 from rotorid.io.clock import even_rate
-from rotorid.io.table import (
-    Column,
-    NamedArrays,
-    check_content,
-    check_size,
-    is_numeric,
-    package,
-    reading,
-    silent,
-)
+from rotorid.io.table import ArrayFile, Column, check_size, is_numeric
 
 _REMOTE_MASTER = 1 << 3  # flag of a group of MDF 4: its times are those of another group
 
 
-@frozen
-class MdfTable(NamedArrays):
-    channels: Mapping[str, tuple[int, int]]
-
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        names = list(names)
-        self.check_held(names)
-        with TemporaryDirectory() as folder:  # asammdf leaves copies there
-            found: dict[str, Column] = in_child(self._columns, self.file, names, folder)
-        return found
-
-    def _columns(self, names: Sequence[str], folder: str) -> dict[str, Column]:
-        """Return columns; asammdf's own decoder ends the process with some damaged files."""
-        with _opened(self.file, folder) as data:
-            return {name: data.column(*self.channels[self.place(name).path]) for name in names}
+@contextmanager
+def open_mdf(file: str) -> Iterator[ArrayFile]:
+    """Open an MDF file; a channel is named by its name, or by its group and name: ``1/x``."""
+    asammdf: Any = import_module("asammdf")  # its own types do not know all of its options
+    # messages of a bus would be converted as the file is opened
+    with asammdf.MDF(file, process_bus_logging=False) as data:
+        channels = _Channels(data, file)
+        yield ArrayFile(file, channels.shapes, channels.column)
 
 
 class _Channels:
@@ -63,20 +40,29 @@ class _Channels:
     """
 
     def __init__(self, data: Any, file: str) -> None:
-        self.groups, self._data, self._file = data.groups, data, file
+        self._data, self._file = data, file
         self._version = 4 if data.version >= "4" else 3
         self._conversions: dict[tuple[int, int], Any] = {}
         self._times: dict[int, Floats | None] = {}
         self._pieces: dict[int, Any] = {}
+        self._places: dict[str, tuple[int, int]] = {}
+        self.shapes: dict[str, tuple[int, ...]] = {}
         for number, group in enumerate(data.groups):
+            samples = int(group.channel_group.cycles_nr)
+            check_size(samples, file)
+            # asammdf makes room for a record before it reads one
+            check_size(int(group.channel_group.samples_byte_nr), file, itemsize=1)
             for index, channel in enumerate(group.channels):
+                name = f"{number}/{channel.name}"
+                self._places[name], self.shapes[name] = (number, index), (samples,)
                 self._conversions[number, index] = channel.conversion
                 channel.conversion = None
 
-    def column(self, group: int, index: int) -> Column:
+    def column(self, path: str) -> Column:
         """Return a channel, with the rate and the start that the times of its group tell."""
+        group, index = self._places[path]
         conversion = self._conversions[group, index]
-        channel = self.groups[group].channels[index]
+        channel = self._data.groups[group].channels[index]
         unit = getattr(conversion, "unit", "") or getattr(channel, "unit", "") or ""
         values, times = self._values(group, index), self._times_of(group)
         if times is None:
@@ -87,7 +73,7 @@ class _Channels:
     def _times_of(self, group: int) -> Floats | None:
         """Return the sample times of a group, from its master channel, or that of another."""
         if group not in self._times:
-            heading = self.groups[group].channel_group
+            heading = self._data.groups[group].channel_group
             if getattr(heading, "flags", 0) & _REMOTE_MASTER and self._version == 4:
                 return self._times_of(heading.cg_master_index)
             index = self._data.masters_db.get(group)
@@ -96,7 +82,7 @@ class _Channels:
 
     def _master(self, group: int, index: int) -> Floats:
         """Return the samples of a master channel, which MDF 3 may leave to a step of time."""
-        found = self.groups[group]
+        found = self._data.groups[group]
         channel = found.channels[index]
         if self._version == 3 and not channel.bit_count:
             return np.arange(found.channel_group.cycles_nr) * float(channel.sampling_rate or 1)
@@ -108,13 +94,13 @@ class _Channels:
         asammdf would unpack a group again for each channel, of which it may have thousands.
         """
         if self._version == 4 and group not in self._pieces:
-            pieces = list(islice(self._data._mdf._load_data(self.groups[group]), 2))
+            pieces = list(islice(self._data._mdf._load_data(self._data.groups[group]), 2))
             self._pieces = {group: pieces[0] if len(pieces) == 1 else None}
         return self._pieces.get(group)
 
     def _values(self, group: int, index: int) -> Floats:
         """Return the samples of a channel in its unit, invalid ones as NaN."""
-        channel = self.groups[group].channels[index]
+        channel = self._data.groups[group].channels[index]
         try:
             samples, invalid = self._data.get(
                 group=group,
@@ -132,61 +118,6 @@ class _Channels:
         if invalid is not None:
             values[np.asarray(invalid, dtype=bool)] = np.nan
         return values
-
-
-def open_mdf(path: Path) -> MdfTable:
-    """Open an MDF file; a channel is named by its name, or by its group and name: ``1/x``."""
-    check_content(path, "MDF data")
-    package("asammdf", str(path))  # here once: each child would take its time to import it
-    with TemporaryDirectory() as folder:
-        found: MdfTable = in_child(_table, str(path), path, folder)
-    return found
-
-
-def _table(path: Path, folder: str) -> MdfTable:
-    channels, shapes = {}, {}
-    with _opened(str(path), folder) as data:
-        for number, group in enumerate(data.groups):
-            samples = int(group.channel_group.cycles_nr)
-            check_size(samples, str(path))
-            # asammdf makes room for a record before it reads one
-            check_size(int(group.channel_group.samples_byte_nr), str(path), itemsize=1)
-            for index, channel in enumerate(group.channels):
-                name = f"{number}/{channel.name}"
-                channels[name], shapes[name] = (number, index), (samples,)
-    return MdfTable(str(path), shapes, channels)
-
-
-@contextmanager
-def _opened(file: str, folder: str) -> Iterator[_Channels]:
-    """Yield the channels of a file; nothing that the file says is evaluated."""
-    asammdf = package("asammdf", file)
-    with (
-        silent(),
-        redirect_stdout(StringIO()),  # asammdf prints the traceback of what it passes over
-        reading(file, "MDF data"),
-    ):
-        with _no_last_words():
-            try:
-                # messages of a bus would be converted as the file is opened
-                opened = asammdf.MDF(file, temporary_folder=folder, process_bus_logging=False)
-            except Exception as error:
-                traceback.clear_frames(error.__traceback__)
-                raise ValueError(str(error)) from None
-        with opened as data:
-            yield _Channels(data, file)
-
-
-@contextmanager
-def _no_last_words() -> Iterator[None]:
-    """Keep files that asammdf failed to open from writing to the terminal when they are deleted."""
-    hook = sys.unraisablehook
-    sys.unraisablehook = lambda _: None
-    try:
-        yield
-    finally:
-        gc.collect()
-        sys.unraisablehook = hook
 
 
 def convert(samples: np.ndarray, block: Any, version: int) -> Floats:

@@ -1,16 +1,17 @@
-"""Files of columns: how each is opened, and how a column is found in it by name."""
+"""Files of columns: how each is opened, and how a column is found in it by name.
+
+A binary format is an `ArrayFile`, opened in a child (`sandbox`), where it finds and reads what
+`Stored` asks for. What is an array of a structure or a group is named by its path.
+"""
 
 from __future__ import annotations
 
 import difflib
-import logging
 import os
 import re
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import field, replace
+from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
 from itertools import chain
@@ -22,9 +23,28 @@ import numpy as np
 from rotorid.core.errors import InputError, ReadError
 from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import COMPRESSION, DEPTH, NAME_CHARACTERS, NAMES, RATES, UNPACKED_BYTES
 from rotorid.core.values import Floats
-from rotorid.io.child import from_child
+from rotorid.io.sandbox import Sandbox
+
+RATES = (1e-9, 1e12)
+"""Hz, of a sample rate that a file states: once in thirty years, and beyond any oscilloscope."""
+
+COLUMNS = 10_000
+"""Of a file: loggers have hundreds of channels."""
+
+NAMES, NAME_CHARACTERS = 500, 100
+"""Names of a file, and characters of each, among which the nearest to a misspelt one is sought:
+likeness takes the product of two lengths, 10 us for two of ten letters."""
+
+DEPTH = 64
+"""Groups in groups, and structures in structures: loggers nest up to five."""
+
+COMPRESSION = 250
+"""Bytes that one byte of a file may stand for: measured samples pack to a half, simulated ones
+without noise to a hundredth; more is damage, or meant to fill the memory."""
+
+UNPACKED_BYTES = 64_000_000
+"""That any file may ask for, however small it is: a channel at rest packs without bound."""
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -94,29 +114,22 @@ class ColumnFile(Protocol):
         """Return a scalar variable."""
 
 
-def head(path: Path, size: int = 65536) -> bytes:
-    """Return the first bytes of a file."""
-    with open_regular(path, "a file of samples") as stream, reading(str(path), "data"):
-        start = stream.read(size)
-    if not start:
-        raise ReadError("an empty file", "samples", "write it again", file=str(path))
-    return start
-
-
-def content(start: bytes) -> str:
-    """Say what a file holds by its first bytes."""
-    for signature, name in _SIGNATURES.items():
-        if start.startswith(signature):
-            return name
-    if any(start.startswith(_HDF5, 512 << i) for i in range(8)):  # behind a block of the user's
-        return "HDF5 data"
+def content(path: Path) -> str:
+    """Say what a file holds by its first bytes; HDF5 may stand behind a block of the user's."""
+    with open_regular(path, "a file of samples") as stream:
+        start = stream.read(65536)
+        if not start:
+            raise ReadError("an empty file", "samples", "write it again", file=str(path))
+        for signature, name in _SIGNATURES.items():
+            if start.lstrip(b"\r\n").startswith(signature):
+                return name
+        size, place = os.fstat(stream.fileno()).st_size, 512
+        while place < size:
+            stream.seek(place)
+            if stream.read(len(_HDF5)) == _HDF5:
+                return "HDF5 data"
+            place *= 2
     return "binary data" if b"\0" in start else "text"
-
-
-def check_content(path: Path, expected: str) -> None:
-    """Refuse a file whose content does not fit its ending."""
-    if (found := content(head(path))) != expected:
-        raise not_what_it_says(path, found, expected)
 
 
 def not_what_it_says(path: Path, found: str, expected: str) -> ReadError:
@@ -128,51 +141,9 @@ def not_what_it_says(path: Path, found: str, expected: str) -> ReadError:
     )
 
 
-@contextmanager
-def reading(file: str, kind: str) -> Iterator[None]:
-    """Turn whatever a format's package raises on damaged data into one line."""
-    try:
-        yield
-    except InputError:
-        raise
-    except MemoryError:
-        raise too_large(file) from None
-    except ImportError:
-        raise
-    except Exception as error:  # packages raise whatever the damage leads to
-        text = str(error).partition("\n")[0][:160] or type(error).__name__
-        raise ReadError(
-            f"damaged {kind} ({text})", f"whole {kind}", "write it again", file=file
-        ) from error
-
-
-@contextmanager
-def silent() -> Iterator[None]:
-    """Keep packages from logging to the terminal what `reading` says in one line."""
-    before = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logging.disable(before)
-
-
-def package(module: str, file: str) -> Any:
-    """Return the package that reads a format, imported when a file asks for it."""
-    try:
-        return import_module(module)
-    except ImportError:
-        raise ReadError(
-            f"no package {module.partition('.')[0]}, which reads {Path(file).suffix} files",
-            "it to be installed",
-            "pip install 'rotorid[files]'",
-            file=file,
-        ) from None
-
-
 def check_size(values: int, file: str, itemsize: int = 8) -> None:
     """Refuse a file that declares more numbers than its bytes can hold."""
-    check_held(values * itemsize, Path(file).stat().st_size, file)
+    check_held(values * itemsize, os.path.getsize(file), file)
 
 
 def check_held(size: int, held: int, file: str) -> None:
@@ -184,13 +155,6 @@ def check_held(size: int, held: int, file: str) -> None:
             "write it again",
             file=file,
         )
-
-
-def too_large(file: str) -> ReadError:
-    """Return the error for a record that does not fit into memory."""
-    return ReadError(
-        "more samples than memory holds", "a record that fits", "cut the record", file=file
-    )
 
 
 def no_column(name: str, names: Iterable[str], file: str, kind: str = "column") -> ReadError:
@@ -222,18 +186,45 @@ class ColumnPlace:
         return f"{self.path}[{self.index}]"
 
 
-@frozen
-class NamedArrays(ABC):
-    """A file of arrays found by path, or by the end of it where that is unique."""
+class ArrayFile:
+    """An open file of arrays found by path, or by the end of it where that is unique.
 
-    file: str  # the path of the file, for messages
-    shapes: Mapping[str, tuple[int, ...]]  # its numeric arrays
-    # what else is in it, and what that is, as far as that is known
-    others: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+    `array` returns one by its path, its samples of any shape. Formats that read parts of a file
+    have `columns` of their own.
+    """
 
-    @property
+    in_blocks = False  # whether `columns` yields some rows after others
+
+    def __init__(
+        self,
+        file: str,
+        shapes: Mapping[str, tuple[int, ...]],
+        array: Callable[[str], Column] | None = None,
+        others: Mapping[str, str] | None = None,
+    ) -> None:
+        self.file, self.shapes, self.array = file, shapes, array
+        # what else is in it, and what that is, as far as it is known
+        self.others = {} if others is None else others
+
+    def columns(
+        self, places: Mapping[str, ColumnPlace], rows: int | None
+    ) -> Iterator[dict[str, Column]]:
+        """Yield so many rows of all columns after others, or whole columns."""
+        assert self.array is not None
+        for name, place in places.items():
+            found = self.array(place.path)
+            yield {name: replace(found, values=as_column(found.values, place))}
+
+    def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
+        """Return the bytes of what holds these columns."""
+        return os.path.getsize(self.file)
+
+    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
+        """Return columns that cannot be read, and why; where the names tell, there are none."""
+        return {}
+
     def names(self) -> list[str]:
-        """Names of the one-dimensional arrays: leaf names where these are unique."""
+        """Return the names of one-dimensional arrays: leaf names where these are unique."""
         paths = [p for p, shape in self.shapes.items() if is_column(shape) and max(shape) > 1]
         leaves = [path.rsplit("/", 1)[-1] for path in paths]
         counts = Counter(leaves)
@@ -245,6 +236,20 @@ class NamedArrays(ABC):
         """Return the path of a column, with its index where it is one of a 2-D array."""
         place = self.place(name)
         return name if place.index is not None and name.startswith(place.path) else str(place)
+
+    def read(self, names: Sequence[str], rows: int | None = None) -> Iterator[dict[str, Column]]:
+        places = {name: self.place(name) for name in names}
+        held = self.bytes_held(places)
+        if rows is None:
+            check_held(self._size(places), held, self.file)
+        yield from self.columns(places, rows)
+
+    def size_in_blocks(self, names: Sequence[str]) -> int:
+        """Return the size of columns in memory; 0 where they are not read in blocks."""
+        return self._size({name: self.place(name) for name in names}) if self.in_blocks else 0
+
+    def _size(self, places: Mapping[str, ColumnPlace]) -> int:
+        return 8 * sum(max(self.shapes[place.path], default=0) for place in places.values())
 
     def place(self, name: str) -> ColumnPlace:
         """Find an array by path or by the unique end of it, or a column of one by ``name[3]``.
@@ -266,9 +271,10 @@ class NamedArrays(ABC):
             base = self._path(indexed["name"])
         if indexed is None or base is None:
             if (kind := self.others.get(name.strip("/"))) is not None:
-                raise _no_numbers(name, kind, self.file)
+                cure = "name a column of numbers, or export it so"
+                raise ReadError(f"{name!r} of {kind}", "real numbers", cure, file=self.file)
             flat = [p for p, shape in self.shapes.items() if len(shape) == 2 and 1 not in shape]
-            raise no_column(name, [*self.names, *flat], self.file)
+            raise no_column(name, [*self.names(), *flat], self.file)
         shape, index = self.shapes[base], int(indexed["index"])
         axis = 1 if len(shape) == 2 and shape[0] >= shape[1] else 0
         if indexed["rows"] or indexed["columns"]:
@@ -302,93 +308,20 @@ class NamedArrays(ABC):
                 found.setdefault("/".join(parts[begin:]), []).append(path)
         return found
 
-    def bytes_of(self, names: Sequence[str]) -> int:
-        """Return the size of columns in memory."""
-        shapes = [self.shapes[self.place(name).path] for name in names]
-        return 8 * sum(max(shape, default=0) for shape in shapes)
-
-    def check_held(self, names: Sequence[str]) -> None:
-        """Refuse to read columns that are together more than the file can hold."""
-        check_held(self.bytes_of(names), Path(self.file).stat().st_size, self.file)
-
-    @abstractmethod
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned."""
-
-    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        """Return columns that cannot be read, and why; where the names tell, there are none."""
-        return {}
-
     def scalar(self, name: str) -> float:
         """Return the value of an array of one number."""
-        path = self.find_scalar(name)
-        return float(self.read([path])[path].values[0])
-
-    def find_scalar(self, name: str) -> str:
-        """Return the path of an array of one number."""
         scalars = [path for path, shape in self.shapes.items() if np.prod(shape) == 1]
         fitting = [p for p in scalars if name.strip("/") in (p, p.rsplit("/", 1)[-1])]
         if len(fitting) != 1:
             raise no_column(name, scalars, self.file, kind="scalar variable")
-        return fitting[0]
-
-
-@frozen
-class LoadedArrays(NamedArrays):
-    """Arrays that are in memory already."""
-
-    arrays: Mapping[str, Column]
-
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        columns = {}
-        for name in names:
-            place = self.place(name)
-            found = self.arrays[place.path]
-            values = as_column(found.values, place)
-            columns[name] = replace(found, values=values)
-        return columns
-
-    def scalar(self, name: str) -> float:
-        return float(np.ravel(self.arrays[self.find_scalar(name)].values)[0])
-
-
-def loaded(
-    file: str, arrays: Mapping[str, Column], others: Mapping[str, str] | None = None
-) -> LoadedArrays:
-    """Return a table of arrays that are in memory, and of what else is in the file."""
-    shapes = {name: np.shape(column.values) for name, column in arrays.items()}
-    return LoadedArrays(file, shapes, arrays, others=others or {})
-
-
-@frozen
-class StoredArrays(NamedArrays):
-    """Arrays that stay in the file: a child reads them, whole or in blocks of rows."""
-
-    @abstractmethod
-    def rows(self, names: Sequence[str], rows: int | None) -> Iterator[dict[str, Column]]:
-        """Yield so many rows of all columns after others, or whole columns: in the child."""
-
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        names = list(names)
-        self.check_held(names)
-        return dict(chain.from_iterable(part.items() for part in self.blocks(names, None)))
-
-    def blocks(self, names: Sequence[str], rows: int | None) -> Iterator[dict[str, Column]]:
-        return from_child(self.rows, self.file, names, rows)
+        places = {name: ColumnPlace(fitting[0])}
+        self.bytes_held(places)
+        return float(next(self.columns(places, None))[name].values[0])
 
 
 def is_column(shape: tuple[int, ...]) -> bool:
     """Tell whether an array of this shape is one column."""
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
-
-
-def _no_numbers(name: str, kind: str, file: str) -> ReadError:
-    return ReadError(
-        f"{name!r} of {kind}",
-        "real numbers",
-        "name a column of numbers, or export it so",
-        file=file,
-    )
 
 
 def _not_a_column(name: str, shape: tuple[int, ...], file: str) -> ReadError:
@@ -409,26 +342,89 @@ def is_numeric(dtype: Any) -> bool:
     return np.dtype(dtype).kind in "biuf"
 
 
-def _reader(module: str, name: str) -> Callable[..., ColumnFile]:
-    """Return a reader that is imported, with the package of its format, when it is used."""
+@frozen
+class Format:
+    """A binary format: what opens it in a child, and what its files hold by their first bytes."""
 
-    def open_file(path: Path, **options: int | None) -> ColumnFile:
-        reader: Callable[..., ColumnFile] = getattr(import_module(f"rotorid.io.{module}"), name)
-        return reader(path, **options)
+    opener: str  # module and function under `rotorid.io`
+    package: str  # which reads it
+    kind: str
+    contents: tuple[str, ...] = ()  # `kind` where nothing else is said
 
-    return open_file
+    def open(self, path: Path) -> Sandbox:
+        """Open a file in a child."""
+        found = content(path)
+        if found not in (self.contents or (self.kind,)):
+            raise not_what_it_says(path, found, self.kind)
+        try:
+            import_module(self.package)  # here once: each child would take its time to import it
+        except ImportError:
+            raise ReadError(
+                f"no package {self.package.partition('.')[0]}, which reads {path.suffix} files",
+                "it to be installed",
+                "pip install 'rotorid[files]'",
+                file=str(path),
+            ) from None
+        module, _, name = self.opener.partition(".")
+        opener = getattr(import_module(f"rotorid.io.{module}"), name)
+        return Sandbox(opener, str(path), self.kind)
 
 
-_TEXT = _reader("text", "open_delimited")
-READERS: Mapping[str, Callable[..., ColumnFile]] = {
-    **dict.fromkeys((".csv", ".txt", ".dat", ".lvm", ".asc", ".tsv"), _TEXT),
-    **dict.fromkeys((".h5", ".hdf5"), _reader("hdf5", "open_hdf5")),
-    ".mat": _reader("mat", "open_mat"),
-    ".parquet": _reader("parquet", "open_parquet"),
-    ".tdms": _reader("tdms", "open_tdms"),
-    **dict.fromkeys((".uff", ".unv"), _reader("universal", "open_universal")),
-    **dict.fromkeys((".mf4", ".mdf"), _reader("mdf", "open_mdf")),
+HDF5 = Format("hdf5.open_hdf5", "h5py", "HDF5 data", ("HDF5 data", "a MAT v7.3 file"))
+MAT = Format("formats.open_mat", "scipy.io", "MAT data", ("a MAT v5 file", "binary data"))
+UNIVERSAL = Format("formats.open_universal", "pyuff", "universal file data")
+RESPONSES = replace(UNIVERSAL, opener="formats.open_responses")
+TEXTS = (".csv", ".txt", ".dat", ".lvm", ".asc", ".tsv")
+FORMATS = {
+    **dict.fromkeys((".h5", ".hdf5"), HDF5),
+    ".mat": MAT,
+    ".parquet": Format("formats.open_parquet", "pyarrow.parquet", "Parquet data"),
+    ".tdms": Format("formats.open_tdms", "nptdms", "TDMS data"),
+    **dict.fromkeys((".uff", ".unv"), UNIVERSAL),
+    **dict.fromkeys((".mf4", ".mdf"), Format("mdf.open_mdf", "asammdf", "MDF data")),
 }
+READERS = (*TEXTS, *FORMATS)
+"""Endings of files of columns."""
+
+
+class Stored:
+    """Columns that stay in their file, which a child reads."""
+
+    def __init__(self, path: Path, format: Format) -> None:
+        self.file, self._path, self._format = str(path), path, format
+        self._child = format.open(path)
+
+    @cached_property
+    def names(self) -> list[str]:
+        found: list[str] = self._child.ask("names")
+        return found
+
+    def find(self, name: str) -> str:
+        found: str = self._child.ask("find", name)
+        return found
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        parts = self._child.stream("read", list(names))
+        return dict(chain.from_iterable(part.items() for part in parts))
+
+    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
+        found: dict[str, InputError] = self._child.ask("refused", list(names))
+        return found
+
+    def scalar(self, name: str) -> float:
+        return float(self._child.ask("scalar", name))
+
+    def size_in_blocks(self, names: Sequence[str]) -> int:
+        """Return the size of columns in memory; 0 where they are not read in blocks."""
+        return int(self._child.ask("size_in_blocks", list(names)))
+
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
+        """Yield so many rows of all columns after others, from a child of their own."""
+        child = self._format.open(self._path)
+        try:
+            yield from child.stream("read", list(names), rows)
+        finally:
+            child.close()
 
 
 @frozen
@@ -506,22 +502,27 @@ class JoinedTables:
 def open_table(path: str | Path, *, header_row: int | None = None) -> ColumnFile:
     """Open a file of columns with the reader of its ending."""
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        found = content(head(path)) + (f", ending {path.suffix}" if path.suffix else ", no ending")
+    ending = path.suffix.lower()
+    if ending in TEXTS:
+        from rotorid.io.text import open_delimited
+
+        return open_delimited(path, header_row=header_row)
+    if ending not in FORMATS:
+        found = content(path) + (f", ending {path.suffix}" if path.suffix else ", no ending")
         raise ReadError(
             found,
             f"a file that ends in {', '.join(READERS)}",
             "export the record to one of these",
             file=str(path),
         )
-    if reader is _TEXT:
-        return reader(path, header_row=header_row)
     if header_row is not None:
         raise ReadError(
             "header_row of a file that is no text", "a text table", "remove it", file=str(path)
         )
-    return reader(path)
+    form = FORMATS[ending]
+    if form is MAT and content(path) in HDF5.contents:
+        form = HDF5
+    return Stored(path, form)
 
 
 def open_tables(

@@ -19,18 +19,27 @@ from typing import IO, Any
 import numpy as np
 
 from rotorid.core.errors import InputError, ReadError, naming
+from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import (
-    COLUMNS,
-    DIGITS,
-    LINE_CHARACTERS,
-    PREAMBLE_CHARACTERS,
-    SMALL_TEXT,
-    UNIT_CHARACTERS,
-)
 from rotorid.core.units import check_unit, si_factor
 from rotorid.core.values import Floats
-from rotorid.io.table import Column, Rate, content, head, no_column, not_what_it_says, too_large
+from rotorid.io.sandbox import too_large
+from rotorid.io.table import COLUMNS, Column, Rate, content, no_column, not_what_it_says
+
+LINE_CHARACTERS = 1 << 20
+"""Of a line: ten thousand columns of a hundred characters."""
+
+SMALL_TEXT = 16_000_000
+"""Bytes of a table of which one line may be all: it takes a tenth of a second to refuse."""
+
+DIGITS = 400
+"""Characters of a number: a double ends at 309 digits."""
+
+UNIT_CHARACTERS = 64
+"""Of a unit in the head of a column: ``kg m^2 s^-2`` has eleven."""
+
+PREAMBLE_CHARACTERS = 500
+"""Of a line above the numbers that is searched for the sample rate."""
 
 SLOWEST = 10.0
 """Hz: no rotor is sampled more slowly, while a rate that lost three digits to a thousands mark is
@@ -692,10 +701,10 @@ def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTab
     The names stand in line `header_row`, from 1; 0 where there are none. Without it, in the line
     of text above the first row of values.
     """
-    start = head(path)
-    encoding = _encoding(start)
-    if encoding != "utf-16" and content(start) != "text":
-        raise not_what_it_says(path, content(start), "a text table")
+    with open_regular(path, "a file of samples") as opened:
+        encoding = _encoding(opened.read(65536))
+    if encoding != "utf-16" and (found := content(path)) != "text":
+        raise not_what_it_says(path, found, "a text table")
     with path.open(encoding=encoding, errors="replace") as stream:
         lines = _first_lines(stream, _HEAD_LINES + (header_row or 0))
     if header_row and (

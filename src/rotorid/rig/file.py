@@ -18,7 +18,6 @@ from scipy import signal
 
 from rotorid.core.errors import InputError, ReadError, naming, nearest, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.toml import Schema, parse_toml, read_bytes
 from rotorid.core.units import to_si
 from rotorid.data.record import Channel
@@ -39,7 +38,7 @@ from rotorid.rig.parts import (
     SensorRunout,
     sensor_unit,
 )
-from rotorid.rig.rig import Rig
+from rotorid.rig.rig import RIG_SAMPLES, Rig
 from rotorid.rig.rotation import Encoder, Keyphasor, Rotation, check_rate
 from rotorid.signals.multisine import (
     Multisine,

@@ -9,7 +9,6 @@ import numpy as np
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.values import Floats
 from rotorid.core.watch import polled
 from rotorid.force.laws import Differential
@@ -18,6 +17,10 @@ from rotorid.rig.logger import Logged, RigRecord, logged, read
 from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Plant
 from rotorid.rig.tables import growth, kernel_tables, load_table, log_table
+
+RIG_SAMPLES = 5_000_000
+"""Of a record that a rig makes, with the settling before it: eight minutes at 10 kHz, a third of
+a kilobyte each for the columns and the truth beside them."""
 
 # From the samples of the logger's columns, by name, to those that it changes.
 Spoil = Callable[[dict[str, Floats], np.random.Generator], dict[str, Floats]]

@@ -1,0 +1,374 @@
+"""Readers of MATLAB, Parquet, TDMS and universal files, each by the package of its format.
+
+Each opens a file in a child; what its package raises there is told in one line.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorid.core.errors import ReadError
+from rotorid.core.files import open_regular
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats
+from rotorid.io.table import (
+    COLUMNS,
+    RESPONSES,
+    ArrayFile,
+    Column,
+    ColumnPlace,
+    Rate,
+    check_size,
+    is_numeric,
+)
+
+FOOTER_BYTES = 16_000_000
+"""What describes the columns of a Parquet file: ten thousand columns in ten groups of rows."""
+
+_TOGETHER = 100  # columns of Parquet that are read at once: each by itself takes ten times as long
+
+
+def _loaded(
+    file: str, arrays: Mapping[str, Column], others: Mapping[str, str] | None = None
+) -> ArrayFile:
+    """Return arrays that are in memory."""
+    shapes = {name: np.shape(column.values) for name, column in arrays.items()}
+    return ArrayFile(file, shapes, arrays.__getitem__, others)
+
+
+@contextmanager
+def open_mat(file: str) -> Iterator[ArrayFile]:
+    """Open a MAT file of version 4 to 7; fields of structures are named ``structure/field``."""
+    from scipy.io import loadmat, whosmat
+
+    with open_regular(file) as opened:
+        stream: Any = opened  # scipy's stubs know no streams
+        declared = whosmat(stream)
+        check_size(sum(math.prod(shape) for _, shape, _ in declared), file)
+        counts = Counter(name for name, _, _ in declared)
+        once = [name for name, count in counts.items() if count == 1]
+        stream.seek(0)
+        found = loadmat(stream, variable_names=once, simplify_cells=True)
+    arrays = dict[str, Column]()
+    others = {name: "two variables of that name" for name in counts if name not in once}
+    for path, value in _flat("", {name: found[name] for name in once if name in found}):
+        if kind := _mat_kind(value):
+            others[path] = kind
+        else:
+            arrays[path] = Column(np.asarray(value, dtype=np.float64))
+    check_size(sum(column.values.size for column in arrays.values()), file)
+    yield _loaded(file, arrays, others)
+
+
+def _flat(prefix: str, fields: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield what structures hold, by its path."""
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            yield from _flat(f"{prefix}{name}/", value)
+        else:
+            yield prefix + name, value
+
+
+def _mat_kind(value: Any) -> str:
+    """Return what holds no real numbers; empty for what does."""
+    from scipy.sparse import issparse
+
+    if issparse(value):
+        return "a sparse matrix"
+    array = np.asarray(value, dtype=object if isinstance(value, list) else None)
+    if array.dtype.kind in "SU":
+        return "text"
+    if array.dtype.kind == "c":
+        return "complex numbers"
+    if is_numeric(array.dtype):
+        return ""
+    inside = [type(each) for each in array.ravel()[:1]]
+    return "an array of structures" if dict in inside else "cells"
+
+
+class _ParquetFile(ArrayFile):
+    in_blocks = True
+
+    def __init__(self, file: str, data: Any) -> None:
+        import pyarrow.types as kinds
+
+        self._data, self._schema = data, data.schema_arrow
+        if len(self._schema.names) > COLUMNS:
+            found = f"{len(self._schema.names)} columns"
+            raise ReadError(found, f"{COLUMNS} at most", "export a part of them")
+        are = "integer", "floating", "boolean", "decimal", "timestamp"
+        numeric = [getattr(kinds, f"is_{kind}") for kind in are]
+        counts = Counter(self._schema.names)
+        numbers = [f for f in self._schema if any(is_kind(f.type) for is_kind in numeric)]
+        rows = data.metadata.num_rows
+        check_size(rows, file)
+        super().__init__(file, {f.name: (rows,) for f in numbers if counts[f.name] == 1})
+
+    def columns(
+        self, places: Mapping[str, ColumnPlace], rows: int | None
+    ) -> Iterator[dict[str, Column]]:
+        units = {name: _unit_of_field(self._schema.field(p.path)) for name, p in places.items()}
+        asked = list(dict.fromkeys(place.path for place in places.values()))
+        if rows is None:
+            parts = (asked[i : i + _TOGETHER] for i in range(0, len(asked), _TOGETHER))
+            found = (self._data.read(columns=some, use_threads=False) for some in parts)
+        else:
+            found = self._data.iter_batches(max(rows, 1024), columns=asked, use_threads=False)
+        for part in found:
+            values = {path: _arrow_numbers(part.column(path)) for path in part.schema.names}
+            yield {
+                n: Column(values[p.path], units[n]) for n, p in places.items() if p.path in values
+            }
+
+
+@contextmanager
+def open_parquet(file: str) -> Iterator[ArrayFile]:
+    from pyarrow.parquet import ParquetFile
+
+    with open_regular(file) as stream:
+        stream.seek(-8, os.SEEK_END)
+        size, end = int.from_bytes(stream.read(4), "little"), stream.read()
+    if end == b"PAR1" and size > FOOTER_BYTES:  # it takes a reader a hundred times its bytes
+        raise ReadError(
+            f"{size // 10**6} MB that describe the columns",
+            f"{FOOTER_BYTES // 10**6} MB at most",
+            "export fewer columns, or larger row groups",
+        )
+    with ParquetFile(file, memory_map=False) as data:
+        yield _ParquetFile(file, data)
+
+
+def _arrow_numbers(column: Any) -> Floats:
+    """Return the numbers of a column, those that are missing as NaN; times in s."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(column.type):
+        whole = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy(zero_copy_only=False)
+        return np.asarray((whole - whole[:1]) * 1e-9, dtype=np.float64)
+    numbers = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    return np.asarray(numbers, dtype=np.float64)
+
+
+def _unit_of_field(field: Any) -> str | None:
+    """Return the unit in the metadata of a column."""
+    for key in (b"units", b"unit"):
+        if field.metadata and key in field.metadata:
+            return field.metadata[key].decode("utf-8", "replace").strip() or None
+    return "s" if str(field.type).startswith("timestamp") else None
+
+
+class _TdmsFile(ArrayFile):
+    """A column is a channel of a group, as LabVIEW has them."""
+
+    in_blocks = True
+
+    def __init__(self, file: str, data: Any) -> None:
+        self._channels = {
+            f"{group.name}/{channel.name}": channel
+            for group in data.groups()
+            for channel in group.channels()
+            if channel.dtype is not None and np.dtype(channel.dtype).kind in "biufM"
+        }
+        for channel in self._channels.values():
+            check_size(len(channel), file)
+        super().__init__(file, {name: (len(each),) for name, each in self._channels.items()})
+
+    def columns(
+        self, places: Mapping[str, ColumnPlace], rows: int | None
+    ) -> Iterator[dict[str, Column]]:
+        channels = {name: self._channels[place.path] for name, place in places.items()}
+        if rows is None:
+            yield from ({n: Column(_tdms_numbers(c[:]), *_stated(c))} for n, c in channels.items())
+            return
+        for begin in range(0, max(map(len, channels.values())), rows):
+            yield {
+                name: Column(_tdms_numbers(channel[begin : begin + rows]), *_stated(channel))
+                for name, channel in channels.items()
+            }
+
+
+@contextmanager
+def open_tdms(file: str) -> Iterator[ArrayFile]:
+    from nptdms import TdmsFile
+
+    with open_regular(file) as stream, TdmsFile.open(stream) as data:
+        yield _TdmsFile(file, data)
+
+
+def _tdms_numbers(values: Any) -> Floats:
+    """Return numbers as floats; time stamps in s from the first."""
+    array = np.asarray(values)
+    if array.dtype.kind == "M":
+        array = (array - array[:1]).astype("timedelta64[ns]").astype(np.int64) * 1e-9
+    return np.asarray(array, dtype=np.float64)
+
+
+def _stated(channel: Any) -> tuple[str | None, Rate | None, float | None]:
+    """Return unit, sample rate and time of the first sample in the properties of a channel."""
+    said = channel.properties
+    unit = str(said.get("unit_string", "")).strip() or None
+    if np.dtype(channel.dtype).kind == "M":
+        unit = "s"
+    step = _finite(said.get("wf_increment"))
+    rate = Rate(1 / step) if step is not None and step > 0 and step != 1.0 else None
+    begun, offset = said.get("wf_start_time"), said.get("wf_start_offset")
+    if begun is None and offset is None:
+        return unit, rate, None
+    later = _finite(offset) or 0.0
+    if isinstance(begun, np.datetime64) and not np.isnat(begun):
+        since = begun.astype("datetime64[us]") - np.datetime64("2000-01-01", "us")
+        later += float(since.astype(np.int64)) * 1e-6
+    return unit, rate, later
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+_FUNCTION = 58  # the data set of a function at nodal degrees of freedom
+_TIME_RESPONSE, _RESPONSE, _COHERENCE = 1, 4, 6
+_TIME_AXIS, _EVEN = 17, 1
+_DIGITS = 5e-6  # the abscissa's step is written with six digits
+_QUANTITIES = {8: "", 11: "'", 12: "''"}  # displacement, velocity, acceleration
+_AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
+
+
+@contextmanager
+def open_universal(file: str) -> Iterator[ArrayFile]:
+    """Open a universal file, text or binary.
+
+    A column has the name in the first line of its data set, or its node and direction, ``12+X``,
+    where that line does not tell the sets apart.
+    """
+    found, types = _read_sets(file)
+    sets = [one for one in found if _is_over_time(one)]
+    if not sets:
+        raise ReadError(
+            f"data sets {sorted(set(types))}, none of a signal over time" if types else "no sets",
+            "data sets 58 of time responses",
+            "export the time histories",
+        )
+    yield _loaded(file, {name: _universal(s) for name, s in zip(_names(sets), sets, strict=True)})
+
+
+def _read_sets(file: str) -> tuple[list[Any], list[int]]:
+    """Return the functions of a universal file, and the types of all its data sets."""
+    from pyuff import UFF
+
+    with np.errstate(all="ignore"):
+        data = UFF(file)
+        types = [int(kind) for kind in np.atleast_1d(data.get_set_types())]
+        return [data.read_sets(i) for i, kind in enumerate(types) if kind == _FUNCTION], types
+
+
+def _is_over_time(found: Mapping[str, Any]) -> bool:
+    time = found.get("abscissa_spec_data_type") == _TIME_AXIS
+    return (time or found.get("func_type") == _TIME_RESPONSE) and not np.iscomplexobj(found["data"])
+
+
+def _names(sets: list[Mapping[str, Any]]) -> list[str]:
+    first = [_text(s.get("id1")) for s in sets]
+    if all(first) and len(set(first)) == len(first):
+        return first
+    nodes = [_end(s, "rsp", _AXES[:3]) for s in sets]
+    counts = Counter(nodes)
+    return [name if counts[name] == 1 else f"{name}#{number}" for number, name in enumerate(nodes)]
+
+
+def _end(found: Mapping[str, Any], end: str, axes: Sequence[str] = _AXES) -> str:
+    """Return node and direction of the response or the reference, such as ``12+X``."""
+    axis = int(found.get(f"{end}_dir") or 0)
+    along = "+-"[axis < 0] + axes[abs(axis) - 1] if 0 < abs(axis) <= len(axes) else ""
+    return f"{int(found.get(f'{end}_node') or 0)}{along}"
+
+
+def _text(value: Any) -> str:
+    """Return a text of a data set, empty where it says NONE."""
+    text = str(value or "").strip()
+    return "" if text == "NONE" else text
+
+
+def _universal(found: Mapping[str, Any]) -> Column:
+    values = np.asarray(found["data"], dtype=np.float64)
+    if len(values) != int(found.get("num_pts", len(values))):
+        raise ValueError(f"{len(values)} values where {found['num_pts']} are announced")
+    step = float(found.get("abscissa_inc") or 0.0)
+    even = found.get("abscissa_spacing") == _EVEN and np.isfinite(step) and step > 0
+    unit = _text(found.get("ordinate_axis_units_lab")) or None
+    start = float(found.get("abscissa_min") or 0.0)
+    return Column(values, unit, *((Rate(1 / step, _DIGITS), start) if even else ()))
+
+
+@frozen
+class StoredResponse:
+    """One frequency response of a file."""
+
+    name: str  # ``12+X/3+Z``: node and direction of the response, then of the reference
+    frequency: Floats  # (line,): hz
+    values: Complexes  # (line,): as stored
+    unit: str | None  # of the response over that of the reference, where the file states both
+    # ``''`` of an acceleration, ``'`` of a velocity; None where the file does not say
+    derivative: str | None
+    coherence: Floats | None  # (line,), or None
+
+
+def read_responses(path: Path) -> dict[str, StoredResponse]:
+    """Return the frequency responses of a universal file by name."""
+    found: dict[str, StoredResponse] = RESPONSES.open(path).ask("copy")  # of what is opened
+    return found
+
+
+@contextmanager
+def open_responses(file: str) -> Iterator[dict[str, StoredResponse]]:
+    sets, types = _read_sets(file)
+    found = _responses(sets)
+    if not found:
+        kinds = sorted({int(s.get("func_type", 0)) for s in sets})
+        raise ReadError(
+            f"functions of type {kinds}, none a frequency response" if kinds else f"sets {types}",
+            "data sets 58 of frequency responses (function type 4)",
+            "export the frequency responses",
+        )
+    yield found
+
+
+def _responses(sets: Sequence[Mapping[str, Any]]) -> dict[str, StoredResponse]:
+    """Return the responses among data sets, each with its coherence."""
+    named = [(f"{_end(s, 'rsp')}/{_end(s, 'ref')}", s) for s in sets]
+    coherence = {name: s for name, s in named if s.get("func_type") == _COHERENCE}
+    found: dict[str, StoredResponse] = {}
+    for name, one in named:
+        if one.get("func_type") != _RESPONSE:
+            continue
+        if name in found:
+            raise ReadError(
+                f"two responses {name}",
+                "one of each pair of nodes and directions",
+                "export them into files of their own",
+            )
+        found[name] = _response(name, one, coherence.get(name))
+    return found
+
+
+def _response(
+    name: str, found: Mapping[str, Any], coherence: Mapping[str, Any] | None
+) -> StoredResponse:
+    frequency = np.asarray(found["x"], dtype=np.float64)
+    values = np.asarray(found["data"], dtype=np.complex128)
+    if values.shape != frequency.shape or frequency.ndim != 1 or not len(values):
+        raise ValueError(f"{values.shape} values at {frequency.shape} frequencies")
+    other = None
+    if coherence is not None and np.array_equal(coherence["x"], found["x"]):
+        other = np.asarray(np.real(coherence["data"]), dtype=np.float64)
+    over, under = (_text(found.get(f"{axis}_axis_units_lab")) for axis in ("ordinate", "orddenom"))
+    unit = f"({over})/({under})" if over and under else None
+    quantity = int(found.get("ordinate_spec_data_type") or 0)
+    return StoredResponse(name, frequency, values, unit, _QUANTITIES.get(quantity), other)

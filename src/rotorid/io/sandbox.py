@@ -1,0 +1,355 @@
+"""Reading in a process of its own: some packages end theirs with a damaged file.
+
+A child opens a file once, and answers what it is asked of it until nobody asks any more. What goes
+between the two is text and arrays of numbers, from which each builds what was meant: nothing that a
+file says is run, whatever became of the child. Where a system has no fork, as Windows, or its
+libraries do not bear one, as Apple's, the child is a new interpreter.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import gc
+import json
+import logging
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+from threading import Timer
+from typing import IO, Any
+from weakref import finalize
+
+import numpy as np
+
+from rotorid.core.errors import InputError, ReadError
+
+LEAST, SPEED = 4, 5e6
+"""Seconds of the processor that reading any file may take, and bytes a second beyond: packages read
+faster by ten times, and with a damaged file some never end."""
+
+PATIENCE = 10
+"""Times these seconds that a new interpreter has for an answer by the clock."""
+
+MEMORY, COPIES = 2_000_000_000, 4
+"""Bytes that any file may take beyond what this process holds already, and copies of the file."""
+
+DESCRIPTORS = 1024
+"""Files that may be open at once."""
+
+FORKS = hasattr(os, "fork") and sys.platform != "darwin"
+"""Whether this system makes a process that reads by itself, in milliseconds."""
+
+_ANSWER, _REFUSAL, _END = range(3)  # what is sent: a value, an error, no more
+_LENGTH = 8  # bytes that say how long the text of an answer is
+
+Opener = Callable[[str], AbstractContextManager[Any]]
+"""Opens a file, in the child, for an object whose methods answer what is asked."""
+
+
+class Sandbox:
+    """A child that opens a file, and what it is asked of it, until nobody holds this object.
+
+    `kind` is what a damaged file is called. A child that ends before its work does, or takes more
+    of the processor than a file of that size may, is a damaged file.
+    """
+
+    def __init__(self, opener: Opener, file: str, kind: str = "data") -> None:
+        from tempfile import TemporaryDirectory
+
+        self._file, self._kind, scratch = file, kind, TemporaryDirectory()
+        start = _forked if FORKS else _spawned
+        self._questions, self._answers, end = start(opener, file, kind, scratch.name)
+        self._patience = None if FORKS else PATIENCE * _seconds(file)
+
+        def close(streams: tuple[IO[bytes], ...] = (self._answers, self._questions)) -> None:
+            end()
+            for stream in streams:
+                with suppress(OSError):  # a question that the child did not live to hear
+                    stream.close()
+            scratch.cleanup()
+
+        self._end = end
+        self.close = finalize(self, close)
+        list(self._replies())
+
+    def ask(self, method: str, *arguments: Any) -> Any:
+        """Return what a method returns, run in the child; its `InputError` is raised here."""
+        (answer,) = self.stream(method, *arguments)
+        return answer
+
+    def stream(self, method: str, *arguments: Any) -> Iterator[Any]:
+        """Yield what a method yields in the child, which goes on reading a little ahead."""
+        with suppress(BrokenPipeError):  # it says so itself, or ended
+            _send(self._questions, [method, arguments])
+        return self._replies()
+
+    def _replies(self) -> Iterator[Any]:
+        while (answer := self._reply())[0] == _ANSWER:
+            yield answer[1]
+        if answer[0] == _REFUSAL:
+            raise answer[1]
+
+    def _reply(self) -> Any:
+        late = Timer(self._patience, self._end) if self._patience else None
+        try:
+            if late:
+                late.start()
+            return _received(self._answers)
+        except Exception:  # whatever became of the child
+            raise ReadError(
+                "a file that ends the program that reads it, or never lets it end",
+                "a file that is whole",
+                "export the record again",
+                file=self._file,
+            ) from None
+        finally:
+            if late:
+                late.cancel()
+
+
+Started = tuple[IO[bytes], IO[bytes], Callable[[], None]]
+"""Where a child is asked, where it answers, and how it is ended."""
+
+
+def _forked(*work: Any) -> Started:
+    (asked, questions), (answers, sender) = os.pipe(), os.pipe()
+    with warnings.catch_warnings():  # threads of numerical libraries, which the child leaves alone
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if not child:
+        gc.freeze()  # what the parent holds is neither looked through nor copied
+        try:
+            os.close(questions)
+            os.close(answers)
+            _serve(asked, sender, *work)
+        finally:  # nothing of the parent's is to be written or tidied here
+            os._exit(0)
+    os.close(asked)
+    os.close(sender)
+
+    def end() -> None:
+        with suppress(ProcessLookupError, ChildProcessError):  # where others see to its end
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+
+    return open(questions, "wb"), open(answers, "rb"), end
+
+
+def _spawned(*work: Any) -> Started:
+    """Start an interpreter, which is told its work by this process, and by nobody else."""
+    child = subprocess.Popen(
+        [sys.executable, "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    assert child.stdin is not None
+    assert child.stdout is not None
+    with suppress(BrokenPipeError):
+        pickle.dump(work, child.stdin)
+        child.stdin.flush()
+
+    def end() -> None:
+        child.kill()
+        child.wait()
+
+    return child.stdin, child.stdout, end
+
+
+def _serve(asked: int, sender: int, opener: Opener, file: str, kind: str, scratch: str) -> None:
+    """Open a file, and answer what is asked of it."""
+    import tempfile
+
+    _silence(asked, sender)
+    tempfile.tempdir = scratch  # what packages leave there goes with it
+    with open(asked, "rb") as questions, open(sender, "wb") as answers, ExitStack() as held:
+        served = None
+        with _refusing(answers, file, kind):
+            _bound(file)
+            served = held.enter_context(opener(file))
+        while served is not None:
+            method, arguments = _received(questions)
+            with _refusing(answers, file, kind):
+                found = getattr(served, method)(*arguments)
+                for answer in found if isinstance(found, Iterator) else [found]:
+                    _send(answers, (_ANSWER, answer))
+
+
+@contextmanager
+def _refusing(answers: IO[bytes], file: str, kind: str) -> Iterator[None]:
+    """Send the end of an answer, or an error in one line."""
+    try:
+        yield
+        told: tuple[int, Any] = (_END, None)
+    except InputError as error:
+        told = _REFUSAL, error.at(file=file)
+    except BrokenPipeError:  # no more is asked for
+        raise
+    except MemoryError:
+        told = _REFUSAL, too_large(file)
+    except Exception as error:
+        told = _REFUSAL, damaged(error, kind, file)
+    _send(answers, told)
+
+
+def damaged(error: Exception, kind: str, file: str) -> ReadError:
+    """Return in one line what a package raised, which may be anything, on damaged data."""
+    text = str(error).partition("\n")[0][:160] or type(error).__name__
+    return ReadError(f"damaged {kind} ({text})", f"whole {kind}", "write it again", file=file)
+
+
+def too_large(file: str) -> ReadError:
+    """Return the error for a record that does not fit into memory."""
+    return ReadError(
+        "more samples than memory holds", "a record that fits", "cut the record", file=file
+    )
+
+
+def _send(stream: IO[bytes], value: Any) -> None:
+    """Send a value as text: what its arrays hold goes after it as it lies in memory."""
+    arrays: list[np.ndarray] = []
+    text = json.dumps(_plain(value, arrays)).encode()
+    stream.write(len(text).to_bytes(_LENGTH, "little") + text)
+    for array in arrays:
+        stream.write(_bytes_of(array))
+    stream.flush()
+
+
+def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
+    """Return a value as lists and texts; an array is named by its type and shape."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray):
+        arrays.append(np.ascontiguousarray(value))
+        return ["array", value.dtype.str, *value.shape]
+    if isinstance(value, Mapping):
+        return ["dict", *([_plain(k, arrays), _plain(v, arrays)] for k, v in value.items())]
+    kind = type(value)
+    if isinstance(value, list | tuple):
+        return ["list", *(_plain(each, arrays) for each in value)]
+    if isinstance(value, InputError):
+        parts = value.found, value.expected, value.cure, value.file, value.place
+        return ["error", kind.__module__, kind.__name__, *parts]
+    if not is_dataclass(value):
+        raise TypeError(f"no plain layout of {kind.__name__}")
+    held = (_plain(getattr(value, part.name), arrays) for part in fields(value))
+    return ["object", kind.__module__, kind.__name__, *held]
+
+
+def _received(stream: IO[bytes]) -> Any:
+    """Return what was sent next."""
+    text = _read(stream, int.from_bytes(_read(stream, _LENGTH), "little"))
+    return _built(json.loads(text), stream)
+
+
+def _read(stream: IO[bytes], count: int) -> bytes:
+    data = stream.read(count)
+    if len(data) < count:
+        raise EOFError
+    return data
+
+
+def _built(plain: Any, stream: IO[bytes]) -> Any:
+    """Return what a plain layout stands for: classes are those of the readers, and no others."""
+    if not isinstance(plain, list):
+        return plain
+    kind, *parts = plain
+    if kind == "array":
+        return _array(*parts, stream=stream)
+    if kind == "list":
+        return [_built(each, stream) for each in parts]
+    if kind == "dict":
+        return {_built(key, stream): _built(value, stream) for key, value in parts}
+    module, name, *held = parts
+    if not module.startswith("rotorid."):
+        raise TypeError(f"{module}.{name} from a child")
+    found: Any = getattr(import_module(module), name)
+    if kind == "error" and issubclass(found, InputError):
+        *said, file, place = held
+        return found(*said, file=file, place=place)
+    if kind == "object" and isinstance(found, type) and is_dataclass(found):
+        names = [part.name for part in fields(found)]
+        return found(**{n: _built(v, stream) for n, v in zip(names, held, strict=True)})
+    raise TypeError(f"{kind} {module}.{name} from a child")
+
+
+def _array(kind: str, *shape: int, stream: IO[bytes]) -> np.ndarray:
+    dtype = np.dtype(kind)
+    if dtype.kind not in "biufc":
+        raise TypeError(f"an array of {kind} from a child")
+    found = np.empty(shape, dtype)
+    if stream.readinto(_bytes_of(found)) < found.nbytes:  # type: ignore[attr-defined]
+        raise EOFError
+    return found
+
+
+def _bytes_of(array: np.ndarray) -> memoryview:
+    return array.reshape(-1).view(np.uint8).data
+
+
+def _silence(*kept: int) -> None:
+    """Leave no words of this process where the answer's are: libraries write theirs as they end."""
+    os.environ["LIBC_FATAL_STDERR_"] = "1"  # or glibc's go to the terminal
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in {1, 2} - {*kept}:  # as where that was closed before
+        os.dup2(nowhere, stream)
+    sys.stdout = sys.stderr = open(nowhere, "w")  # noqa: SIM115 - as long as this process
+    logging.disable()
+    faulthandler.disable()
+
+
+def _size(file: str) -> int:
+    return os.path.getsize(file) if os.path.isfile(file) else 0
+
+
+def _seconds(file: str) -> int:
+    return LEAST + int(_size(file) / SPEED)
+
+
+def _bound(file: str) -> None:
+    """Let the system bound what a file may take by its size, and keep no core."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limits
+        return
+    room = MEMORY + COPIES * _size(file)
+    limits = {
+        resource.RLIMIT_CPU: _seconds(file),
+        resource.RLIMIT_FSIZE: room,
+        resource.RLIMIT_NOFILE: DESCRIPTORS,
+        resource.RLIMIT_CORE: 0,
+    }
+    if sys.platform == "linux":  # which counts what is written to, and not what is only reserved
+        limits[resource.RLIMIT_DATA] = _held() + room
+    for limit, most in limits.items():
+        allowed = resource.getrlimit(limit)[1]
+        bound = most if allowed == resource.RLIM_INFINITY else min(most, allowed)
+        resource.setrlimit(limit, (bound, bound))
+
+
+def _held() -> int:
+    """Return the bytes that this process holds to write in."""
+    with open("/proc/self/statm", "rb") as told:
+        return int(told.read().split()[5]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _main() -> None:
+    """Do the work that the parent of a new interpreter tells it."""
+    asked = os.dup(0)
+    with open(0, "rb", buffering=0) as told:  # and nothing of the questions after it
+        work = pickle.load(told)
+    _serve(asked, os.dup(1), *work)
+
+
+if __name__ == "__main__":
+    _main()
