@@ -427,7 +427,7 @@ class TestFiles:
                 'x1 = { input = "F", real = "re", imag = "im", unit = "m/N", coherence = "a1" }',
                 "found a coherence of",
             ),
-            ('x1 = { input = "F", column = "1+X/1+X", unit = "m/N" }', "a universal file"),
+            ('x1 = { input = "F", column = "1+X/1+X", unit = "m/N" }', "universal file data"),
             ("x1 = { input = 'F', real = 're', imag = 'im', unit = 'm/N', hold = 'none' }", "hold"),
         ],
     )

@@ -118,9 +118,9 @@ def test_nothing_is_left_of_a_child(child):
 def test_a_file_has_so_many_seconds_for_all_that_is_asked(method, monkeypatch):
     monkeypatch.setattr(sandbox, "LEAST", 1)
     child = Sandbox(served, "run.mf4")
+    answers = (child.ask(method) for _ in range(50))
     with pytest.raises(rid.ReadError, match="or never lets it end"):
-        for _ in range(50):
-            child.ask(method)
+        list(answers)
 
 
 def test_a_file_is_read_by_a_new_interpreter(tmp_path, monkeypatch):
