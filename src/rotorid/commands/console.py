@@ -37,15 +37,15 @@ from rotorid.core.files import (
 from rotorid.core.tables import Page, page_text
 from rotorid.core.watch import Pace, watch, watched, words
 
-HASHED_BYTES = 16_000_000_000
-"""Of a file whose sha256 is kept with a result: ten to twenty seconds. Of a larger one, or one of
-holes for the most part, a fraction was read, and to hash the rest would take longer than to answer.
-"""
-
 if TYPE_CHECKING:
     from rich.live import Live
 
     from rotorid.answer.contents import SourceFile
+
+HASHED_BYTES = 16_000_000_000
+"""Of a file whose sha256 is kept with a result: ten to twenty seconds. Of a larger one, or one of
+holes for the most part, a fraction was read, and to hash the rest would take longer than to answer.
+"""
 
 Output = tuple[Path | None, Content]
 _COLOURS = {
