@@ -504,9 +504,10 @@ def open_table(path: str | Path, *, header_row: int | None = None) -> ColumnFile
     path = Path(path)
     ending = path.suffix.lower()
     if ending in TEXTS:
-        from rotorid.io.text import open_delimited
-
-        return open_delimited(path, header_row=header_row)
+        table: ColumnFile = import_module("rotorid.io.text").open_delimited(
+            path, header_row=header_row
+        )
+        return table
     if ending not in FORMATS:
         found = content(path) + (f", ending {path.suffix}" if path.suffix else ", no ending")
         raise ReadError(
