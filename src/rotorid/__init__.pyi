@@ -45,7 +45,7 @@ from .models import shipped_models as shipped_models
 from .models.constraints import Constraint as Constraint
 from .models.rotor.ross import from_ross as from_ross
 from .results.balancing import balance as balance
-from .results.centring import centring as centring
+from .results.balancing import centring as centring
 from .results.critical import campbell as campbell
 from .results.critical import unbalance_response as unbalance_response
 from .results.evidence import with_evidence as with_evidence

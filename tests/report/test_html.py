@@ -33,8 +33,13 @@ from rotorid.answer.contents import Evidence, Prior, SourceFile
 from rotorid.answer.validation import ChannelError
 from rotorid.demo import DemoResult, findings, run_demo
 from rotorid.demo.paper import TABLE, demo_report
-from rotorid.report.estimate_report import estimate_report, figures, groups, relations
-from rotorid.report.records import validation_report
+from rotorid.report.estimate_report import (
+    estimate_report,
+    figures,
+    groups,
+    relations,
+    validation_report,
+)
 from rotorid.results.evidence import record_evidence
 
 HOSTILE = "</title><script>alert(1)</script>${{ 7*7 }} $x_{$ & \"'>\n\u65e5"
@@ -324,10 +329,10 @@ def test_what_was_known_stands_beside(estimate: Estimate) -> None:
     assert first.std is not None
     prior = Prior(first.name, first.value + 2 * first.std, 4 * first.std)
     known = estimate.with_(evidence=Evidence((), (prior, Prior("m + c", 1.5, 0.0))))
-    (row, *others), *_ = (group.rows for group in groups(known))
+    (row, *others), *_ = (rows for _, rows in groups(known))
     assert row.moved == "\N{MINUS SIGN}0.5 std"
     assert row.bar is not None
-    before, after = row.bar.before, row.bar.after
+    before, after = row.bar[:2]
     assert before[0] < after[0] < after[1] < before[1]
     assert (after[1] - after[0]) / (before[1] - before[0]) == pytest.approx(0.25, abs=0.01)
     assert all(other.bar is None for other in others)
@@ -346,7 +351,7 @@ def test_what_rounding_leaves_of_zero_is_zero(value: float, shown: str) -> None:
     phase = Value("phase[0]", "rad", value, 0.02)
     known = Evidence((), (Prior("phase[0]", 0.0, 0.02),))
     estimate = Estimate("rigid", "ml", "ok", (phase,), evidence=known)
-    ((row,),) = (group.rows for group in groups(estimate))
+    ((row,),) = (rows for _, rows in groups(estimate))
     assert row.percent == ("" if value < 2e-3 else "2000")
     assert row.moved == {"0": "0 std", "0.00011": "+0.0055 std"}.get(shown, "+0.1 std")
     assert (row.value == "0") == (shown == "0")

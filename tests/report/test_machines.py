@@ -12,14 +12,16 @@ from rotorid import campbell, modes
 from rotorid.report import machines
 from rotorid.report.drawn import campbell as campbell_panel
 from rotorid.report.drawn import response, shapes
-from rotorid.report.machine_tables import (
+from rotorid.report.machines import (
+    balance_report,
+    machine_part,
     mode_table,
+    modes_report,
     modes_sentence,
     ringing,
     ringing_curves,
     summary,
 )
-from rotorid.report.machines import balance_report, machine_part, modes_report
 from rotorid.results.critical import response_of
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import partners
@@ -86,7 +88,7 @@ def test_a_shape_is_its_forward_and_its_backward_part(model: rid.Model) -> None:
 def test_shapes_of_a_drawing_stand_along_the_rotor() -> None:
     model = rid.load_model("flexible")
     part = machine_part(model, 0.0)
-    (picture,) = (p for p in part.sections if p.title == "Mode shapes")
+    (picture,) = (p for p in part.parts if p.title == "Mode shapes")
     found = modes(model)
     pairs, _ = machines._places(model)
     (first, *_) = shapes(found, pairs, [], machines._positions(model, pairs))
@@ -176,12 +178,12 @@ def test_the_page_of_modes(estimate: rid.Estimate) -> None:
 @pytest.mark.slow
 def test_what_a_report_shows_of_a_machine(estimate: rid.Estimate) -> None:
     turning, still = machine_part(estimate, SPEED), machine_part(estimate, 0.0)
-    assert [one.title for one in turning.sections if one.panels] == [
+    assert [one.title for one in turning.parts if one.panels] == [
         "Campbell diagram",
         "Mode shapes",
         "Unbalance response",
     ]
-    assert [one.title for one in still.sections if one.panels] == ["Mode shapes"]
+    assert [one.title for one in still.parts if one.panels] == ["Mode shapes"]
     assert still.title == "Modes at standstill"
     lost = estimate.with_(status="not_converged")
     (said,) = machine_part(lost, SPEED).said

@@ -20,7 +20,7 @@ from rotorid import (
 )
 from rotorid.answer.contents import RecordEvidence
 from rotorid.demo.paper import ESTIMATORS, FUNDAMENTAL, HARMONICS, simulate_record
-from rotorid.report import interactive
+from rotorid.report import html as interactive
 from rotorid.report.drawn import (
     correlation,
     differences,

@@ -22,7 +22,8 @@ from rotorid import (
 from rotorid.answer.estimate_tables import page
 from rotorid.answer.validation import ChannelError
 from rotorid.core.tables import page_text
-from rotorid.report.record_tables import model_page, validation_table
+from rotorid.report.estimate_report import validation_table
+from rotorid.report.records import model_page
 
 ESTIMATE = Estimate(
     "three-mass",

@@ -14,9 +14,8 @@ from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
 from rotorid.core.toml import table_within
 from rotorid.core.watch import watch
-from rotorid.report.machine_tables import balance_page
-from rotorid.results.balancing import Balance, balance
-from rotorid.results.centring import Feedforward, centring
+from rotorid.report.machines import balance_page, balance_report
+from rotorid.results.balancing import Balance, Feedforward, balance, centring
 from rotorid.results.machine import own_model
 
 
@@ -52,8 +51,6 @@ def run(
         centred = centring(estimate, speeds[0], record=record)
 
     def html() -> str:
-        from rotorid.report.machines import balance_report  # pictures take their time to load
-
         return balance_report(found, centred, own_model(estimate), done(answer.given, [result]))
 
     answer.give(balance_page(found, centred), content(found, centred), html)

@@ -27,7 +27,7 @@ FILES = {
 def models(name: str | None) -> int:
     from rotorid.models import load_model, shipped_models
     from rotorid.models.rotor.rotor_model import RotorModel
-    from rotorid.report.record_tables import model_list, model_page, rotor_page
+    from rotorid.report.records import model_list, model_page, rotor_page
 
     if name is None:
         show([model_list(load_model(shipped) for shipped in shipped_models())])
@@ -102,7 +102,7 @@ def simulate(
     faults: bool,
     force: bool,
 ) -> int:
-    from rotorid.report.record_tables import fault_page, record_page
+    from rotorid.report.records import fault_page, record_page
     from rotorid.rig.file import load_rig
     from rotorid.rig.files import RECORD, experiment_path, experiment_text, record_bytes
 

@@ -13,7 +13,7 @@ from rotorid.core.notes import worst
 from rotorid.core.watch import watch
 from rotorid.data.line_inspection import LineInspection
 from rotorid.experiment.experiment import inspect_experiment, named_files
-from rotorid.report.records import inspection_page
+from rotorid.report.records import inspection_page, inspection_report
 from rotorid.signals.inspection import Inspection
 
 
@@ -29,8 +29,6 @@ def run(experiment: Path, answer: Outputs) -> int:
         page = [told, *page]
 
     def html() -> str:
-        from rotorid.report.records import inspection_report  # pictures take their time to load
-
         work = done(answer.given, named_files(experiment))
         return inspection_report(experiment.name, found, told, work)
 

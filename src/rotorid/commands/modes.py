@@ -14,7 +14,7 @@ from rotorid.commands.console import Outputs, done
 from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
 from rotorid.models import Model, load_model
-from rotorid.report.machine_tables import modes_page
+from rotorid.report.machines import modes_page, modes_report
 from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import Modes, finite_speed, modes
@@ -37,8 +37,6 @@ def run(
     page = modes_page(found, diagram, response, machine_of(read, record).model)
 
     def html() -> str:
-        from rotorid.report.machines import modes_report  # pictures take their time to load
-
         return modes_report(read, found, diagram, done(answer.given, [Path(source)]))
 
     answer.give(page, content(found, diagram), html)

@@ -17,7 +17,7 @@ from rotorid.experiment.channels import Recording
 from rotorid.experiment.read import measured, periods_of, reference_name
 from rotorid.force.laws import Linear
 from rotorid.io.columns import Source
-from rotorid.report.machine_tables import sensitivity_page
+from rotorid.report.machines import sensitivity_page, sensitivity_report
 from rotorid.results.sensitivity import AxisSensitivity, sensitivity, worst_of
 
 
@@ -39,8 +39,6 @@ def run(
         found = sensitivity(records, named, **options)
 
     def html() -> str:
-        from rotorid.report.machines import sensitivity_report  # pictures take their time to load
-
         return sensitivity_report(found, experiment.name, done(answer.given, plan.files))
 
     data = {"axes": [_axis(each) for each in found], "verdict": worst_of(found)}

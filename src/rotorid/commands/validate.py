@@ -20,7 +20,7 @@ from rotorid.core.tables import Page
 from rotorid.core.watch import watch
 from rotorid.experiment import load_experiment
 from rotorid.linear.family import information_of
-from rotorid.report.record_tables import information_lines, validation_table
+from rotorid.report.estimate_report import information_lines, validation_report, validation_table
 
 
 def run(
@@ -51,7 +51,6 @@ def run(
     page = [*page, *fitted, *_its_own(estimate, plan.record_files), *reached.cures]
 
     def html() -> str:
-        from rotorid.report.records import validation_report  # pictures take their time to load
         from rotorid.results.evidence import record_evidence
 
         shown = record_evidence(estimate, plan.model, placed, another=True)

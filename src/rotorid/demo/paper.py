@@ -30,7 +30,7 @@ from rotorid.likelihood.bound import Plan, predict_accuracy
 from rotorid.likelihood.estimator import MaximumLikelihood
 from rotorid.linear.estimators import Batch, LeastSquares, Sequential
 from rotorid.models import Model, load_model
-from rotorid.report.html import Passage, answer
+from rotorid.report.html import Section, page_of
 from rotorid.report.panels import BLUE, GREEN, GREY, PINK, RED, SKY, Axis, Curve, Panel
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
@@ -378,29 +378,28 @@ PRINTED = Markup("; ").join(Markup("<code>{}</code>: {}").format(*each) for each
 
 def demo_report(result: DemoResult) -> str:
     first, *others = findings(result)
-    sections = [
-        Passage("What the figures show", items=tuple(others)),
-        Passage(
-            "Errors of every estimator",
-            f"Root mean square in %, over {result.records}. The bound is the least that an "
-            "unbiased estimate can have (Cramer and Rao).",
-            sizes(result),
-            panels=(rms_panel(result),),
-        ),
-        Passage(
-            "Table 1 of the paper",
-            "Size of the error of the one run that the paper prints, in %, and beside it the "
-            f"median here of {result.records}. " + PRINTED + ".",
-            beside_the_paper(result),
-            after=CONDITIONS,
-        ),
-    ]
-    return answer(
-        "rotorid demo",
-        first,
-        "ok",
-        sections,
-        heading="Identification of a flexible rotor on magnetic bearings",
+    page = Section(
+        "Identification of a flexible rotor on magnetic bearings",
         lead=f"The numerical example of Levy and Arogeti, section 3, simulated {result.runs} times "
         "with fresh noise and identified by each of their estimators and by maximum likelihood.",
+        verdict=first,
+        mood="good",
+        parts=(
+            Section("What the figures show", items=tuple(others)),
+            Section(
+                "Errors of every estimator",
+                f"Root mean square in %, over {result.records}. The bound is the least that an "
+                "unbiased estimate can have (Cramer and Rao).",
+                sizes(result),
+                panels=(rms_panel(result),),
+            ),
+            Section(
+                "Table 1 of the paper",
+                "Size of the error of the one run that the paper prints, in %, and beside it the "
+                f"median here of {result.records}. " + PRINTED + ".",
+                beside_the_paper(result),
+                after=CONDITIONS,
+            ),
+        ),
     )
+    return page_of(page, tab="rotorid demo")

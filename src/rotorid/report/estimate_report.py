@@ -1,12 +1,14 @@
-"""The page of an estimate."""
+"""Pages of an estimate, and of a record that it predicts."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
+from markupsafe import Markup
 
 from rotorid.answer.contents import (
     DOUBTFUL,
@@ -18,16 +20,19 @@ from rotorid.answer.contents import (
 )
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import FAR, HALF_WIDTH, ROUNDING, as_zero, on_data, on_fit
+from rotorid.answer.validation import ChannelError
+from rotorid.answer.validation import verdict_of as validated
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import Table, table
 from rotorid.core.values import Floats
+from rotorid.linear.family import Information
 from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
-from rotorid.report.html import Passage, filled, render
-from rotorid.report.machines import Part, machine_part
-from rotorid.report.record_tables import told_table
+from rotorid.report.html import Mood, Section, equations, marked, page_of, rendered
+from rotorid.report.machines import machine_part
+from rotorid.report.records import told_table
 from rotorid.results.machine import own_model
 
 AS_NOISE = 1.5
@@ -42,6 +47,8 @@ METHODS = {
     "sequential": "sequential least squares",
     "ls": "least squares",
 }
+MOODS: dict[str, Mood] = {"ok": "good", "rejected": "doubt"}
+"""How a status is coloured; all others are bad."""
 
 
 @frozen
@@ -167,62 +174,63 @@ PLAIN = (1e-3, 1e7)
 """Sizes between which a number is written without an exponent."""
 _MARGIN = 4
 PM = "\N{PLUS-MINUS SIGN}"
-
-
-@frozen
-class Bar:
-    """Two intervals on one scale: their ends in pixels, and in words."""
-
-    before: tuple[float, float]
-    after: tuple[float, float]
-    told: str
+Ends = tuple[float, float]
 
 
 @frozen
 class Row:
+    """One quantity, and what was known of it before."""
+
     name: str
     value: str
     half: str
     percent: str
     unit: str
-    before: str
-    moved: str
-    bar: Bar | None
+    before: str = ""
+    moved: str = ""
+    # intervals before and now on one scale: their ends in pixels, and in words
+    bar: tuple[Ends, Ends, str] | None = None
 
 
-@frozen
-class RowGroup:
-    """Rows that belong together, under a title."""
-
-    rows: tuple[Row, ...]
-    title: str = ""
-
-
-def groups(estimate: Estimate) -> list[RowGroup]:
-    """Return parameters, constants of the measurement, and what follows from them."""
+def groups(estimate: Estimate) -> list[tuple[str, list[Row]]]:
+    """Return parameters, constants of the measurement, and what follows from them, with titles."""
     names = {value.name for value in estimate.parameters}
-    derived = [value for value in estimate.derived if value.name not in names]
-    free = [value for value in estimate.parameters if not value.fixed]
-    parts: Iterable[tuple[str, Sequence[Value]]] = (
-        ("", free),
+    parts: Iterable[tuple[str, Iterable[Value]]] = (
+        ("", (value for value in estimate.parameters if not value.fixed)),
         ("of the measurement", estimate.nuisance),
-        ("what follows from them", derived),
+        ("what follows from them", (v for v in estimate.derived if v.name not in names)),
     )
     known = estimate.evidence
-    return [
-        RowGroup(tuple(_row(v, known.prior(v.name) if known else None) for v in part), title)
+    found = [
+        (title, [_row(value, known.prior(value.name) if known else None) for value in part])
         for title, part in parts
-        if part
     ]
+    return [(title, rows) for title, rows in found if rows]
 
 
-def any_known(estimate: Estimate) -> bool:
+def _parameters(estimate: Estimate) -> Section:
+    """Return all values with the half-width of their intervals, beside what was known before."""
     known = estimate.evidence
-    return known is not None and any(known.prior(value.name) for value in estimate.free)
-
-
-def fixed(estimate: Estimate) -> list[str]:
-    return [f"{v.name} = {v.value:.6g}{_unit(v.unit)}" for v in estimate.parameters if v.fixed]
+    any_known = known is not None and any(known.prior(value.name) for value in estimate.free)
+    told = "With the half-width of the 95 % interval"
+    if any_known:
+        told += (
+            ", beside what was known beforehand. Bars: before in grey, now in blue, on a scale of "
+            "their own in each row"
+        )
+    if estimate.status == "rejected":
+        told += ". The data reject the model: the intervals do not cover what it lacks"
+    held = [f"{v.name} = {v.value:.6g}{_unit(v.unit)}" for v in estimate.parameters if v.fixed]
+    more = (
+        ("Known besides", "; ".join(relations(estimate))),
+        ("Held at what was given", ", ".join(held)),
+    )
+    return Section(
+        "Parameters",
+        f"{told}.",
+        body=rendered("parameters.html", groups=groups(estimate), known=any_known),
+        after=" ".join(f"{what}: {said}." for what, said in more if said),
+    )
 
 
 def relations(estimate: Estimate) -> list[str]:
@@ -258,16 +266,11 @@ def _row(value: Value, prior: Prior | None) -> Row:
         number = "not determined"
     far = half > FAR * HALF_WIDTH * abs(value.value)  # a percentage of what may as well be zero
     percent = math.nan if far else 100 * half / abs(value.value) if value.value else math.nan
-    return Row(
-        value.name,
-        number,
-        two_digits(half),
-        two_digits(percent),
-        "" if value.unit == "1" else value.unit,
-        "" if prior is None else _before(prior),
-        "" if prior is None else _moved(value, prior),
-        None if prior is None else _bar(value, prior),
-    )
+    unit = "" if value.unit == "1" else value.unit
+    row = Row(value.name, number, two_digits(half), two_digits(percent), unit)
+    if prior is None:
+        return row
+    return replace(row, before=_before(prior), moved=_moved(value, prior), bar=_bar(value, prior))
 
 
 def _before(prior: Prior) -> str:
@@ -287,27 +290,22 @@ def _moved(value: Value, prior: Prior) -> str:
     return f"{moved:+.2g} std".replace("-", "\N{MINUS SIGN}")
 
 
-def _bar(value: Value, prior: Prior) -> Bar | None:
+def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
     """Return what was known and what is known now, on a scale that holds both."""
-    half = HALF_WIDTH * (value.std or 0.0)
-    ends = [
-        (prior.value - HALF_WIDTH * prior.std, prior.value + HALF_WIDTH * prior.std),
-        (value.value - half, value.value + half),
-    ]
-    low, high = min(a for a, _ in ends), max(b for _, b in ends)
+    half, before = HALF_WIDTH * (value.std or 0.0), HALF_WIDTH * prior.std
+    low = min(prior.value - before, value.value - half)
+    high = max(prior.value + before, value.value + half)
     if not (math.isfinite(low) and math.isfinite(high) and high > low):
         return None
     scale = (WIDTH - 2 * _MARGIN) / (high - low)
 
-    def pixels(pair: tuple[float, float]) -> tuple[float, float]:
-        first, last = (_MARGIN + scale * (x - low) for x in pair)
-        if last - first < 1:  # to be seen
-            first, last = (first + last) / 2 - 0.5, (first + last) / 2 + 0.5
-        return round(first, 1), round(last, 1)
+    def pixels(middle: float, reach: float) -> Ends:
+        at, wide = _MARGIN + scale * (middle - low), max(scale * reach, 0.5)  # to be seen
+        return round(at - wide, 1), round(at + wide, 1)
 
     now = f"{figures(value.value, half)} {PM} {two_digits(half)}"
     told = f"before {_before(prior)}, now {now}"
-    return Bar(pixels(ends[0]), pixels(ends[1]), told)
+    return pixels(prior.value, before), pixels(value.value, half), told
 
 
 def figures(value: float, half: float) -> str:
@@ -361,80 +359,102 @@ WITHOUT = (
 )
 
 
-def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
-    model, lacking = model_of(estimate)
+def estimate_report(estimate: Estimate) -> str:
+    """Return the page of an estimate, from the estimate alone."""
+    remarks = () if estimate.evidence else (WITHOUT,)
+    model = None
+    try:
+        model = own_model(estimate)
+    except InputError as error:
+        lacking = f"{error.found}: the equations of motion are not shown; {error.cure}."
+        remarks = (lacking, *remarks)
     records = estimate.evidence.records if estimate.evidence else ()
-    told = [*remarks, *lacking, *([] if estimate.evidence else [WITHOUT])]
-    shown = [one.headings[0] for one in estimate.value_tables]
-    page = estimate.summary(intervals=True)
-    tables = {one.headings[0]: one for one in page if isinstance(one, Table)}
-    others = [one for head, one in tables.items() if head not in shown]
+    values = {one.headings[0] for one in estimate.value_tables}
+    tables = [one for one in estimate.summary(intervals=True) if isinstance(one, Table)]
+    others = [one for one in tables if one.headings[0] not in values]
+    verdict = verdict_of(estimate)
     graver = [check for check in estimate.checks if check.severity in ("warns", "refuses")]
     warned = [f"{check.verdict}, {on_data(check)}" for check in graver]
     exact = tuple(on_data(check) for check in estimate.checks if check.severity == "says")
-    return render(
-        "estimate.html",
-        estimate=estimate,
-        model=model,
-        machine=_machine(estimate, model, records),
-        own=model is None or model.name not in shipped_models(),
-        method=METHODS.get(estimate.method, estimate.method),
-        verdict=verdict_of(estimate),
-        rejected=estimate.status == "rejected",
-        groups=groups(estimate),
-        known=any_known(estimate),
-        relations=relations(estimate),
-        fixed=fixed(estimate),
-        early=filled(
-            [
-                *(_titled(one) for one in others if one.headings[0] in EARLY),
-                Passage("How well the channels are predicted", PREDICTED, channels_table(records)),
-                Passage("What was taken as exact, and what it may do", EXACT, items=exact),
-                *_drawn(model),
-                *record_pictures(records),
-                *_own_pictures(estimate, records),
-            ]
+    status = estimate.status.replace("_", " ")
+    page = Section(
+        model.title if model is not None and model.title else estimate.model,
+        lead=marked("Model <code>{}</code>, identified by {}", estimate.model, _method(estimate)),
+        status=status,
+        verdict=verdict.sentence,
+        mood=MOODS.get(estimate.status, "bad"),
+        urge="To mind:" if estimate.status == "ok" else "What to do next:",
+        steps=verdict.steps,
+        said=remarks,
+        parts=(
+            Section("What is left open", items=verdict.left_open),
+            _parameters(estimate),
+            *(_titled(one) for one in others if one.headings[0] in EARLY),
+            Section("How well the channels are predicted", PREDICTED, channels_table(records)),
+            Section("What was taken as exact, and what it may do", EXACT, items=exact),
+            *_drawn(model),
+            *record_pictures(records),
+            *_own_pictures(estimate, records),
+            *_machine(estimate, model, records),
+            *(_titled(one) for one in others if one.headings[0] not in EARLY),
+            Section("The fit in figures", items=(*on_fit(estimate), *warned)),
+            Section("Records", table=records_table(records)),
+            *equations(model),
+            *_work(estimate, model),
         ),
-        late=filled(
-            [
-                *(_titled(one) for one in others if one.headings[0] not in EARLY),
-                Passage("The fit in figures", items=(*on_fit(estimate), *warned)),
-                Passage("Records", table=records_table(records)),
-            ]
+    )
+    return page_of(page, tab=f"{estimate.model}, {estimate.method}: {status}")
+
+
+def _method(estimate: Estimate) -> str:
+    return METHODS.get(estimate.method, estimate.method)
+
+
+def _work(estimate: Estimate, model: Model | None) -> Iterator[Section]:
+    """Say what was done: the command, the files, and the texts that describe both."""
+    source = estimate.provenance
+    if source is None:
+        return
+    by = ", ".join(filter(None, (f"rotorid {source.version}", source.environment)))
+    item = '{}<br><span class="soft">{}</span>'
+    sums = [(f.file, f.sha256 and f"sha256 {f.sha256}") for f in source.files]
+    own = model is None or model.name not in shipped_models()
+    texts = (("experiment", source.experiment), ("model", source.model if own else ""))
+    yield Section(
+        "What was done",
+        body=marked("<p><code>{}</code>, {}</p>", source.command, by)
+        if source.command
+        else Markup(),
+        items=tuple(marked(item, name, told or "too large to be hashed") for name, told in sums),
+        parts=tuple(
+            Section(f"The {what} file", body=marked("<pre>{}</pre>", text))
+            for what, text in texts
+            if text
         ),
-        remarks=told,
     )
 
 
 def _machine(
     estimate: Estimate, model: Model | None, records: Sequence[RecordEvidence]
-) -> Part | None:
+) -> Iterator[Section]:
     """Return the modes of the machine, at the highest speed of the records."""
-    if model is None or model.linear is None:
-        return None
-    speeds = [speed for record in records for speed in record.speed_rad_s if math.isfinite(speed)]
-    return machine_part(estimate, max(speeds, key=abs, default=0.0))
+    if model is not None and model.linear is not None:
+        speeds = [v for record in records for v in record.speed_rad_s if math.isfinite(v)]
+        yield machine_part(estimate, max(speeds, key=abs, default=0.0))
 
 
-def _titled(one: Table) -> Passage:
+def _titled(one: Table) -> Section:
     head = one.headings[0]
-    return Passage(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
+    return Section(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
 
 
-def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
-    try:
-        return own_model(estimate), []
-    except InputError as error:
-        return None, [f"{error.found}: the equations of motion are not shown; {error.cure}."]
-
-
-def _drawn(model: Model | None) -> Iterator[Passage]:
+def _drawn(model: Model | None) -> Iterator[Section]:
     if isinstance(model, RotorModel):
         told = "The rotor as it is drawn, and what stands on it."
-        yield Passage("The rotor", told, panels=(drawn.drawing(model.rotor),))
+        yield Section("The rotor", told, panels=(drawn.drawing(model.rotor),))
 
 
-def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Passage]:
+def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Section]:
     """Draw what the estimate holds: where the misfit lies, and how parameters hang together."""
     rows = estimate.line_misfit
     turning = bool(records) and all(record.kind == "phasors" for record in records)
@@ -447,7 +467,7 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
             turning=turning,
         )
         what, where = ("row", "speed") if turning else ("spectral line", "frequency")
-        yield Passage(
+        yield Section(
             f"Misfit, {where} by {where}",
             f"Misfit of each {what} over what noise would leave of it; 1 is right on average. "
             f"Those that stand out together say at which {where} the model lacks something.",
@@ -455,7 +475,7 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
         )
     names = [value.name for value in estimate.free]
     if 1 < len(names) == len(estimate.covariance) and np.isfinite(estimate.correlation).any():
-        yield Passage(
+        yield Section(
             "Correlation of the parameters",
             f"{_strongest(names, estimate.correlation)} Near +1 or \N{MINUS SIGN}1 two "
             "parameters are known as a combination better than one by one.",
@@ -472,7 +492,7 @@ def _strongest(names: Sequence[str], matrix: Floats) -> str:
 
 def record_pictures(
     records: Sequence[RecordEvidence], *, another: bool = False
-) -> Iterator[Passage]:
+) -> Iterator[Section]:
     """Draw records as they were measured and as they are predicted.
 
     Of `another` record than the estimate was made of, the deviations of its values count too.
@@ -481,24 +501,24 @@ def record_pictures(
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
         each = "speed by speed" if record.kind == "phasors" else "frequency by frequency"
-        yield Passage(
+        yield Section(
             f"Measured and predicted over time{where}",
             f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
             panels=tuple(drawn.waves(record)),
         )
-        yield Passage(
+        yield Section(
             f"What is left over time{where}",
             f"Predicted less measured, on a scale of its own; the band holds 95 % of what "
             f"{noise} of it.",
             panels=tuple(drawn.differences(record)),
         )
-        yield Passage(
+        yield Section(
             f"Measured and predicted, {each}{where}",
             f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
             f"{noise}. A channel that is not predicted is shown with its own noise.",
             panels=tuple(drawn.lines(record)),
         )
-        yield Passage(
+        yield Section(
             f"What is left, {each}{where}",
             f"Predicted less measured of each channel over what {noise} of it. Evenly near "
             "1 is noise; a line or a channel that stands out is none.",
@@ -579,3 +599,68 @@ def records_table(records: Sequence[RecordEvidence]) -> Table | None:
 def _speeds(record: RecordEvidence) -> str:
     found = [f"{30 / math.pi * speed:.6g}" for speed in record.speed_rad_s]
     return " to ".join(dict.fromkeys(found))
+
+
+CHANCE = (
+    "How far the prediction is off, and how much of that the noise of this record and the "
+    "deviations of the result's values make; the chance that the two together make an error at "
+    "least as large. Below one in a million it fails."
+)
+
+
+def validation_report(
+    estimate: Estimate,
+    model: Model,
+    found: Sequence[Sequence[ChannelError]],
+    records: Sequence[RecordEvidence],
+    notes: Sequence[str] = (),
+) -> str:
+    """Return the page of another record, as it was measured and as it is predicted."""
+    reached = validated(found)
+    page = Section(
+        "Another record, predicted",
+        lead=marked("By a result of <code>{}</code>, {}", estimate.model, _method(estimate)),
+        status=reached.verdict,
+        verdict=f"{reached.sentence[:1].upper()}{reached.sentence[1:]}.",
+        mood="good" if reached.verdict == "predicts" else "bad",
+        urge="What to do next:",
+        steps=reached.cures,
+        parts=(
+            Section("Channel by channel", CHANCE, validation_table(found)),
+            *record_pictures(records, another=True),
+            Section("Records", table=records_table(records)),
+        ),
+    )
+    tab = f"{estimate.model}, {estimate.method}: {reached.verdict}"
+    return page_of(page, tab=tab, model=model, done=notes)
+
+
+def validation_table(records: Sequence[Sequence[ChannelError]]) -> Table:
+    """Return how far each channel is off beside what explains it, and what it comes to."""
+    several = len(records) > 1
+    rows = [
+        (
+            f"{c.name}, record {number + 1}" if several else c.name,
+            *map(_percent, (c.relative_error, c.noise, c.deviations)),
+            "" if c.p_value is None else f"{c.p_value:.2g}",
+            "zero" if c.relative_error is None else "fails" if c.fails else "predicted",
+        )
+        for number, record in enumerate(records)
+        for c in record
+    ]
+    headings = ("channel", "off by %", "by noise %", "by deviations %", "chance", "verdict")
+    return table(headings, rows)
+
+
+def information_lines(records: Iterable[Information | None]) -> list[str]:
+    """Return the condition number of the regressor of each record, as it is quoted for robots."""
+    return [
+        f"condition number of the regressor: {told.scaled_condition_number:.4g} with its "
+        f"columns scaled, {told.condition_number:.4g} in SI units as it is"
+        for told in records
+        if told is not None
+    ]
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.3g}"

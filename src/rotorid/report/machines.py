@@ -1,42 +1,194 @@
-"""Pages of modes, balancing and sensitivity."""
+"""Modes, balancing and sensitivity: their sentences, tables and pages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
+from rotorid.core.tables import Page, Table, by_hand, table
 from rotorid.core.values import Floats
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
-from rotorid.report.drawn import RPM
-from rotorid.report.html import Passage, answer, filled, render
-from rotorid.report.machine_tables import (
-    balance_sentence,
-    centring_table,
-    correction_table,
-    critical_table,
-    mass_table,
-    mode_table,
-    modes_sentence,
-    residual_table,
-    ringing,
-    ringing_curves,
-    said_of,
-    sensitivity_sentence,
-    sensitivity_table,
-    summary,
-)
-from rotorid.results.balancing import POOR, Balance
-from rotorid.results.centring import Feedforward
+from rotorid.report.drawn import GMM, NODE, RPM
+from rotorid.report.html import Mood, Section, page_of
+from rotorid.results.balancing import POOR, Balance, Feedforward
 from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import Modes, modes, partners
 from rotorid.results.sensitivity import LIMITS, AxisSensitivity, worst_of
+
+DEGREES = 180 / np.pi
+
+
+def _told(value: float | None, factor: float = 1.0, form: str = ".2g") -> str:
+    """Return a number, a deviation if nothing else is said; a dash where there is none."""
+    return "-" if value is None or np.isnan(value) else format(factor * value, form)
+
+
+def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:
+    tables = [part.table for part in _balance_parts(found, centred) if part.table is not None]
+    return [
+        f"{found.model} at {_speeds(found)} rpm: add in each plane, angles in the rotor from x to "
+        "y, counted from what stands along x at the rotor angle 0",
+        *tables,
+        *_said_of(found),
+    ]
+
+
+def balance_report(
+    found: Balance, centred: Sequence[Feedforward], model: Model, done: Sequence[str] = ()
+) -> str:
+    said = _said_of(found)
+    planes = Section(
+        "The planes, seen along the shaft",
+        "What is to be added in each plane, as a vector. The right correction lies within the "
+        "circle about its end with 95 %: no wider than its dot where the unbalance is well "
+        "known. Masses stand on the rim at their angles.",
+        panels=tuple(drawn.corrections(found)),
+    )
+    besides = tuple(each for each in said if not each.startswith("warning: "))
+    page = Section(
+        f"Balance at {_speeds(found)} rpm",
+        lead=f"Of the rotor {model.title or model.name}",
+        verdict=_balance_sentence(found),
+        mood="doubt" if found.share > POOR or found.status != "ok" else "good",
+        steps=tuple(text.removeprefix("warning: ") for text in said if text not in besides),
+        parts=(*_balance_parts(found, centred), planes, Section("Besides", items=besides)),
+    )
+    return page_of(page, model=model, done=done)
+
+
+def _speeds(found: Balance) -> str:
+    return ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
+
+
+def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[Section]:
+    """Yield the tables: what to add, what to mount, what is left, what to feed forward."""
+    rows = [
+        (
+            each.plane,
+            f"{each.unbalance_kg_m * GMM:.5g}",
+            _told(each.std_kg_m, GMM),
+            f"{np.degrees(each.angle_rad):.1f}",
+            _told(each.angle_std_rad, DEGREES),
+        )
+        for each in found.corrections
+    ]
+    yield Section(
+        "What to add",
+        "Angles count in the rotor, from x to y, from what stands along x where the rotor "
+        "angle is 0: at its mark. Taking away is adding on the other side.",
+        table(("correction", "g mm", "std", "at deg", "std"), rows),
+    )
+    masses = [
+        (each.plane, f"{1e3 * mass:.4g}", f"{np.degrees(angle) % 360:.1f}")
+        for each in found.corrections
+        for mass, angle in each.masses
+    ]
+    if masses:
+        yield Section(
+            "Masses to mount",
+            "The masses that come nearest to it, all planes together.",
+            table(("mount in plane", "g", "at deg"), masses),
+        )
+    left = [
+        (
+            each.plane,
+            _told(each.unbalance_kg_m, GMM, ".4g"),
+            _told(each.std_kg_m, GMM),
+            _told(each.grade_mm_s, form=".3g"),
+        )
+        for each in found.residual
+    ]
+    yield Section(
+        "What is left",
+        "The true unbalance is not the identified one: with 95 % less than this is left.",
+        table(("left, with 95 %", "less than g mm", "std", "grade in mm/s"), left),
+    )
+    if centred:
+        yield Section(
+            "Inertial centring",
+            "The other way to a quiet machine: the rotor turns about its own axis of inertia if "
+            "these currents, a cos(phi + angle), are fed forward.",
+            _centring_table(centred, found.speeds[0]),
+        )
+
+
+def _balance_sentence(found: Balance) -> str:
+    if found.share > POOR:
+        return (
+            f"These planes cannot do away with the unbalance: {100 * found.share:.2g} % of the "
+            "response is left."
+        )
+    if found.covariance is None:
+        return "What to add is computed; the result states no deviations, so what is left is open."
+    if found.grade_mm_s is not None and found.rotor_mass is not None:
+        return (
+            f"Balanced with this to less than G {found.grade_mm_s:.2g} mm/s (ISO 21940-11), all "
+            "planes together, with 95 %."
+        )
+    most = max(each.unbalance_kg_m or 0.0 for each in found.residual)
+    return f"With this less than {GMM * most:.2g} g mm is left in any plane, with 95 %."
+
+
+def _said_of(found: Balance) -> list[str]:
+    said = list(found.remarks)
+    if found.grade_mm_s is not None and found.rotor_mass is not None:
+        said.append(
+            f"grade of all planes together: below G {found.grade_mm_s:.3g} mm/s "
+            f"(rotor of {found.rotor_mass:.4g} kg, ISO 21940-11)"
+        )
+    if found.covariance is None:
+        said.append("the result states no deviations: what is left beyond the masses is not known")
+    said.append(f"{100 * found.share:.2g} % of the response is left if the values are right")
+    if found.share > POOR:
+        said.append(
+            "warning: these planes cannot do away with it; add a plane, or weigh with --at what "
+            "has to be quiet"
+        )
+    return said
+
+
+def _centring_table(found: Sequence[Feedforward], speed: float) -> Table:
+    known = any(each.amplitude_ampere is not None for each in found)
+    rows = []
+    for each in found:
+        row = [each.input, f"{1e6 * each.motion_m:.4g}", _told(each.motion_std_m, 1e6)]
+        if known:
+            row += [_told(each.amplitude_ampere, 1e3, ".4g"), _told(each.std_ampere, 1e3)]
+            row += [_told(each.angle_rad, DEGREES, ".1f"), _told(each.angle_std_rad, DEGREES)]
+        rows.append(tuple(row))
+    headings = [f"inertial centring at {speed * RPM:.6g} rpm", "motion in um", "std"]
+    if known:
+        headings += ["feed forward mA", "std", "at deg", "std"]
+    return table(tuple(headings), rows)
+
+
+NAMED = 5
+"""Frequencies that a sentence names: the lowest."""
+SHOWN = 11
+"""Speeds of the table of a diagram."""
+MOST_MODES = 16
+"""Modes of the table: what a screen holds; those above are seldom the machine's."""
+MOST_ROWS = 16
+"""Coordinates of the table of a response."""
+REACH = 2.0
+"""Curves of the table of a diagram begin below this many times the last speed."""
+FEWEST, MOST_CURVES = 2, 8
+"""Curves of that table at the least, and at the most."""
+NOTHING = 1e-9
+"""Damping ratios below this are rounding."""
+JUMP = 10.0
+"""No natural frequency changes by this factor from one speed of a diagram to the next: where a
+curve does, as one that begins at zero, it is two, and a gap is drawn."""
+RESONANT = 0.5**0.5
+"""Damping ratio from which on no response has a peak, so that nobody measures such a mode."""
+
 
 BEYOND = 1.5
 """A diagram goes to this many times the highest speed of the records."""
@@ -44,67 +196,253 @@ SPEEDS = 121
 """Speeds of a response that is drawn."""
 
 
-@frozen
-class Part:
-    """What a page shows of a machine: a verdict, sentences, tables and pictures."""
+def modes_page(
+    found: Modes,
+    diagram: Campbell | None,
+    response: UnbalanceResponse | None,
+    model: Model,
+) -> Page:
+    free = ", ".join(model.inputs)
+    whose = f"without forces at its inputs ({free})" if free else "without inputs"
+    page: list[str | Table] = [
+        modes_sentence(found, diagram),
+        f"{found.model} at {found.speed * RPM:.6g} rpm, as its equations have it, {whose}: what a "
+        "controller or magnets add is no part of it",
+    ]
+    if ringing(found).modes:
+        page.append(mode_table(found))
+    page += summary(found)
+    if diagram is not None:
+        none = f"no critical speed up to {diagram.speed[-1] * RPM:.6g} rpm"
+        page += [critical_table(diagram) if diagram.critical else none, campbell_table(diagram)]
+    if response is not None:
+        page.append(response_table(response, model.units))
+    return page
 
-    title: str
-    said: tuple[str, ...]
-    sections: Sequence[Passage] = ()
-    verdict: str = ""
+
+def ringing(found: Modes) -> Modes:
+    """Return the modes that a response shows as peaks: those that are not overdamped."""
+    return replace(found, modes=tuple(m for m in found.modes if m.damping_ratio < RESONANT))
 
 
-def machine_part(source: Estimate | Model, speed: float) -> Part:
+def ringing_curves(found: Campbell) -> Campbell:
+    """Return the curves of a diagram where they are not overdamped."""
+    with np.errstate(invalid="ignore"):
+        heard = np.isfinite(found.frequency_hz) & (found.damping_ratio < RESONANT)
+        steps = found.frequency_hz[1:] / found.frequency_hz[:-1]
+        heard[:-1] &= ~((steps > JUMP) | (steps < 1 / JUMP))
+    some = np.flatnonzero(heard.any(axis=0))
+
+    def kept(values: Floats) -> Floats:
+        return np.where(heard, values, np.nan)[:, some]
+
+    return replace(
+        found,
+        frequency_hz=kept(found.frequency_hz),
+        std_hz=kept(found.std_hz),
+        damping_ratio=kept(found.damping_ratio),
+        whirl=tuple(found.whirl[i] for i in some),
+    )
+
+
+def modes_sentence(found: Modes, diagram: Campbell | None) -> str:
+    rpm = RPM * found.speed
+    where = f"At {rpm:.5g} rpm" if found.speed else "At standstill"
+    growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
+    heard = ringing(found).modes
+    told = f"{where} there is no mode that rings"
+    if heard:
+        first = [f"{mode.frequency_hz:.4g}" for mode in heard[:NAMED]]
+        listed = " and ".join(filter(None, [", ".join(first[:-1]), first[-1]]))
+        more = f", and at {len(heard) - NAMED} higher frequencies" if len(heard) > NAMED else ""
+        told = f"{where} the machine rings at {listed} Hz{more}"
+    if growing:
+        told += (
+            f"; {len(growing)} of them grow{'s' if len(growing) == 1 else ''} (negative damping)"
+        )
+    if diagram is None:
+        return f"{told}."
+    return f"{told}; {_nearest(rpm, diagram)}."
+
+
+def _nearest(rpm: float, diagram: Campbell) -> str:
+    if not diagram.critical:
+        return f"no critical speed up to {RPM * abs(diagram.speed[-1]):.5g} rpm"
+    speeds = [RPM * abs(each.speed_rad_s) for each in diagram.critical]
+    if not rpm:
+        return f"the first critical speed is {min(speeds):.5g} rpm"
+    near = min(speeds, key=lambda speed: abs(speed - abs(rpm)))
+    away = near / abs(rpm) - 1
+    side = "above" if away > 0 else "below"
+    return f"the nearest critical speed, {near:.5g} rpm, lies {100 * abs(away):.3g} % {side} it"
+
+
+def mode_table(found: Modes) -> Table:
+    rows = [
+        (
+            f"{number}{'~' if mode.close else ''}",
+            f"{mode.frequency_hz:.6g}",
+            _told(mode.std_hz),
+            _ratio(mode.damping_ratio),
+            "-" if abs(mode.damping_ratio) < NOTHING else _told(mode.damping_std),
+            mode.whirl + (", both planes" if mode.count > 1 else ""),
+        )
+        for number, mode in enumerate(ringing(found).modes[:MOST_MODES], start=1)
+    ]
+    return table(("mode", "frequency in Hz", "std", "damping ratio", "std", "whirl"), rows)
+
+
+def summary(found: Modes) -> list[str]:
+    said = list(found.remarks)
+    heard = ringing(found).modes
+    if len(heard) > MOST_MODES:
+        said.append(f"{len(heard) - MOST_MODES} modes above; --json holds all")
+    if dull := len(found.modes) - len(heard):
+        said.append(f"{dull} overdamped, with no peak in any response, not shown; --json holds all")
+    growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
+    if not found.modes:
+        said.append("no natural frequencies: only free motion, or poles that do not oscillate")
+    if found.rigid:
+        said.append(f"free motion (rigid body): {found.rigid} poles at zero, which are no modes")
+    if growing:
+        listed = ", ".join(f"{mode.frequency_hz:.5g} Hz" for mode in growing)
+        said.append(f"warning: modes that grow, with negative damping: {listed}")
+    if any(pole > 0 for pole in found.real_poles):
+        listed = ", ".join(f"{pole:.4g}" for pole in found.real_poles if pole > 0)
+        said.append(f"warning: unstable poles that do not oscillate, at {listed} rad/s")
+    damped = sorted((pole for pole in found.real_poles if pole <= 0), reverse=True)
+    if damped:
+        listed = ", ".join(f"{pole:.4g}" for pole in damped[:4])
+        said.append(f"{len(damped)} poles that do not oscillate, the slowest at {listed} rad/s")
+    if any(mode.close for mode in found.modes):
+        said.append("~: so close to another that order or shapes are uncertain; std from draws")
+    if any(mode.whirl == "mixed" for mode in found.modes):
+        said.append("mixed: forward at some places and backward at others")
+    return said
+
+
+def critical_table(found: Campbell) -> Table:
+    rows = [
+        (
+            str(number),
+            f"{each.speed_rad_s * RPM:.6g}",
+            _told(each.std, RPM),
+            f"{each.speed_rad_s:.6g}",
+            each.whirl,
+            _ratio(each.damping_ratio),
+        )
+        for number, each in enumerate(found.critical, start=1)
+    ]
+    headings = ("critical speed", "rpm", "std", "rad/s", "whirl", "damping ratio")
+    return table(headings, rows)
+
+
+def campbell_table(found: Campbell) -> Table:
+    """Return some speeds of a Campbell diagram, a column per curve, in Hz."""
+    chosen = np.unique(np.linspace(0, len(found.speed) - 1, SHOWN).round().astype(int))
+    found = ringing_curves(found)
+    low = np.nanmin(found.frequency_hz, axis=0, initial=np.inf)
+    within = low <= REACH * abs(found.speed[-1]) / (2 * np.pi)
+    within[np.argsort(low, kind="stable")[:FEWEST]] = True
+    curves = np.flatnonzero(within)[:MOST_CURVES]
+    headings = ("rpm", *(found.whirl[i] for i in curves))
+    rows = [
+        (
+            f"{found.speed[k] * RPM:.5g}",
+            *(_told(f, form=".5g") for f in found.frequency_hz[k, curves]),
+        )
+        for k in chosen
+    ]
+    return table(headings, rows)
+
+
+def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
+    every = list(zip(found.coordinates, found.motion[0], found.std[0], strict=True))
+    named = [row for row in every if len(every) <= MOST_ROWS or not NODE.search(row[0])]
+    rows = []
+    for name, value, std in named[:MOST_ROWS]:
+        unit, factor = by_hand(units.get(name, ""))
+        size = factor * abs(value)
+        rows.append(
+            (
+                name,
+                f"{size:.4g}" if np.isfinite(size) else "no bound",
+                _told(std, factor),
+                unit,
+                f"{np.degrees(np.angle(value)):.1f}" if np.isfinite(size) else "",
+            )
+        )
+    title = f"unbalance response at {found.speed[0] * RPM:.6g} rpm"
+    return table((title, "amplitude", "std", "unit", "phase in deg"), rows)
+
+
+def _ratio(value: float) -> str:
+    return "0" if abs(value) < NOTHING else f"{value:.4g}"
+
+
+def machine_part(source: Estimate | Model, speed: float) -> Section:
     """Return the modes at a speed, and the way there and beyond, as part of a page."""
     try:
         found = modes(source, speed=speed)
         diagram = campbell(source, BEYOND * speed) if speed else None
     except InputError as error:
-        return Part("Modes", (f"No modes are told: {error.found}; {error.cure}.",))
-    return part_of(machine_of(source), found, diagram)
+        return Section("Modes", said=(f"No modes are told: {error.found}; {error.cure}.",))
+    part = _machine_part(machine_of(source), found, diagram)
+    return replace(part, said=(modes_sentence(found, diagram), *part.said))
 
 
-def part_of(machine: Machine, found: Modes, diagram: Campbell | None) -> Part:
+def modes_report(
+    source: Estimate | Model, found: Modes, diagram: Campbell | None, notes: Sequence[str]
+) -> str:
+    machine = machine_of(source)
+    part, model = _machine_part(machine, found, diagram), machine.model
+    verdict = modes_sentence(found, diagram)
+    page = Section(model.title or model.name, verdict=verdict, parts=(part,))
+    return page_of(page, tab=f"{model.name}: {part.title}", model=model, done=notes)
+
+
+def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> Section:
     model, response = machine.model, None
-    title = f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill"
     if diagram is not None and machine.linear.load_terms:
         response = response_of(machine, np.linspace(0, diagram.speed[-1], SPEEDS + 1)[1:])
     free = ", ".join(model.inputs)
-    said = [
-        f"Of the machine as its equations have it, without forces at its inputs ({free}): what a "
-        "controller or the magnets add is no part of it."
-        if free
-        else "Of the machine as its equations have it.",
-        *summary(found),
-    ]
+    whose = "Of the machine as its equations have it"
+    if free:
+        whose += (
+            f", without forces at its inputs ({free}): what a controller or the magnets add is no "
+            "part of it"
+        )
     critical = critical_table(diagram) if diagram is not None and diagram.critical else None
-    sections = [
-        Passage("Natural frequencies", table=mode_table(found) if ringing(found).modes else None),
-        Passage("Critical speeds", table=critical),
-        *_pictures(model, found, diagram, response),
-    ]
-    return Part(title, tuple(said), filled(sections), modes_sentence(found, diagram))
+    return Section(
+        f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill",
+        said=(f"{whose}.", *summary(found)),
+        parts=(
+            Section("Natural frequencies", table=mode_table(found)),
+            Section("Critical speeds", table=critical),
+            *_pictures(model, found, diagram, response),
+        ),
+    )
 
 
 def _pictures(
     model: Model, found: Modes, diagram: Campbell | None, response: UnbalanceResponse | None
-) -> Iterator[Passage]:
+) -> Iterator[Section]:
     pairs, alone = _places(model)
     if diagram is not None:
-        yield Passage(
+        yield Section(
             "Campbell diagram",
             "Natural frequencies over the speed, up to three times the rotation; a critical "
             "speed is where one meets the rotation. Bars and bands hold 95 %.",
             panels=(drawn.campbell(ringing_curves(diagram)),),
         )
-    yield Passage(
+    yield Section(
         "Mode shapes",
         "Each place at the moment when the largest is at its largest, as the sum of a "
         "circle run through with the rotation and one against it.",
         panels=tuple(drawn.shapes(ringing(found), pairs, alone, _positions(model, pairs))),
     )
     if response is not None:
-        yield Passage(
+        yield Section(
             "Unbalance response",
             "Amplitude that the unbalance makes, without forces at the inputs; the band "
             "holds 95 %.",
@@ -131,93 +469,61 @@ def _positions(model: Model, pairs: Sequence[tuple[int, int]]) -> Floats | None:
     return None if None in found else np.array(found, dtype=float)
 
 
-def modes_report(
-    source: Estimate | Model,
-    found: Modes,
-    diagram: Campbell | None,
-    notes: Sequence[str],
-) -> str:
-    machine = machine_of(source)
-    part = part_of(machine, found, diagram)
-    return render("modes.html", part=part, model=machine.model, notes=notes)
+MOODS: dict[str, Mood] = {"zone A": "good", "zone C": "bad", "zone D": "bad"}
+"""How a verdict is coloured; zone B, and one that is undecided, is a doubt."""
 
 
-MOODS = {"zone A": "ok", "zone B": "rejected", "zone C": "not_converged", "zone D": "not_converged"}
-"""How a verdict is coloured; one that is undecided is a doubt."""
-
-
-def balance_report(
-    found: Balance,
-    centred: Sequence[Feedforward],
-    model: Model,
-    done: Sequence[str] = (),
-) -> str:
-    masses = any(each.masses for each in found.corrections)
-    said = said_of(found)
-    warned = [each.removeprefix("warning: ") for each in said if each.startswith("warning: ")]
-    speeds = ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
-    sections = [
-        Passage(
-            "What to add",
-            "Angles count in the rotor, from x to y, from what stands along x where the rotor "
-            "angle is 0: at its mark. Taking away is adding on the other side.",
-            correction_table(found),
-        ),
-        Passage(
-            "Masses to mount",
-            "The masses that come nearest to it, all planes together.",
-            mass_table(found) if masses else None,
-        ),
-        Passage(
-            "What is left",
-            "The true unbalance is not the identified one: with 95 % less than this is left.",
-            residual_table(found),
-        ),
-        Passage(
-            "Inertial centring",
-            "The other way to a quiet machine: the rotor turns about its own axis of inertia if "
-            "these currents, a cos(phi + angle), are fed forward.",
-            centring_table(centred, found.speeds[0]) if centred else None,
-        ),
-        Passage(
-            "The planes, seen along the shaft",
-            "What is to be added in each plane, as a vector. The right correction lies within the "
-            "circle about its end with 95 %: no wider than its dot where the unbalance is well "
-            "known. Masses stand on the rim at their angles.",
-            panels=tuple(drawn.corrections(found)),
-        ),
-        Passage("Besides", items=tuple(each for each in said if not each.startswith("warning: "))),
-    ]
-    return answer(
-        f"Balance at {speeds} rpm",
-        balance_sentence(found),
-        "rejected" if found.share > POOR or found.status != "ok" else "ok",
-        sections,
-        lead=f"Of the rotor {model.title or model.name}",
-        steps=warned,
-        model=model,
-        done=done,
-    )
+def sensitivity_page(found: Sequence[AxisSensitivity]) -> Page:
+    return [_sensitivity_sentence(found), _sensitivity_table(found)]
 
 
 def sensitivity_report(
     found: Sequence[AxisSensitivity], name: str, done: Sequence[str] = ()
 ) -> str:
     limits = ", ".join(f"{zone} below {limit:g}" for zone, limit in LIMITS.items())
-    sections = [
-        Passage(
-            "Axis by axis",
-            "The largest sensitivity of each loop, the others closed. Zones of ISO 14839-3: "
-            f"{limits}, D above. Where the 95 % interval lies across a limit the zone is "
-            "undecided: measure longer, or excite more.",
-            sensitivity_table(found),
-        ),
-        Passage(
-            "Sensitivity over the frequency",
-            "S = E / R of each loop as it was measured, and the limits of the zones.",
-            panels=tuple(drawn.loops(found, LIMITS)),
-        ),
+    by_axis = Section(
+        "Axis by axis",
+        "The largest sensitivity of each loop, the others closed. Zones of ISO 14839-3: "
+        f"{limits}, D above. Where the 95 % interval lies across a limit the zone is "
+        "undecided: measure longer, or excite more.",
+        _sensitivity_table(found),
+    )
+    curves = Section(
+        "Sensitivity over the frequency",
+        "S = E / R of each loop as it was measured, and the limits of the zones.",
+        panels=tuple(drawn.loops(found, LIMITS)),
+    )
+    page = Section(
+        f"{name}: sensitivity of the loops",
+        lead="After ISO 14839-3",
+        verdict=_sensitivity_sentence(found),
+        mood=MOODS.get(worst_of(found), "doubt"),
+        parts=(by_axis, curves),
+    )
+    return page_of(page, done=done)
+
+
+def _sensitivity_table(found: Sequence[AxisSensitivity]) -> Table:
+    rows = [
+        (
+            each.axis,
+            f"{each.peak:.3g}",
+            f"{each.interval[0]:.3g} to {each.interval[1]:.3g}",
+            f"{each.peak_db:.1f}",
+            f"{each.peak_hz:.4g}",
+            each.verdict,
+        )
+        for each in found
     ]
-    title, mood = f"{name}: sensitivity of the loops", MOODS.get(worst_of(found), "rejected")
-    lead = "After ISO 14839-3"
-    return answer(title, sensitivity_sentence(found), mood, sections, lead=lead, done=done)
+    return table(("axis", "peak of S", "95 %", "dB", "at Hz", "ISO 14839-3"), rows)
+
+
+def _sensitivity_sentence(found: Sequence[AxisSensitivity]) -> str:
+    worst = max(found, key=lambda each: each.interval[1])
+    low, high = worst.interval
+    verdict = worst_of(found)
+    return (
+        f"{verdict[:1].upper()}{verdict[1:]}: the largest sensitivity is {worst.peak:.3g} "
+        f"({worst.peak_db:.1f} dB) at {worst.peak_hz:.4g} Hz, of {worst.axis}; with 95 % it lies "
+        f"between {low:.3g} and {high:.3g}"
+    )

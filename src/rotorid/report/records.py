@@ -1,42 +1,56 @@
-"""Pages of inspection and validation."""
+"""Records, models, rotors and rigs: pages of inspection, and what commands print of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-from markupsafe import Markup
 
-from rotorid.answer.contents import RecordEvidence
-from rotorid.answer.estimate import Estimate
-from rotorid.answer.validation import ChannelError, verdict_of
-from rotorid.core.tables import Page, by_hand, table
+from rotorid.core.tables import Page, Table, by_hand, table
 from rotorid.data.line_inspection import LineInspection
 from rotorid.models import Model
+from rotorid.models.base import monomial_name
+from rotorid.models.rotor.drawing import Rotor
+from rotorid.models.rotor.fem import bending
+from rotorid.models.rotor.rotor_model import RotorModel, inertia
 from rotorid.report import drawn
-from rotorid.report.estimate_report import METHODS, record_pictures, records_table
-from rotorid.report.html import Passage, answer, render
-from rotorid.report.record_tables import told_table, validation_table
+from rotorid.report.drawn import RPM
+from rotorid.report.html import Mood, Section, marked, page_of
+from rotorid.rig.faults import FAULTS
+from rotorid.rig.logger import Logged
 from rotorid.signals.inspection import ChannelFacts, Inspection
+
+
+def told_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """Return a table without the columns that say nothing in any row."""
+    rows = list(rows)
+    told = [k for k in range(len(headings)) if any(row[k] for row in rows)]
+    return table([headings[k] for k in told], [[row[k] for k in told] for row in rows])
+
 
 _LEVELS = ("channel", "unit", "low", "high", "rms", "S/N dB", "least coherence", "crest")
 _HEADINGS = (*_LEVELS, "odd %", "even %", "1x", "2x", "3x")
 
 
 def inspection_page(found: Inspection | LineInspection) -> Page:
+    recorded, shown, noise = _told(found)
     graver = [check for check in found.checks if check.severity != "passes"]
     fine = [check.about for check in found.checks if check.severity == "passes"]
     return [
         f"{found.source}: {found.verdict}. {found.sentence}",
-        _recorded(found) if isinstance(found, Inspection) else _tabled(found),
+        recorded,
         *(f"{check.verdict}: {check}" for check in graver),
         f"in order: {', '.join(fine)}" if fine else "",
-        *(_measured(found) if isinstance(found, Inspection) else _amplitudes(found)),
+        shown,
+        *noise,
     ]
 
 
-def _measured(found: Inspection) -> Page:
-    return [told_table(_HEADINGS, [_row(facts) for facts in found.channels]), *_noise(found)]
+def _told(found: Inspection | LineInspection) -> tuple[str, Table, Sequence[str]]:
+    """Return what was recorded, its channels, and what there is to say of their noise."""
+    if isinstance(found, Inspection):
+        return _recorded(found), told_table(_HEADINGS, map(_row, found.channels)), _noise(found)
+    return _tabled(found), _amplitudes(found), found.lines.warnings
 
 
 def _tabled(found: LineInspection) -> str:
@@ -45,24 +59,18 @@ def _tabled(found: LineInspection) -> str:
         low, high = lines.frequency.min(), lines.frequency.max()
         driven = lines.channels[0].name
         return f"{count} lines of responses to {driven}, from {low:.6g} to {high:.6g} Hz"
-    rpm = lines.speed * 30 / np.pi
+    rpm = RPM * lines.speed
     return f"{count} rows of 1x phasors, from {rpm.min():.6g} to {rpm.max():.6g} rpm"
 
 
-def _amplitudes(found: LineInspection) -> Page:
-    unit = "rpm" if found.turning else "Hz"
-    rows = [
-        (
-            f.name,
-            by_hand(f.unit)[0],
-            *(f"{by_hand(f.unit)[1] * level:.4g}" for level in (f.low, f.high)),
-            f"{f.at:.6g}",
-            _shown(f.snr_db, 1, ".1f"),
-        )
-        for f in found.channels
-    ]
-    headings = ("channel", "unit", "least", "largest", f"at {unit}", "S/N dB")
-    return [table(headings, rows), *found.lines.warnings]
+def _amplitudes(found: LineInspection) -> Table:
+    rows = []
+    for facts in found.channels:
+        unit, factor = by_hand(facts.unit)
+        levels = (f"{factor * level:.4g}" for level in (facts.low, facts.high))
+        rows.append((facts.name, unit, *levels, f"{facts.at:.6g}", _shown(facts.snr_db, 1, ".1f")))
+    place = "at rpm" if found.turning else "at Hz"
+    return table(("channel", "unit", "least", "largest", place, "S/N dB"), rows)
 
 
 def _recorded(found: Inspection) -> str:
@@ -79,8 +87,9 @@ def _recorded(found: Inspection) -> str:
             f"{len(periods.harmonics)} lines from {periods.frequency[0]:.5g} to "
             f"{periods.frequency[-1]:.5g} Hz"
         )
-    turning = record.speed / (2 * np.pi) * 60
-    told.append(f"speed {turning:.6g} rpm" if turning else "standstill, or no speed given")
+    told.append(
+        f"speed {RPM * record.speed:.6g} rpm" if record.speed else "standstill, or no speed given"
+    )
     return "; ".join(told)
 
 
@@ -117,97 +126,259 @@ def _noise(found: Inspection) -> list[str]:
     ]
 
 
+MOODS: dict[str, Mood] = {"ok": "good", "note": "good", "warning": "doubt", "refused": "bad"}
+
+
 def inspection_report(
     name: str, found: Sequence[Inspection | LineInspection], told: str, done: Sequence[str] = ()
 ) -> str:
     """Return the page: one part for each record."""
-    parts = []
-    for number, one in enumerate(found):
-        title = f", record {number + 1}" if len(found) > 1 else ""
-        shown = _pictures(one, title) if isinstance(one, Inspection) else _lines(one, title)
-        parts.append((inspection_page(one), one, shown))
-    return render("inspection.html", name=name, told=told, records=parts, done=done)
+    several = len(found) > 1
+    parts = [_part(one, f", record {k}" if several else "") for k, one in enumerate(found, 1)]
+    return page_of(Section(f"{name}: what is in it", lead=told, parts=tuple(parts)), done=done)
 
 
-def _lines(one: LineInspection, title: str) -> list[Passage]:
-    told = "Amplitude of each row, channel by channel, with the noise where something tells it."
-    panels = tuple(drawn.rows(one.lines, turning=one.turning))
-    return [Passage(f"Rows of the table{title}", told, panels=panels)]
+def _part(found: Inspection | LineInspection, title: str) -> Section:
+    graver = [check for check in found.checks if check.severity != "passes"]
+    fine = "; ".join(check.found for check in found.checks if check.severity == "passes")
+    recorded, shown, noise = _told(found)
+    return Section(
+        found.source or "record",
+        lead=recorded,
+        status=found.verdict,
+        verdict=found.sentence,
+        mood=MOODS[found.verdict],
+        steps=tuple(marked("<strong>{}</strong>: {}", n.verdict, str(n)) for n in graver),
+        said=(f"In order: {fine}.",) if fine else (),
+        table=shown,
+        after=" ".join(noise),
+        parts=tuple(_pictures(found, title)),
+    )
 
 
-def _pictures(one: Inspection, title: str) -> list[Passage]:
+def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Section]:
+    if not isinstance(one, Inspection):
+        told = "Amplitude of each row, channel by channel, with the noise where something tells it."
+        panels = tuple(drawn.rows(one.lines, turning=one.turning))
+        yield Section(f"Rows of the table{title}", told, panels=panels)
+        return
     periods = one.periods
     size = 1 if periods is None else periods.samples
-    pictures = [
-        Passage(
-            f"Samples{title}",
-            "The whole record, where it is long as a band from its lowest to its highest sample; a "
-            "flat edge is a limit, a spike a knock, a slope a drift.",
-            panels=tuple(drawn.samples(one.record, size)),
-        )
-    ]
+    yield Section(
+        f"Samples{title}",
+        "The whole record, where it is long as a band from its lowest to its highest sample; a "
+        "flat edge is a limit, a spike a knock, a slope a drift.",
+        panels=tuple(drawn.samples(one.record, size)),
+    )
     if periods is None:
-        return pictures
-    pictures += [
-        Passage(
-            f"Spectrum of the mean period{title}",
-            "Multiples of the fundamental: those that are used, and the others, odd and even, with "
-            "the noise of the mean. What stands above the noise and is not used is distortion, "
-            "rotation, or excitation left out.",
-            panels=tuple(drawn.spectra(periods)),
-        ),
-        Passage(
-            f"From period to period{title}",
-            "Deviation of each period from the mean of all, over its scatter. It falls at "
-            "the start while the machine settles, stands out where something knocked, and "
-            "bends like a bow where it drifts.",
-            panels=(drawn.each_period(periods),),
-        ),
-    ]
+        return
+    yield Section(
+        f"Spectrum of the mean period{title}",
+        "Multiples of the fundamental: those that are used, and the others, odd and even, with "
+        "the noise of the mean. What stands above the noise and is not used is distortion, "
+        "rotation, or excitation left out.",
+        panels=tuple(drawn.spectra(periods)),
+    )
+    yield Section(
+        f"From period to period{title}",
+        "Deviation of each period from the mean of all, over its scatter. It falls at the start "
+        "while the machine settles, stands out where something knocked, and bends like a bow "
+        "where it drifts.",
+        panels=(drawn.each_period(periods),),
+    )
     if one.noise_correlation is not None:
         names = [facts.name for facts in one.channels]
-        pictures.append(
-            Passage(
-                f"Noise that goes together{title}",
-                "Correlation between the noises of two channels on the lines that are used. In "
-                "closed loop the controller feeds the noise of sensors into the forces.",
-                panels=(drawn.noise_correlation(names, one.noise_correlation),),
-            )
+        yield Section(
+            f"Noise that goes together{title}",
+            "Correlation between the noises of two channels on the lines that are used. In "
+            "closed loop the controller feeds the noise of sensors into the forces.",
+            panels=(drawn.noise_correlation(names, one.noise_correlation),),
         )
-    return pictures
 
 
-BY = Markup('By a result of <code>{}</code>, {} <span class="status {}">{}</span>')
-CHANCE = (
-    "How far the prediction is off, and how much of that the noise of this record and the "
-    "deviations of the result's values make; the chance that the two together make an error at "
-    "least as large. Below one in a million it fails."
+WIDTH = 76
+"""Characters of the drawing: a terminal of 80 holds it."""
+HALF = 5
+"""Lines of the drawing above its axis."""
+KINDS = (
+    ("discs", "disc", "D"),
+    ("actuators", "actuator", "A"),
+    ("sensors", "sensor", "s"),
+    ("supports", "support", "^"),
+    ("unbalance", "unbalance", "u"),
 )
+"""What stands on a rotor, in words, and its mark in the drawing."""
 
 
-def validation_report(
-    estimate: Estimate,
-    model: Model,
-    found: Sequence[Sequence[ChannelError]],
-    records: Sequence[RecordEvidence],
-    notes: Sequence[str] = (),
-) -> str:
-    reached = verdict_of(found)
-    mood = "ok" if reached.verdict == "predicts" else "not_converged"
-    method = METHODS.get(estimate.method, estimate.method)
-    return answer(
-        f"{estimate.model}, {estimate.method}: {reached.verdict}",
-        f"{reached.sentence[:1].upper()}{reached.sentence[1:]}.",
-        mood,
-        [
-            Passage("Channel by channel", CHANCE, validation_table(found)),
-            *record_pictures(records, another=True),
-            Passage("Records", table=records_table(records)),
-        ],
-        heading="Another record, predicted",
-        lead=BY.format(estimate.model, method, mood, reached.verdict),
-        urge="What to do next:",
-        steps=reached.cures,
-        model=model,
-        done=notes,
-    )
+def rotor_page(model: RotorModel) -> Page:
+    rotor = model.rotor
+    nodes = [
+        (str(k), f"{1e3 * node.position:.6g}", ", ".join(node.names if node.named else ()), what)
+        for k, node in enumerate(rotor.nodes)
+        for what in [_standing(rotor, node.names)]
+    ]
+    return [
+        *_head(model),
+        *drawing(rotor),
+        "",
+        *_weights(model),
+        table(("node", "mm", "place", "what stands there"), nodes),
+        *_parameters(model),
+        *_channels(model),
+    ]
+
+
+def _standing(rotor: Rotor, names: tuple[str, ...]) -> str:
+    held = [word for key, word, _ in KINDS if set(names) & set(getattr(rotor, key))]
+    return ", ".join(held)
+
+
+def _weights(model: RotorModel) -> list[str]:
+    hertz = ", ".join(f"{w / (2 * np.pi):.4g}" for w in bending(model.rotor))
+    told = [f"shaft alone, free, at rest: bending at {hertz} Hz"]
+    missing = [name for name in model.parameter_names if name not in model.nominal]
+    if missing:
+        return [*told, f"no mass as a whole: {', '.join(missing)} without nominal"]
+    whole = inertia(model, model.nominal)
+    return [
+        f"{whole.mass:.5g} kg, centre at {1e3 * whole.centre:.5g} mm; I_t {whole.transverse:.4g}, "
+        f"I_p {whole.polar:.4g} kg m^2 about it (nominal values)",
+        *told,
+    ]
+
+
+def _channels(model: RotorModel) -> list[str]:
+    coordinates = [f"x_{name}, y_{name}" for name in model.rotor.sensors]
+    read = f"; sensors at {'; '.join(coordinates)}" if coordinates else ""
+    return [
+        f"inputs: {', '.join(model.inputs) or 'none'}{read}",
+        f"{len(model.coordinates)} coordinates: x, y, theta_x, theta_y of each node, such as "
+        f"{model.coordinates[0]}; monomials of the matrices: "
+        + ", ".join(monomial_name(m, model.parameter_names) for m in model.monomials if m.any()),
+    ]
+
+
+def drawing(rotor: Rotor) -> list[str]:
+    """Return the rotor seen from the side, in characters; its marks stand below."""
+    widest = max(section.outer for section in rotor.sections)
+    borders = np.cumsum([0.0, *(section.length for section in rotor.sections)])
+    middle = (np.arange(WIDTH) + 0.5) / WIDTH * rotor.length
+    number = np.searchsorted(borders, middle).clip(1, len(rotor.sections)) - 1
+    outer = np.array([s.outer for s in rotor.sections])[number] / widest
+    inner = np.array([s.inner for s in rotor.sections])[number] / widest
+    height = (np.arange(HALF, -HALF - 1, -1) / (HALF + 0.5))[:, None]
+    inside = np.abs(height) <= outer
+    bore = np.abs(height) < inner
+    canvas = np.where(bore & inside, ".", np.where(inside, "#", " "))
+    for disc in rotor.discs.values():
+        canvas[:, _column(rotor, disc.at)] = "|"
+    lines = ["".join(row).rstrip() for row in canvas]
+    marks = np.full((2, WIDTH), " ")
+    for key, _, mark in KINDS:
+        for member in getattr(rotor, key).values():
+            column = _column(rotor, member.at)
+            marks[0 if marks[0, column] == " " else 1, column] = mark
+    legend = ", ".join(f"{mark} {word}" for key, word, mark in KINDS if getattr(rotor, key))
+    below = ["".join(row).rstrip() for row in marks if (row != " ").any()]
+    return [*lines, *below, f"0 to {rotor.length:g} m" + (f"; {legend}" if legend else "")]
+
+
+def _column(rotor: Rotor, at: float) -> int:
+    return int(np.clip(at / rotor.length * WIDTH, 0, WIDTH - 1))
+
+
+_MATRICES = (("M", "''"), ("D", "'"), ("G", "'"), ("K", ""))
+
+
+def model_list(models: Iterable[Model]) -> Table:
+    rows = [
+        (m.name, str(len(m.coordinates)), str(len(m.inputs)), str(len(m.base.names)), m.title)
+        for m in models
+    ]
+    return table(("model", "coordinates", "inputs", "base parameters", "title"), rows)
+
+
+def model_page(model: Model) -> Page:
+    units = [(name, model.units[name]) for name in (*model.coordinates, *model.inputs)]
+    kinds = ["coordinate"] * len(model.coordinates) + ["input"] * len(model.inputs)
+    signals = [(name, kind, unit) for (name, unit), kind in zip(units, kinds, strict=True)]
+    return [
+        *_head(model),
+        *(f"{i + 1}. {' '.join(text.split())}" for i, text in enumerate(model.texts)),
+        table(("signal", "kind", "unit"), signals),
+        *_parameters(model),
+        *_structure(model),
+        *(f"warning: {fault}" for fault in model.unit_faults),
+    ]
+
+
+def _head(model: Model) -> list[str]:
+    source = [f"source: {model.source}"] if model.source else []
+    return [f"{model.name}: {model.title}", *source, ""]
+
+
+def _parameters(model: Model) -> list[Table]:
+    rows = [
+        (p.name, p.unit, "" if p.nominal is None else f"{p.nominal:.6g}") for p in model.parameters
+    ]
+    base = zip(model.base.names, model.base.units, strict=True)
+    return [table(("parameter", "unit", "nominal"), rows), table(("base parameter", "unit"), base)]
+
+
+def _structure(model: Model) -> list[str]:
+    """Return M, D, G, K and g row by row, where the equations are linear."""
+    linear = model.linear
+    if linear is None:
+        return ["not linear in the coordinates: no M, D, G, K"]
+    rows: dict[str, dict[int, list[str]]] = {f"{name} q{dots}": {} for name, dots in _MATRICES}
+    rows["g"] = {}
+    for term in linear.stiffness:
+        gyroscopic = term.order == 1 and str(term.factor) == "Omega"
+        name, dots = ("G", "'") if gyroscopic else _MATRICES[(3, 1, 0)[term.order]]
+        factor = "1" if gyroscopic else str(term.factor)
+        text = _product(model, term.coefficient, term.monomial, factor)
+        rows[f"{name} q{dots}"].setdefault(term.row, []).append(
+            f"{text} {model.coordinates[term.column]}"
+        )
+    for load in linear.load_terms:
+        text = _product(model, load.coefficient, load.monomial, str(load.signal))
+        rows["g"].setdefault(load.row, []).append(text)
+    lines = ["M q'' + D q' + Omega G q' + K q = B u + g, row by row:"]
+    for title, found in rows.items():
+        lines += [f"{title}:" if found else f"{title}: zero"]
+        lines += [f"  {row + 1}: {_sum(texts)}" for row, texts in sorted(found.items())]
+    return lines
+
+
+def _product(model: Model, coefficient: float, monomial: int, factor: str) -> str:
+    name = monomial_name(model.monomials[monomial].tolist(), model.parameter_names)
+    size = "" if abs(coefficient) == 1 else f"{abs(coefficient):.12g}"
+    signal = "" if factor == "1" else factor.replace("**", "^")
+    text = "*".join(part for part in (size, name, signal) if part) or "1"
+    return f"-{text}" if coefficient < 0 else text
+
+
+def _sum(texts: list[str]) -> str:
+    return " + ".join(texts).replace("+ -", "- ")
+
+
+def record_page(record: Logged, file: str, experiment: str) -> Page:
+    rows = []
+    for column in record.columns:
+        unit, factor = by_hand(column.unit)
+        mean, rms = factor * column.samples.mean(), factor * column.samples.std()
+        hold, delay = "zero-order" if column.hold else "", column.delay * 1e6
+        late = f"{delay:.6g}" if delay else ""
+        rows.append((column.name, unit, f"{mean:.4g}", f"{rms:.4g}", hold, late))
+    return [
+        f"{record.count} samples at {record.sample_rate:g} Hz, {record.truth.rpm:.6g} rpm: {file}",
+        table(("column", "unit", "mean", "rms about it", "hold", "delay us"), rows),
+        f"The experiment file that identifies it: {experiment}",
+        f"    rotorid identify {experiment}",
+    ]
+
+
+def fault_page() -> Page:
+    """Return the faults that a rig may have, one a line: name, size by default, what it is."""
+    names = max(map(len, FAULTS))
+    return [f"{f.name:{names}}  {f.shown:>10}  {f.what}" for f in FAULTS.values()]

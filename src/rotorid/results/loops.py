@@ -24,8 +24,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.models import Model
-from rotorid.results.centring import laws_of
-from rotorid.results.machine import Machine, machine_of
+from rotorid.results.machine import Machine, laws_of, machine_of
 from rotorid.results.modes import NORMAL, finite_speed
 from rotorid.results.planes import directions_of, require_shares
 from rotorid.results.sensitivity import AxisSensitivity, peak_of

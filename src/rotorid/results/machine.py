@@ -9,12 +9,16 @@ from pathlib import PurePath
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from rotorid.answer.derived import physical_fit
 from rotorid.answer.estimate import Estimate, check_units
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.frozen import frozen
+from rotorid.core.toml import table_within
 from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.force.entry import LawEntry, law_keys
+from rotorid.force.laws import Differential, Linear
 from rotorid.likelihood.mode_rows import Pencil
 from rotorid.likelihood.relations import Monomials
 from rotorid.models import LinearForm, Model, load_model, parse_model, shipped_models
@@ -506,3 +510,22 @@ def _linear(model: Model) -> LinearForm:
             file=model.name,
         )
     return linear
+
+
+def laws_of(estimate: Estimate) -> dict[str, tuple[float, float]]:
+    """Return ki and ks of each input whose law stands in the experiment file of an estimate."""
+    text = "" if estimate.provenance is None else estimate.provenance.experiment
+    channels = table_within(text).get("channels")
+    found = {}
+    for name, entry in channels.items() if isinstance(channels, dict) else ():
+        if not isinstance(entry, dict) or entry.get("law") not in ("linear", "differential"):
+            continue
+        try:
+            law = LawEntry.model_validate({k: entry[k] for k in law_keys() if k in entry})
+            built = law.build()
+        except (ValidationError, ValueError):
+            continue
+        if isinstance(built, Linear | Differential):
+            slope = built.linearize()
+            found[name] = (slope.ki, slope.ks)
+    return found
