@@ -1,4 +1,4 @@
-"""Section 3 of Levy and Arogeti: its Table 1 as printed, and its records with fresh noise.
+"""Passage 3 of Levy and Arogeti: its Table 1 as printed, and its records with fresh noise.
 
 The bearings drive the rotor of the model `three-mass` by
 
@@ -30,7 +30,7 @@ from rotorid.likelihood.bound import Plan, predict_accuracy
 from rotorid.likelihood.estimator import MaximumLikelihood
 from rotorid.linear.estimators import Batch, LeastSquares, Sequential
 from rotorid.models import Model, load_model
-from rotorid.report.html import Section, page_of
+from rotorid.report.html import Passage, page_of
 from rotorid.report.panels import BLUE, GREEN, GREY, PINK, RED, SKY, Axis, Curve, Panel
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
@@ -378,22 +378,22 @@ PRINTED = Markup("; ").join(Markup("<code>{}</code>: {}").format(*each) for each
 
 def demo_report(result: DemoResult) -> str:
     first, *others = findings(result)
-    page = Section(
+    page = Passage(
         "Identification of a flexible rotor on magnetic bearings",
         lead=f"The numerical example of Levy and Arogeti, section 3, simulated {result.runs} times "
         "with fresh noise and identified by each of their estimators and by maximum likelihood.",
         verdict=first,
         mood="good",
         parts=(
-            Section("What the figures show", items=tuple(others)),
-            Section(
+            Passage("What the figures show", items=tuple(others)),
+            Passage(
                 "Errors of every estimator",
                 f"Root mean square in %, over {result.records}. The bound is the least that an "
                 "unbiased estimate can have (Cramer and Rao).",
                 sizes(result),
                 panels=(rms_panel(result),),
             ),
-            Section(
+            Passage(
                 "Table 1 of the paper",
                 "Size of the error of the one run that the paper prints, in %, and beside it the "
                 f"median here of {result.records}. " + PRINTED + ".",

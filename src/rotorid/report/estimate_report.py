@@ -30,7 +30,7 @@ from rotorid.linear.family import Information
 from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
-from rotorid.report.html import Mood, Section, equations, marked, page_of, rendered
+from rotorid.report.html import Mood, Passage, equations, marked, page_of, rendered
 from rotorid.report.machines import machine_part
 from rotorid.report.records import told_table
 from rotorid.results.machine import own_model
@@ -208,7 +208,7 @@ def groups(estimate: Estimate) -> list[tuple[str, list[Row]]]:
     return [(title, rows) for title, rows in found if rows]
 
 
-def _parameters(estimate: Estimate) -> Section:
+def _parameters(estimate: Estimate) -> Passage:
     """Return all values with the half-width of their intervals, beside what was known before."""
     known = estimate.evidence
     any_known = known is not None and any(known.prior(value.name) for value in estimate.free)
@@ -225,7 +225,7 @@ def _parameters(estimate: Estimate) -> Section:
         ("Known besides", "; ".join(relations(estimate))),
         ("Held at what was given", ", ".join(held)),
     )
-    return Section(
+    return Passage(
         "Parameters",
         f"{told}.",
         body=rendered("parameters.html", groups=groups(estimate), known=any_known),
@@ -377,7 +377,7 @@ def estimate_report(estimate: Estimate) -> str:
     warned = [f"{check.verdict}, {on_data(check)}" for check in graver]
     exact = tuple(on_data(check) for check in estimate.checks if check.severity == "says")
     status = estimate.status.replace("_", " ")
-    page = Section(
+    page = Passage(
         model.title if model is not None and model.title else estimate.model,
         lead=marked("Model <code>{}</code>, identified by {}", estimate.model, _method(estimate)),
         status=status,
@@ -387,18 +387,18 @@ def estimate_report(estimate: Estimate) -> str:
         steps=verdict.steps,
         said=remarks,
         parts=(
-            Section("What is left open", items=verdict.left_open),
+            Passage("What is left open", items=verdict.left_open),
             _parameters(estimate),
             *(_titled(one) for one in others if one.headings[0] in EARLY),
-            Section("How well the channels are predicted", PREDICTED, channels_table(records)),
-            Section("What was taken as exact, and what it may do", EXACT, items=exact),
+            Passage("How well the channels are predicted", PREDICTED, channels_table(records)),
+            Passage("What was taken as exact, and what it may do", EXACT, items=exact),
             *_drawn(model),
             *record_pictures(records),
             *_own_pictures(estimate, records),
             *_machine(estimate, model, records),
             *(_titled(one) for one in others if one.headings[0] not in EARLY),
-            Section("The fit in figures", items=(*on_fit(estimate), *warned)),
-            Section("Records", table=records_table(records)),
+            Passage("The fit in figures", items=(*on_fit(estimate), *warned)),
+            Passage("Records", table=records_table(records)),
             *equations(model),
             *_work(estimate, model),
         ),
@@ -410,7 +410,7 @@ def _method(estimate: Estimate) -> str:
     return METHODS.get(estimate.method, estimate.method)
 
 
-def _work(estimate: Estimate, model: Model | None) -> Iterator[Section]:
+def _work(estimate: Estimate, model: Model | None) -> Iterator[Passage]:
     """Say what was done: the command, the files, and the texts that describe both."""
     source = estimate.provenance
     if source is None:
@@ -420,14 +420,14 @@ def _work(estimate: Estimate, model: Model | None) -> Iterator[Section]:
     sums = [(f.file, f.sha256 and f"sha256 {f.sha256}") for f in source.files]
     own = model is None or model.name not in shipped_models()
     texts = (("experiment", source.experiment), ("model", source.model if own else ""))
-    yield Section(
+    yield Passage(
         "What was done",
         body=marked("<p><code>{}</code>, {}</p>", source.command, by)
         if source.command
         else Markup(),
         items=tuple(marked(item, name, told or "too large to be hashed") for name, told in sums),
         parts=tuple(
-            Section(f"The {what} file", body=marked("<pre>{}</pre>", text))
+            Passage(f"The {what} file", body=marked("<pre>{}</pre>", text))
             for what, text in texts
             if text
         ),
@@ -436,25 +436,25 @@ def _work(estimate: Estimate, model: Model | None) -> Iterator[Section]:
 
 def _machine(
     estimate: Estimate, model: Model | None, records: Sequence[RecordEvidence]
-) -> Iterator[Section]:
+) -> Iterator[Passage]:
     """Return the modes of the machine, at the highest speed of the records."""
     if model is not None and model.linear is not None:
         speeds = [v for record in records for v in record.speed_rad_s if math.isfinite(v)]
         yield machine_part(estimate, max(speeds, key=abs, default=0.0))
 
 
-def _titled(one: Table) -> Section:
+def _titled(one: Table) -> Passage:
     head = one.headings[0]
-    return Section(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
+    return Passage(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
 
 
-def _drawn(model: Model | None) -> Iterator[Section]:
+def _drawn(model: Model | None) -> Iterator[Passage]:
     if isinstance(model, RotorModel):
         told = "The rotor as it is drawn, and what stands on it."
-        yield Section("The rotor", told, panels=(drawn.drawing(model.rotor),))
+        yield Passage("The rotor", told, panels=(drawn.drawing(model.rotor),))
 
 
-def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Section]:
+def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Passage]:
     """Draw what the estimate holds: where the misfit lies, and how parameters hang together."""
     rows = estimate.line_misfit
     turning = bool(records) and all(record.kind == "phasors" for record in records)
@@ -467,7 +467,7 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
             turning=turning,
         )
         what, where = ("row", "speed") if turning else ("spectral line", "frequency")
-        yield Section(
+        yield Passage(
             f"Misfit, {where} by {where}",
             f"Misfit of each {what} over what noise would leave of it; 1 is right on average. "
             f"Those that stand out together say at which {where} the model lacks something.",
@@ -475,7 +475,7 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
         )
     names = [value.name for value in estimate.free]
     if 1 < len(names) == len(estimate.covariance) and np.isfinite(estimate.correlation).any():
-        yield Section(
+        yield Passage(
             "Correlation of the parameters",
             f"{_strongest(names, estimate.correlation)} Near +1 or \N{MINUS SIGN}1 two "
             "parameters are known as a combination better than one by one.",
@@ -492,7 +492,7 @@ def _strongest(names: Sequence[str], matrix: Floats) -> str:
 
 def record_pictures(
     records: Sequence[RecordEvidence], *, another: bool = False
-) -> Iterator[Section]:
+) -> Iterator[Passage]:
     """Draw records as they were measured and as they are predicted.
 
     Of `another` record than the estimate was made of, the deviations of its values count too.
@@ -501,24 +501,24 @@ def record_pictures(
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
         each = "speed by speed" if record.kind == "phasors" else "frequency by frequency"
-        yield Section(
+        yield Passage(
             f"Measured and predicted over time{where}",
             f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
             panels=tuple(drawn.waves(record)),
         )
-        yield Section(
+        yield Passage(
             f"What is left over time{where}",
             f"Predicted less measured, on a scale of its own; the band holds 95 % of what "
             f"{noise} of it.",
             panels=tuple(drawn.differences(record)),
         )
-        yield Section(
+        yield Passage(
             f"Measured and predicted, {each}{where}",
             f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
             f"{noise}. A channel that is not predicted is shown with its own noise.",
             panels=tuple(drawn.lines(record)),
         )
-        yield Section(
+        yield Passage(
             f"What is left, {each}{where}",
             f"Predicted less measured of each channel over what {noise} of it. Evenly near "
             "1 is noise; a line or a channel that stands out is none.",
@@ -617,7 +617,7 @@ def validation_report(
 ) -> str:
     """Return the page of another record, as it was measured and as it is predicted."""
     reached = validated(found)
-    page = Section(
+    page = Passage(
         "Another record, predicted",
         lead=marked("By a result of <code>{}</code>, {}", estimate.model, _method(estimate)),
         status=reached.verdict,
@@ -626,9 +626,9 @@ def validation_report(
         urge="What to do next:",
         steps=reached.cures,
         parts=(
-            Section("Channel by channel", CHANCE, validation_table(found)),
+            Passage("Channel by channel", CHANCE, validation_table(found)),
             *record_pictures(records, another=True),
-            Section("Records", table=records_table(records)),
+            Passage("Records", table=records_table(records)),
         ),
     )
     tab = f"{estimate.model}, {estimate.method}: {reached.verdict}"

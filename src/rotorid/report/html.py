@@ -37,7 +37,7 @@ MOST_TEXTS = 24
 
 
 @frozen
-class Section:
+class Passage:
     """A part of a page, or the page itself; what is empty is left out, from top to bottom."""
 
     title: str
@@ -54,7 +54,7 @@ class Section:
     steps: tuple[str, ...] = ()  # what to do, or to mind
     said: tuple[str, ...] = ()  # more sentences like the caption
     body: Markup = Markup()
-    parts: tuple[Section, ...] = ()
+    parts: tuple[Passage, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -66,7 +66,7 @@ class Section:
         return tuple(filter(None, (self.caption, *self.said)))
 
     @property
-    def every(self) -> Iterator[Section]:
+    def every(self) -> Iterator[Passage]:
         yield self
         for part in self.parts:
             if part.holds:
@@ -74,7 +74,7 @@ class Section:
 
 
 def page_of(
-    page: Section, *, tab: str = "", model: Model | None = None, done: Sequence[str] = ()
+    page: Passage, *, tab: str = "", model: Model | None = None, done: Sequence[str] = ()
 ) -> str:
     """Return a page, the equations of its model, and what was done; `tab` is its name in a browser.
 
@@ -84,7 +84,7 @@ def page_of(
 
     from rotorid import __version__
 
-    work = Section("What was done", items=tuple(done))
+    work = Passage("What was done", items=tuple(done))
     page = replace(page, parts=(*page.parts, *equations(model), work))
     panels = [panel for section in page.every for panel in section.panels]
     scripts = []
@@ -117,14 +117,14 @@ def marked(html: str, *values: str) -> Markup:
     return Markup(html).format(*map(_printable, values))
 
 
-def equations(model: Model | None) -> Iterator[Section]:
+def equations(model: Model | None) -> Iterator[Passage]:
     if model is not None:
         texts = model.texts
         many = f"{len(texts)} equations: those of a rotor from its drawing, or of a model file."
         listed = "".join(f"{text}\n" for text in texts)
         few = len(texts) <= MOST_TEXTS
         body = marked("<pre>{}</pre>", listed) if few else marked("<p>{}</p>", many)
-        yield Section("Equations of motion", body=body)
+        yield Passage("Equations of motion", body=body)
 
 
 def rendered(template: str, **content: Any) -> Markup:

@@ -15,7 +15,7 @@ from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
 from rotorid.report.drawn import GMM, NODE, RPM
-from rotorid.report.html import Mood, Section, page_of
+from rotorid.report.html import Mood, Passage, page_of
 from rotorid.results.balancing import POOR, Balance, Feedforward
 from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
 from rotorid.results.machine import Machine, machine_of
@@ -44,7 +44,7 @@ def balance_report(
     found: Balance, centred: Sequence[Feedforward], model: Model, done: Sequence[str] = ()
 ) -> str:
     said = _said_of(found)
-    planes = Section(
+    planes = Passage(
         "The planes, seen along the shaft",
         "What is to be added in each plane, as a vector. The right correction lies within the "
         "circle about its end with 95 %: no wider than its dot where the unbalance is well "
@@ -52,13 +52,13 @@ def balance_report(
         panels=tuple(drawn.corrections(found)),
     )
     besides = tuple(each for each in said if not each.startswith("warning: "))
-    page = Section(
+    page = Passage(
         f"Balance at {_speeds(found)} rpm",
         lead=f"Of the rotor {model.title or model.name}",
         verdict=_balance_sentence(found),
         mood="doubt" if found.share > POOR or found.status != "ok" else "good",
         steps=tuple(text.removeprefix("warning: ") for text in said if text not in besides),
-        parts=(*_balance_parts(found, centred), planes, Section("Besides", items=besides)),
+        parts=(*_balance_parts(found, centred), planes, Passage("Besides", items=besides)),
     )
     return page_of(page, model=model, done=done)
 
@@ -67,7 +67,7 @@ def _speeds(found: Balance) -> str:
     return ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
 
 
-def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[Section]:
+def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[Passage]:
     """Yield the tables: what to add, what to mount, what is left, what to feed forward."""
     rows = [
         (
@@ -79,7 +79,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[S
         )
         for each in found.corrections
     ]
-    yield Section(
+    yield Passage(
         "What to add",
         "Angles count in the rotor, from x to y, from what stands along x where the rotor "
         "angle is 0: at its mark. Taking away is adding on the other side.",
@@ -91,7 +91,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[S
         for mass, angle in each.masses
     ]
     if masses:
-        yield Section(
+        yield Passage(
             "Masses to mount",
             "The masses that come nearest to it, all planes together.",
             table(("mount in plane", "g", "at deg"), masses),
@@ -105,13 +105,13 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[S
         )
         for each in found.residual
     ]
-    yield Section(
+    yield Passage(
         "What is left",
         "The true unbalance is not the identified one: with 95 % less than this is left.",
         table(("left, with 95 %", "less than g mm", "std", "grade in mm/s"), left),
     )
     if centred:
-        yield Section(
+        yield Passage(
             "Inertial centring",
             "The other way to a quiet machine: the rotor turns about its own axis of inertia if "
             "these currents, a cos(phi + angle), are fed forward.",
@@ -380,13 +380,13 @@ def _ratio(value: float) -> str:
     return "0" if abs(value) < NOTHING else f"{value:.4g}"
 
 
-def machine_part(source: Estimate | Model, speed: float) -> Section:
+def machine_part(source: Estimate | Model, speed: float) -> Passage:
     """Return the modes at a speed, and the way there and beyond, as part of a page."""
     try:
         found = modes(source, speed=speed)
         diagram = campbell(source, BEYOND * speed) if speed else None
     except InputError as error:
-        return Section("Modes", said=(f"No modes are told: {error.found}; {error.cure}.",))
+        return Passage("Modes", said=(f"No modes are told: {error.found}; {error.cure}.",))
     part = _machine_part(machine_of(source), found, diagram)
     return replace(part, said=(modes_sentence(found, diagram), *part.said))
 
@@ -397,11 +397,11 @@ def modes_report(
     machine = machine_of(source)
     part, model = _machine_part(machine, found, diagram), machine.model
     verdict = modes_sentence(found, diagram)
-    page = Section(model.title or model.name, verdict=verdict, parts=(part,))
+    page = Passage(model.title or model.name, verdict=verdict, parts=(part,))
     return page_of(page, tab=f"{model.name}: {part.title}", model=model, done=notes)
 
 
-def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> Section:
+def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> Passage:
     model, response = machine.model, None
     if diagram is not None and machine.linear.load_terms:
         response = response_of(machine, np.linspace(0, diagram.speed[-1], SPEEDS + 1)[1:])
@@ -413,12 +413,12 @@ def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> S
             "part of it"
         )
     critical = critical_table(diagram) if diagram is not None and diagram.critical else None
-    return Section(
+    return Passage(
         f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill",
         said=(f"{whose}.", *summary(found)),
         parts=(
-            Section("Natural frequencies", table=mode_table(found)),
-            Section("Critical speeds", table=critical),
+            Passage("Natural frequencies", table=mode_table(found)),
+            Passage("Critical speeds", table=critical),
             *_pictures(model, found, diagram, response),
         ),
     )
@@ -426,23 +426,23 @@ def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> S
 
 def _pictures(
     model: Model, found: Modes, diagram: Campbell | None, response: UnbalanceResponse | None
-) -> Iterator[Section]:
+) -> Iterator[Passage]:
     pairs, alone = _places(model)
     if diagram is not None:
-        yield Section(
+        yield Passage(
             "Campbell diagram",
             "Natural frequencies over the speed, up to three times the rotation; a critical "
             "speed is where one meets the rotation. Bars and bands hold 95 %.",
             panels=(drawn.campbell(ringing_curves(diagram)),),
         )
-    yield Section(
+    yield Passage(
         "Mode shapes",
         "Each place at the moment when the largest is at its largest, as the sum of a "
         "circle run through with the rotation and one against it.",
         panels=tuple(drawn.shapes(ringing(found), pairs, alone, _positions(model, pairs))),
     )
     if response is not None:
-        yield Section(
+        yield Passage(
             "Unbalance response",
             "Amplitude that the unbalance makes, without forces at the inputs; the band "
             "holds 95 %.",
@@ -481,19 +481,19 @@ def sensitivity_report(
     found: Sequence[AxisSensitivity], name: str, done: Sequence[str] = ()
 ) -> str:
     limits = ", ".join(f"{zone} below {limit:g}" for zone, limit in LIMITS.items())
-    by_axis = Section(
+    by_axis = Passage(
         "Axis by axis",
         "The largest sensitivity of each loop, the others closed. Zones of ISO 14839-3: "
         f"{limits}, D above. Where the 95 % interval lies across a limit the zone is "
         "undecided: measure longer, or excite more.",
         _sensitivity_table(found),
     )
-    curves = Section(
+    curves = Passage(
         "Sensitivity over the frequency",
         "S = E / R of each loop as it was measured, and the limits of the zones.",
         panels=tuple(drawn.loops(found, LIMITS)),
     )
-    page = Section(
+    page = Passage(
         f"{name}: sensitivity of the loops",
         lead="After ISO 14839-3",
         verdict=_sensitivity_sentence(found),

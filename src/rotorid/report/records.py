@@ -15,7 +15,7 @@ from rotorid.models.rotor.fem import bending
 from rotorid.models.rotor.rotor_model import RotorModel, inertia
 from rotorid.report import drawn
 from rotorid.report.drawn import RPM
-from rotorid.report.html import Mood, Section, marked, page_of
+from rotorid.report.html import Mood, Passage, marked, page_of
 from rotorid.rig.faults import FAULTS
 from rotorid.rig.logger import Logged
 from rotorid.signals.inspection import ChannelFacts, Inspection
@@ -135,14 +135,14 @@ def inspection_report(
     """Return the page: one part for each record."""
     several = len(found) > 1
     parts = [_part(one, f", record {k}" if several else "") for k, one in enumerate(found, 1)]
-    return page_of(Section(f"{name}: what is in it", lead=told, parts=tuple(parts)), done=done)
+    return page_of(Passage(f"{name}: what is in it", lead=told, parts=tuple(parts)), done=done)
 
 
-def _part(found: Inspection | LineInspection, title: str) -> Section:
+def _part(found: Inspection | LineInspection, title: str) -> Passage:
     graver = [check for check in found.checks if check.severity != "passes"]
     fine = "; ".join(check.found for check in found.checks if check.severity == "passes")
     recorded, shown, noise = _told(found)
-    return Section(
+    return Passage(
         found.source or "record",
         lead=recorded,
         status=found.verdict,
@@ -156,15 +156,15 @@ def _part(found: Inspection | LineInspection, title: str) -> Section:
     )
 
 
-def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Section]:
+def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Passage]:
     if not isinstance(one, Inspection):
         told = "Amplitude of each row, channel by channel, with the noise where something tells it."
         panels = tuple(drawn.rows(one.lines, turning=one.turning))
-        yield Section(f"Rows of the table{title}", told, panels=panels)
+        yield Passage(f"Rows of the table{title}", told, panels=panels)
         return
     periods = one.periods
     size = 1 if periods is None else periods.samples
-    yield Section(
+    yield Passage(
         f"Samples{title}",
         "The whole record, where it is long as a band from its lowest to its highest sample; a "
         "flat edge is a limit, a spike a knock, a slope a drift.",
@@ -172,14 +172,14 @@ def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Section]
     )
     if periods is None:
         return
-    yield Section(
+    yield Passage(
         f"Spectrum of the mean period{title}",
         "Multiples of the fundamental: those that are used, and the others, odd and even, with "
         "the noise of the mean. What stands above the noise and is not used is distortion, "
         "rotation, or excitation left out.",
         panels=tuple(drawn.spectra(periods)),
     )
-    yield Section(
+    yield Passage(
         f"From period to period{title}",
         "Deviation of each period from the mean of all, over its scatter. It falls at the start "
         "while the machine settles, stands out where something knocked, and bends like a bow "
@@ -188,7 +188,7 @@ def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Section]
     )
     if one.noise_correlation is not None:
         names = [facts.name for facts in one.channels]
-        yield Section(
+        yield Passage(
             f"Noise that goes together{title}",
             "Correlation between the noises of two channels on the lines that are used. In "
             "closed loop the controller feeds the noise of sensors into the forces.",
