@@ -380,7 +380,7 @@ def estimate_report(estimate: Estimate) -> str:
     page = Passage(
         model.title if model is not None and model.title else estimate.model,
         lead=marked("Model <code>{}</code>, identified by {}", estimate.model, _method(estimate)),
-        status=status,
+        badge=status,
         verdict=verdict.sentence,
         mood=MOODS.get(estimate.status, "bad"),
         urge="To mind:" if estimate.status == "ok" else "What to do next:",
@@ -620,7 +620,7 @@ def validation_report(
     page = Passage(
         "Another record, predicted",
         lead=marked("By a result of <code>{}</code>, {}", estimate.model, _method(estimate)),
-        status=reached.verdict,
+        badge=reached.verdict,
         verdict=f"{reached.sentence[:1].upper()}{reached.sentence[1:]}.",
         mood="good" if reached.verdict == "predicts" else "bad",
         urge="What to do next:",

@@ -46,10 +46,10 @@ class Passage:
     items: tuple[str, ...] = ()
     panels: tuple[Panel, ...] = ()
     after: str = ""  # said behind the rest
-    lead: str = ""  # what it is about, with its status
-    status: str = ""
+    lead: str = ""  # what it is about, with its badge
+    badge: str = ""
     verdict: str = ""
-    mood: Mood = ""  # of status and verdict
+    mood: Mood = ""  # of badge and verdict
     urge: str = ""  # said before the steps
     steps: tuple[str, ...] = ()  # what to do, or to mind
     said: tuple[str, ...] = ()  # more sentences like the caption

@@ -145,7 +145,7 @@ def _part(found: Inspection | LineInspection, title: str) -> Passage:
     return Passage(
         found.source or "record",
         lead=recorded,
-        status=found.verdict,
+        badge=found.verdict,
         verdict=found.sentence,
         mood=MOODS[found.verdict],
         steps=tuple(marked("<strong>{}</strong>: {}", n.verdict, str(n)) for n in graver),
