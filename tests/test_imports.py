@@ -21,6 +21,7 @@ LAYERS = (
     ("signals",),
     ("force.reading",),
     ("data",),
+    ("signals.inspection",),
     ("models",),
     ("force.at_binding",),
     ("data.observation",),

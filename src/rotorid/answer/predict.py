@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -87,7 +88,7 @@ def predict_lines(
     if filtered or model.linear is None:
         reduced, base = base_of(model, estimate)
         equations = SampledRegression if filtered else Regression
-        return [equations(r.rebound(reduced)).predicted(base) for r in bound]
+        return [equations(replace(r, model=reduced)).predicted(base) for r in bound]
     return by_likelihood(bound, _at_estimate(model, estimate, bound, first).records)
 
 

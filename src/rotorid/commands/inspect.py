@@ -11,10 +11,9 @@ from rotorid.commands.console import Outputs, done
 from rotorid.core.files import check_apart
 from rotorid.core.notes import worst
 from rotorid.core.watch import watch
-from rotorid.data.line_inspection import LineInspection
 from rotorid.experiment.experiment import inspect_experiment, named_files
 from rotorid.report.records import inspection_page, inspection_report
-from rotorid.signals.inspection import Inspection
+from rotorid.signals.inspection import Inspection, LineInspection
 
 
 def run(experiment: Path, answer: Outputs) -> int:

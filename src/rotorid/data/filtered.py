@@ -295,11 +295,14 @@ def filtered(
         units = {c.name: c.unit for c in record.channels}
         conditions = [read_condition(text, units) for text in leave_out]
         good, told = _good(record, conditions, begin, end)
-        begins, ends = _stretches(good)
+        steps = np.diff(np.concatenate([[0], good.astype(np.int8), [0]]))
+        begins, ends = np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
         second = None if decimate == 1 else PASSED * record.sample_rate / (2 * decimate)
         found = FilteredRecord(record, hertz, decimate, second, begins, ends, np.arange(0))
         edge = found.inner.memory() + found.outer.memory()
-        kept = _trimmed(found, edge)
+        kept = np.zeros(len(good), dtype=bool)
+        for first, after in zip(begins, ends, strict=True):
+            kept[first + edge : max(after - edge, first + edge)] = True
         told["trimmed"] = int((good & ~kept).sum())
         for condition in conditions:
             if condition.order:
@@ -360,18 +363,6 @@ def _good(
             told[f"where {condition.text}"] = int((good & met).sum())
             good &= ~met
     return good, told
-
-
-def _stretches(good: Booleans) -> tuple[Integers, Integers]:
-    steps = np.diff(np.concatenate([[0], good.astype(np.int8), [0]]))
-    return np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
-
-
-def _trimmed(found: FilteredRecord, edge: int) -> Booleans:
-    kept = np.zeros(len(found.record.samples), dtype=bool)
-    for begin, end in zip(found.begins, found.ends, strict=True):
-        kept[begin + edge : max(end - edge, begin + edge)] = True
-    return kept
 
 
 def _spilled(found: FilteredRecord, condition: Condition) -> Booleans:

@@ -37,11 +37,7 @@ class Clock(Protocol):
     """Time and rotor angle of a record, and how functions of them become lines."""
 
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
-        """Return the lines of signals, shape (line, signal).
-
-        `timed` says that t itself is among the arguments used, so that no period stands for
-        another.
-        """
+        """Return the lines (line, signal) of signals; `timed` where they use t itself."""
         ...
 
     def at_speed(self, speed: float) -> Clock: ...
@@ -90,7 +86,6 @@ class PeriodicClock(Arrays):
         return changed(self, angle=more)
 
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
-        """Return the lines of the mean period of signals, shape (line, signal)."""
         time, angle = self.grid(timed=timed)
         mean = signal(time, angle, np.asarray(self.speed)).mean(axis=0)
         return without_rounding(line_spectra(mean, self.harmonics), mean)
@@ -125,16 +120,14 @@ class WholeClock(Arrays):
 
 @frozen
 class PhasorClock(Arrays):
-    """The clock of a table of 1x phasors: each line turns at a speed of its own.
+    """The clock of a table of 1x phasors: line k lies at ``omega_k = |Omega_k|``.
 
-    Line k lies at ``omega_k = |Omega_k|``, so that ``exp(i phi)``, phi = Omega t, has all of itself
-    on its own line where the rotor turns forward, and ``exp(-i phi)`` where it turns backward.
+    ``exp(i phi)`` is on it where the rotor turns forward, ``exp(-i phi)`` where it turns backward.
     """
 
     speed: Floats  # (line,): rad/s; negative backward, never 0
 
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
-        """Return the lines of signals of the rotor angle, shape (line, signal)."""
         if timed:
             raise InputError(
                 "a load that depends on t in a table of phasors",
@@ -146,8 +139,7 @@ class PhasorClock(Arrays):
         values = np.broadcast_to(values, (len(self.speed), TURN, values.shape[-1]))
         back = np.exp(-1j * np.sign(self.speed)[:, None] * turn)
         found = np.einsum("ls,lsk->lk", back, values) / TURN
-        size = np.sqrt((values**2).mean(axis=1))
-        return np.where(np.abs(found) > ROUNDING * size, found, 0.0)
+        return without_rounding(found, values, axis=1)
 
     def at_speed(self, speed: float) -> PhasorClock:
         return PhasorClock(np.full(len(self.speed), speed))
@@ -201,9 +193,9 @@ class SilentClock(Arrays):
         return self
 
 
-def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
-    """Set lines to zero that are rounding of their signal, lines (line, signal)."""
-    size = np.sqrt((samples**2).mean(axis=0))
+def without_rounding(lines: Complexes, samples: Floats, axis: int = 0) -> Complexes:
+    """Set lines (line, signal) to zero that are rounding of their samples, along `axis`."""
+    size = np.sqrt((samples**2).mean(axis=axis))
     return np.where(np.abs(lines) > ROUNDING * size, lines, 0.0)
 
 

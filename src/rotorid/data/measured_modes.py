@@ -88,7 +88,6 @@ class Mode:
 
 
 def number(mode: Mode) -> int:
-    """Return which one it is, of a mode whose number is settled."""
     assert mode.mode is not None  # `configurations` settles it
     return mode.mode
 
@@ -106,18 +105,13 @@ def _positive(value: float, unit: str, place: str) -> None:
 
 
 def in_units_of(model: Model, mode: Mode) -> Mode:
-    """Return a mode with the parameters of its test in the units of a model."""
     found = "{} in the parameters of a mode"
     require_names(mode.parameters, model.parameter_names, found, place="modes")
     return replace(mode, parameters=in_si(mode.parameters, model))
 
 
 def configurations(modes: Sequence[Mode]) -> list[list[Mode]]:
-    """Return the modes of each configuration (speed and parameters), every one with its number.
-
-    They are counted in ascending order of the measured frequency; where one says which it is, the
-    count goes on from there.
-    """
+    """Group modes by speed and parameters, numbered in ascending order, on from a stated number."""
     groups: dict[object, list[Mode]] = {}
     for mode in modes:
         key = mode.speed, frozenset(mode.parameters.items())

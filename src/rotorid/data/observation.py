@@ -45,7 +45,6 @@ class Sensor:
 
     @property
     def order(self) -> int:
-        """The highest derivative that it reads."""
         return max(term.order for term in self.terms)
 
 
@@ -117,10 +116,6 @@ class Observation:
             if channel.law is not None and channel.law.position
         }
 
-    def rebound(self, model: Model) -> Observation:
-        """Return the observation of a model with the same coordinates and inputs."""
-        return replace(self, model=model)
-
     def with_lines(self, lines: Lines) -> Observation:
         return replace(self, lines=lines)
 
@@ -129,10 +124,7 @@ class Observation:
         return self.with_lines(combined_columns(self.lines, self.passed.values(), matrix))
 
     def reading_apart(self, names: Collection[str]) -> Observation:
-        """Return the record with a row of the equations for each of some sensors.
-
-        What they read holds an unknown, so that they do not give a coordinate by themselves.
-        """
+        """Give some sensors rows of their own: what they read holds an unknown besides."""
         sensors = tuple(
             replace(s, apart=True) if s.channel.name in names else s for s in self.sensors
         )
@@ -156,7 +148,7 @@ Data = Measured | Observation
 def bind(model: Model, data: Data) -> Observation:
     """Say what every channel of a record is to a model; what is bound already meets another."""
     if isinstance(data, Observation):
-        return data.rebound(model)
+        return replace(data, model=model)
     lines = _lines(data)
     if lines.passive:
         lines = _unforced(model, lines)

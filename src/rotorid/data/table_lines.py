@@ -149,12 +149,7 @@ def _diagonal(variance: Floats, dof: int, kind: Kind) -> LineCovariance:
 
 
 def _check_phasors(channels: Sequence[Channel], speed: Floats, phasors: Complexes) -> None:
-    if speed.ndim != 1 or not len(speed) or phasors.shape != (len(speed), len(channels)):
-        raise InputError(
-            f"phasors of shape {phasors.shape} for speeds of shape {speed.shape}",
-            f"a row per speed, {len(channels)} channels",
-            "give one phasor per speed and channel",
-        )
+    _check_shapes("phasor", phasors, "speed", speed, "channel", len(channels))
     wrong = ~_possible(phasors, speed) | (speed == 0)
     if wrong.any():
         row = int(wrong.argmax())
@@ -166,8 +161,18 @@ def _check_phasors(channels: Sequence[Channel], speed: Floats, phasors: Complexe
         )
 
 
+def _check_shapes(
+    what: str, values: Complexes, row: str, rows: Floats, column: str, columns: int
+) -> None:
+    if rows.ndim != 1 or not values.size or values.shape != (len(rows), columns):
+        raise InputError(
+            f"{what}s of shape {values.shape} for rows of shape {rows.shape}",
+            f"a row per {row}, {columns or 'some'} {column}s",
+            f"give one {what} per {row} and {column}",
+        )
+
+
 def _possible(values: Complexes, rows: Floats) -> Booleans:
-    """Tell which rows hold finite numbers of a size that something can have."""
     return np.asarray((np.abs(values) < MAGNITUDE).all(axis=1) & (np.abs(rows) < MAGNITUDE))
 
 
@@ -386,12 +391,7 @@ def response_lines(
 
 
 def _check_responses(hertz: Floats, responses: Complexes, sensors: int) -> None:
-    if hertz.ndim != 1 or responses.shape != (len(hertz), sensors) or not sensors:
-        raise InputError(
-            f"responses of shape {responses.shape} for frequencies of shape {hertz.shape}",
-            f"a row per frequency, {sensors or 'some'} sensors",
-            "give one response per frequency and sensor",
-        )
+    _check_shapes("response", responses, "frequency", hertz, "sensor", sensors)
     wrong = ~_possible(responses, hertz) | (hertz < 0)
     if wrong.any():
         row = int(wrong.argmax())

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError, naming
+from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
@@ -140,7 +140,8 @@ def spectra(
         kept = _lines(window, ends)
         frequency: Floats = np.asarray(kept * window.spacing)
         names = [name for name in record.names if name not in references]
-        _check_references(record, references)
+        cure = "name the column that holds the excitation"
+        require_names(references, record.names, "the reference {}", cure, place="references")
         every, driven = window.channels(names), window.channels(references)
         if quiet is not None:
             motion = _motion(window, every, driven, window.rotation())
@@ -178,7 +179,12 @@ def _lines_in(
     speed = np.asarray(record.speed)
     if record.angle is not None:
         speed = np.gradient(record.angle, 1 / record.sample_rate)[used]
-    channels = tuple(record.channels[column] for column in window.columns(names))
+    columns, samples = window.columns(names), None
+    channels = tuple(record.channels[column] for column in columns)
+    if any(channel.law is not None for channel in channels):  # its constants may be others
+        values = record.samples[used]
+        whole = columns == list(range(values.shape[1]))  # then no copy
+        samples = Samples(values if whole else values[:, columns], record.sample_rate, kept)
     transfer = transfer_of_recording(channels, frequency, record.sample_rate)
     single = (kept == 0) | (2 * kept == window.count)
     return Lines(
@@ -193,16 +199,13 @@ def _lines_in(
         phase_known=record.phase_known,
         phase_std=record.phase_std,
         source=record.source,
-        samples=_samples_behind(window, names, kept),
+        samples=samples,
     )
 
 
 @frozen
 class _Parts:
-    """Cuts a record into parts, the noise of whose lines is that of the whole's, longer by as much.
-
-    Of each part: `covariance` at the line nearest to its own, times the number of parts.
-    """
+    """Cuts a record into parts, of `covariance` at the nearest line times their number."""
 
     window: _Window
     names: tuple[str, ...]
@@ -233,16 +236,6 @@ def _checked(
         Record(channels, samples[:, columns], record.sample_rate),
         references,
     )
-
-
-def _samples_behind(window: _Window, names: Sequence[str], kept: Integers) -> Samples | None:
-    """Keep the samples of a record, where a force law may have other constants than stated."""
-    record, columns = window.record, window.columns(names)
-    if all(record.channels[column].law is None for column in columns):
-        return None
-    used = record.samples[window.used]
-    whole = columns == list(range(used.shape[1]))
-    return Samples(used if whole else used[:, columns], record.sample_rate, kept)
 
 
 def whole_lines(
@@ -293,17 +286,6 @@ def _lines(window: _Window, band: tuple[float, float]) -> Integers:
             "widen the band, or record longer",
         )
     return kept
-
-
-def _check_references(record: Record, references: Sequence[str]) -> None:
-    unknown = [name for name in references if name not in record.names]
-    if unknown:
-        raise InputError(
-            f"the reference {unknown[0]!r}",
-            f"a channel of the record: {', '.join(record.names)}",
-            "name the column that holds the excitation",
-            place="references",
-        )
 
 
 def _local(every: Complexes, references: Complexes, rotation: Complexes, lines: Integers) -> Local:

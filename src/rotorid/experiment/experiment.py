@@ -15,7 +15,6 @@ from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import parse_table, parse_toml, read_bytes, read_toml
 from rotorid.core.watch import counting
-from rotorid.data.line_inspection import LineInspection, inspect_lines
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
 from rotorid.data.record import Record
@@ -58,7 +57,7 @@ from rotorid.models import Model, load_model
 from rotorid.models.constraints import Constraint
 from rotorid.signals.angle import keyphasor_angle, pulse_edges
 from rotorid.signals.average import KEYS
-from rotorid.signals.inspection import Inspection, inspect_record
+from rotorid.signals.inspection import Inspection, LineInspection, inspect_lines, inspect_record
 
 
 @frozen

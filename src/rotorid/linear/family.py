@@ -88,7 +88,7 @@ class Posed:
         elimination = eliminate(reduced, constraints_in_si(constraints, model), fixed)
         if not elimination.kept:
             raise InputError("every parameter constrained", "something to estimate", "free one")
-        regressions = tuple(cls.kind(record.rebound(reduced)) for record in records)
+        regressions = tuple(cls.kind(replace(record, model=reduced)) for record in records)
         return cls(model, dict(fixed), reduced, elimination, regressions)
 
     @property

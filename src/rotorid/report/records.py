@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from rotorid.core.tables import Page, Table, by_hand, table
-from rotorid.data.line_inspection import LineInspection
 from rotorid.models import Model
 from rotorid.models.base import monomial_name
 from rotorid.models.rotor.drawing import Rotor
@@ -18,7 +17,7 @@ from rotorid.report.drawn import RPM
 from rotorid.report.html import Mood, Passage, marked, page_of
 from rotorid.rig.faults import FAULTS
 from rotorid.rig.logger import Logged
-from rotorid.signals.inspection import ChannelFacts, Inspection
+from rotorid.signals.inspection import ChannelFacts, Inspection, LineInspection
 
 
 def told_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
