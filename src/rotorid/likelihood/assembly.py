@@ -108,12 +108,12 @@ def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
         levers = [(*e.arms[b.row], (at,)) for e, at in acting if e.part == "lever"]
         for row, arm, lever in [(b.row, 1.0, ()), *levers]:
             common, size = factors + scale + lever, b.coefficient * arm
-            terms.append(MatrixTerm(row, column, 0, _product(common + gain), size * ki))
+            terms.append(MatrixTerm(row, column, 0, tuple(sorted(common + gain)), size * ki))
             if channel.drive is None:
                 continue
             ks, slope = _constant(acting, "ks", channel.drive.ks)
             for t in _displacement(layout, channel):
-                there = _product(common + slope + _parameters(layout, t))
+                there = tuple(sorted(common + slope + _parameters(layout, t)))
                 terms.append(MatrixTerm(row, t.coordinate, 0, there, size * ks * t.coefficient))
     return [*terms, *_further_terms(layout, observation), *_sensor_rows(layout, observation)]
 
@@ -124,10 +124,6 @@ def _constant(
     """Return a constant of a force law as (number, unknowns): one of the two is trivial."""
     unknown = next((at for effect, at in acting if effect.part == part), None)
     return (known, ()) if unknown is None else (1.0, (unknown,))
-
-
-def _product(factors: Factors) -> Factors:
-    return tuple(sorted(factors))
 
 
 def _further_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
@@ -232,15 +228,15 @@ class Load:
 
 
 def every_load(layout: Layout) -> list[Load]:
-    found = []
-    for term in layout.model.require_linear().load_terms:
-        factors = layout.monomial_factors[term.monomial]
-        if factors is not None:
-            found.append(Load(term.row, factors, term.signal, term.coefficient))
-    for load, at in layout.acting(RowLoad):
-        own = (int(at[load.unknown]),)
-        found.append(Load(load.row, own, load.signal, load.coefficient))
-    return found
+    model = [
+        Load(term.row, factors, term.signal, term.coefficient)
+        for term in layout.model.require_linear().load_terms
+        if (factors := layout.monomial_factors[term.monomial]) is not None
+    ]
+    return model + [
+        Load(load.row, (int(at[load.unknown]),), load.signal, load.coefficient)
+        for load, at in layout.acting(RowLoad)
+    ]
 
 
 def load_lines(
@@ -312,7 +308,6 @@ def _signal(signals: Sequence[Expression], shift: float) -> Signal:
 
 
 def sensing_of(reads: Floats, rank: int) -> Sensing:
-    """Split coordinates into what sensors read and what they do not."""
     sensors, coordinates = reads.shape
     used = (reads != 0).sum(axis=0)
     if ((reads != 0).sum(axis=1) == 1).all() and used.max(initial=0) <= 1:

@@ -55,7 +55,6 @@ class Entries:
     weights: Complexes
 
     def matrix(self, mu: Floats, rows: int, columns: int) -> Complexes:
-        """Return the sum of the terms on each line, shape (line, row, column)."""
         kinds, size = self.weights.shape[1], rows * columns
         flat = (self.kind * rows + self.row) * columns + self.column
         values = self.coefficient * mu[self.monomial]
@@ -91,7 +90,6 @@ class EntrySlopes:
 
     @classmethod
     def of(cls, entries: Entries, monomials: Monomials, rows: int, columns: int) -> EntrySlopes:
-        """Build from the terms whose monomial is no constant."""
         factors, count = monomials.factors[entries.monomial], monomials.unknowns
         term, which = np.nonzero(factors < count)
         once = np.unique(term * count + factors[term, which])  # a power is one factor
@@ -209,10 +207,7 @@ class Likelihood:
         affine: Integers | None = None,
         like: Evaluation | None = None,
     ) -> Evaluation:
-        """Evaluate at the unknowns, shape (unknown,); `like`: of a rotor that is perhaps as stiff.
-
-        Where it is, the hidden coordinates are projected out already.
-        """
+        """Evaluate at all unknowns; an equally stiff `like` has the projection already."""
         return Evaluation(self, unknowns, relaxation, affine, like)
 
 
@@ -293,7 +288,6 @@ class Evaluation:
         self.columns = self.plain * self.state.factors[:, None, :]
 
     def _errors_of_rows(self) -> Complexes:
-        """Return s, the equation error without hidden motion."""
         p = self.problem
         error = (self.columns @ p.data[:, :, None])[:, :, 0]
         error[:, : p.rows] += self.loads
@@ -343,7 +337,6 @@ class Evaluation:
 
     @property
     def loads(self) -> Complexes:
-        """The loads on the equations, shape (line, row)."""
         return as_complex(self.load @ self.load_factors)
 
     def errors(self) -> Complexes:
@@ -356,7 +349,6 @@ class Evaluation:
 
     @property
     def affine_jacobian(self) -> Floats:
-        """Jacobian by the affine unknowns, shape (line * 2 * equation, affine unknown)."""
         return self.stacked(self._whitened_moves)
 
     def shift(self, change: Floats) -> None:

@@ -120,12 +120,10 @@ class Layout:
 
     @cached_property
     def named(self) -> int:
-        """Number of unknowns that are parameters, those of single records included."""
         return self.parameters + len(self.replaced)
 
 
 def physical_factors(model: Model) -> tuple[tuple[int, ...], ...]:
-    """Return each monomial as a product of physical parameters."""
     parameters = np.arange(len(model.parameters))
     return tuple(tuple(np.repeat(parameters, powers).tolist()) for powers in model.monomials)
 

@@ -143,7 +143,6 @@ class Linearized:
         return np.asarray(self.root @ (self.range.T @ columns))
 
     def steps(self, residuals: Floats) -> Floats:
-        """Return the Gauss-Newton steps of residuals, (row, ...) -> (free, ...)."""
         return -self.taken(residuals)
 
     def rest(self, columns: Floats) -> Floats:

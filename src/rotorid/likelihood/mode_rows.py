@@ -45,13 +45,12 @@ class Pencil:
     size: int  # number of coordinates
 
     def put(self, unknowns: Floats) -> Floats:
-        """Return the unknowns as they were in this configuration."""
         x = unknowns.copy()
         x[list(self.held)] = list(self.held.values())
         return x
 
     def matrices(self, unknowns: Floats) -> Floats | Complexes:
-        """Return K, D + Omega G and M, shape (3, row, coordinate)."""
+        """K, D + Omega G and M, shape (3, row, coordinate)."""
         found: Any = np.zeros((3, self.size, self.size), dtype=self.weight.dtype)
         values = self.weight * self.monomials.values(self.put(unknowns))[self.monomial]
         np.add.at(found, (self.order, self.row, self.column), values)
@@ -150,12 +149,10 @@ class ModalRows:
 
     @property
     def modes(self) -> list[Mode]:
-        """The modes in the order of their rows."""
         return [mode for each in self.configurations for mode in each.modes]
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The name of the mode of each row."""
         return tuple(str(m) for m in self.modes for _ in range(1 if m.damping is None else 2))
 
     def __len__(self) -> int:
@@ -189,7 +186,6 @@ class ModalRows:
         return np.array(rows)
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        """Return the derivative of `values`, shape (row, unknown)."""
         rows: list[Floats] = []
         for mode, value, slope_of in self.measured(unknowns):
             spread, slope = _spreads(mode, relaxation), slope_of()
@@ -209,9 +205,8 @@ def _spreads(mode: Mode, relaxation: float) -> tuple[float, float]:
 
 def modal_rows(layout: Layout, modes: Sequence[Mode], generic: Floats) -> ModalRows:
     """Build the rows of measured modes; `generic` are unknowns about the start without symmetry."""
-    return ModalRows(
-        tuple(_configuration(layout, group, generic) for group in configurations(modes))
-    )
+    groups = configurations(modes)
+    return ModalRows(tuple(_configuration(layout, group, generic) for group in groups))
 
 
 def _configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Configuration:
@@ -255,13 +250,19 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
         )
     held = {layout.index[name]: float(value) for name, value in mode.parameters.items()}
     pencil = replace(pencil_at(layout, mode.in_si[2]), held=held)
-    used = set(pencil.monomials.factors.ravel().tolist())
-    _refuse_idle(layout, used - held.keys())
+    used = set(pencil.monomials.factors.ravel().tolist()) - held.keys()
+    if used & layout.idle:  # of which record it would be is not known
+        name = layout.unknowns[min(used & layout.idle)].name
+        raise InputError(
+            f"a mode of {name}, which every record has to itself",
+            f"the value of {name} in the test",
+            f"state it: parameters = {{ {name} = ... }}",
+            place="modes",
+        )
     return pencil
 
 
 def pencil_at(layout: Layout, speed: float) -> Pencil:
-    """Return the pencil of a machine as the layout has it, at a speed in rad/s."""
     places: list[tuple[int, int, int]] = []
     products: list[tuple[int, ...]] = []
     weights: list[complex] = []
@@ -291,18 +292,6 @@ def pencil_at(layout: Layout, speed: float) -> Pencil:
     )
 
 
-def _refuse_idle(layout: Layout, used: set[int]) -> None:
-    """Refuse a mode of a parameter that every record has to itself: of which is not known."""
-    for i in sorted(used & layout.idle):
-        name = layout.unknowns[i].name
-        raise InputError(
-            f"a mode of {name}, which every record has to itself",
-            f"the value of {name} in the test",
-            f"state it: parameters = {{ {name} = ... }}",
-            place="modes",
-        )
-
-
 NEAR = 5.0
 """Deviations of a measured frequency within which another of the model may be the one it is."""
 
@@ -310,7 +299,6 @@ NEAR = 5.0
 def mode_fits(
     modes: ModalRows, unknowns: Floats, free: Integers, covariance: Floats
 ) -> tuple[ModeFit, ...]:
-    """Return what was measured beside what the estimate gives."""
     found = []
     for mode, value, slope_of in modes.measured(unknowns):
         hertz, std, speed = mode.in_si

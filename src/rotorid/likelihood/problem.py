@@ -42,7 +42,6 @@ class Known:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """What each row is, for messages."""
         return self.relations.texts + self.modes.texts
 
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
@@ -144,7 +143,7 @@ class Problem:
 
 @frozen
 class Lowest:
-    """The minimum of a problem: all unknowns, and what they cost."""
+    """The minimum of a problem, and what it costs."""
 
     unknowns: Floats
     cost: float
@@ -189,14 +188,14 @@ class Point:
         return tuple(slice(*ends) for ends in pairwise(np.cumsum([0, *sizes]).tolist()))
 
     def by_line(self, rows: NDArray[Number]) -> list[NDArray[Number]]:
-        """Return of something by rows, (row, ...), each record's, (line, row of a line, ...)."""
+        """Return each record's rows of (row, ...), (line, row of a line, ...)."""
         return [
             rows[own].reshape(at.problem.lines, -1, *rows.shape[1:])
             for own, at in zip(self.rows, self.records, strict=True)
         ]
 
     def of_known(self, rows: Floats) -> Floats:
-        """Return of something by rows, (row, ...), those of what is known."""
+        """Return the rows of (row, ...) that are of what is known."""
         return rows[len(rows) - len(self.known) :]
 
 
@@ -227,7 +226,6 @@ class Tangent:
         return values[kept], right[kept], left.T[kept] @ self.projected
 
     def _along(self, damping: float) -> Floats:
-        """Return the Levenberg-Marquardt step along the directions, bounds left aside."""
         if damping == 0 and self.regular:
             return np.asarray(-np.linalg.solve(self.triangle, self.projected))
         values, right, projected = self._spectrum
@@ -290,7 +288,6 @@ class Tangent:
         return np.asarray(rest @ np.linalg.lstsq(self.triangle @ rest, -self.projected, RANK)[0])
 
     def spread(self, along: Floats) -> Floats:
-        """Return a step along the directions as a change of the free unknowns."""
         return np.asarray(self.scale * (along if self.basis is None else self.basis @ along))
 
     @cached_property

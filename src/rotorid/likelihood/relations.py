@@ -14,17 +14,7 @@ from rotorid.core.values import Floats, Integers
 
 @frozen
 class Monomials:
-    """Products of unknowns, ``mu_m = prod_j x_j^(n_mj)``.
-
-    Examples
-    --------
-    >>> mu = Monomials.from_exponents([[1, 0], [1, 2]])
-    >>> mu.values([2.0, 3.0])
-    array([ 2., 18.])
-    >>> mu.jacobian([2.0, 3.0])
-    array([[ 1.,  0.],
-           [ 9., 12.]])
-    """
+    """Products of unknowns, ``mu_m = prod_j x_j^(n_mj)``."""
 
     # (monomial, factor): indices of the unknowns of each product, repeated for powers; the number
     # of unknowns stands for the factor one
@@ -39,7 +29,6 @@ class Monomials:
 
     @classmethod
     def of(cls, products: Sequence[Sequence[int]], unknowns: int) -> Monomials:
-        """Build from the unknowns of each product, repeated for powers."""
         longest = max((len(product) for product in products), default=1)
         padded = [[*product, *[unknowns] * (longest - len(product))] for product in products]
         return cls(np.array(padded, dtype=np.int64).reshape(len(padded), longest), unknowns)
@@ -67,7 +56,6 @@ class Monomials:
         return np.asarray(padded[self._columns])
 
     def values(self, x: ArrayLike) -> Floats:
-        """Return mu, shape (monomial,)."""
         return np.asarray(np.multiply.reduce(self._held(x), axis=0))
 
     def jacobian(self, x: ArrayLike) -> Floats:
@@ -85,17 +73,7 @@ Polynomial = Mapping[tuple[int, ...], float]
 
 @frozen
 class Relations:
-    """Polynomials ``h(x)`` of the unknowns.
-
-    An exact relation is h = 0; one with a deviation is a residual h, scaled to deviation one; a
-    bound is h >= 0.
-
-    Examples
-    --------
-    >>> product = Relations.build([({(0, 1): 1.0, (): -6.0}, 1.0, "a*b = 6")], 2)
-    >>> product.values(np.array([2.0, 3.0])), product.jacobian(np.array([2.0, 3.0]))
-    (array([0.]), array([[3., 2.]]))
-    """
+    """Polynomials ``h(x)``: relations h = 0, residuals h of deviation one, or bounds h >= 0."""
 
     monomials: Monomials
     matrix: Floats  # (relation, monomial)
@@ -105,7 +83,6 @@ class Relations:
     def build(
         cls, polynomials: Sequence[tuple[Polynomial, float, str]], unknowns: int
     ) -> Relations:
-        """Build from (polynomial, divisor, text) of each relation."""
         distinct = sorted(
             {m for polynomial, _, _ in polynomials for m in polynomial},
             key=lambda product: [product.count(i) for i in range(unknowns)],
@@ -137,13 +114,11 @@ class Relations:
         return Relations(table, matrix, self.texts + other.texts)
 
     def values(self, x: Floats) -> Floats:
-        """Return h, shape (relation,)."""
         if not len(self):  # most problems have none, and each point asks
             return np.zeros(0)
         return np.asarray(self.matrix @ self.monomials.values(x))
 
     def jacobian(self, x: Floats) -> Floats:
-        """Return dh/dx, shape (relation, unknown)."""
         if not len(self):
             return np.zeros((0, self.monomials.unknowns))
         return np.asarray(self.matrix @ self.monomials.jacobian(x))

@@ -21,16 +21,12 @@ sharpest resonance of a machine with damping gives 1e4 or so, rounding leaves 1e
 
 
 def response(at: Evaluation) -> Complexes:
-    """Return the lines that the channels would hold without noise, shape (line, channel).
-
-    The measured inputs are kept; the sensors read what the equations of motion make of them,
-    through the calibration that the unknowns say.
-    """
+    """Return the lines without noise, (line, channel): inputs as measured, sensors by the model."""
     return responses([at])[0]
 
 
 def responses(alike: Sequence[Evaluation]) -> list[Complexes]:
-    """Return the same for machines that differ in what drives them, and is read, alone."""
+    """Return `response` of machines that differ in what drives them, and is read, alone."""
     found: list[Complexes] = []
     if not alike:
         return found
@@ -84,10 +80,7 @@ def _length(columns: Complexes) -> Floats:
 def simulated(
     layout: Layout, observation: Observation, unknowns: Floats, number: int = 0
 ) -> Likelihood:
-    """Return the likelihood of a record whose sensors read exactly what the unknowns say.
-
-    Its inputs, lines, rotor angle and covariance are kept.
-    """
+    """Return the likelihood of a record whose sensors read exactly what the unknowns say."""
     lines = observation.lines
     mean = np.empty_like(lines.mean)
     likelihood = assemble(layout, observation, number)

@@ -243,9 +243,8 @@ def _lowest(candidates: Sequence[Solution]) -> Solution | None:
 def elsewhere(
     problem: Problem, start: Floats, solution: Solution, stages: Sequence[float] = STAGES
 ) -> Solution | None:
-    """Solve from another start; None where that leads to no other answer.
+    """Solve from another start; None where its way joins that of the solution.
 
-    That is where its way joins the one that led to a solution.
     In the first stage the cost is that of a regression: where the records inform all unknowns,
     every start ends there at the same point, and the rest of the way is known already.
     """
@@ -282,10 +281,9 @@ def _hopeless_cost(point: Point, problem: Problem) -> float:
 
 
 def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: bool = False) -> bool:
-    """Tell whether a way from another start joins one that is known, by the end of its first stage.
+    """Tell whether a way from another start joins a known one by the end of its first stage.
 
-    There the cost is that of a regression, which has one minimum where all unknowns are informed:
-    from the same point the rest of the way is the same.
+    See `elsewhere` for the reason.
     """
     if not known or any(len(outside(problem.bounds, point)) for point in known):
         return False
@@ -309,7 +307,7 @@ def _walk(problem: Problem, start: Floats, bounded: bool) -> _Walk | None:
 
 
 def _kept(problem: Problem, unknowns: Floats, scale: Floats, bounded: bool) -> Floats | None:
-    """Return the nearest point that keeps the exact relations and, where asked for, the bounds."""
+    """Return the nearest point that keeps the exact relations and, if `bounded`, the bounds."""
     if bounded:
         return inside(problem, unknowns, scale)
     if len(problem.exact):
@@ -327,11 +325,7 @@ def _descended(
     brief: bool = False,
     near: bool = False,
 ) -> Solution | None:
-    """Go through the stages from a start; None where no finite cost is found.
-
-    Where a stage ends near the end of the same stage of a way that is known, None as well. `near`:
-    the start is, and the last stage takes all lines at once.
-    """
+    """Go through the stages; None for no finite cost, or where a stage ends as the known way's."""
     walk = _walk(problem, start, bounded)
     if walk is None:
         return None
@@ -378,11 +372,7 @@ def _hopeless(point: Point) -> bool:
 
 
 def _astray(problem: Problem, walk: _Walk, relaxation: float) -> bool | None:
-    """Go through the last stage on a part of the lines, where a problem keeps one.
-
-    Tells whether that converged where its cost is hopeless, so that all lines would only say the
-    same for much longer; ``None`` where all lines are to be asked.
-    """
+    """Tell whether the sketch converges at a hopeless cost; None: all lines are to be asked."""
     if problem.sketch is None:
         return None
     walk.problem = problem.sketch
@@ -405,7 +395,6 @@ def _same(problem: Problem, one: Floats, other: Floats) -> bool:
 
 
 def bounds_held(problem: Problem, unknowns: Floats) -> tuple[int, ...]:
-    """Return the bounds that hold with equality."""
     bounds = problem.bounds
     reached = bounds.values(unknowns) <= HELD * bounds.sizes(unknowns)
     return tuple(int(i) for i in np.flatnonzero(reached))
@@ -419,7 +408,7 @@ deviation of the gains zero would still cost less than the errors of a bad start
 
 
 def anchored(problem: Problem, start: Floats) -> Problem:
-    """Hold the gains of the channels loosely to their start, and a scale that nothing tells.
+    """Hold gains loosely to their start, and a scale that nothing tells.
 
     While errors are granted to the equations in units of force, the cost would fall with the
     forces themselves: without an anchor, all gains, masses and stiffnesses go to zero together.

@@ -343,7 +343,7 @@ def cubics(records: Records, wanted: Nuisances | None) -> list[Unknown]:
         groups = {name: [name] for name in names}
         groups |= {f"{names[0]} ... {names[-1]}": names} if len(names) > 1 else {}
         square = f"1/{unit}^2" if unit else "1"
-        found += [_bend(f"nonlinear {g}", square, on, _cube) for g, on in groups.items()]
+        found += [_bend(f"nonlinear {g}", square, on, lambda x: x**3) for g, on in groups.items()]
     return found
 
 
@@ -356,10 +356,6 @@ def hystereses(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     if len(units) > 1:
         found.append(_bend("hysteresis force", next(iter(units.values())), list(units), _loop))
     return found
-
-
-def _cube(samples: Floats) -> Floats:
-    return np.asarray(samples**3)
 
 
 def _loop(samples: Floats) -> Floats:
@@ -505,13 +501,15 @@ def knees(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
     Of the inputs whose law knows a bias, and no saturation; files say the saturation itself.
     """
-    laws = [(channel, _law(channel).constants) for channel in _bent(records)]
+    if wanted is not None:
+        return []
     biased = [
         channel
-        for channel, known in laws
+        for channel in _bent(records)
+        for known in [_law(channel).constants]
         if "bias" in known and "saturation" in known and np.isinf(known["saturation"].value)
     ]
-    if wanted is not None or not biased:
+    if not biased:
         return []
     unknown = _reread(Scalar("saturation", "1", 0.0, additive=True), biased, KNEE_CONSTANT)
     return [replace(unknown, size=_saturation)]
@@ -529,7 +527,7 @@ def _law(channel: Channel) -> ForceLaw:
 
 
 def _bent(records: Records) -> list[Channel]:
-    """Return the inputs whose force was made by a law that bends, of records with samples."""
+    """Return the inputs of records with samples whose force was made by a law that bends."""
     return [c for c in _inputs(_with_samples(records)).values() if c.law is not None]
 
 
@@ -582,17 +580,14 @@ def phases(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
 
 def later_phases(records: Records, starts: Sequence[float]) -> list[tuple[int, Unknown]]:
-    """Return that of each record that turns after the first one, at each of some starts.
-
-    The first counts the angle of the unbalance; another may have begun anywhere else.
-    """
+    """Return phases of records that turn, at each start; the first counts the unbalance's angle."""
     turning = [k for k, r in enumerate(records) if _speed(r) != 0 and _turns(r)]
     known = [k for k in turning[1:] if records[k].lines.phase_known]
     return [(k, phase(k, start=start)) for k in known for start in starts]
 
 
 def _phase_start(record: Observation, records: Records) -> float:
-    """Return by what the rotation stands turned in a record, against one that knows its phase.
+    """Return by what the rotation stands turned against a record that knows its phase.
 
     From the other side of the circle no minimum is found. At another speed the unbalance is
     answered otherwise, and nothing is taken from it.
@@ -623,13 +618,11 @@ def _wave(record: Observation) -> Complexes:
 
 
 def _turns(record: Observation) -> bool:
-    """Tell whether the loads of the model turn with the rotor."""
     linear = record.model.require_linear()
     return any(symbol("phi") in term.signal.free_symbols for term in linear.load_terms)
 
 
 def runouts(records: Records, wanted: Nuisances | None) -> list[Unknown]:
-    """Return the runout of each position sensor, common to all records."""
     return harmonic_runouts(records, [1]) if wanted is None or wanted.runout else []
 
 
@@ -649,7 +642,7 @@ def harmonic_runouts(records: Records, orders: Sequence[int] = (2, 3)) -> list[U
 
 
 def _holds(record: Observation, order: int) -> bool:
-    """Tell whether a line of a record is a multiple of its rotation, and not what leaks there."""
+    """Whether a line of a record is a multiple of its rotation, and not what leaks there."""
     wave = record.lines.clock.lines(lambda t, phi, speed: np.cos(order * phi)[..., None])
     return bool(np.abs(wave).max(initial=0.0) > LEAKS)
 
@@ -660,23 +653,18 @@ def _holds(record: Observation, order: int) -> bool:
 def own_values(
     index: int, parameter: Parameter, told: Mapping[int, tuple[float, float | None]], records: int
 ) -> list[Unknown]:
-    """Return a parameter of the model in the records, of so many, that say it themselves.
-
-    `told` are its values in them, with deviations, by their numbers.
-    """
+    """Return a parameter in those of the records that say it: `told` its (value, std) by record."""
     name, replaces = parameter.name, Replaces(index, alone=len(told) == records)
-    found = []
-    for k, (value, std) in told.items():
-        one = Scalar(
-            f"{name}[{k}]",
-            parameter.unit,
-            value,
-            std,
-            nuisance=False,
-            positive=parameter.positive,
+    scalar = partial(Scalar, unit=parameter.unit, nuisance=False, positive=parameter.positive)
+    return [
+        Unknown(
+            (scalar(f"{name}[{k}]", start=value, std=std),),
+            frozenset([name]),
+            (replaces,),
+            record=k,
         )
-        found.append(Unknown((one,), frozenset([name]), (replaces,), record=k))
-    return found
+        for k, (value, std) in told.items()
+    ]
 
 
 def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:
@@ -715,12 +703,10 @@ KINDS: tuple[Kind, ...] = (
 
 
 def asked_unknowns(records: Records, wanted: Nuisances) -> tuple[Unknown, ...]:
-    """Return those that the settings and the channels of some records ask for."""
     return tuple(unknown for kind in KINDS for unknown in kind(records, wanted))
 
 
 def every_unknown(records: Records) -> tuple[Unknown, ...]:
-    """Return all that some records could have, without priors."""
     return tuple(unknown for kind in KINDS for unknown in kind(records, None))
 
 

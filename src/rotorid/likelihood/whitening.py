@@ -198,7 +198,6 @@ class Ends:
         return np.asarray(-self.solve @ (self.basis.T @ rows))
 
     def rest(self, rows: Floats) -> Floats:
-        """Return what no tau can take away."""
         return np.asarray(rows - self.basis @ (self.basis.T @ rows))
 
 
@@ -212,8 +211,7 @@ class Projection(Protocol):
     """What is left of rows, and the hidden motion that explains the rest."""
 
     @property
-    def null_h(self) -> Complexes:
-        """N^H, shape (line, equation, row)."""
+    def null_h(self) -> Complexes: ...  # N^H, shape (line, equation, row)
 
     def motion(self, left: Complexes) -> Complexes:
         """Return q = H w with ``P q + left = 0``, (line, coordinate), left in the range of P H."""
@@ -280,10 +278,7 @@ class Reflectors:
 
 
 def projection(stiffness: Complexes, hidden: Floats) -> Projection | None:
-    """Project hidden coordinates out of P, shape (line, row, coordinate); None where none is.
-
-    hidden, shape (coordinate, hidden), is an orthonormal basis of what no sensor reads.
-    """
+    """Project hidden coordinates, of an orthonormal basis (coordinate, hidden), out of P."""
     if not hidden.shape[1]:
         return None
     if hidden.shape[1] >= MANY and np.isfinite(stiffness).all():
