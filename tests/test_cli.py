@@ -407,7 +407,7 @@ def test_the_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().out == "report: run.html\n"
     assert (folder / "run.html").read_bytes() == (folder / "first.html").read_bytes()
     html = (folder / "run.html").read_text()
-    for text in ("Measured and predicted over time", "Correlation of the parameters", "Accepted"):
+    for text in ("Measured and predicted signals", "Correlation of the parameters", "Accepted"):
         assert text in html
 
 

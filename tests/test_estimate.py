@@ -502,15 +502,15 @@ def test_a_prediction_that_noise_spoils_is_explained_where_the_cost_is_in_order(
         "m", "ml", "ok", (), misfit=Misfit(98.0, 99.0, 90, 0.5),
         prediction={"x1": Prediction(18.1), "y1": None}, lines_hz=(5.0, 600.0), periods=1,
     )  # fmt: skip
-    assert "; the misfit tells the fit; off by: x1 more than 1000 %, y1 zero" in str(good)
+    assert "see the misfit): x1 more than 1000 %, y1 zero" in str(good)
     assert "no periods, 2 lines from 5 to 600 Hz" in str(good)
     for other in (
         replace(good, status="rejected"),
         replace(good, misfit=None),
         replace(good, prediction={"x1": Prediction(0.29)}),
     ):
-        assert "beside a resonance" not in str(other)
-    assert "beside a resonance" in str(replace(good, prediction={"x1": Prediction(0.31)}))
+        assert "lightly damped resonance" not in str(other)
+    assert "lightly damped resonance" in str(replace(good, prediction={"x1": Prediction(0.31)}))
     assert "\n260 periods, 2 lines" in str(replace(good, periods=260))
 
 

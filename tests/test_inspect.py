@@ -20,7 +20,7 @@ def test_a_good_record_is_ok(rig: Path, capsys: pytest.CaptureFixture[str]) -> N
     out = rig / "found.json"
     assert run(["inspect", str(rig / "rig.toml"), "--json", str(out)]) == 0
     shown = capsys.readouterr().out
-    assert "rig.h5: ok. Nothing stands against identifying" in shown
+    assert "rig.h5: ok. The record is suitable for identification" in shown
     found = json.loads(out.read_text(encoding="utf-8"))
     assert found["verdict"] == "ok"
     assert found["period_samples"] == 1000

@@ -84,12 +84,12 @@ def test_a_record_that_hides_any_error_proves_nothing() -> None:
     hidden = ChannelError("F", 0.4, 0.4, 0.5, 0.31)  # together .506
     told = verdict_of([[hidden, ChannelError("x", 0.6, 0.6, 0.5, 0.0)]])
     assert told.verdict == "fails"
-    assert told.sentence.startswith("nothing was proved: F is off by 40 %")
+    assert told.sentence.startswith("inconclusive: F is off by 40 %")
     assert told.cures == (validation.LOUDER,)
     shown = ChannelError("G", 0.4, 0.4, 0.5, 0.29)  # .494
     assert verdict_of([[hidden], [shown]]).verdict == "predicts"
     zero = verdict_of([[ChannelError("F", None, None, None)]])
-    assert zero.sentence == "nothing was proved: every channel of the record is zero"
+    assert zero.sentence == "inconclusive: every channel of the record is zero"
 
 
 def test_where_nothing_says_what_noise_does() -> None:

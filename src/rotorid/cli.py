@@ -52,7 +52,7 @@ def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
                 return work(**options)
             except EOFError as error:  # which click would take for an interrupt
                 raise InputError(
-                    "the end of a file where more was to come",
+                    "a truncated file",
                     "a whole file",
                     "copy or write it again",
                 ) from error
@@ -73,13 +73,13 @@ _debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
 )
 _force_option = click.option(
-    "--force", is_flag=True, help="Replace files that the command did not write itself."
+    "--force", is_flag=True, help="Overwrite files not written by this command."
 )
 _quiet_option = click.option(
     "--quiet",
     "-q",
     is_flag=True,
-    help="Print no tables, nor how far it is; warnings of usage and errors stay.",
+    help="Suppress tables and progress; usage warnings and errors remain.",
 )
 _json_option = click.option(
     "--json",
@@ -92,7 +92,7 @@ _record_option = click.option(
     "--record",
     type=click.IntRange(min=0),
     default=0,
-    help="Of what every record has to itself: whose values to take, from 0.",
+    help="Index (from 0) of the record whose own parameters are used.",
 )
 
 
@@ -148,7 +148,7 @@ def _command(summary: str, example: str) -> Callable[[Callable[[], None]], click
 
 
 @_command(
-    "A levitated machine identified, its truth beside the answer.",
+    "Identify a simulated machine and compare with its true values.",
     "rotorid demo --machine machine.html --report paper.html",
 )
 @click.option(
@@ -168,43 +168,43 @@ def demo() -> None:
     """
 
 
-@_command(
-    "What is in the records of an experiment.", "rotorid inspect run.toml --report inspect.html"
-)
+@_command("Check the records of an experiment.", "rotorid inspect run.toml --report inspect.html")
 @_experiment
 @_answers
 def inspect() -> None:
-    """Say what is in the records of EXPERIMENT, a draft too, before identifying."""
+    """Check the records of EXPERIMENT (or a draft) before identification."""
 
 
 @_command(
-    "Estimate the parameters of a machine from its records.",
+    "Estimate machine parameters from the records of an experiment.",
     "rotorid identify run.toml --json run.json --report run.html",
 )
 @_experiment
-@click.option("--method", type=_METHOD, help="In place of the file's.")
+@click.option("--method", type=_METHOD, help="Method (default: from the file).")
 @click.option(
     "--effort",
     type=click.Choice(["full", "quick"]),
-    help="In place of the file's; quick ends at the first minimum, and says so.",
+    help="Extent of the search; quick ends at the first minimum.",
 )
-@click.option("--intervals", is_flag=True, help="Show 95 % intervals in place of deviations.")
-@click.option("--strict", is_flag=True, help="Exit with 3 where the answer is doubtful, too.")
+@click.option(
+    "--intervals", is_flag=True, help="Show 95 % intervals instead of standard deviations."
+)
+@click.option("--strict", is_flag=True, help="Exit with status 3 also if the result is doubtful.")
 @_answers
 def identify() -> None:
-    """Estimate the parameters of a machine from the records that EXPERIMENT names.
+    """Estimate machine parameters from the records in EXPERIMENT.
 
     Ctrl-C ends a search that takes long with the best answer so far. The exit code is 0 where the
     status is ok, 3 where it is rejected, and 1 where there is no answer.
     """
 
 
-@_command("Predict other records with a result.", "rotorid validate run.json other-run.toml")
+@_command("Validate a result on other records.", "rotorid validate run.json other-run.toml")
 @_result
 @_experiment
 @_answers
 def validate() -> None:
-    """Predict the records in EXPERIMENT with RESULT, a file of identify --json."""
+    """Validate RESULT (from identify --json) on the records in EXPERIMENT."""
 
 
 @_command(
@@ -213,7 +213,7 @@ def validate() -> None:
 )
 @click.argument("source", metavar="RESULT-OR-MODEL", shell_complete=_names_in("models"))
 @click.option("--speed", default="0 rpm", show_default=True, help='Such as "8400 rpm".')
-@click.option("--to", help="A speed: Campbell diagram and critical speeds up to there.")
+@click.option("--to", help="Upper speed of Campbell diagram and critical-speed search.")
 @_record_option
 @_answers
 def modes() -> None:
@@ -221,21 +221,23 @@ def modes() -> None:
 
 
 @_command(
-    "Correction masses in some planes, and what they leave.",
+    "Compute correction masses and residual unbalance.",
     'rotorid balance run.json --plane x1,y1 --plane x3,y3 --radius "30 mm"',
 )
 @_result
 @click.argument("more", nargs=-1, metavar="")
 @click.option("--plane", "planes", multiple=True, metavar="P", help=_PLANE)
-@click.option("--speed", multiple=True, help='Such as "8400 rpm"; else those of the records.')
-@click.option("--at", multiple=True, metavar="Q[=WEIGHT]", help="What is to be quiet; else all.")
-@click.option("--radius", help='Of the correction masses, such as "30 mm".')
-@click.option("--masses", help='Those that there are, such as "0.5 g, 1 g, 2 g".')
-@click.option("--holes", type=int, help="Places for a mass in each plane, the first at 0 deg.")
+@click.option("--speed", multiple=True, help='Such as "8400 rpm" (default: those of the records).')
+@click.option(
+    "--at", multiple=True, metavar="Q[=WEIGHT]", help="Coordinate to minimize (default: all)."
+)
+@click.option("--radius", help='Radius of the correction masses, such as "30 mm".')
+@click.option("--masses", help='Available masses, such as "0.5 g, 1 g, 2 g".')
+@click.option("--holes", type=int, help="Number of holes in each plane, the first at 0 deg.")
 @_record_option
 @_answers
 def balance() -> None:
-    """Correction masses in some planes for RESULT, and the unbalance that is left."""
+    """Compute correction masses and residual unbalance for RESULT."""
 
 
 @_command(
@@ -243,41 +245,47 @@ def balance() -> None:
     "rotorid sensitivity sweep.toml --report sensitivity.html",
 )
 @_experiment
-@click.option("--pair", multiple=True, metavar="E=R", help="An input, and its reference.")
+@click.option(
+    "--pair", multiple=True, metavar="E=R", help="Input and its reference column: F_x1=r_x1."
+)
 @_answers
 def sensitivity() -> None:
     """Sensitivity of the loops after ISO 14839-3, from EXPERIMENT with references."""
 
 
-@_command("Write the report of a result again (HTML).", "rotorid report run.json --out run.html")
+@_command("Regenerate the report of a result (HTML).", "rotorid report run.json --out run.html")
 @_result
-@click.option("--out", type=_FILE, help="The report (HTML); else RESULT with the ending .html.")
+@click.option(
+    "--out", type=_FILE, help="Report to write (HTML; default: RESULT with the ending .html)."
+)
 @_writes
 def report() -> None:
-    """Write the report of RESULT again, a file of identify --json."""
+    """Regenerate the report of RESULT (from identify --json)."""
 
 
 @_command(
-    "Write a result for other programs: CSV, MATLAB, TeX, JSON.",
+    "Export a result to CSV, MATLAB, TeX or JSON.",
     "rotorid export run.json --to run.mat",
 )
 @_result
 @click.option("--to", "target", required=True, type=_FILE, help="A file .csv, .mat, .tex, .json.")
-@click.option("--speed", default="0 rpm", show_default=True, help="Of the state space.")
+@click.option("--speed", default="0 rpm", show_default=True, help="Speed of the state space.")
 @_writes
 def export() -> None:
-    """Write the parameters of RESULT, and their covariance, for other programs."""
+    """Export the parameters of RESULT and their covariance."""
 
 
-@_command("Record a levitated rig as a logger does.", "rotorid simulate three-mass --out run.h5")
+@_command(
+    "Simulate a logged record of a levitated rig.", "rotorid simulate three-mass --out run.h5"
+)
 @click.argument("rig", required=False, shell_complete=_names_in("rig"))
-@click.option("--out", type=_FILE, help="The record to write (.h5).")
-@click.option("--seed", type=click.IntRange(min=0), help="Of the noise, in place of the file's.")
-@click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="What the rig has besides.")
+@click.option("--out", type=_FILE, help="Record to write (.h5).")
+@click.option("--seed", type=click.IntRange(min=0), help="Noise seed (default: from the rig file).")
+@click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="Add a fault; see --faults.")
 @click.option("--faults", is_flag=True, help="List the faults.")
 @_writes
 def simulate() -> None:
-    """Run the levitated RIG, a file or a shipped one, and record it as a logger does."""
+    """Simulate a logged record of RIG (a file or a shipped name)."""
 
 
 @_command(
@@ -289,11 +297,11 @@ def simulate() -> None:
     help="A shipped model, or a model file: columns are matched to it.",
     shell_complete=_names_in("models"),
 )
-@click.option("--out", type=_FILE, help="The experiment file to write; else it is printed.")
+@click.option("--out", type=_FILE, help="Experiment file to write (default: standard output).")
 @_force_option
 @_debug_option
 def new() -> None:
-    """Write a draft experiment file for the records in FILE, with what is left to say."""
+    """Write a draft experiment file for FILE; missing entries are marked with "?"."""
 
 
 @_command("List the shipped models, or show one.", "rotorid models three-mass")
@@ -308,7 +316,7 @@ def models() -> None:
     "rotorid schema experiment --out experiment.schema.json",
 )
 @click.argument("file", type=click.Choice(["experiment", "model", "rotor", "rig"]))
-@click.option("--out", type=_FILE, help="The file to write (JSON); else it is printed.")
+@click.option("--out", type=_FILE, help="File to write (JSON; default: standard output).")
 @_force_option
 @_debug_option
 def schema() -> None:
@@ -366,7 +374,7 @@ def _explained(error: Exception) -> tuple[str, int]:
         return "out of memory; use a shorter record or fewer lines", WRONG_INPUT
     name, said = type(error).__name__, one_line(str(error))
     if isinstance(error, OverflowError | FloatingPointError) or name == "LinAlgError":
-        found = "numbers that cannot be computed with"
+        found = "a numerical failure"
         cure = "check units and scales; --debug shows where"
         return f"{found} ({name}: {said}); expected columns of ordinary size; {cure}", NO_ANSWER
     return f"internal error, {name}: {said}; --debug shows where", NO_ANSWER

@@ -95,7 +95,7 @@ def _of_whole_records() -> str:
         turning = replace(record, angle=None, phase_known=phase == 0)
         data.append(rid.spectra(turning, (2.0, 60.0), inputs=model.inputs))
     page = estimate_report(with_evidence(rid.identify(model, data, "ml"), model, data))
-    assert "Measured and predicted over time, record 2" in page
+    assert "Measured and predicted signals, record 2" in page
     return page
 
 

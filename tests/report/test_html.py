@@ -135,7 +135,7 @@ def test_estimate_report_shows_the_estimate(
     page = estimate_page
     check_self_contained(page)
     assert titles(page) == [
-        "Measured and predicted over time",
+        "Measured and predicted signals",
         "What is left over time",
         "Measured and predicted, frequency by frequency",
         "What is left, frequency by frequency",
@@ -263,7 +263,7 @@ def test_of_parameters_left_open(model: Model, periods: PeriodicRecord) -> None:
     assert found.status == "not_identifiable"
     page = Page(estimate_report(found))
     check_self_contained(page)
-    assert "Measured and predicted over time" not in titles(page)
+    assert "Measured and predicted signals" not in titles(page)
     assert "Measured and predicted, frequency by frequency" in titles(page)  # as they were measured
     assert "Not identifiable: " in page.words
     for warning in found.warnings:

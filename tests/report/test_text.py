@@ -73,13 +73,13 @@ def test_what_there_is_to_say() -> None:
     text = str(ESTIMATE)
     assert text.startswith("three-mass, ml: rejected\n")
     for note in (
-        "misfit 1053 where noise alone leaves 84.2 (82 degrees of freedom), p = 1e-09",
-        "predicted against measured, off by: F_x1 0.412 %, F_y1 zero",
-        "suspect              misfit falls by",
-        "damping k1                     96000",
+        "misfit 1053; 84.2 expected from noise (82 degrees of freedom), p = 1e-09",
+        "relative prediction error: F_x1 0.412 %, F_y1 zero",
+        "suspect              misfit reduction",
+        "damping k1                      96000",
         "260 periods, 3 lines from 20 to 220 Hz",
         "condition number 25.99",
-        "inflated: deviations as if all of the misfit were noise",
+        "inflated: std as if all of the misfit were noise",
         "warning: the rotation is not <synchronous> [bold]with[/bold] the excitation",
     ):
         assert note in text.splitlines()
@@ -229,7 +229,7 @@ def test_parameters_known_together_are_named() -> None:
     for i, j, r in ((0, 1, 0.951), (1, 2, -0.99), (2, 3, 0.949)):
         correlation[i, j] = correlation[j, i] = r
     found = Estimate("m", "ml", "ok", values, covariance=0.01 * correlation)
-    (note,) = (text for text in found.sentences if text.startswith("correlated"))
+    (note,) = (text for text in found.sentences if text.startswith("strongly correlated"))
     assert note.endswith("b with c -0.990, a with b +0.951")
 
 
@@ -239,8 +239,8 @@ def test_many_parameters_known_together_are_named_once() -> None:
     correlation[:4, 4] = correlation[4, :4] = 0.0
     np.fill_diagonal(correlation, 1.0)
     found = Estimate("m", "ml", "ok", values, covariance=0.01 * correlation)
-    (note,) = (text for text in found.sentences if text.startswith("correlated"))
-    assert note.endswith("one by one: a, b, c, d, up to 0.970")
+    (note,) = (text for text in found.sentences if text.startswith("strongly correlated"))
+    assert note.endswith("in combination: a, b, c, d, up to 0.970")
 
 
 def test_suspects_only_where_something_is_suspect() -> None:

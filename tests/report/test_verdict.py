@@ -87,7 +87,7 @@ def test_what_stands_out() -> None:
     assert told.steps == ("do",)
     weak = Suspect("runout[x1]", 9.0, 0.199, 1e-7, "m")
     none = verdict_of(found.with_(notes=causes(weak))).sentence
-    assert none.endswith("Nothing that was tried explains a fifth of it alone.")
+    assert none.endswith("No single cause explains 20 % of it.")
     alone = verdict_of(found.with_(notes=())).sentence
     assert alone.endswith("Nothing that was tried explains it alone.")
 

@@ -29,7 +29,7 @@ def test_period_and_lines_are_found() -> None:
     assert (found.periods.samples, found.found) == (SIZE, True)
     assert found.periods.harmonics.tolist() == [1, 3, 5]
     assert found.verdict == "ok"
-    assert "Nothing stands against" in found.sentence
+    assert "suitable for identification" in found.sentence
 
 
 def test_the_period_of_a_robot_with_head_and_tail() -> None:

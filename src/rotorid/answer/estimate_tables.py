@@ -76,14 +76,14 @@ def on_fit(estimate: Answer) -> list[str]:
     if estimate.misfit is not None:
         m = estimate.misfit
         judged = (
-            f" where noise alone leaves {m.expected:.4g} "
-            f"({m.dof} degrees of freedom), p = {m.p_value:.2g}"
+            f"; {m.expected:.4g} expected from noise ({m.dof} degrees of freedom), "
+            f"p = {m.p_value:.2g}"
         )
         told.append(f"misfit {m.cost:.4g}{judged if m.dof else ', no degrees of freedom'}")
     errors = {n: "zero" if p is None else _percent(p) for n, p in estimate.prediction.items()}
     if errors:
         shown = ", ".join(f"{name} {error}" for name, error in errors.items())
-        told.append(f"predicted against measured, {_by_noise(estimate)}off by: {shown}")
+        told.append(f"relative prediction error{_by_noise(estimate)}: {shown}")
     if estimate.lines_hz:
         low, high = min(estimate.lines_hz), max(estimate.lines_hz)
         whole = f"{estimate.periods} periods" if estimate.periods > 1 else "no periods"
@@ -91,7 +91,7 @@ def on_fit(estimate: Answer) -> list[str]:
     if estimate.condition_number is not None:
         told.append(f"condition number {estimate.condition_number:.4g}")
     if _inflated((*estimate.parameters, *estimate.nuisance)):
-        told.append("inflated: deviations as if all of the misfit were noise")
+        told.append("inflated: std as if all of the misfit were noise")
     return [*told, *_together(estimate)]
 
 
@@ -115,7 +115,7 @@ def _together(estimate: Answer) -> list[str]:
             said += [f"{one} with {other} {r:+.3f}" for one, other, r in told]
     more = f" and {len(said) - WORST} more" if len(said) > WORST else ""
     shown = (", " if len(said) == len(pairs) else "; ").join(said[:WORST])
-    return [f"correlated, so known together better than one by one: {shown}{more}"]
+    return [f"strongly correlated; known better in combination: {shown}{more}"]
 
 
 def _by_noise(estimate: Answer) -> str:
@@ -124,8 +124,8 @@ def _by_noise(estimate: Answer) -> str:
     if worst < SPOILT or estimate.status != "ok" or estimate.misfit is None:
         return ""
     return (
-        "which says little here: beside a resonance with hardly any damping the noise of the "
-        "measured forces moves the model as far as the machine moved; the misfit tells the fit; "
+        " (of little meaning here: near a lightly damped resonance the noise of the measured "
+        "forces moves the model as far as the machine moved; see the misfit)"
     )
 
 
@@ -218,7 +218,7 @@ def _suspect_tables(estimate: Answer) -> list[Table]:
         )
         for s in [s for s in estimate.suspects if s.share is None or s.share >= NAMED][:WORST]
     ]
-    headings = ("suspect", "misfit falls by", "% of the excess", "if freed", "unit")
+    headings = ("suspect", "misfit reduction", "% of the excess", "fitted value", "unit")
     known = 5 if any(row[2] for row in rows) else 2  # results of version 1 hold the drop alone
     return [table(headings[:known], (row[:known] for row in rows))] if rows else []
 

@@ -55,7 +55,7 @@ def _negative(about: str, size: float, std: float, text: str, *on: str) -> Itera
     if size < -SURE * std:
         beside = " and ".join(on)
         cure = f"see the suspects and the signs, units and columns of the channels beside {beside}"
-        yield Note(about, "rejects", f"{text}: no machine has that", cure, on=on)
+        yield Note(about, "rejects", f"{text}: physically impossible", cure, on=on)
     elif size < 0:
         near = f"{text}, though within {SURE:g} deviations of what a machine can have"
         yield Note(about, "doubts", near, on=on)
@@ -225,7 +225,7 @@ def _polar(
             if np.count_nonzero(slopes) == 1 and backwards > SURE * _std(slopes, covariance):
                 text = (
                     f"a polar inertia of {-backwards:.4g} about {a}, {b}, against the sense of "
-                    "rotation: no machine has that"
+                    "rotation: physically impossible"
                 )
                 cure = (
                     "the speed is stated backwards, or two axes are exchanged, or one is upside "

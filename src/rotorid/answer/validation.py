@@ -270,7 +270,7 @@ def verdict_of(records: Sequence[Sequence[ChannelError]]) -> Validated:
         return Validated("fails", told, CURES)
     telling = [pair for pair in every if pair[1].tells]
     if not telling:
-        return Validated("fails", f"nothing was proved: {_hidden(every, several)}", (LOUDER,))
+        return Validated("fails", f"inconclusive: {_hidden(every, several)}", (LOUDER,))
     worst = max(telling, key=lambda pair: pair[1].relative_error or 0.0)
     how = "within its deviations and the noise"
     if all(channel.p_value is None for _, channel in telling):

@@ -257,7 +257,7 @@ def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | N
         for path, before in (found or {}).items():
             if path in parts.values() and seen(path) != before:
                 raise InputError(
-                    "a file that another program wrote there meanwhile",
+                    "a file that another program changed",
                     "what was there when the command began",
                     "choose another name, or replace the file with --force",
                     file=str(path),

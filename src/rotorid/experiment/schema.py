@@ -627,7 +627,7 @@ class ExperimentFile(Schema):
         if places:
             raise InputError(
                 f'"{OPEN}" in {", ".join(places[:6])}' + (" and more" if places[6:] else ""),
-                "values, which rotorid new did not find",
+                'values for entries marked "?"',
                 "write them; the comments beside them say what they are",
                 place=places[0],
             )

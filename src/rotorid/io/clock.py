@@ -334,7 +334,7 @@ def _check_starts(starts: Sequence[float], rate: float) -> tuple[str, ...]:
         )
     raise ReadError(
         f"columns that begin {apart:.6g} s apart, as the file has it",
-        "columns of one clock that begin together",
+        "synchronous columns with a common start",
         "export the stretch that they share, or give overrule = true if the file is wrong",
         place="time",
     )

@@ -189,7 +189,7 @@ def taken_as_exact(asked: Asked) -> Iterable[Note]:
         name, size = asked.moved_unseen(effect)
         if size > MATTERS:
             figure = f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
-            text = f"{plausible.text} may move {name} by {figure} deviations unseen"
+            text = f"{plausible.text} would shift {name} by {figure} std unseen"
             notes.append(Note(plausible.about, "says", text, plausible.cure, value=size, unit="1"))
     return notes
 
@@ -242,8 +242,8 @@ def _scale_notes(asked: Asked, column: Floats) -> Iterator[Note]:
     if follows.any():
         names = ", ".join(name for name, its in zip(asked.names, follows, strict=True) if its)
         text = (
-            f"taken as exact: 1 % of it is 1 % of {names}, beyond their deviations, and no "
-            "misfit shows it; say how well it is known (force_scale_std), or weigh the rotor"
+            f"assumed exact: 1 % of error shifts {names} by 1 %, more than their std, without "
+            "raising the misfit; set force_scale_std, or weigh the rotor"
         )
         yield Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))
 
@@ -282,8 +282,8 @@ def part_left_out(asked: Asked) -> Iterator[Note]:
     worst, deviations, name = max(moved, key=lambda each: each[1])
     if deviations > BEYOND:
         text = (
-            f"taken as whole: a {name} of 1 % of all ({size:.2g} kg), left out, may move {worst} "
-            f"by {deviations:.2g} deviations unseen; lines about higher modes or a sensor there "
+            f"assumed complete: a missing {name} of 1 % of all ({size:.2g} kg) would shift {worst} "
+            f"by {deviations:.2g} std unseen; lines about higher modes or a sensor there "
             "show it"
         )
         yield Note("model", "says", text)
@@ -690,7 +690,7 @@ def blocks_scatter(asked: Asked) -> Iterator[Note]:
     if ratio.size:
         text = (
             f"between {parts} blocks of the record the answers scatter by {ratio.min():.2g} to "
-            f"{ratio.max():.2g} times the stated deviations: that is how well this record repeats "
-            "itself, not how right the model is"
+            f"{ratio.max():.2g} times the stated deviations: this shows repeatability, not "
+            "model validity"
         )
         yield Note("blocks", "remarks", text)

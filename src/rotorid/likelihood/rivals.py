@@ -351,7 +351,7 @@ def _one_speed(found: Sequence[Finding], expected: float) -> list[Finding]:
         values = np.array([f.value for f in group], dtype=float)
         if np.ptp(values) > SAME_SPEED * np.abs(values).max():
             where = f" of {group[0].rival.on[0]}" if group[0].rival.on else ""
-            said = f"another speed{where} than the one given, which one no line tells"
+            said = f"another speed{where} than the one given, whose true value no line shows"
             any_speed = replace(group[0].rival, told=(said, LOOK_FOR_THE_SPEED), unit="")
             one = replace(group[0], rival=any_speed, value=None)
             kept = [one, *(f for f in kept if f.rival.term != term)]

@@ -36,7 +36,7 @@ told)."""
 
 @frozen
 class HeldBound:
-    """A bound that holds with equality."""
+    """A bound that is active."""
 
     limit: Limit
     row: int  # among the bounds
@@ -77,7 +77,7 @@ def _held_bounds(case: Case) -> list[HeldBound]:
 
 @rivals("bound")
 def _single_bounds(case: Case) -> Iterator[Rival]:
-    """Yield that each bound that holds with equality is too narrow."""
+    """Yield that each bound that is active is too narrow."""
     for held in _held_bounds(case):
         yield replace(_without([held], held.told), value=held.value)
 

@@ -47,7 +47,7 @@ ARRIVED = 1e-3
 """Gain of the cost, hidden from steps by rounding, that leaves every value within a thirtieth of
 its deviation from the minimum."""
 HELD = 1e-9
-"""Distance from a bound, relative to the size of its terms, at which it holds with equality."""
+"""Distance from a bound, relative to the size of its terms, at which it is active."""
 
 
 @frozen

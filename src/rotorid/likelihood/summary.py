@@ -202,11 +202,11 @@ def _notes(fit: Fit, p_value: float) -> Iterator[Note]:
     yield from remarks("record", (w for record in fit.records for w in record.lines.warnings))
     yield from _mixed(fit)
     for bound in fit.solution.active:
-        text = f"the bound {fit.problem.bounds.texts[bound]} holds with equality"
-        yield Note("bound", "doubts", f"{text}; deviations are those without it")
+        text = f"the bound {fit.problem.bounds.texts[bound]} is active"
+        yield Note("bound", "doubts", f"{text}; its effect is not in the standard deviations")
     if not fit.solution.converged:
         text = (
-            "the search did not arrive at a minimum from this start and others about it, so "
+            "no minimum was found from this start or from others about it, so "
             "nothing is known of what the records determine"
         )
         cure = (

@@ -727,7 +727,7 @@ TAKEN_AS_EXACT: tuple[tuple[Kind, Plausible], ...] = (
     # Runout of a ground journal; balancing standards allow the probes several times it.
     (
         runouts,
-        Plausible("runout", "m", 1e-6, "taken as 0: 1 um of it", "runout = true estimates it"),
+        Plausible("runout", "m", 1e-6, "assumed zero: 1 um of it", "runout = true estimates it"),
     ),
     # A mark is glued on, and a filter of 9 kHz turns 9000 rpm by as much.
     (
@@ -736,8 +736,8 @@ TAKEN_AS_EXACT: tuple[tuple[Kind, Plausible], ...] = (
             "rotor angle",
             "rad",
             np.pi / 180,
-            "taken as exact: 1 deg of it",
-            "directions count from the angle as given",
+            "assumed exact: 1 deg of error",
+            "unbalance angles refer to the stated rotor angle",
         ),
     ),
     # What calibrating by hand reaches.
@@ -747,7 +747,7 @@ TAKEN_AS_EXACT: tuple[tuple[Kind, Plausible], ...] = (
             "gain",
             "1",
             0.01,
-            "taken as exact: 1 % of it",
+            "assumed exact: 1 % of error",
             "gain_std says how well it is known",
             in_scale=True,
         ),
@@ -759,7 +759,7 @@ TAKEN_AS_EXACT: tuple[tuple[Kind, Plausible], ...] = (
             "delay",
             "s",
             10e-6,
-            "taken as exact: 10 us of it",
+            "assumed exact: 10 us of error",
             'delay = { std = ".." } says how well it is known',
         ),
     ),

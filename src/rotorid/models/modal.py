@@ -45,7 +45,7 @@ class Eigenmodes:
     right: Complexes
     left: Complexes
     rigid: int = 0  # poles at zero: of free motion
-    # poles that do not oscillate, in rad/s, in ascending order
+    # real poles, in rad/s, in ascending order
     real: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property

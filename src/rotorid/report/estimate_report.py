@@ -142,7 +142,7 @@ def _rejected(estimate: Estimate) -> str:
         return f"{text}. Nothing that was tried explains it alone."
     first = estimate.suspects[0]
     if first.share is not None and first.share < EXPLAINS:
-        return f"{text}. Nothing that was tried explains a fifth of it alone."
+        return f"{text}. No single cause explains 20 % of it."
     share = "" if first.share is None else f", which would explain {100 * first.share:.0f} % of it"
     freed = ""
     if first.value is not None:
@@ -341,7 +341,7 @@ TITLES = {
     "unbalance": "Unbalance in each plane",
     "suspect": "What the model may lack, or a channel get wrong",
     "other answers": "Other answers that fit as well",
-    "check": "What the records showed, and what was taken as exact",
+    "check": "Checks of the records, and assumptions",
     "natural frequencies": "Natural frequencies that were measured",
 }
 PREDICTED = (
@@ -391,7 +391,7 @@ def estimate_report(estimate: Estimate) -> str:
             _parameters(estimate),
             *(_titled(one) for one in others if one.headings[0] in EARLY),
             Passage("How well the channels are predicted", PREDICTED, channels_table(records)),
-            Passage("What was taken as exact, and what it may do", EXACT, items=exact),
+            Passage("Assumptions and their effect", EXACT, items=exact),
             *_drawn(model),
             *record_pictures(records),
             *_own_pictures(estimate, records),
@@ -502,7 +502,7 @@ def record_pictures(
         where = f", record {number + 1}" if len(records) > 1 else ""
         each = "speed by speed" if record.kind == "phasors" else "frequency by frequency"
         yield Passage(
-            f"Measured and predicted over time{where}",
+            f"Measured and predicted signals{where}",
             f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
             panels=tuple(drawn.waves(record)),
         )

@@ -145,11 +145,11 @@ def _said_of(found: Balance) -> list[str]:
         )
     if found.covariance is None:
         said.append("the result states no deviations: what is left beyond the masses is not known")
-    said.append(f"{100 * found.share:.2g} % of the response is left if the values are right")
+    said.append(f"{100 * found.share:.2g} % predicted residual response")
     if found.share > POOR:
         said.append(
-            "warning: these planes cannot do away with it; add a plane, or weigh with --at what "
-            "has to be quiet"
+            "warning: these planes cannot remove this unbalance; add a plane, or choose with "
+            "--at what to minimize"
         )
     return said
 
@@ -207,7 +207,7 @@ def modes_page(
     page: list[str | Table] = [
         modes_sentence(found, diagram),
         f"{found.model} at {found.speed * RPM:.6g} rpm, as its equations have it, {whose}: what a "
-        "controller or magnets add is no part of it",
+        "controller or magnets add is excluded",
     ]
     if ringing(found).modes:
         page.append(mode_table(found))
@@ -301,21 +301,21 @@ def summary(found: Modes) -> list[str]:
         said.append(f"{dull} overdamped, with no peak in any response, not shown; --json holds all")
     growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
     if not found.modes:
-        said.append("no natural frequencies: only free motion, or poles that do not oscillate")
+        said.append("no natural frequencies: only free motion, or real poles")
     if found.rigid:
-        said.append(f"free motion (rigid body): {found.rigid} poles at zero, which are no modes")
+        said.append(f"free motion (rigid body): {found.rigid} poles at zero, not listed")
     if growing:
         listed = ", ".join(f"{mode.frequency_hz:.5g} Hz" for mode in growing)
-        said.append(f"warning: modes that grow, with negative damping: {listed}")
+        said.append(f"warning: unstable modes (negative damping): {listed}")
     if any(pole > 0 for pole in found.real_poles):
         listed = ", ".join(f"{pole:.4g}" for pole in found.real_poles if pole > 0)
-        said.append(f"warning: unstable poles that do not oscillate, at {listed} rad/s")
+        said.append(f"warning: unstable real poles, at {listed} rad/s")
     damped = sorted((pole for pole in found.real_poles if pole <= 0), reverse=True)
     if damped:
         listed = ", ".join(f"{pole:.4g}" for pole in damped[:4])
-        said.append(f"{len(damped)} poles that do not oscillate, the slowest at {listed} rad/s")
+        said.append(f"{len(damped)} real poles, the slowest at {listed} rad/s")
     if any(mode.close for mode in found.modes):
-        said.append("~: so close to another that order or shapes are uncertain; std from draws")
+        said.append("~: closely spaced; order or shape uncertain, std by Monte Carlo")
     if any(mode.whirl == "mixed" for mode in found.modes):
         said.append("mixed: forward at some places and backward at others")
     return said

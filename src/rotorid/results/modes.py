@@ -130,7 +130,7 @@ class Modes:
     coordinates: tuple[str, ...]
     modes: tuple[NaturalMode, ...]
     rigid: int  # poles at zero: free motion, which is no mode
-    real_poles: tuple[float, ...]  # poles that do not oscillate, in rad/s
+    real_poles: tuple[float, ...]  # real poles, in rad/s
     status: str  # of the estimate
     remarks: tuple[str, ...]
 

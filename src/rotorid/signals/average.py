@@ -243,7 +243,7 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
             raise InputError(
                 f"a fundamental of {fundamental} Hz",
                 "more than 0 Hz",
-                "give the rate at which the excitation repeats",
+                "set fundamental to the repetition frequency",
                 place=key,
             )
         exact, source = rate / fundamental, f" ({rate:g} / {fundamental:g} Hz)"
@@ -331,7 +331,7 @@ def _check_length(left: int, size: int) -> None:
         raise InputError(
             f"{left} samples after skip, {left // size} whole periods",
             f"at least two periods of {size} samples",
-            "record longer, skip less, or give the rate at which the excitation repeats",
+            "record longer, skip less, or set fundamental to the repetition frequency",
         )
 
 

@@ -175,10 +175,10 @@ class Inspection(Judged):
 
 
 SENTENCES: dict[str, str] = {
-    "ok": "Nothing stands against identifying with this record.",
-    "note": "The record can be used; read the notes.",
-    "warning": "The answer may be wrong by more than its deviations: see to the warnings first.",
-    "refused": "No answer can come of this record as it is: see to what is refused.",
+    "ok": "The record is suitable for identification.",
+    "note": "The record is suitable; read the notes.",
+    "warning": "Resolve the warnings first: errors may exceed the stated standard deviations.",
+    "refused": "The record cannot be used as it is: see what is refused.",
 }
 """What to do with a record, by the gravest verdict of its checks."""
 

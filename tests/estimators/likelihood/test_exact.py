@@ -24,7 +24,7 @@ Edit = Callable[[PeriodicRecord], PeriodicRecord]
 def notes(found: Estimate) -> dict[str, tuple[str, float]]:
     """Return the parameter and the deviations of each note of what is taken as exact."""
     assert found.status == "ok"
-    pattern = re.compile(r"taken as (?:0|exact): .* may move (\w+) by ([\d.]+) deviations unseen; ")
+    pattern = re.compile(r"assumed (?:zero|exact): .* would shift (\w+) by ([\d.]+) std unseen; ")
     told = {c.about: pattern.match(c.text) for c in found.checks if c.verdict == "note"}
     assert all("e+" not in m[2] for m in told.values() if m)
     return {check: (m[1], float(m[2])) for check, m in told.items() if m}
@@ -212,7 +212,7 @@ def test_unseen_is_what_no_warning_tells() -> None:
 
 def test_the_sizes_are_what_is_written() -> None:
     for _, kind in TAKEN_AS_EXACT:
-        shown = re.fullmatch(r"taken as (?:0|exact): (.*) of it", kind.text)
+        shown = re.fullmatch(r"assumed (?:zero|exact): (.*) of (?:it|error)", kind.text)
         assert shown is not None
         if kind.about == "gain":
             assert (shown[1], kind.size) == ("1 %", 0.01)

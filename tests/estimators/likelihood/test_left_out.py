@@ -40,8 +40,8 @@ def hidden(seed, kind="three", lines=LINES):
 
 def figure(check):
     found = re.match(
-        r"taken as whole: a mass between x\d and x\d of 1 % of all \(0\.\d+ kg\), left out, may "
-        r"move \w+ by (\d[\de.+]*) deviations unseen; ",
+        r"assumed complete: a missing mass between x\d and x\d of 1 % of all \(0\.\d+ kg\) would "
+        r"shift \w+ by (\d[\de.+]*) std unseen; ",
         check.found,
     )
     assert found, check.found

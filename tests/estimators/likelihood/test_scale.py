@@ -51,7 +51,7 @@ def test_a_scale_taken_as_exact_is_told_where_no_misfit_shows_it(levitated, reco
     (note,) = [c for c in found.checks if c.about == "force scale"]
     assert note.verdict == "note"
     assert ", ".join(note.on) == "F_x1, F_y1, F_x3, F_y3"
-    assert note.found.startswith(f"taken as exact: 1 % of it is 1 % of {FOLLOWING}, beyond")
+    assert note.found.startswith(f"assumed exact: 1 % of error shifts {FOLLOWING} by 1 %")
     weighed = MaximumLikelihood(fixed={**fixed, "m2": levitated.truth["m2"]})
     assert not [c for c in identify(model, record, weighed).checks if c.about == "force scale"]
     total = sum(levitated.truth[name] for name in ("m1", "m2", "m3"))

@@ -130,7 +130,7 @@ def check_dead(record: Record, scatter: Floats | None = None) -> Iterator[Note]:
         value = record.samples[0, c]
         severity: Severity
         if is_input(channel):
-            text, severity = "it drives nothing; right if so meant", "says"
+            text, severity = "constant input; ignore if intended", "says"
         elif all_dead or (scatter is not None and scatter[sensors].any()):
             text = "a sensor that never moves; check its cable, name another column or leave it out"
             severity = "refuses"

@@ -246,7 +246,7 @@ def check_repeats(periods: PeriodicRecord) -> list[Note]:
         return []
     text = (
         f"{periods.periods} periods that differ by {100 * part:.3g} % of their size: the record "
-        "does not repeat with this period: give the rate at which the excitation repeats, or use "
+        "does not repeat with this period: set fundamental to the repetition frequency, or use "
         "the record without periods"
     )
     return [Note("repeats", "warns", text)]
@@ -366,7 +366,8 @@ def check_knocks(seen: SeenPeriods) -> list[Note]:
     which = ", ".join(f"{p + 1} ({t:.4g} s)" for p, t in zip(knocked[:5], starts, strict=False))
     text = (
         f"period {which}{' and more' if knocked.size > 5 else ''} deviates by up to {factor:.3g} "
-        "times the scatter of the others: something knocked; leave it out or record again"
+        "times the scatter of the others: an external shock; leave these periods out or record "
+        "again"
     )
     return [Note("knock", "warns", text, on=tuple(periods.names[c] for c in channels))]
 

@@ -412,7 +412,7 @@ def _wrong_speed(found: list[Tone], given: float, hidden: bool) -> Note:
     elif near:
         why = ": give the speed that the record shows"
     elif hidden:
-        why = ": hum, or is that the speed?"
+        why = ": mains interference, or the actual speed?"
     else:
         why = ", where nothing stands: give the speed at which the machine ran"
     severity: Severity = "says" if hidden and not mistakes and not near else "warns"
