@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import rotorid as rid
-from rotorid import Channel, Drive, InputError, PeriodicRecord, Record, average
+from rotorid import Channel, InputError, PeriodicRecord, Record, average
 
 TWO = (Channel("a", "N"), Channel("b", "m"))
 
@@ -17,21 +17,11 @@ TWO = (Channel("a", "N"), Channel("b", "m"))
 @settings(max_examples=50, deadline=None)
 @given(arrays(float, (7, 2), elements=st.floats(-1e99, 1e99)), st.floats(1e-6, 1e9))
 def test_samples_are_kept_as_they_are(samples, rate):
-    record = Record(TWO, samples, rate)
+    record = Record(list(TWO), samples.tolist(), rate)
+    assert record.channels == TWO
     np.testing.assert_array_equal(record.column("a"), samples[:, 0])
     np.testing.assert_array_equal(record.column("b"), samples[:, 1])
     assert record.names == ("a", "b")
-
-
-def test_numbers_whose_squares_overflow_are_no_samples():
-    with pytest.raises(InputError, match=r"found 2e\+100 in sample 1 of channel 'a', 1 in all"):
-        Record(TWO, [[1.0, 2.0], [2e100, 1.0]], 10.0)
-
-
-def test_lists_become_arrays_and_tuples():
-    record = Record(list(TWO), [[1, 2], [3, 4]], 10)
-    assert record.channels == TWO
-    assert record.samples.dtype == float
 
 
 @pytest.mark.parametrize(
@@ -42,12 +32,12 @@ def test_lists_become_arrays_and_tuples():
         ({"samples": np.zeros((4, 3))}, r"samples of shape \(4, 3\).*with 2 channels"),
         ({"samples": np.array([[0, 1], [0, np.nan]])}, "nan in sample 1 of channel 'b', 1 in all"),
         ({"samples": np.array([[np.inf, 1], [0, 1]])}, "inf in sample 0 of channel 'a'"),
+        # Squares of larger numbers would overflow.
+        ({"samples": [[1.0, 2.0], [2e100, 1.0]]}, r"2e\+100 in sample 1 of channel 'a', 1 in all"),
         ({"sample_rate": 0.0}, "sample rate 0.0"),
-        ({"sample_rate": -1.0}, "sample rate -1.0"),
         ({"sample_rate": np.nan}, "sample rate nan"),
         ({"sample_rate": np.inf}, "sample rate inf"),
         ({"speed": np.nan}, "speed nan"),
-        ({"speed": np.inf}, "speed inf"),
         ({"angle": np.zeros(3)}, r"angle of shape \(3,\); expected \(2,\)"),
         ({"angle": np.array([0.0, np.nan])}, "an angle that is not finite"),
     ],
@@ -79,8 +69,6 @@ def test_the_angle_of_the_rotor():
 def test_what_a_channel_reads():
     assert Channel("x1").combination == {"x1": 1.0}
     assert Channel("s", reads={"x1": 1.0, "t": -0.2}).combination == {"x1": 1.0, "t": -0.2}
-    drive = Drive(120.0, 2e5, {"x1": 1.0})
-    assert Channel("F", drive=drive).drive.ki == 120.0
 
 
 @settings(max_examples=30, deadline=None)

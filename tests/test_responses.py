@@ -320,6 +320,7 @@ kind = "responses"
 TABLE = """x1 = { input = "F", amplitude = "a1", phase = "p1", unit = "um/N", coherence = "c1" }
 a3 = { input = "F", reads = "x3''", real = "re", imag = "im", unit = "m/s^2/N", coherence = "c3" }
 """
+PARTS = 'x1 = { input = "F", real = "re", imag = "im", '
 
 
 @pytest.fixture(scope="module")
@@ -411,29 +412,26 @@ class TestFiles:
         np.testing.assert_allclose(lines.mean[:, 1:], plain.mean[:, 1:].conj(), rtol=1e-12)
 
     @pytest.mark.parametrize(
-        ("channel", "told"),
+        ("channels", "more", "told"),
         [
-            ('x1 = { input = "H", real = "re", imag = "im", unit = "m/N", std = "1 um/N" }', "'H'"),
-            ('x1 = { input = "F", real = "re", imag = "im", unit = "m/s^2/N" }', "reads = .x1''"),
-            ('x1 = { input = "F", real = "re", imag = "im" }', "no unit"),
-            ('x1 = { input = "F", real = "re", imag = "im", unit = "m/N" }', "neither std nor"),
-            ('x1 = { input = "F", real = "re", unit = "m/N" }', "imag"),
-            ('x1 = { input = "F", real = "re", imag = "im", unit = "kg" }', "'kg'"),
-            (
-                'x1 = { input = "F", real = "re", imag = "im", unit = "m/N", std = "0 m/N" }',
-                "more than 0",
-            ),
-            (
-                'x1 = { input = "F", real = "re", imag = "im", unit = "m/N", coherence = "a1" }',
-                "found a coherence of",
-            ),
-            ('x1 = { input = "F", column = "1+X/1+X", unit = "m/N" }', "universal file data"),
-            ("x1 = { input = 'F', real = 're', imag = 'im', unit = 'm/N', hold = 'none' }", "hold"),
+            (PARTS.replace("F", "H") + 'unit = "m/N", std = "1 um/N" }', "", "'H'"),
+            (PARTS + 'unit = "m/s^2/N" }', "", "reads = .x1''"),
+            (PARTS.rstrip(", ") + " }", "", "no unit"),
+            (PARTS + 'unit = "m/N" }', "", "neither std nor"),
+            (PARTS.replace('imag = "im",', "") + 'unit = "m/N" }', "", "imag"),
+            (PARTS + 'unit = "kg" }', "", "'kg'"),
+            (PARTS + 'unit = "m/N", std = "0 m/N" }', "", "more than 0"),
+            (PARTS + 'unit = "m/N", coherence = "a1" }', "", "found a coherence of"),
+            (PARTS + 'unit = "m/N", hold = "none" }', "", "hold"),
+            ('x1 = { input = "F", column = "1+X/1+X", unit = "m/N" }', "", "universal file data"),
+            (TABLE, 'fundamental = "3 Hz"', "fundamental in a table of responses"),
+            (TABLE, 'band = ["400 Hz", "500 Hz"]', "no line from 400 to 500 Hz"),
+            (TABLE, 'speed = { column = "f", unit = "rpm" }', "a column of speeds in a record of"),
         ],
     )
-    def test_refused(self, folder: Path, channel: str, told: str) -> None:
+    def test_refused(self, folder: Path, channels: str, more: str, told: str) -> None:
         with pytest.raises(InputError, match=told):
-            load(folder, channel).records("ml")
+            load(folder, channels, more=more).records("ml")
 
     def test_refused_of_universal_files(self, folder: Path) -> None:
         pytest.importorskip("pyuff")
@@ -447,18 +445,6 @@ class TestFiles:
         unit = 'x1 = { input = "F", column = "1+X/1+X", unit = "um/N" }'
         with pytest.raises(InputError, match="where the file says"):
             load(folder, unit, "tap0.uff").records("ml")
-
-    @pytest.mark.parametrize(
-        ("more", "told"),
-        [
-            ('fundamental = "3 Hz"', "fundamental in a table of responses"),
-            ('band = ["400 Hz", "500 Hz"]', "no line from 400 to 500 Hz"),
-            ('speed = { column = "f", unit = "rpm" }', "a column of speeds in a record of resp"),
-        ],
-    )
-    def test_keys_refused(self, folder: Path, more: str, told: str) -> None:
-        with pytest.raises(InputError, match=told):
-            load(folder, TABLE, more=more).records("ml")
 
     def test_keys_of_responses_are_none_of_samples(self, folder: Path) -> None:
         load(folder, TABLE)
