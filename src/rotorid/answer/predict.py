@@ -15,7 +15,7 @@ from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
-from rotorid.likelihood.unknowns import Unknown, every_unknown, own_values
+from rotorid.likelihood.unknowns import Unknown, own_values, unknowns_of
 from rotorid.linear.by_samples import filtered_records
 from rotorid.linear.regression import Predicted, Regression, SampledRegression, relative_errors
 from rotorid.models import Model
@@ -148,7 +148,7 @@ def _at_estimate(
     # The phase of a record is its own, and says nothing of another's.
     nuisances = [
         n
-        for n in every_unknown(records)
+        for n in unknowns_of(records)
         if {u.name for u in n.scalars} <= values.keys() and n.record is None
     ]
     # Parameters of the estimate's single records are in `own`, under the numbers of these ones.

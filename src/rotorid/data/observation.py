@@ -6,7 +6,7 @@ the kind again.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 
@@ -122,13 +122,6 @@ class Observation:
     def with_columns(self, matrix: Floats) -> Observation:
         """Return the record whose columns are ``matrix @ columns``, as if logged so."""
         return self.with_lines(combined_columns(self.lines, self.passed.values(), matrix))
-
-    def reading_apart(self, names: Collection[str]) -> Observation:
-        """Give some sensors rows of their own: what they read holds an unknown besides."""
-        sensors = tuple(
-            replace(s, apart=True) if s.channel.name in names else s for s in self.sensors
-        )
-        return replace(self, sensors=sensors)
 
     def with_sensor(self, channel: Channel) -> Observation:
         """Return the plan with one more sensor, as noisy as the others on average."""

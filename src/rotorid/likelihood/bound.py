@@ -26,7 +26,7 @@ from rotorid.likelihood.response import simulated
 from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.summary import summarize
 from rotorid.likelihood.symmetric_answers import Mirrors
-from rotorid.likelihood.unknowns import asked_unknowns
+from rotorid.likelihood.unknowns import unknowns_of
 from rotorid.models import Model
 from rotorid.signals.covariance import KNOWN, LineCovariance
 
@@ -199,7 +199,7 @@ def predict_accuracy(
     truth = {**model.nominal, **(values or {}), **known.fixed}
     guess = _guess(model, truth, known, base=chosen.base)
     told = replace(known, start={**known.start, **guess})
-    nuisances = asked_unknowns(records, chosen)
+    nuisances = unknowns_of(records, chosen)
     prepared = prepare(model, told, nuisances, chosen.base, guess)
     unknowns = prepared.layout.start
     likelihoods = tuple(

@@ -245,7 +245,7 @@ class Evaluation:
         self._moves = self._affine_directions()
         self.ends: Ends | None = None
         every = np.concatenate([self._error[:, :, None], self._moves], axis=2)
-        every, whitened = self._without_ends(every, self._white(self._projected(every)))
+        every, whitened = self._without_ends(every)
         self._error, self._moves = every[:, :, 0], every[:, :, 1:]
         self._whitened_moves = whitened[:, :, 1:]
         self._set_whitened(whitened[:, :, 0])
@@ -256,20 +256,20 @@ class Evaluation:
         other.problem = problem
         other.load = as_complex(np.tensordot(self.state.phase, problem.load, 1))
         rows = other._errors_of_rows()[:, :, None]
-        rows, whitened = other._without_ends(rows, other._white(other._projected(rows)))
+        rows, whitened = other._without_ends(rows)
         other._error = rows[:, :, 0]
         other._set_whitened(whitened[:, :, 0])
         return other
 
-    def _without_ends(self, rows: Complexes, whitened: Complexes) -> tuple[Complexes, Complexes]:
-        """Add to rows, and to themselves whitened, what the loose ends of the window do best."""
-        transient = self.problem.transient
+    def _without_ends(self, rows: Complexes) -> tuple[Complexes, Complexes]:
+        """Return rows, and whitened rows, with what the loose ends of the window do best."""
+        transient, whitened = self.problem.transient, self._white(rows)
         if transient is None:
             return rows, whitened
         if self.ends is None:
             ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, : self.problem.rows]
             unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
-            self._end_columns = transient.columns(self._white(self._projected(unit)))
+            self._end_columns = transient.columns(self._white(unit))
             self.ends = Ends.of(self.stacked(self._end_columns))
         tau = self.ends.tau(self.stacked(whitened))
         moved = rows.copy()
@@ -310,8 +310,8 @@ class Evaluation:
     def _projected(self, rows: Complexes) -> Complexes:
         return rows if self.null_h is None else as_complex(self.null_h @ rows)
 
-    def _white(self, projected: Complexes) -> Complexes:
-        return as_complex(np.linalg.solve(self.lower, projected))
+    def _white(self, rows: Complexes) -> Complexes:
+        return as_complex(np.linalg.solve(self.lower, self._projected(rows)))
 
     def _granted(self) -> Complexes:
         """Return S^1/2 N, shape (line, row, equation): the errors granted to the equations."""
@@ -345,7 +345,7 @@ class Evaluation:
 
     def whitened_columns(self) -> Complexes:
         """Return the whitened residual of a one in each channel, (line, equation, channel)."""
-        return self._white(self._projected(self.columns))
+        return self._white(self.columns)
 
     @property
     def affine_jacobian(self) -> Floats:
@@ -394,7 +394,7 @@ class Evaluation:
     def period_residual(self, spectra: Complexes) -> Complexes:
         """Return the whitened residual of each period, shape (period, line, equation)."""
         deviation = (spectra - self.problem.data).transpose(1, 2, 0)
-        rows = self._white(self._projected(as_complex(self.columns @ deviation)))
+        rows = self._white(as_complex(self.columns @ deviation))
         return (rows + self.whitened[:, :, None]).transpose(2, 0, 1)
 
     def channel_shares(self) -> Floats:
@@ -404,7 +404,7 @@ class Evaluation:
         equations.
         """
         deviation = np.sqrt((np.abs(self.problem.noise.factor) ** 2).sum(axis=2))
-        columns = self._white(self._projected(self.columns * deviation[:, None, :]))
+        columns = self._white(self.columns * deviation[:, None, :])
         return np.asarray((np.abs(columns) ** 2).sum(axis=1))
 
     def corrected(self) -> tuple[Complexes, Complexes]:
@@ -444,7 +444,7 @@ class Evaluation:
 
     def whiten(self, rows: Complexes) -> Floats:
         """Project and whiten columns of rows, (line, row, column) -> (real equation, column)."""
-        whitened = self.stacked(self._white(self._projected(rows)))
+        whitened = self.stacked(self._white(rows))
         return whitened if self.ends is None else self.ends.rest(whitened)
 
     def whitened_loads(self, loads: Complexes) -> Floats:

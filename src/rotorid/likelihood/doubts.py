@@ -51,7 +51,7 @@ from rotorid.likelihood.unknowns import (
     Plausible,
     Scalar,
     Unknown,
-    every_unknown,
+    unknowns_of,
 )
 from rotorid.models import Model
 from rotorid.models.modal import eigenmodes
@@ -94,7 +94,7 @@ class Asked:
     @cached_property
     def scales(self) -> list[Unknown]:
         """The unknowns that multiply all forces."""
-        every = every_unknown(self.records)
+        every = unknowns_of(self.records)
         return [u for u in every if _scales_all(of_kind(Drives, u.effects))]
 
     @cached_property

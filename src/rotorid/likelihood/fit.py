@@ -26,7 +26,7 @@ from rotorid.likelihood.rivals import Plain, by_shown_speed, plainly
 from rotorid.likelihood.solver import Solution, settle, solve
 from rotorid.likelihood.starts import WAYS, Minimum, explained, search, thinned
 from rotorid.likelihood.symmetric_answers import Mirrors
-from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
+from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.estimators import Batch
 from rotorid.models import Model
 from rotorid.signals.covariance import correlated_covariance, is_correlated
@@ -110,7 +110,7 @@ def approached(
     `shapes` binds all lines to a model with those at the minimum; the last steps take these.
     """
     _refuse_silence(records)
-    model, asked = records[0].model, asked_unknowns(records, nuisances)
+    model, asked = records[0].model, unknowns_of(records, nuisances)
     guess = starting_values(model, records, knowledge, base=False)
     watch("finding a rotor of fewer shapes")
 
@@ -165,7 +165,7 @@ def located(
     """
     _refuse_silence(records)
     guess = starting_values(model, records, knowledge, base)
-    prepared = prepare(model, knowledge, asked_unknowns(records, nuisances), base, guess)
+    prepared = prepare(model, knowledge, unknowns_of(records, nuisances), base, guess)
 
     def refined(found: Fit) -> Fit:
         if covariance == "auto" and found.plain is None:
@@ -178,7 +178,7 @@ def located(
         if not any(c is not None and c.creeps for c in crept):
             return replace(found, creeps=crept)
         loose = [_less_sure(record, c) for record, c in zip(known, crept, strict=True)]
-        wider = prepare(model, knowledge, asked_unknowns(loose, nuisances), base, guess)
+        wider = prepare(model, knowledge, unknowns_of(loose, nuisances), base, guess)
         again = _solve(wider, loose, solution, _carried(wider, solution))
         return Fit(wider, *again, tuple(loose), creeps=crept, plain=found.plain)
 

@@ -83,8 +83,11 @@ class Layout:
 
     def observed(self, record: Observation) -> Observation:
         """Return a record with rows of their own for the sensors that read unknown shares."""
-        names = {effect.channel for effect, _ in self.acting(Reads)}
-        return record.reading_apart(names) if names else record
+        apart = {effect.channel for effect, _ in self.acting(Reads)}
+        if not apart:
+            return record
+        sensors = (replace(s, apart=s.apart or s.channel.name in apart) for s in record.sensors)
+        return replace(record, sensors=tuple(sensors))
 
     @property
     def held(self) -> Integers:

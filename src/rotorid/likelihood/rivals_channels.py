@@ -26,11 +26,11 @@ from rotorid.likelihood.unknowns import (
     FACTORS,
     Scalar,
     Unknown,
-    every_unknown,
     factor_name,
     harmonic_runouts,
     multiplier,
     snap,
+    unknowns_of,
 )
 from rotorid.models.structure import Structure
 
@@ -141,7 +141,7 @@ def _effects(case: Case) -> Iterator[Rival]:
     """Yield what else may be unknown of channels and their force laws, and runout of orders."""
     if case.records:
         exact = set.intersection(*(_exact_inputs(record) for record in case.records))
-        for unknown in not_asked(case, every_unknown(case.records)):
+        for unknown in not_asked(case, unknowns_of(case.records)):
             if unknown.rival and not unknown.on <= exact:
                 yield freed(unknown, unknown.rival)
     for runout in not_asked(case, harmonic_runouts(case.records)):

@@ -702,12 +702,9 @@ KINDS: tuple[Kind, ...] = (
 )
 
 
-def asked_unknowns(records: Records, wanted: Nuisances) -> tuple[Unknown, ...]:
+def unknowns_of(records: Records, wanted: Nuisances | None = None) -> tuple[Unknown, ...]:
+    """Return those that settings and channels ask for, or, without `wanted`, all that could be."""
     return tuple(unknown for kind in KINDS for unknown in kind(records, wanted))
-
-
-def every_unknown(records: Records) -> tuple[Unknown, ...]:
-    return tuple(unknown for kind in KINDS for unknown in kind(records, None))
 
 
 @frozen

@@ -20,7 +20,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PeriodicClock, PhasorClock, SilentClock, WholeClock
 from rotorid.data.observation import Data, Observation, bind
-from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
+from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.regression import Predicted
 from rotorid.models import Model
 
@@ -312,7 +312,7 @@ def _known(
     named = {value.name for value in estimate.nuisance}
     bound = [bind(model, record) for record in records]
     wanted: Any = Nuisances() if asked is None else estimator  # maximum likelihood has both
-    for nuisance in asked_unknowns(bound, wanted):
+    for nuisance in unknowns_of(bound, wanted):
         for unknown in nuisance.scalars:
             if unknown.name in named and unknown.std:
                 yield Prior(unknown.name, unknown.prior, unknown.std)

@@ -12,7 +12,7 @@ from rotorid.likelihood import cost
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Likelihood
 from rotorid.likelihood.layout import Layout, physical_factors
-from rotorid.likelihood.unknowns import Nuisances, Scalar, asked_unknowns
+from rotorid.likelihood.unknowns import Nuisances, Scalar, unknowns_of
 from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
 
 MODEL = load_model("three-mass")
@@ -21,7 +21,7 @@ MODEL = load_model("three-mass")
 def layout_of(record: PeriodicRecord, nuisances: Nuisances | None = None) -> Layout:
     model = MODEL
     parameters = [Scalar(p.name, p.unit, p.nominal or 0.0) for p in model.parameters]
-    extra = asked_unknowns([bind(model, record)], nuisances or Nuisances())
+    extra = unknowns_of([bind(model, record)], nuisances or Nuisances())
     unknowns = (*parameters, *(unknown for nuisance in extra for unknown in nuisance.scalars))
     return Layout(model, unknowns, physical_factors(model), False, extra)
 

@@ -14,7 +14,7 @@ from rotorid.likelihood import symmetric_answers as mirrors
 from rotorid.likelihood.fit import _problem
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.symmetric_answers import Mirrors, exchanged
-from rotorid.likelihood.unknowns import asked_unknowns
+from rotorid.likelihood.unknowns import unknowns_of
 from rotorid.testing import add_noise, line_record
 
 OVERHUNG = """
@@ -94,7 +94,7 @@ def mirrors_of(model, records, estimator=None):
     """Return the problem of some records, and its symmetries at the nominal values."""
     chosen = estimator or MaximumLikelihood()
     bound = tuple(bind(model, record) for record in records)
-    nuisances = asked_unknowns(bound, chosen)
+    nuisances = unknowns_of(bound, chosen)
     prepared = prepare(model, chosen.knowledge(model), nuisances, False, model.nominal)
     problem = _problem(prepared, bound)
     return problem, Mirrors.of(problem, bound, prepared.layout.start)

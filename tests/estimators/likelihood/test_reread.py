@@ -28,10 +28,9 @@ from rotorid.likelihood.rivals_channels import multiplied
 from rotorid.likelihood.unknowns import (
     Nuisances,
     Unknown,
-    asked_unknowns,
     cubics,
-    every_unknown,
     hystereses,
+    unknowns_of,
 )
 from rotorid.signals.spectrum import shifted, synthesize
 
@@ -158,7 +157,7 @@ def test_derivatives_of_constants_against_differences() -> None:
         saturation_std=np.inf,
     )
     observation = bind(MODEL, periods(law, {"bias": "magnets"}))
-    nuisances = asked_unknowns([observation], Nuisances())
+    nuisances = unknowns_of([observation], Nuisances())
     free = [n.scalars[0].name.partition("[")[0] for n in nuisances]
     assert free.count("bias") == 1
     assert free.count("gap") == free.count("iron") == free.count("saturation") == 2
@@ -218,7 +217,7 @@ def test_the_lines_of_another_constant_are_those_of_another_law() -> None:
     """Reading with the right gap, and reading with a wrong one that is put right, agree."""
     wrong = bind(MODEL, periods(replace(MAGNET, gap=4.2e-4, gap_std=1e-5), {"gap": "g"}))
     right = periods(MAGNET)
-    nuisances = asked_unknowns([wrong], Nuisances())
+    nuisances = unknowns_of([wrong], Nuisances())
     layout = prepare(MODEL, Knowledge(), nuisances, False, TRUTH).layout
     x = layout.start.copy()
     x[layout.index["gap[g]"]] = MAGNET.gap
@@ -253,14 +252,14 @@ def test_what_is_shared_is_stated_alike() -> None:
 
 
 def test_what_every_law_may_have_wrong() -> None:
-    every = {n.scalars[0].name for n in every_unknown([bind(MODEL, periods(MAGNET))])}
+    every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, periods(MAGNET))])}
     assert {"gap", "bias", "iron", "bias_difference", "saturation", "K"} <= every
     record = recorded(MAGNET)
     flux = tuple(
         replace(c, law=None if c.law is None else ForceSource(Flux(2e-4))) for c in record.channels
     )
     fluxes = average(replace(record, channels=flux), F0, harmonics=LINES)
-    every = {n.scalars[0].name for n in every_unknown([bind(MODEL, fluxes)])}
+    every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, fluxes)])}
     assert "area" in every
     assert not {"gap", "saturation"} & every
 

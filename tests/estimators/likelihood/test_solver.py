@@ -15,7 +15,7 @@ from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import Solution, solve
-from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
+from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 
 SLOW_SEEDS = 12
 
@@ -32,7 +32,7 @@ def problem_of(case: Case) -> Problem:
     start = {name: value for name, value in case.truth.items() if name not in case.fixed}
     known = Knowledge(fixed=case.fixed, start=start)
     records = bind_all(case.model, case.records)
-    prepared = prepare(case.model, known, asked_unknowns(records, Nuisances()), False, {})
+    prepared = prepare(case.model, known, unknowns_of(records, Nuisances()), False, {})
     return prepared.problem(records)
 
 
