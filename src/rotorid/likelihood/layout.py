@@ -105,15 +105,10 @@ class Layout:
         linear = model.require_linear()
         elsewhere = {*linear.stiffness.monomials, *(b.monomial for b in linear.input_terms)}
         others = {i for m in elsewhere for i in self.monomial_factors[m] or ()}
-        found: set[int] = set()
-        entangled: set[int] = set()
-        for term in linear.load_terms:
-            factors = self.monomial_factors[term.monomial] or ()
-            only = [i for i in factors if i not in others]
-            found |= set(only)
-            if len(only) > 1:
-                entangled |= set(only)
-        alike = found - entangled
+        of_loads = [self.monomial_factors[term.monomial] or () for term in linear.load_terms]
+        only = [[i for i in factors if i not in others] for factors in of_loads]
+        entangled = {i for each in only if len(each) > 1 for i in each}
+        alike = {i for each in only for i in each} - entangled
         return alike | {at for _, effect, at in self.replaced if effect.parameter in alike}
 
     @cached_property

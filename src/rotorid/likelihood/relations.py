@@ -46,9 +46,9 @@ class Monomials:
     @cached_property
     def _others(self) -> Integers:
         """Places of the other factors beside each, shape (factor, factor - 1)."""
-        places = range(self.factors.shape[1])
-        others = [[i for i in places if i != j] for j in places]
-        return np.array(others, dtype=np.int64).reshape(len(others), max(len(others) - 1, 0))
+        count = self.factors.shape[1]
+        places = np.tile(np.arange(count), (count, 1))
+        return places[~np.eye(count, dtype=bool)].reshape(count, max(count - 1, 0))
 
     def _held(self, x: ArrayLike) -> Floats:
         padded = np.empty(self.unknowns + 1)
