@@ -94,15 +94,7 @@ def show(page: Page) -> None:
 
 
 def say(text: str) -> None:
-    """Print a text as it is.
-
-    Raises
-    ------
-    click.exceptions.Exit
-        Where its reader has had enough, as with ``rotorid models | head -1``.
-    OSError
-        Where it cannot be printed, as on a full disk.
-    """
+    """Print a text; `click.exceptions.Exit` where its reader has had enough (``| head -1``)."""
     display = _DISPLAY.get()
     if display is not None:
         display.hide()

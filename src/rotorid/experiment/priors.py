@@ -90,7 +90,6 @@ def _parameter(name: str, model: Model, place: str) -> Parameter:
 
 
 def _in_si(entry: PriorKeys | OwnEntry, unit: str, place: str) -> dict[str, float]:
-    """Return the quantities of an entry by their keys."""
     found = {}
     for key in ("fixed", "value", "std", "start", "min", "max"):
         quantity = getattr(entry, key, None)

@@ -310,11 +310,7 @@ def read_table(plan: Recording, model: Model) -> Sequence[Lines]:
 
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
     """Cut a record into periods; drop its transient where the file does not say what to skip."""
-
-    def cut(skip: float) -> PeriodicRecord:
-        return average(record, skip=skip, **_chosen(entry))
-
-    periods = _settled(cut, entry)
+    periods = _settled(lambda skip: average(record, skip=skip, **_chosen(entry)), entry)
     return changed(periods, warnings=(*record.warnings, *periods.warnings))
 
 

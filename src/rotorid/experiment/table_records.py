@@ -35,7 +35,6 @@ class Columns:
     overrule: bool
 
     def si(self, column: str, unit: str | None, expected: str, place: str) -> Floats:
-        """Return a column in the unit that is expected."""
         with naming(place=place):
             key = self.table.find(column)
         found = self.table.read([key])[key]
@@ -59,7 +58,6 @@ class Columns:
         return np.asarray(found.values * factor)
 
     def has(self, column: str) -> bool:
-        """Tell whether there is a column of that name."""
         try:
             self.table.find(column)
         except InputError:
@@ -124,7 +122,6 @@ def std_column(
 
 
 def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:
-    """Refuse columns of different lengths."""
     if len(one) != len(other):
         raise InputError(
             f"{len(one)} and {len(other)} rows", "columns of one length", "cut them", place=place
@@ -148,7 +145,6 @@ def check_phasors(entries: Entries, model: Model, folder: Path) -> dict[str, Cha
 
 
 def read_phasors(plan: Recording, model: Model) -> list[Lines]:
-    """Read a table of phasors."""
     entry, entries = plan.entry, plan.channels
     table = open_tables(plan.paths, header_row=entry.header_row)
     rows = Columns(table, entry.overrule)

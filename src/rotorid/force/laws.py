@@ -29,9 +29,7 @@ _STEP = 1e-30
 def deviation_of(law: Any, function: Callable[[Any], Any]) -> Floats:
     """Return the first-order deviation of ``function(law)`` from those of the law's constants.
 
-    Where the function depends on a constant that is unknown, it is infinite.
-
-    The slopes come from complex steps, exact to rounding; the constants are taken as independent.
+    Infinite where it depends on an unknown one. Slopes by complex steps; constants independent.
     """
     total: Any = 0.0
     for name in law.__dataclass_fields__:
@@ -127,14 +125,7 @@ class Law(ABC):
 
 @frozen
 class Linear(Law):
-    """The linear law, F = k_i i + k_s x.
-
-    Examples
-    --------
-    >>> law = Linear(ki=120.0, ks=2e5, ki_std=1.2)
-    >>> float(law.force(0.5, 1e-4)), float(law.force_std(0.5, 1e-4))
-    (80.0, 0.6)
-    """
+    """The linear law, F = k_i i + k_s x."""
 
     stated: ClassVar[Mapping[str, Stated]] = {"ki": Stated("N/A"), "ks": Stated("N/m")}
     ki: float  # force per current in N/A, not zero
@@ -195,15 +186,6 @@ class Differential(Law):
     i > 0: F = K cos(alpha) i |i| / (s0 - sign(i) x cos(alpha))^2, whose slope at i = 0 is 0.
     The iron's path adds to both gaps; saturation bends b, the current over the gap, which the flux
     density follows, into b / (1 + (b / b_s)^4)^(1/4). Stray flux and eddy currents are left out.
-
-    Examples
-    --------
-    >>> law = Differential(constant=1e-5, bias=2.0, gap=4e-4)
-    >>> slope = law.linearize()
-    >>> bool(np.isclose(slope.ki, 4 * 1e-5 * 2.0 / 4e-4**2)), round(slope.ks)
-    (True, 2500000)
-    >>> Differential(constant=1e-5, bias=0.0, gap=4e-4).force([-0.8, 0.8], 0.0).round(6)
-    array([-40.,  40.])
     """
 
     stated: ClassVar[Mapping[str, Stated]] = {
@@ -346,16 +328,9 @@ class Differential(Law):
 
 @frozen
 class Flux(Law):
-    """Force from the flux densities under opposed poles.
+    """Force from flux densities, F = poles A cos(alpha) (B1^2 - B2^2) / (2 mu0).
 
-    F = poles A cos(alpha) (B1^2 - B2^2) / (2 mu0): B1 under the magnet that pulls in the positive
-    direction, B2 under the other.
-
-    Examples
-    --------
-    >>> law = Flux(area=2e-4, poles=2)
-    >>> round(float(law.force(0.6, 0.5)), 3)
-    17.507
+    B1 is under the magnet that pulls in the positive direction, B2 under the other.
     """
 
     stated: ClassVar[Mapping[str, Stated]] = {

@@ -151,14 +151,6 @@ def forces(
     used up, and are no positions, are dropped. What the force was made of stays with its channel
     (`law`), for constants of bent laws that are not known exactly; the deviation of a linear law's
     constants is in `gain_std`.
-
-    Examples
-    --------
-    >>> channels = [Channel("i", "A"), Channel("x", "m")]
-    >>> record = Record(channels, np.full((40, 2), [0.5, 1e-4]), 1000.0)
-    >>> law = ForceReading(Linear(ki=120.0, ks=2e5), ("i",), {"x": 1.0})
-    >>> forces(record, {"F": law}).column("F")[:2].round(9)
-    array([80., 80.])
     """
     wanted = {**(drive_readings(record) if drives else {}), **(readings or {})}
     if not wanted and type(record) is Record:

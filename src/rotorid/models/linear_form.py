@@ -187,7 +187,6 @@ class LinearForm:
     monomials: int  # their number
 
     def matrices(self, values: ArrayLike, speed: float = 0.0) -> Matrices:
-        """Return M, D, G, K and B."""
         mu = self.monomial_values(np.asarray(values, dtype=float))
         blocks = {name: np.zeros(self.rows * self.coordinates) for name in "MDGKH"}
         for (name, factor), (where, monomial, coefficient) in self._stacked.items():

@@ -51,18 +51,7 @@ class Link:
 
 @frozen
 class Web:
-    """All links of some nodes.
-
-    Examples
-    --------
-    A mass, and on a spring a second one that no sensor reads: nodes 0 and 1 are the coupling in
-    either row, 2 and 3 the rows, 4 and 5 the coordinates, of which 4 is read.
-
-    >>> web = Web((Link(0, 2, 5, (0,), -1.0), Link(0, 3, 4, (1,), -1.0),
-    ...            Link(0, 3, 5, (), 1.0), Link(0, 2, 4, (), 1.0)), range(6), {4})
-    >>> web.turns()
-    [43]
-    """
+    """All links of some nodes, and the nodes that are read: rows, columns and factors are nodes."""
 
     links: tuple[Link, ...]
     colours: Sequence[Hashable]  # of each node; only those of one colour may change places

@@ -39,15 +39,7 @@ Factors = tuple[tuple[str, int], ...]
 
 @frozen
 class Quantity:
-    """A sum of ``coefficient * product of powers of names``, in SI.
-
-    Examples
-    --------
-    >>> read_quantity("1.5 kg", "kg", {})
-    Quantity(terms=(((), 1.5),))
-    >>> read_quantity("k_0 + k_2*Omega^2", "N/m", {"k_0": "N/m", "k_2": "N s^2/m"}).names
-    ('k_0', 'k_2')
-    """
+    """A sum of ``coefficient * product of powers of names``, in SI."""
 
     terms: tuple[tuple[Factors, float], ...]
 
@@ -375,7 +367,6 @@ class Place:
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of its coordinates."""
         return tuple(f"{axis}_{self.names[0]}" for axis in AXES)
 
 

@@ -254,7 +254,6 @@ def elastic_pieces(rotor: Rotor, elements: Collection[int]) -> tuple[Piece, ...]
 
 
 def loads_of(rotor: Rotor) -> tuple[UnbalanceLoad, ...]:
-    """Return the unbalance loads."""
     found = []
     size = PLANES * len(rotor.nodes)
     for plane in rotor.unbalance.values():

@@ -48,14 +48,7 @@ _TURNING = {
 
 @frozen
 class RotorModel(Model):
-    """A model from a drawing: M, D, G, K are sums of constant matrices times monomials.
-
-    Examples
-    --------
-    >>> from rotorid.models import load_model
-    >>> load_model("flexible").inputs
-    ('F_xA', 'F_yA', 'F_xB', 'F_yB')
-    """
+    """A model from a drawing: M, D, G, K are sums of constant matrices times monomials."""
 
     rotor: Rotor = field(kw_only=True)  # the drawing
     pieces: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
@@ -208,7 +201,6 @@ class RotorModel(Model):
 
     @property
     def measurable(self) -> tuple[str, ...]:
-        """The coordinates that a sensor could read."""
         count = len(self.coordinates) if self.reduction is None else len(self.reduction.kept)
         return self.coordinates[:count]
 
@@ -339,15 +331,7 @@ class Inertia:
 
 
 def inertia(model: RotorModel, values: Mapping[str, float]) -> Inertia:
-    """Return the inertia of the whole rotor, from its M and G.
-
-    Examples
-    --------
-    >>> from rotorid.models import load_model
-    >>> model = load_model("flexible")
-    >>> round(inertia(model, model.nominal).mass, 3)
-    4.167
-    """
+    """Return the inertia of the whole rotor, from its M and G."""
     matrices = model.require_linear().matrices(model.values(values))
     place = model.rotor.positions
     across, tilt = np.zeros(len(model.coordinates)), np.zeros(len(model.coordinates))
