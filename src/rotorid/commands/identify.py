@@ -89,14 +89,11 @@ def _with_evidence(
     try:
         return with_evidence(estimate, plan.model, records, estimator)
     except (Exception, KeyboardInterrupt) as error:
-        if isinstance(error, KeyboardInterrupt) and _interrupted(estimate):
+        interrupted = any(note.about == "interrupted" for note in estimate.notes)
+        if isinstance(error, KeyboardInterrupt) and interrupted:
             raise  # for the second time
         told = f"nothing of the records is kept for a report: {type(error).__name__}: {error}"
         return estimate.with_notes(Note("report", "remarks", told.removesuffix(": ")))
-
-
-def _interrupted(estimate: Estimate) -> bool:
-    return any(note.about == "interrupted" for note in estimate.notes)
 
 
 def provenance(plan: Experiment, command: str) -> Provenance:

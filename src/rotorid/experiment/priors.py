@@ -164,7 +164,8 @@ def build_estimator(
             modes=_modes(entry, model),
             effort=effort or entry.estimator.effort,
         )
-    _refuse_deviations(entry)
+    for place, found, expected in _of_ml_alone(entry):
+        raise InputError(found, f"{expected} for this method", "use ml", place=place)
     from rotorid.linear.estimators import Batch, LeastSquares, Sequential
 
     if method == "batch":
@@ -185,12 +186,6 @@ def _modes(entry: ExperimentFile, model: Model) -> tuple[Mode, ...]:
             mode = Mode(one.frequency, one.std, damping, one.speed, said, one.mode)
             found.append(in_units_of(model, mode))
     return tuple(found)
-
-
-def _refuse_deviations(entry: ExperimentFile) -> None:
-    """Refuse what only a likelihood can weigh: knowledge with a deviation."""
-    for place, found, expected in _of_ml_alone(entry):
-        raise InputError(found, f"{expected} for this method", "use ml", place=place)
 
 
 def _of_ml_alone(entry: ExperimentFile) -> Iterator[tuple[str, str, str]]:

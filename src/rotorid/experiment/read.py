@@ -248,25 +248,19 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
     else:
         times, half = pulse_edges(column, rate, source=source_file)
         turned = keyphasor_angle(times, len(column), rate, half=half, source=source_file)
+    # Nobody measures the time between mark and columns: filters before the logger delay the columns
+    # and not the mark. Unless the file says better, it is taken to lie anywhere within a sample.
+    lag_std = entry.angle_lag_std
+    if lag_std is None:
+        lag_std = 1 / (rate * np.sqrt(12))
     return replace(
         record,
         channels=tuple(c for c in record.channels if c.name != _MARK),
         samples=np.delete(record.samples, index, axis=1),
         speed=turned.speed,
         angle=turned.angle,
-        phase_std=float(np.hypot(turned.angle_std, abs(turned.speed) * _lag_std(record, entry))),
+        phase_std=float(np.hypot(turned.angle_std, abs(turned.speed) * lag_std)),
     )
-
-
-def _lag_std(record: Record, entry: RecordEntry) -> float:
-    """Return how well the time between mark and columns is known, in s.
-
-    Nobody measures it: filters before the logger delay the columns and not the mark. Unless the
-    file says better, it is taken to lie anywhere within a sample.
-    """
-    if entry.angle_lag_std is not None:
-        return entry.angle_lag_std
-    return float(1 / (record.sample_rate * np.sqrt(12)))
 
 
 def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]:

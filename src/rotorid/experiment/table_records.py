@@ -153,7 +153,7 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
         speed = _speeds(rows, entry, entries)
         units = {name: channels[name].unit for name in entries}
         read = [complex_column(rows, name, one, units[name]) for name, one in entries.items()]
-        phasors = _stacked(speed, read, table)
+        phasors = _stacked(speed, read)
         stated = [
             std_column(rows, name, one, units[name], values)
             for (name, one), values in zip(entries.items(), read, strict=True)
@@ -186,7 +186,7 @@ def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Note]:
     return list(check_phases(name, turned / factor, degrees=factor < 1))
 
 
-def _stacked(speed: Floats, phasors: list[Complexes], table: ColumnFile) -> Complexes:
+def _stacked(speed: Floats, phasors: list[Complexes]) -> Complexes:
     """Return the phasors of all channels, shape (row, channel)."""
     for one in phasors:
         if len(one) != len(speed):

@@ -52,17 +52,14 @@ def independent_signals(signals: Iterable[Expression]) -> dict[Expression, Combi
     for outer, members in _groups(everything).items():
         key = tuple(members)
         if key not in known:
-            if not 1 < len(members) <= _MAX_GROUP or all(_is_power_product(m) for m in members):
+            factors = [factor for member in members for factor in member.factors]
+            if not 1 < len(members) <= _MAX_GROUP or not any(map(_holds_function, factors)):
                 continue
             known[key], spent = _relations(_suspects(members), left)
             left -= spent
         for inner, relation in known[key].items():
             found[_times(outer, inner)] = {_times(outer, s): c for s, c in relation.items()}
     return found
-
-
-def _is_power_product(value: Expression) -> bool:
-    return not any(_holds_function(factor) for factor in value.factors)
 
 
 def _holds_function(factor: Factor) -> bool:

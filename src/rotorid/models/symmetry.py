@@ -61,7 +61,9 @@ class Web:
     def turns(self, still: Sequence[int] = ()) -> list[Bits]:
         """Return a basis of the sets of nodes that may turn their signs together."""
         kept = [*self.still, *still]
-        equations = {_bits(link) for link in self.links} | {1 << node for node in kept}
+        # The nodes that stand an odd number of times in a link.
+        odd = {sum((n % 2) << node for node, n in link.powers.items()) for link in self.links}
+        equations = odd | {1 << node for node in kept}
         equations |= {sum(1 << node for node in nodes) for nodes in self.alike}
         return _null_space(equations, len(self.colours))
 
@@ -185,11 +187,6 @@ def _key(link: Link, places: Sequence[int]) -> Hashable:
     """Return all of a link but its coefficient, with its nodes in other places."""
     factors = tuple(sorted(places[f] for f in link.factors))
     return link.kind, places[link.row], places[link.column], factors
-
-
-def _bits(link: Link) -> Bits:
-    """Return the nodes that stand an odd number of times in a link."""
-    return sum((power % 2) << node for node, power in link.powers.items())
 
 
 def _eliminated(equations: set[Bits]) -> dict[int, Bits]:
