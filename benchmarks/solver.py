@@ -35,13 +35,13 @@ from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import solve
 from rotorid.likelihood.starts import searched
-from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
+from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 
 
 def problem_of(case: Case, start: dict[str, float]) -> Problem:
     told = {name: value for name, value in start.items() if name not in case.fixed}
     records = bind_all(case.model, case.records)
-    nuisances = asked_unknowns(records, Nuisances())
+    nuisances = unknowns_of(records, Nuisances())
     prepared = prepare(case.model, Knowledge(fixed=case.fixed, start=told), nuisances, False, {})
     return prepared.problem(records)
 
