@@ -77,7 +77,11 @@ class Sandbox:
 
         self._end = end
         self.close = finalize(self, close)
-        list(self._replies())
+        try:
+            list(self._replies())
+        except BaseException:
+            self.close()
+            raise
 
     def ask(self, method: str, *arguments: Any) -> Any:
         """Return what a method returns, run in the child; its `InputError` is raised here."""
@@ -94,7 +98,10 @@ class Sandbox:
         while (answer := self._reply())[0] == _ANSWER:
             yield answer[1]
         if answer[0] == _REFUSAL:
-            raise answer[1]
+            try:
+                raise answer[1]
+            finally:
+                del answer  # an error that its own traceback holds would keep this object, too
 
     def _reply(self) -> Any:
         late = Timer(self._patience, self._end) if self._patience else None
