@@ -4,9 +4,9 @@ import pytest
 from adverse import WRONG, Case
 from adverse_cases import CASES
 
-RECORDS = 8
+RECORDS = 20
 NAMED = 2
-# Shortfalls, each to be none: of these records, how many are right, or rejected, but not called
+# Shortfalls, each to be none: of twenty records, how many are right, or rejected, but not called
 # what they must be: a spring that stiffens too little to be seen.
 STILL_MISCALLED = {"a spring that stiffens": 1}
 

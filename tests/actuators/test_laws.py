@@ -116,3 +116,20 @@ def test_deviation_of_the_slopes() -> None:
 def test_bad_constants_and_states_are_refused(build, message: str) -> None:
     with pytest.raises(InputError, match=message):
         build()
+
+
+@given(st.floats(-2.4, 2.4), st.floats(-3.9e-4, 3.9e-4))
+def test_opposed_magnets_are_odd(current: float, position: float) -> None:
+    """Turned around, the pair pulls the other way."""
+    ahead, behind = MAGNET.force(current, position), MAGNET.force(-current, -position)
+    assert ahead == pytest.approx(-behind, rel=1e-12)
+
+
+def test_flux_and_current_laws_agree() -> None:
+    rng = np.random.default_rng(1)
+    current, position = rng.uniform(-2, 2, 50), rng.uniform(-3e-4, 3e-4, 50)
+    law = Flux(area=2e-4, poles=2, angle=MAGNET.angle)
+    densities = law.densities(MAGNET, current, position)
+    np.testing.assert_allclose(
+        law.force(*densities), MAGNET.force(current, position), rtol=1e-12, atol=1e-10
+    )

@@ -207,3 +207,31 @@ def test_response_solves_the_equations(problem, seed):
     q = linear.response(omega, values, 40.0, right)
     z = linear.dynamic_stiffness(omega, values, 40.0)
     np.testing.assert_allclose(np.einsum("krj,kj->kr", z, q), right, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("name", BY_HAND)
+def test_dynamic_stiffness_by_hand(name, speed):
+    model = load_model(name)
+    values, p = namespace(model, 4)
+    M, D, G, K, _ = BY_HAND[name][0](p)
+    omega = np.array([0.0, 1.0, 125.7, 9e4])
+    found = model.require_linear().dynamic_stiffness(omega, values, speed)
+    for w, z in zip(omega, found, strict=True):
+        np.testing.assert_allclose(z, -(w**2) * M + 1j * w * (D + speed * G) + K, rtol=1e-13)
+
+
+def test_potential_energy_of_the_seed_s_rotor():
+    """K is the Hessian of the potential from which the paper's (7) follow."""
+    model = load_model("three-mass")
+    values, p = namespace(model, 7)
+    K = model.require_linear().matrices(values).K
+
+    def potential(q):
+        x1, y1, x2, y2, tx, ty, x3, y3 = q
+        first = (x1 - x2 + p.L1 * ty) ** 2 + (y1 - y2 - p.L1 * tx) ** 2
+        second = (x2 - x3 + p.L2 * ty) ** 2 + (y2 - y3 - p.L2 * tx) ** 2
+        return p.k1 / 2 * first + p.k2 / 2 * second
+
+    q = np.random.default_rng(8).standard_normal(8)
+    assert q @ K @ q / 2 == pytest.approx(potential(q), rel=1e-12)

@@ -5,7 +5,7 @@ import pytest
 
 from rotorid import load_model
 from rotorid.models import modal
-from rotorid.models.modal import eigenmodes, parted
+from rotorid.models.modal import _scales, eigenmodes, parted
 
 CHAIN_M = np.diag([2.0, 3.0, 1.5])
 CHAIN_K = np.array([[1.5e6, -1e6, 0], [-1e6, 3e6, -2e6], [0, -2e6, 2e6]])
@@ -136,3 +136,11 @@ def test_both_ways_to_the_poles_agree(monkeypatch, complex_stiffness):
     massless = np.diag([1.0, 0.0])
     found = eigenmodes(massless, np.diag([0.1, 0.0]), np.array([[3.0, -1.0], [-1.0, 1.0]]))
     assert found.values.imag == pytest.approx(np.sqrt(2 - 0.05**2), rel=1e-12)
+
+
+def test_scaling_goes_as_far_as_it_needs_to() -> None:
+    """A matrix that no scaling levels: a sweep halves what is left; after 8 it is 10 %."""
+    size = np.array([[1.0, 1e12], [0.0, 1.0]])
+    row, column = _scales(size)
+    least = float((row[:, None] * size * column).max(axis=0).min())
+    assert 0.8 < least < 0.95
