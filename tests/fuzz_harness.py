@@ -226,6 +226,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
             code = run(list(case.arguments))
         except BaseException:
             traceback.print_exc()
+    gc.collect()  # what a process of its own tidies at its end: children that read files
     seconds = _processor() - started
     more = max(_peak(), _largest() if _largest() > largest else 0) - held
     out, told = said

@@ -471,6 +471,13 @@ def test_a_file_that_stands_for_too_much(tmp_path: Path, capfd: pytest.CaptureFi
     assert "bytes of numbers declared" in capfd.readouterr().err
 
 
+def test_a_file_without_a_column_of_numbers(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as data:
+        data["title"] = "words"
+    with pytest.raises(InputError, match=r"run\.h5: found .*expected"):
+        draft([tmp_path / "run.h5"], "jeffcott", tmp_path)
+
+
 def test_a_wide_table_is_read_in_time(monkeypatch) -> None:
     """Names are held against those of their own figures and axes, not each against each."""
     looked_at = []

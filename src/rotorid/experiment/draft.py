@@ -423,6 +423,8 @@ def _read(
 
     Why others cannot is added to `refused`.
     """
+    if not names:
+        return []
     try:
         keys = [table.find(name) for name in names]
         columns = table.read(keys)
@@ -435,7 +437,7 @@ def _read(
         if wrong := table.refused(names):
             refused += wrong.values()
             left = [name for name in names if name not in wrong]
-            return _read(table, left, refused) if left else []
+            return _read(table, left, refused)
         half = len(names) // 2
         return [*_read(table, names[:half], refused), *_read(table, names[half:], refused)]
     return [(name, columns[key]) for name, key in zip(names, keys, strict=True)]
