@@ -29,22 +29,22 @@ PAIRS = (("xi", "zeta"), ("mu", "eta"))  # directions, x and y, of the shipped m
 
 HEAD = """# Faults, and what `identify` says of them
 
-What real machines and loggers do that an experiment file does not say. `rotorid simulate RIG
---fault NAME[=SIZE]` makes a record with any of them, several if need be, and `rotorid simulate
---faults` lists them; a fault acts in the closed loop, where it does so in a machine, and the
-experiment file is that of the faultless rig. A new one is one entry in `rotorid/rig/faults.py`.
+Faults of machines and loggers that an experiment file does not mention. `rotorid simulate RIG
+--fault NAME[=SIZE]` simulates a record with one fault or several, and `rotorid simulate --faults` lists
+them. A fault acts inside the closed loop where it does so in a machine; the experiment file is that of
+the faultless rig. A new fault is one entry in `rotorid/rig/faults.py`.
 
-This page is written by `python docs/make_faults.py`: {runs} records of each, at the size shown, of
-the shipped rig named, by the default method. *Error* is the largest error of a physical parameter
-in its stated deviations. *Wanted*: `right`, the answer within its deviations; `warned`, such a one
-with a warning that names the fault; `rejected`, or refused, and the fault named among the first
-{first} suspects or in a message. *Answer*:
+`python docs/make_faults.py` writes this page: {runs} records of each fault, at the size and of the
+shipped rig in the table, identified by the default method. *Error* is the largest error of a physical
+parameter in units of its stated std. *Wanted*: `right`, the answer is within its std; `warned`, it is so
+and a warning names the fault; `rejected`, the answer is rejected or the record refused, and the fault is
+among the first {first} possible causes or in a message. *Answer*:
 
-- right: `ok`, no parameter off by more than {wrong:g} deviations
+- right: `ok`, no parameter off by more than {wrong:g} std
 - said: right, and the fault is named
 - named: rejected or refused, and the fault is named
 - not named: rejected, or refused, for other reasons
-- **wrong**: `ok`, and a parameter off by more than {wrong:g} deviations
+- **wrong**: `ok`, and a parameter off by more than {wrong:g} std
 
 {summary}
 
