@@ -30,15 +30,15 @@ PAIRS = (("xi", "zeta"), ("mu", "eta"))  # directions, x and y, of the shipped m
 HEAD = """# Faults, and what `identify` says of them
 
 Faults of machines and loggers that an experiment file does not mention. `rotorid simulate RIG
---fault NAME[=SIZE]` simulates a record with one fault or several, and `rotorid simulate --faults` lists
-them. A fault acts inside the closed loop where it does so in a machine; the experiment file is that of
-the faultless rig. A new fault is one entry in `rotorid/rig/faults.py`.
+--fault NAME[=SIZE]` simulates a record with one fault or several, and `rotorid simulate --faults`
+lists them. A fault acts inside the closed loop where it does so in a machine; the experiment file
+is that of the faultless rig. A new fault is one entry in `rotorid/rig/faults.py`.
 
 `python docs/make_faults.py` writes this page: {runs} records of each fault, at the size and of the
-shipped rig in the table, identified by the default method. *Error* is the largest error of a physical
-parameter in units of its stated std. *Wanted*: `right`, the answer is within its std; `warned`, it is so
-and a warning names the fault; `rejected`, the answer is rejected or the record refused, and the fault is
-among the first {first} possible causes or in a message. *Answer*:
+shipped rig in the table, identified by the default method. *Error* is the largest error of a
+physical parameter in units of its stated std. *Wanted*: `right`, the answer is within its std;
+`warned`, it is so and a warning names the fault; `rejected`, the answer is rejected or the record
+refused, and the fault is among the first {first} possible causes or in a message. *Answer*:
 
 - right: `ok`, no parameter off by more than {wrong:g} std
 - said: right, and the fault is named
