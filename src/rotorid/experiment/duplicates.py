@@ -14,6 +14,7 @@ same but a hundred times as large is one in another unit.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from hashlib import blake2b
 from itertools import combinations
@@ -32,16 +33,17 @@ from rotorid.data.table_lines import SAME, multiple_of
 from rotorid.experiment.channels import Entries, columns_of
 from rotorid.experiment.read import is_reference
 from rotorid.experiment.schema import ModeEntry, RecordEntry
+from rotorid.io.columns import RecordBlocks
 from rotorid.models import Model
 
 Words = npt.NDArray[np.uint64]
 
 WINDOW = 16
 """Samples that a print is of: of some channels with noise, alike in no two measurements."""
-CHOSEN = 4
-"""Bits that are zero in the sum of a sample that a print begins at: one in 16, 60 of 1000."""
+CHOSEN = np.uint64(1 << 60)
+"""Below this is the sum of a sample that a print begins at: one in 16, 60 of 1000."""
 MOST = 1 << 16
-"""Prints that are kept of a record: half of them are dropped where there are more."""
+"""Prints that are kept of a record: the smallest, which two records that share samples share."""
 FEWEST = 8
 """Prints that records share where they share samples: so many at one distance are no chance."""
 NEARLY_ALL = 0.95
@@ -65,15 +67,9 @@ class Prints:
 
     values: Words  # uint64 array, shape (print,)
     places: Integers  # (print,)
-    chosen: Words  # uint64 array, shape (print,): the sum of the sample that each begins at
-    level: int  # bits that are zero in all of these
+    most: np.uint64  # the largest print that is kept
     count: int  # samples of the record
     digest: bytes  # of all of them, in order; empty where nothing moves
-
-    def at(self, level: int) -> tuple[Words, Integers]:
-        """Return the prints of which more bits are zero, and their places."""
-        kept = _selected(self.chosen, level)
-        return self.values[kept], self.places[kept]
 
 
 @frozen
@@ -89,11 +85,9 @@ class Printer:
     """Takes the prints of a record, block by block."""
 
     def __init__(self) -> None:
-        self.level, self.count = CHOSEN, 0
+        self.count, self.moves, self.digest = 0, False, blake2b()
         self.tail = np.empty(0, dtype=np.uint64)
-        self.parts = [(self.tail, np.empty(0, dtype=np.int64), self.tail)]
-        self.held = 0
-        self.moves, self.digest = False, blake2b()
+        self.parts = [(self.tail, np.empty(0, dtype=np.int64))]
 
     def add(self, samples: Floats) -> None:
         """Go on with samples, shape (sample, channel)."""
@@ -104,32 +98,21 @@ class Printer:
         begin = self.count - len(self.tail)
         self.count += len(samples)
         inside = max(len(sums) - WINDOW, 0)
-        places = 1 + np.flatnonzero(_selected(sums[1 : inside + 1], self.level))
+        places = 1 + np.flatnonzero(sums[1 : inside + 1] < CHOSEN)
         places = places[sums[places] != sums[places - 1]]  # what stands still tells nothing
         windows = sums[places[:, None] + np.arange(WINDOW)]
         prints = (windows * _FACTORS[:WINDOW]).sum(axis=1, dtype=np.uint64)
-        self.parts.append((prints, places + begin, sums[places]))
-        self.held += len(places)
+        self.parts.append((prints, places + begin))
         self.tail = sums[inside:]
-        if self.held > MOST:
-            self._thin()
-
-    def _thin(self) -> None:
-        """Keep half of the prints, those of which another bit is zero."""
-        while self.held > MOST and self.level < 48:
-            self.level += 1
-            joined = [np.concatenate(part) for part in zip(*self.parts, strict=True)]
-            kept = _selected(joined[2], self.level)
-            self.parts = [(joined[0][kept], joined[1][kept], joined[2][kept])]
-            self.held = int(kept.sum())
 
     def prints(self) -> Prints:
-        """Return the prints that the record holds once."""
-        values, places, chosen = (np.concatenate(part) for part in zip(*self.parts, strict=True))
-        _, first, times = np.unique(values, return_index=True, return_counts=True)
-        once = first[times == 1]
+        values, places = (np.concatenate(part) for part in zip(*self.parts, strict=True))
+        values, first, times = np.unique(values, return_index=True, return_counts=True)
+        once = np.flatnonzero(times == 1)[:MOST]
+        kept = values[once]
+        most = kept[-1] if len(kept) == MOST else np.uint64(2**64 - 1)
         digest = self.digest.digest() if self.moves else b""
-        return Prints(values[once], places[once], chosen[once], self.level, self.count, digest)
+        return Prints(kept, places[first[once]], most, self.count, digest)
 
 
 def _sums(samples: Floats) -> Words:
@@ -142,22 +125,14 @@ def _sums(samples: Floats) -> Words:
     return np.asarray(found * _FACTORS[0])
 
 
-def _selected(sums: Words, level: int) -> npt.NDArray[np.bool_]:
-    return np.asarray(sums >> np.uint64(64 - level) == 0)
-
-
 def candidates(records: Sequence[Prints]) -> list[tuple[int, int]]:
     """Return pairs of records that hold the same prints, or are the same, in rising order."""
     values = np.concatenate([record.values for record in records])
     owners = np.repeat(np.arange(len(records)), [len(record.values) for record in records])
     order = np.argsort(values, kind="stable")
     again = np.flatnonzero(values[order[1:]] == values[order[:-1]])
-    pairs, times = np.unique(
-        np.stack([owners[order[again]], owners[order[again + 1]]], axis=1),
-        axis=0,
-        return_counts=True,
-    )
-    found = {(int(a), int(b)) for (a, b), n in zip(pairs, times, strict=True) if n >= FEWEST}
+    pairs = zip(owners[order[again]].tolist(), owners[order[again + 1]].tolist(), strict=True)
+    found = {pair for pair, times in Counter(pairs).items() if times >= FEWEST}
     first: dict[bytes, int] = {}
     for number, record in enumerate(records):
         if record.digest and (before := first.setdefault(record.digest, number)) != number:
@@ -169,17 +144,18 @@ def shared(one: Prints, other: Prints) -> Shared | None:
     """Return the samples that two records share, in every digit; None where they share none."""
     if one.digest and one.digest == other.digest:  # however often a print of them repeats
         return Shared(one.count, 0, 0)
-    level = max(one.level, other.level)
-    (values, places), (others, theirs) = one.at(level), other.at(level)
-    _, mine, its = np.intersect1d(values, others, assume_unique=True, return_indices=True)
+    _, mine, its = np.intersect1d(one.values, other.values, assume_unique=True, return_indices=True)
     if len(mine) < FEWEST:
         return None
-    lags, times = np.unique(places[mine] - theirs[its], return_counts=True)
+    lags, times = np.unique(one.places[mine] - other.places[its], return_counts=True)
     lag = int(lags[times.argmax()])
     begin, end = max(lag, 0), min(one.count, other.count + lag)
-    inside = ((places >= begin) & (places < end - WINDOW)).sum()
-    there = ((theirs + lag >= begin) & (theirs + lag < end - WINDOW)).sum()
-    if times.max() < max(FEWEST, NEARLY_ALL * max(inside, there)):
+    most = min(one.most, other.most)
+    inside = max(
+        int(((begin <= places) & (places < end - WINDOW)).sum())
+        for places in (one.places[one.values <= most], other.places[other.values <= most] + lag)
+    )
+    if times.max() < max(FEWEST, NEARLY_ALL * inside):
         return None
     return Shared(end - begin, begin, begin - lag)
 
@@ -241,66 +217,60 @@ def check_modes(modes: Sequence[ModeEntry]) -> None:
             )
 
 
+@frozen
+class _Taken:
+    """What is kept of a record that was read."""
+
+    sensors: tuple[str, ...]
+    printer: Printer
+    source: str
+    rate: float
+
+
 class Overlaps:
     """Finds samples that two records share, wherever they begin in each: excerpts of one run."""
 
     def __init__(self, records: Sequence[RecordEntry], inputs: Collection[str]) -> None:
         self.records, self.inputs = records, inputs
-        self.taken: dict[int, tuple[tuple[str, ...], Printer]] = {}
-        self.read: dict[int, tuple[str, float]] = {}
+        self.taken: dict[int, _Taken] = {}
         self.waves: list[Wave] = []
 
-    def watch(self, number: int) -> Callable[[Sequence[str]], Callable[[Floats], None]] | None:
-        """Return what takes the prints of a record while it is read; None where there is one."""
-        if len(self.records) < 2:
-            return None
-
-        def begin(names: Sequence[str]) -> Callable[[Floats], None]:
-            sensors = tuple(n for n in names if n not in self.inputs and not is_reference(n))
-            columns, printer = [list(names).index(n) for n in sensors], Printer()
-            self.taken[number] = sensors, printer
-            return lambda samples: printer.add(samples[:, columns])
-
-        return begin
-
-    def look(self, number: int, record: Record) -> None:
-        """Take the prints of a record that was read whole."""
-        begin = self.watch(number)
-        if begin is not None:
-            begin(record.names)(record.samples)
-        self.told(number, record)
-
-    def told(self, number: int, record: Record | PeriodicRecord) -> None:
-        """Keep where a record comes from, and its sample rate."""
-        self.read[number] = record.source, record.sample_rate
+    def begin(self, number: int, record: Record | RecordBlocks) -> Callable[[Floats], None]:
+        """Return what takes the prints of a record while its samples are read."""
+        sensors = tuple(n for n in record.names if n not in self.inputs and not is_reference(n))
+        columns, printer = [record.names.index(n) for n in sensors], Printer()
+        self.taken[number] = _Taken(sensors, printer, record.source, record.sample_rate)
+        several = len(self.records) > 1
+        return lambda samples: printer.add(samples[:, columns]) if several else None
 
     def check(self) -> None:
-        prints = {number: printer.prints() for number, (_, printer) in self.taken.items()}
-        by_sensors: dict[tuple[str, ...], list[int]] = {}
-        for number, (sensors, _) in self.taken.items():
-            by_sensors.setdefault(sensors, []).append(number)
-        for numbers in by_sensors.values():
-            for a, b in candidates([prints[number] for number in numbers]):
-                first, second = sorted((numbers[a], numbers[b]))
+        by_sensors: dict[tuple[str, ...], dict[int, Prints]] = {}
+        for number, taken in self.taken.items():
+            by_sensors.setdefault(taken.sensors, {})[number] = taken.printer.prints()
+        for prints in by_sensors.values():
+            numbers = list(prints)
+            for pair in candidates(list(prints.values())):
+                first, second = sorted(numbers[k] for k in pair)
                 both = shared(prints[first], prints[second])
                 if both is not None and _lines_overlap(self.records[first], self.records[second]):
                     self._refuse(first, second, both)
 
     def _refuse(self, first: int, second: int, both: Shared) -> None:
         """Refuse two records of which a part that both use is the same."""
-        (one, rate), (other, _) = self.read[first], self.read[second]
+        one, other = self.taken[first], self.taken[second]
+        rate = other.rate
         # samples that neither record leaves out
         skips = [round((self.records[k].skip or 0.0) * rate) for k in (first, second)]
         used = both.count - max(skips[0] - both.first, skips[1] - both.second, 0)
-        if used > _SHARE * min(self.taken[k][1].count for k in (first, second)):
+        if used > _SHARE * min(one.printer.count, other.printer.count):
             here, there = both.second / rate, both.first / rate
             moved = f": what is at {here:.4g} s here is at {there:.4g} s there"
             raise InputError(
-                f"{used} samples that {Path(one).name[:120]} holds too, in every digit of its "
-                f"sensors{moved * (here != there)}",
+                f"{used} samples that {Path(one.source).name[:120]} holds too, in every digit of "
+                f"its sensors{moved * (here != there)}",
                 "each sample once: twice it counts as two measurements",
                 "remove one of the two, or give each its own times by skip and until",
-                file=other,
+                file=other.source,
             )
 
 

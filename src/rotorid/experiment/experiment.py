@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -191,11 +191,9 @@ class Experiment:
         if entry.channel_kind != "samples":
             return read_table(plan, self.model)
         if entry.periodic and not entry.is_cut:
-            periods = averaged(plan, currents=currents, watch=seen.watch(number))
-            seen.told(number, periods)
-            return [periods]
+            return [averaged(plan, partial(seen.begin, number), currents=currents)]
         record = measured(plan, currents=currents)
-        seen.look(number, record)
+        seen.begin(number, record)(record.samples)
         if entry.is_cut:
             return [phasors(record, entry.revolutions, skip=entry.skip or 0.0)]
         if entry.cutoff is not None:

@@ -168,38 +168,32 @@ def said_of(entry: RecordKeys) -> dict[str, Any]:
     }
 
 
-Watch = Callable[[Sequence[str]], Callable[[Floats], None]]
-"""Called with the names of the channels before a record is read; returns what looks at samples."""
+Watch = Callable[[Record | RecordBlocks], Callable[[Floats], None]]
+"""Called with a record before its samples are read; returns what looks at these."""
 
 
-def averaged(plan: Recording, *, currents: bool, watch: Watch | None = None) -> PeriodicRecord:
+def averaged(plan: Recording, watch: Watch, *, currents: bool) -> PeriodicRecord:
     """Read a record and cut it into periods; a large one in blocks."""
     entry, blocks = plan.entry, _blocks(plan, currents=currents)
     if blocks is None:
         record = measured(plan, currents=currents)
-        if watch is not None:
-            watch(record.names)(record.samples)
+        watch(record)(record.samples)
         return periods_of(record, entry)
-    if watch is not None:
-        blocks = replace(blocks, read=_watched(blocks, watch))
+    watched = replace(blocks, read=lambda: _watched(blocks, watch))
     return _settled(
         lambda skip: average_blocks(
-            blocks, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
+            watched, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
         ),
         entry,
     )
 
 
-def _watched(blocks: RecordBlocks, watch: Watch) -> Callable[[], Iterator[Floats]]:
-    """Return what reads blocks, each shown before it is used, as often as they are read."""
-
-    def read() -> Iterator[Floats]:
-        look = watch(blocks.names)
-        for block in blocks.read():
-            look(block)
-            yield block
-
-    return read
+def _watched(blocks: RecordBlocks, watch: Watch) -> Iterator[Floats]:
+    """Yield blocks, each shown before it is used, from the first each time that they are read."""
+    look = watch(blocks)
+    for block in blocks.read():
+        look(block)
+        yield block
 
 
 def _blocks(plan: Recording, *, currents: bool) -> RecordBlocks | None:
