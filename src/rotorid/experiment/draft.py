@@ -23,7 +23,7 @@ from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
 from rotorid.io.columns import check_magnitude, largest_of
-from rotorid.io.table import Column, ColumnFile, Rate, TooMuchError
+from rotorid.io.table import Column, ColumnFile, OneFile, Rate
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.signals.period_search import Period, find_period, only_rotation
@@ -396,11 +396,14 @@ def _runs(files: Sequence[Path]) -> list[_Run]:
     return [_run((path,), columns, table) for path, columns, table in runs]
 
 
-def _columns(table: ColumnFile) -> list[Found]:
+def _columns(table: OneFile) -> list[Found]:
     """Return the columns of the length of the longest that are numbers."""
     found: list[Found] = []
     refused: list[InputError] = []
-    for name, column in _read(table, list(table.names), refused):
+    for name, column in _read(table):
+        if isinstance(column, InputError):
+            refused.append(column)  # a column of words is no channel
+            continue
         try:
             check_magnitude(largest_of(column.values), 1.0, name)
         except InputError:
@@ -416,31 +419,17 @@ def _columns(table: ColumnFile) -> list[Found]:
     return [c for c in found if len(c.values) == longest]
 
 
-def _read(
-    table: ColumnFile, names: Sequence[str], refused: list[InputError]
-) -> list[tuple[str, Column]]:
-    """Return the columns that can be read, as few times through the file as that takes.
-
-    Why others cannot is added to `refused`.
-    """
-    if not names:
-        return []
-    try:
-        keys = [table.find(name) for name in names]
-        columns = table.read(keys)
-    except TooMuchError:
-        raise
-    except InputError as error:
-        if len(names) == 1:
-            refused.append(error)  # a column of words is no channel
-            return []
-        if wrong := table.refused(names):
-            refused += wrong.values()
-            left = [name for name in names if name not in wrong]
-            return _read(table, left, refused)
-        half = len(names) // 2
-        return [*_read(table, names[:half], refused), *_read(table, names[half:], refused)]
-    return [(name, columns[key]) for name, key in zip(names, keys, strict=True)]
+def _read(table: OneFile) -> list[tuple[str, Column | InputError]]:
+    """Return the columns of a file, or why one cannot be found or read."""
+    keys: dict[str, str | InputError] = {}
+    for name in table.names:
+        try:
+            keys[name] = table.find(name)
+        except InputError as error:
+            keys[name] = error
+    wanted = [key for key in keys.values() if isinstance(key, str)]
+    read = table.read_each(wanted) if wanted else {}
+    return [(name, read[key] if isinstance(key, str) else key) for name, key in keys.items()]
 
 
 def _run(files: tuple[Path, ...], columns: list[Found], table: ColumnFile) -> _Run:

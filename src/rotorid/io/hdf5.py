@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any
@@ -71,15 +71,6 @@ class _Hdf5File(ArrayFile):
         contents = _Contents(data, file)
         super().__init__(file, contents, others=contents.others)
         self._stored: dict[h5py.Dataset, int | InputError] = {}
-
-    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        found = dict[str, InputError]()
-        for name in names:
-            try:
-                self._bytes_held(self.place(name).path)
-            except InputError as error:
-                found[name] = error
-        return found
 
     def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
         return max((self._bytes_held(place.path) for place in places.values()), default=0)

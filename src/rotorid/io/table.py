@@ -107,11 +107,13 @@ class ColumnFile(Protocol):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
 
-    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        """Return columns that cannot be read, and why, as far as one look at the file tells."""
-
     def scalar(self, name: str) -> float:
         """Return a scalar variable."""
+
+
+class OneFile(ColumnFile, Protocol):
+    def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]:
+        """Return columns, or why one cannot be read."""
 
 
 def content(path: Path) -> str:
@@ -219,10 +221,6 @@ class ArrayFile:
         """Return the bytes of what holds these columns."""
         return os.path.getsize(self.file)
 
-    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        """Return columns that cannot be read, and why; where the names tell, there are none."""
-        return {}
-
     def names(self) -> list[str]:
         """Return the names of one-dimensional arrays: leaf names where these are unique."""
         paths = [p for p, shape in self.shapes.items() if is_column(shape) and max(shape) > 1]
@@ -243,6 +241,14 @@ class ArrayFile:
         if rows is None:
             check_held(self._size(places), held, self.file)
         yield from self.columns(places, rows)
+
+    def read_each(self, names: Sequence[str]) -> Iterator[dict[str, Column | InputError]]:
+        """Yield columns one by one, or why one cannot be read."""
+        for name in names:
+            try:
+                yield {**next(self.read([name]))}
+            except InputError as error:
+                yield {name: error}
 
     def size_in_blocks(self, names: Sequence[str]) -> int:
         """Return the size of columns in memory; 0 where they are not read in blocks."""
@@ -407,9 +413,15 @@ class Stored:
         parts = self._child.stream("read", list(names))
         return dict(chain.from_iterable(part.items() for part in parts))
 
-    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        found: dict[str, InputError] = self._child.ask("refused", list(names))
-        return found
+    def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]:
+        """Return columns, or why one cannot be read; one by one only where that is so."""
+        try:
+            return {**self.read(names)}
+        except TooMuchError:
+            raise
+        except InputError:
+            parts = self._child.stream("read_each", list(names))
+            return dict(chain.from_iterable(part.items() for part in parts))
 
     def scalar(self, name: str) -> float:
         return float(self._child.ask("scalar", name))
@@ -482,13 +494,6 @@ class JoinedTables:
             columns |= {f"{file}:{name}": c for name, c in table.read(mine).items()} if mine else {}
         return columns
 
-    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        found: dict[str, InputError] = {}
-        for file, table in self.tables.items():
-            mine = [n.removeprefix(f"{file}:") for n in names if n.startswith(f"{file}:")]
-            found |= {f"{file}:{name}": error for name, error in table.refused(mine).items()}
-        return found
-
     def scalar(self, name: str) -> float:
         """Return a scalar variable of the first file that has it."""
         for table in self.tables.values():
@@ -499,14 +504,13 @@ class JoinedTables:
         raise last
 
 
-def open_table(path: str | Path, *, header_row: int | None = None) -> ColumnFile:
+def open_table(path: str | Path, *, header_row: int | None = None) -> OneFile:
     """Open a file of columns with the reader of its ending."""
     path = Path(path)
     ending = path.suffix.lower()
     if ending in TEXTS:
-        table: ColumnFile = import_module("rotorid.io.text").open_delimited(
-            path, header_row=header_row
-        )
+        opener = import_module("rotorid.io.text").open_delimited
+        table: OneFile = opener(path, header_row=header_row)
         return table
     if ending not in FORMATS:
         found = content(path) + (f", ending {path.suffix}" if path.suffix else ", no ending")

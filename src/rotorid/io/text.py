@@ -11,6 +11,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
@@ -406,8 +407,6 @@ def _name_and_unit(field: str) -> tuple[str, str | None]:
     return field, None
 
 
-_NUMPY_PLACE = re.compile(r"at row (\d+), column (\d+)")
-_NUMPY_ROW = re.compile(r"at row (\d+)")
 _HEAD_LINES = 400
 _FAST = 32_000_000  # bytes from which on pyarrow, where it is installed, saves more than its import
 _DAY = 86400.0
@@ -426,8 +425,8 @@ class DelimitedTable:
         return Path(self.file).stat().st_size
 
     @cached_property
-    def _counts(self) -> Counter[str]:
-        return Counter(self.names)
+    def _places(self) -> dict[str, int]:
+        return {name: place for place, name in enumerate(self.names)}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -436,15 +435,14 @@ class DelimitedTable:
 
     def find(self, name: str) -> str:
         """Return the name of a column, once it is sure to be there once."""
-        count = self._counts.get(name, 0)
-        if not count:
+        if name not in self._places:
             error = no_column(name, self.names, self.file)
             if not self.dialect.named:
-                cure = (
+                error.cure = (
                     "name columns by their number, from 0, or say where the names are: header_row"
                 )
-                raise ReadError(error.found, error.expected, cure, file=self.file)
             raise error
+        count = self.names.count(name) if len(self._places) < len(self.names) else 1
         if count > 1:
             raise ReadError(
                 f"column {name!r} {count} times",
@@ -455,42 +453,58 @@ class DelimitedTable:
         return name
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        wanted = list(dict.fromkeys(names))
-        places = {name: place for place, name in enumerate(self.names)}
-        position = {name: places[name] for name in wanted}
-        numbers = [p for p in position.values() if not self.dialect.clocks[p]]
+        told, wanted = self.dialect, {name: self._places[name] for name in names}
+        numbers = [place for place in wanted.values() if not told.clocks[place]]
         read = dict(zip(numbers, self._numbers(numbers) if numbers else (), strict=True))
-        columns = {}
-        for name, place in position.items():
-            if self.dialect.clocks[place]:
-                columns[name] = Column(self._clock(place), "s", None)
-            else:
-                columns[name] = Column(read[place], self.dialect.units[place], self.dialect.rate)
-        return columns
+        return {
+            name: Column(read[place], told.units[place], told.rate)
+            if place in read
+            else Column(self._clock(place), "s", None)
+            for name, place in wanted.items()
+        }
 
-    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        """Return the columns with a field that is no number, by one pass through the file."""
-        places = {name: place for place, name in enumerate(self.names)}
-        left = {name: places[name] for name in names if not self.dialect.clocks[places[name]]}
-        found: dict[str, InputError] = {}
-        for line, row in self._rows():
-            fields = split(row.partition("#")[0], self.dialect.delimiter)
+    def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]:
+        """Return columns, or why one cannot be read: by two passes through the file at most."""
+        with suppress(InputError):
+            return {**self.read(names)}
+        found: dict[str, Column | InputError] = {**dict(self._wrong(names))}
+        return {**found, **self.read(name for name in names if name not in found)}
+
+    def _wrong(self, names: Iterable[str]) -> Iterator[tuple[str, ReadError]]:
+        """Yield the columns with a field that is no number or time, with the first such field."""
+        left = {name: self._places[name] for name in names}
+        for line, fields in self._rows():
             for name, place in list(left.items()):
-                if place >= len(fields):
-                    found[name] = self._too_few(line)
-                elif not self._is_number(fields[place]):
-                    found[name] = self._no_number(fields[place], line, name)
-            left = {name: place for name, place in left.items() if name not in found}
-        return found
+                text = fields[place] if place < len(fields) else None
+                if text is None or not self._is_value(text, place):
+                    del left[name]
+                    yield name, self._no_value(text, line, place)
+            if not left:
+                return
 
-    def _is_number(self, text: str) -> bool:
-        """Tell whether numpy takes a field for a number."""
+    def _is_value(self, text: str, place: int) -> bool:
+        """Tell whether numpy takes a field for a number, or a clock's for a time."""
+        if self.dialect.clocks[place]:
+            return CLOCK.fullmatch(text) is not None
         text = text.replace(".", "'").replace(",", ".") if self.dialect.decimal_comma else text
         try:
             float(text)
         except ValueError:
             return False
         return text.isascii() and "_" not in text
+
+    def _no_value(self, text: str | None, line: int, place: int) -> ReadError:
+        """Return the error for a field, or for a row that ends before it."""
+        at = f"line {line}" if text is None else f"line {line}, column {self.names[place]}"
+        found = repr(text)[:80] if text else "an empty field"
+        if text is None:
+            found, expected = "too few columns", f"{len(self.names)} columns in each row"
+            cure = "complete or remove the row"
+        elif self.dialect.clocks[place]:
+            expected, cure = "a time such as 12:30:01.250", "correct or remove the row"
+        else:
+            expected, cure = "a number", "cut the record there, or leave the column out"
+        return ReadError(found, expected, cure, file=self.file, place=at)
 
     def scalar(self, name: str) -> float:
         """Refuse: a text table has columns only."""
@@ -504,12 +518,13 @@ class DelimitedTable:
     def _opened(self) -> IO[str]:
         return Path(self.file).open(encoding=self.encoding, errors="replace")
 
-    def _rows(self) -> Iterator[tuple[int, str]]:
-        """Yield the rows of values, each with the number of its line."""
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        """Yield the fields of the rows of values, each with the number of its line."""
         with self._opened() as stream:
             for number, line in enumerate(self._bounded(stream), start=1):
-                if number > self.dialect.header_lines and not _says_nothing(line):
-                    yield number, line
+                text = line.partition("#")[0]
+                if number > self.dialect.header_lines and text.strip():
+                    yield number, split(text, self.dialect.delimiter)
 
     def _lines(self, stream: IO[str]) -> Iterator[str]:
         """Return the lines of values; those of a decimal comma with a point."""
@@ -557,10 +572,12 @@ class DelimitedTable:
             except InputError:
                 raise
             except ValueError as error:
-                problem = str(error)
+                found, expected = str(error)[:160], f"{len(self.names)} columns in each row"
             except MemoryError:
                 raise too_large(self.file) from None
-        raise self._explain(problem)
+        for _, wrong in self._wrong(self.names[place] for place in positions):
+            raise wrong
+        raise ReadError(found, expected, "complete or remove the row", file=self.file)
 
     def _fast_numbers(self, positions: list[int]) -> list[Floats] | None:
         """Read with pyarrow; None where it is not installed, or does not take the file."""
@@ -599,67 +616,19 @@ class DelimitedTable:
 
     def _clock(self, position: int) -> Floats:
         """Return a column of times of day in s from its first."""
-        texts = []
-        for number, line in self._rows():
-            fields = split(line, self.dialect.delimiter)
-            if len(fields) <= position or not CLOCK.fullmatch(fields[position][:DIGITS]):
-                found = fields[position] if len(fields) > position else "too few columns"
-                raise ReadError(
-                    repr(found[:40]),
-                    "a time such as 12:30:01.250",
-                    "correct or remove the row",
-                    file=self.file,
-                    place=f"line {number}, column {self.names[position]}",
-                )
-            texts.append(fields[position])
+        name = self.names[position]
+        for _, wrong in self._wrong([name]):
+            raise wrong
         try:
-            return seconds_of_day(texts)
+            return seconds_of_day([fields[position] for _, fields in self._rows()])
         except (ValueError, OverflowError) as error:
             raise ReadError(
                 str(error)[:120],
                 "times of days that there are",
                 "correct or remove the row",
                 file=self.file,
-                place=f"column {self.names[position]}",
+                place=f"column {name}",
             ) from None
-
-    def _explain(self, problem: str) -> ReadError:
-        """Turn numpy's message into the line and the column of this file."""
-        place = _NUMPY_PLACE.search(problem)
-        row = _NUMPY_ROW.search(problem)
-        few = "could not convert" not in problem  # then numpy counts rows from 1, else from 0
-        # numpy skips blank lines and comments
-        before = int(row.group(1)) - few if row else 0
-        line = next((n for n, _ in islice(self._rows(), before, None)), 0) if row else 0
-        if place is None or few:
-            return self._too_few(line) if row else self._too_few(0, problem[:160])
-        column = int(place.group(2)) - 1
-        name = self.names[min(column, len(self.names) - 1)]
-        return self._no_number(self._field(line, column), line, name)
-
-    def _too_few(self, line: int, found: str = "too few columns") -> ReadError:
-        return ReadError(
-            found,
-            f"{len(self.names)} columns in each row",
-            "complete or remove the row",
-            file=self.file,
-            place=f"line {line}" if line else "",
-        )
-
-    def _no_number(self, text: str, line: int, name: str) -> ReadError:
-        return ReadError(
-            repr(text)[:80] if text else "an empty field",
-            "a number",
-            "cut the record there, or leave the column out",
-            file=self.file,
-            place=f"line {line}, column {name}",
-        )
-
-    def _field(self, line: int, column: int) -> str:
-        with self._opened() as stream:
-            row = next(islice(self._bounded(stream), max(line - 1, 0), None), "")
-        fields = split(row.partition("#")[0], self.dialect.delimiter)
-        return fields[column] if column < len(fields) else ""
 
 
 def _numbers_of(column: Any) -> Floats:
