@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,9 @@ import numpy as np
 
 from rotorid.core.errors import InputError, naming, nearest
 from rotorid.core.frozen import frozen
-from rotorid.core.units import si_factor
+from rotorid.core.units import check_unit, converts, multiply_units, si_factor
 from rotorid.core.values import Complexes, Floats
+from rotorid.data.record import Channel
 from rotorid.experiment.schema import (
     ChannelEntry,
     DynamicsEntry,
@@ -35,18 +36,23 @@ _POLAR = re.compile(r"(?:phase|phi|angle|arg)(?![a-z])", re.I)
 
 @frozen
 class Recording:
-    """A record as the file has it: of samples, where columns come from and what is made of them."""
+    """A record as the file has it: where its columns come from, and what is made of them."""
 
     entry: RecordEntry
     folder: Path  # of its files
     channels: Entries
-    sources: Mapping[str, Source] = field(default_factory=dict)
+    sources: Mapping[str, Source]
     # of inputs: the columns that they are made of by name, the displacement by coordinates
-    laws: Mapping[str, ForceReading] = field(default_factory=dict)
+    laws: Mapping[str, ForceReading]
 
     @property
     def paths(self) -> list[Path]:
         return [self.folder / name for name in self.entry.paths]
+
+    @property
+    def of_table(self) -> dict[str, Channel]:
+        """The channels of a table."""
+        return {name: one.channel(name, one.expected or "") for name, one in self.sources.items()}
 
 
 def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
@@ -60,28 +66,85 @@ def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputErro
     )
 
 
-def source(name: str, entry: ChannelEntry, model: Model, folder: Path = Path()) -> Source:
-    """Return where a channel without force law comes from; a table is looked for in `folder`."""
-    place = f"channels.{name}"
+_UNIT_OF = {
+    "samples": "the unit of the sensor",
+    "phasors": "the unit of the amplitude",
+    "responses": "the unit of the response, such as um/N",
+}
+
+
+def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source:
+    """Return where a channel without force law comes from; a table is looked for in `folder`.
+
+    `expected` is the SI unit of the channel; None for the one of its column.
+    """
+    place, kind = f"channels.{name}", entry.kind
     quantities = (*model.inputs, *model.coordinates)
-    reads = expected = None
-    if entry.reads is None:
-        if name not in quantities:
-            raise unknown(name, quantities, "input or coordinate", place)
-        expected = model.units[name]
-    elif name in quantities:
+    if entry.input is not None and entry.input not in model.inputs:
+        raise unknown(entry.input, model.inputs, "input", f"{place}.input")
+    if entry.reads is None and name not in quantities:
+        raise unknown(name, quantities, "input or coordinate", place)
+    if entry.reads is not None and name in quantities:
         raise InputError(
             f"reads in the channel of {name}",
             "a name of its own for a sensor of a combination",
             "rename the channel",
             place=place,
         )
-    else:
-        reads = _combination(entry.reads, model, f"{place}.reads")
-        if entry.unit is None:
-            raise InputError("no unit", "the unit of the sensor", "write it", place=f"{place}.unit")
+    reads = None if entry.reads is None else _combination(entry.reads, model, f"{place}.reads")
+    stated = entry.column is not None and (kind == "responses" or reads is None)
+    if entry.unit is None and not stated:
+        raise InputError("no unit", _UNIT_OF[kind], "write it", place=f"{place}.unit")
+    expected = model.units.get(name)
+    if entry.polar:
+        si_factor(entry.phase_unit, "rad", place=f"{place}.phase_unit")
+    if kind == "responses":
+        expected = reading_unit(name, entry, model)
+    if entry.unit is not None and kind == "responses":
+        reading_factor(name, entry, entry.unit, model)
+    elif entry.unit is not None and kind == "phasors":
+        si_factor(entry.unit, expected, place=f"{place}.unit")
+        expected = expected or check_unit(entry.unit)
     dynamics = dynamics_of(entry.dynamics, actuator=name in model.inputs, folder=folder)
     return replace(_as_recorded(entry, expected, dynamics), reads=reads, alone=True)
+
+
+def reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
+    """Return the SI unit of what the sensor of a response reads."""
+    if entry.reads is None:
+        return model.units[name]
+    first = sensor_terms(entry.reads, model.coordinates, model.parameter_names)[0]
+    units = model.parameter_units
+    held = zip(model.parameter_names, first.powers, strict=True)
+    return multiply_units(
+        [
+            (model.units[model.coordinates[first.coordinate]], 1),
+            ("s", -first.order),
+            *((units[parameter], power) for parameter, power in held),
+        ]
+    )
+
+
+def reading_factor(name: str, entry: ChannelEntry, stated: str, model: Model) -> float:
+    """Return the number that turns a response into SI; a derivative of another order is told."""
+    place, over = f"channels.{name}.unit", model.units[entry.input or ""]
+    reading = reading_unit(name, entry, model)
+    expected = f"({reading})/({over})"
+    try:
+        return si_factor(stated, expected)
+    except InputError as error:
+        read = entry.reads or name
+        plain = read.rstrip("'")
+        for order, dots in enumerate(DERIVATIVES):
+            other = multiply_units([(model.units.get(plain, reading), 1), ("s", -order)])
+            if plain in model.coordinates and converts(stated, f"({other})/({over})"):
+                raise InputError(
+                    f"unit {stated!r} of a response that reads {read}",
+                    f"a unit that converts to {expected}",
+                    f'a channel of a name of its own with reads = "{plain}{dots}"',
+                    place=place,
+                ) from None
+        raise error.at(place=place) from None
 
 
 def _as_recorded(entry: Recorded, expected: str | None, dynamics: Dynamics | None) -> Source:
@@ -173,37 +236,30 @@ def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, 
     return hertz, np.asarray(first + 1j * second)
 
 
-def of_samples(
-    entries: Entries, model: Model, others: Entries, folder: Path
-) -> tuple[dict[str, Source], dict[str, ForceReading]]:
-    """Return where channels over time come from; `others` may be read by the law of an input."""
-    sources: dict[str, Source] = {}
-    laws: dict[str, ForceReading] = {}
-    for name, entry in entries.items():
-        if entry.law is None:
-            sources[name] = source(name, entry, model, folder)
-            continue
-        place = f"channels.{name}"
-        if name not in model.inputs:
-            raise InputError(
-                f"a force law for {name}",
-                f"an input of the model ({', '.join(model.inputs)})",
-                "give laws to inputs only",
-                place=place,
-            )
-        with naming(place=place):
-            law = _law(entry)
-            position = _position(entry, {**others, **entries}, model)
-        columns = entry.recorded
-        labels = (
-            [name] if isinstance(law, Linear) else [f"{name}[{i}]" for i in range(len(columns))]
+def law_sources(
+    name: str, entry: ChannelEntry, entries: Entries, model: Model, folder: Path
+) -> tuple[dict[str, Source], ForceReading]:
+    """Return where the columns of a force law come from, and the law."""
+    place = f"channels.{name}"
+    if name not in model.inputs:
+        raise InputError(
+            f"a force law for {name}",
+            f"an input of the model ({', '.join(model.inputs)})",
+            "give laws to inputs only",
+            place=place,
         )
-        unit = "T" if isinstance(law, Flux) else "A"
-        for label, column in zip(labels, columns, strict=True):
-            dynamics = _law_dynamics(law, column.dynamics, folder, place)
-            sources[label] = _as_recorded(column, unit, dynamics)
-        laws[name] = ForceReading(law, tuple(labels), position, entry.shared)
-    return sources, laws
+    with naming(place=place):
+        law = _law(entry)
+        position = _position(entry, entries, model)
+    columns = entry.recorded
+    linear = isinstance(law, Linear)
+    labels = [name] if linear else [f"{name}[{i}]" for i in range(len(columns))]
+    unit = "T" if isinstance(law, Flux) else "A"
+    sources = {
+        label: _as_recorded(column, unit, _law_dynamics(law, column.dynamics, folder, place))
+        for label, column in zip(labels, columns, strict=True)
+    }
+    return sources, ForceReading(law, tuple(labels), position, entry.shared)
 
 
 def _law_dynamics(

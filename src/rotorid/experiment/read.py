@@ -16,7 +16,13 @@ from rotorid.data.lazy_time import changed
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.data.whole_record import spectra
-from rotorid.experiment.channels import Entries, Recording, check_columns, of_samples
+from rotorid.experiment.channels import (
+    Entries,
+    Recording,
+    check_columns,
+    law_sources,
+    source,
+)
 from rotorid.experiment.schema import RecordEntry, RecordKeys
 from rotorid.force.laws import Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
@@ -52,37 +58,29 @@ def plan_record(
 
     Of the channels that all records share, those of another kind are not this record's.
     """
-    kind = record.channel_kind
-    common = {name: entry for name, entry in common.items() if entry.kind == kind}
-    with naming(place=place):
-        for name, entry in record.channels.items():
-            if entry.kind != kind:
-                raise InputError(
-                    f"a channel of {entry.kind} in a record of {kind}",
-                    f"a channel of {kind}",
-                    "move the channel to a record of its kind, or give this record that kind",
-                    place=f"channels.{name}",
-                )
-        _planned(record, record.channels, model, common, folder)
-    entries = {**common, **record.channels}
+    kind, own = record.channel_kind, record.channels
+    for name, entry in own.items():
+        if entry.kind != kind:
+            raise InputError(
+                f"a channel of {entry.kind} in a record of {kind}",
+                f"a channel of {kind}",
+                "move the channel to a record of its kind, or give this record that kind",
+                place=f"{place}.channels.{name}",
+            )
+    entries = {name: entry for name, entry in common.items() if entry.kind == kind} | own
     check_columns(entries)
     if not entries and kind != "samples":
         raise InputError(f"no channel of {kind}", "one or more", "add them", place="channels")
-    return _planned(record, entries, model, {}, folder)
-
-
-def _planned(
-    record: RecordEntry, entries: Entries, model: Model, others: Entries, folder: Path
-) -> Recording:
-    if record.channel_kind == "samples":
-        return Recording(record, folder, entries, *of_samples(entries, model, others, folder))
-    from rotorid.experiment import table_records  # which few records need
-
-    check = (
-        table_records.check_phasors if record.kind == "phasors" else table_records.check_responses
-    )
-    check(entries, model, folder)
-    return Recording(record, folder, entries)
+    sources: dict[str, Source] = {}
+    laws: dict[str, ForceReading] = {}
+    for name, entry in entries.items():
+        with naming(place=place if name in own else ""):
+            if entry.law is None:
+                sources[name] = source(name, entry, model, folder)
+            else:
+                columns, laws[name] = law_sources(name, entry, entries, model, folder)
+                sources |= columns
+    return Recording(record, folder, entries, sources, laws)
 
 
 def measured(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Set
+from collections.abc import Set
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_validator
@@ -30,6 +30,19 @@ Quantity = str | int | float  # in a unit that the model knows
 def _phase(value: object) -> float | None:
     """Return the angle in rad; None where it is to be estimated."""
     return None if value == "unknown" else to_si(value, "rad")
+
+
+def _one_of(*kinds: str, beside: str = "", expected: str, cure: str) -> Any:
+    """Return what refuses keys that are none of the sets that may stand together."""
+    sets = [set(kind.split()) for kind in kinds]
+
+    def check(entry: Schema) -> Schema:
+        given = entry.model_fields_set - set(beside.split())
+        if given not in sets:
+            raise InputError(" and ".join(sorted(given)) or "nothing", expected, cure)
+        return entry
+
+    return model_validator(mode="after")(check)
 
 
 class DelayEntry(Schema):
@@ -73,29 +86,18 @@ class DynamicsEntry(Schema):
     shared: str = ""
     of: Literal["actuator", "sensor"] | None = None
 
-    @model_validator(mode="after")
-    def _one_kind(self) -> DynamicsEntry:
-        given = [k for k in ("bandwidth", "eddy", "table") if getattr(self, k) is not None]
-        if len(given) != 1 or (self.damping is not None and self.bandwidth is None):
-            raise InputError(
-                f"dynamics with {', '.join(sorted(self.model_fields_set)) or 'nothing'}",
-                "one of bandwidth (with damping or without), eddy, table",
-                "write { bandwidth = '1.5 kHz' }, for instance",
-            )
-        return self
+    _kind = _one_of(
+        *("bandwidth", "bandwidth damping", "eddy", "table"),
+        beside="shared of",
+        expected="one of bandwidth (with damping or without), eddy, table",
+        cure="write { bandwidth = '1.5 kHz' }, for instance",
+    )
 
     @property
     def uncertain(self) -> bool:
         """Whether a constant is not known exactly."""
         constants = (self.bandwidth, self.damping, self.eddy)
         return any(c is not None and c.std for c in constants)
-
-
-def _require_keys(entry: Schema, kinds: Iterable[Set[str]], expected: str, cure: str) -> None:
-    """Refuse keys that are none of the sets that may stand together."""
-    given = entry.model_fields_set
-    if given not in kinds:
-        raise InputError(" and ".join(sorted(given)) or "nothing", expected, cure)
 
 
 def _band(value: object) -> tuple[float, float]:
@@ -117,19 +119,13 @@ class TimeEntry(Schema):
 
 
 def _scale(value: object) -> object:
-    if not isinstance(value, str | int | float) or isinstance(value, bool):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not isinstance(value, str) and not (number and math.isfinite(value) and value):  # type: ignore[arg-type]
         raise InputError(
             repr(value)[:60],
-            "a number, or the name of a scalar",
-            'write what turns the column into its unit, such as 0.05 or "gain_x1"',
-        )
-    if not isinstance(value, str) and not math.isfinite(value):
-        raise InputError(f"{value}", "a finite number", "write what turns the column into its unit")
-    if value == 0:
-        raise InputError(
-            "0",
-            "a scale other than 0",
-            "write what turns the column into its unit, or leave it out for 1",
+            "a finite scale other than 0, or the name of a scalar",
+            'write what turns the column into its unit, such as 0.05 or "gain_x1", or leave it out '
+            "for 1",
         )
     return value
 
@@ -290,15 +286,11 @@ class SpeedEntry(Schema):
     column: str | None = None
     unit: str | None = None
 
-    @model_validator(mode="after")
-    def _value_or_column(self) -> SpeedEntry:
-        _require_keys(
-            self,
-            (set(), {"value"}, {"column"}, {"column", "unit"}),
-            "a speed, or a column with its unit",
-            'write speed = "3000 rpm", or { column = "n", unit = "rpm" } in a table',
-        )
-        return self
+    _kind = _one_of(
+        *("", "value", "column", "column unit"),
+        expected="a speed, or a column with its unit",
+        cure='write speed = "3000 rpm", or { column = "n", unit = "rpm" } in a table',
+    )
 
 
 def _speed(value: object) -> object:
@@ -321,15 +313,11 @@ class AngleEntry(Schema):
     unit: str | None = None
     lines: Annotated[StrictInt | None, Field(ge=1, le=10**9)] = None
 
-    @model_validator(mode="after")
-    def _scaled(self) -> AngleEntry:
-        if self.unit is None and self.lines is None:
-            raise InputError(
-                "neither unit nor lines",
-                "the unit of an angle, or the lines of a revolution that are counted",
-                "add one",
-            )
-        return self
+    _kind = _one_of(
+        *("column unit", "column lines", "column unit lines"),
+        expected="the unit of an angle, or the lines of a revolution that are counted",
+        cure="add one",
+    )
 
 
 class OwnEntry(Schema):
@@ -339,16 +327,12 @@ class OwnEntry(Schema):
     value: Quantity | None = None
     std: Quantity | None = None
 
-    @model_validator(mode="after")
-    def _one_kind(self) -> OwnEntry:
-        _require_keys(
-            self,
-            ({"fixed"}, {"value", "std"}),
-            "fixed, or value and std",
-            "say what the parameter was in this record; each = true in [parameters] lets every "
-            "record have an unknown one of its own",
-        )
-        return self
+    _kind = _one_of(
+        *("fixed", "value std"),
+        expected="fixed, or value and std",
+        cure="say what the parameter was in this record; each = true in [parameters] lets every "
+        "record have an unknown one of its own",
+    )
 
 
 _FILES = {"kind", "file", "files", "header_row", "speed", "overrule", "channels", "parameters"}
@@ -554,17 +538,12 @@ class ConstraintEntry(PriorKeys):
 
     expression: str
 
-    @model_validator(mode="after")
-    def _value_or_bounds(self) -> ConstraintEntry:
-        if (self.value is None) != self.bounded or (self.std is not None and self.bounded):
-            raise InputError(
-                "neither value nor bounds"
-                if not self.bounded
-                else "value or std beside min or max",
-                "value, with std or without, or min and max",
-                "keep one of these",
-            )
-        return self
+    _kind = _one_of(
+        *("value", "value std", "min", "max", "min max"),
+        beside="expression",
+        expected="value, with std or without, or min and max",
+        cure="keep one of these",
+    )
 
 
 class DampingEntry(Schema):

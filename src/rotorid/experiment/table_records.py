@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +10,18 @@ import numpy as np
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.units import check_unit, converts, multiply_units, si_factor, to_si
+from rotorid.core.units import si_factor, to_si
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.table_lines import phasor_lines, response_lines
-from rotorid.experiment.channels import Entries, Recording, source, unknown
+from rotorid.experiment.channels import Entries, Recording, reading_factor
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import formats, open_tables
 from rotorid.io.columns import check_magnitude, check_stated, largest_of
 from rotorid.io.formats import StoredResponse
 from rotorid.io.table import ColumnFile
 from rotorid.models import Model
-from rotorid.models.equations import DERIVATIVES, sensor_terms
 from rotorid.signals.checks.channels import check_phases, check_probes
 
 
@@ -128,32 +126,20 @@ def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:
         )
 
 
-def check_phasors(entries: Entries, model: Model, folder: Path) -> dict[str, Channel]:
-    """Return the channels of a table, names and what they read checked against the model."""
-    found = {}
-    for name, entry in entries.items():
-        place = f"channels.{name}"
-        unit = model.units.get(name)
-        if entry.unit is None:
-            raise InputError("no unit", "the unit of the amplitude", "write it", place=place)
-        si_factor(entry.unit, unit, place=f"{place}.unit")
-        si_factor(entry.phase_unit, "rad", place=f"{place}.phase_unit")
-        found[name] = source(name, entry, model, folder).channel(
-            name, unit or check_unit(entry.unit)
-        )
-    return found
-
-
 def read_phasors(plan: Recording, model: Model) -> list[Lines]:
     entry, entries = plan.entry, plan.channels
     table = open_tables(plan.paths, header_row=entry.header_row)
     rows = Columns(table, entry.overrule)
     with naming(table.file):
-        channels = check_phasors(entries, model, plan.folder)
-        speed = _speeds(rows, entry, entries)
+        channels = plan.of_table
         units = {name: channels[name].unit for name in entries}
         read = [complex_column(rows, name, one, units[name]) for name, one in entries.items()]
-        phasors = _stacked(speed, read)
+        speed = np.full(len(read[0]), entry.speed.value)
+        if entry.speed.column is not None:
+            speed = rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
+        for one, values in zip(entries, read, strict=True):
+            check_lengths(speed, values, f"channels.{one}")
+        phasors = np.column_stack(read)
         stated = [
             std_column(rows, name, one, units[name], values)
             for (name, one), values in zip(entries.items(), read, strict=True)
@@ -169,31 +155,12 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
         return [phasor_lines(listed, speed, phasors, std, source=table.file, checks=checks)]
 
 
-def _speeds(rows: Columns, entry: RecordEntry, entries: Entries) -> Floats:
-    if entry.speed.column is not None:
-        return rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
-    name, first = next(iter(entries.items()))
-    column = getattr(first, first.parts[0])
-    count = len(rows.si(column, first.unit, first.unit or "1", f"channels.{name}"))
-    return np.full(count, entry.speed.value)
-
-
 def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Note]:
     if not entry.polar:
         return []
     turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"channels.{name}.phase")
     factor = si_factor(entry.phase_unit, "rad")
     return list(check_phases(name, turned / factor, degrees=factor < 1))
-
-
-def _stacked(speed: Floats, phasors: list[Complexes]) -> Complexes:
-    """Return the phasors of all channels, shape (row, channel)."""
-    for one in phasors:
-        if len(one) != len(speed):
-            raise InputError(
-                f"{len(one)} phasors for {len(speed)} speeds", "a row each", "cut the columns"
-            )
-    return np.column_stack(phasors)
 
 
 def _common(names: list[str], std: list[Floats | None]) -> Floats | None:
@@ -223,70 +190,10 @@ class _Response:
     coherence: Floats | None = None
 
 
-def check_responses(entries: Entries, model: Model, folder: Path) -> dict[str, Channel]:
-    """Return the sensors of responses, names, inputs and units checked against the model."""
-    found = {}
-    for name, entry in entries.items():
-        place = f"channels.{name}"
-        if entry.input not in model.inputs:
-            raise unknown(entry.input or "", model.inputs, "input", f"{place}.input")
-        if entry.unit is None and entry.column is None:
-            raise InputError(
-                "no unit", "the unit of the response, such as um/N", "write it", place=place
-            )
-        if entry.polar:
-            si_factor(entry.phase_unit, "rad", place=f"{place}.phase_unit")
-        own = entry if entry.unit is not None else entry.model_copy(update={"unit": "1"})
-        channel = source(name, own, model, folder).channel(name, "")
-        unit = _reading_unit(name, entry, model)
-        if entry.unit is not None:
-            _reading_factor(name, entry, entry.unit, unit, model)
-        found[name] = replace(channel, unit=unit)
-    return found
-
-
-def _reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
-    if entry.reads is None:
-        return model.units[name]
-    first = sensor_terms(entry.reads, model.coordinates, model.parameter_names)[0]
-    units = model.parameter_units
-    held = zip(model.parameter_names, first.powers, strict=True)
-    return multiply_units(
-        [
-            (model.units[model.coordinates[first.coordinate]], 1),
-            ("s", -first.order),
-            *((units[parameter], power) for parameter, power in held),
-        ]
-    )
-
-
-def _reading_factor(
-    name: str, entry: ChannelEntry, stated: str, reading: str, model: Model
-) -> float:
-    """Return the number that turns a response into SI; a derivative of another order is told."""
-    place, over = f"channels.{name}.unit", model.units[entry.input or ""]
-    expected = f"({reading})/({over})"
-    try:
-        return si_factor(stated, expected)
-    except InputError as error:
-        read = entry.reads or name
-        plain = read.rstrip("'")
-        for order, dots in enumerate(DERIVATIVES):
-            other = multiply_units([(model.units.get(plain, reading), 1), ("s", -order)])
-            if plain in model.coordinates and converts(stated, f"({other})/({over})"):
-                raise InputError(
-                    f"unit {stated!r} of a response that reads {read}",
-                    f"a unit that converts to {expected}",
-                    f'a channel of a name of its own with reads = "{plain}{dots}"',
-                    place=place,
-                ) from None
-        raise error.at(place=place) from None
-
-
 def read_responses(plan: Recording, model: Model) -> list[Lines]:
     """Read frequency responses; those to one input, on one grid of frequencies, share lines."""
     entry, entries, paths = plan.entry, plan.channels, plan.paths
-    channels = check_responses(entries, model, plan.folder)
+    channels = plan.of_table
     stored = [name for name, one in entries.items() if one.column is not None]
     if stored and len(stored) < len(entries):
         raise InputError(
@@ -369,7 +276,7 @@ def _of_universal(
             raise InputError(
                 "no unit, here or in the file", "the unit of the response", "write it", place=place
             )
-        factor = _reading_factor(name, one, unit, channels[name].unit, model)
+        factor = reading_factor(name, one, unit, model)
         check_magnitude(largest_of(np.abs(data.values)), abs(factor), place)
         with np.errstate(invalid="ignore"):  # what is not finite is told with its line
             values = np.asarray(data.values * factor, dtype=np.complex128)
