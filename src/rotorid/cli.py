@@ -73,7 +73,7 @@ _debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
 )
 _force_option = click.option(
-    "--force", is_flag=True, help="Overwrite files not written by this command."
+    "--force", is_flag=True, help="Overwrite files not written by this command; a link is followed."
 )
 _quiet_option = click.option(
     "--quiet",

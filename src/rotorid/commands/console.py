@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import math
 import os
@@ -230,10 +231,11 @@ def write(*outputs: Output) -> None:
     try:
         write_files(files, _FOUND.get({}))
     except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         raise InputError(
             str(error.strerror),
             "a file that can be written",
-            "make room there, or write elsewhere",
+            "make room there, or write elsewhere" if full else "write elsewhere",
             file=str(error.filename or ""),
         ) from error
     for content in (content for path, content in given if path == STDOUT):

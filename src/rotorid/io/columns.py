@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ReadError, naming, printable
 from rotorid.core.frozen import frozen
-from rotorid.core.units import MAGNITUDE, check_unit, converts, si_factor, to_si
+from rotorid.core.units import MAGNITUDE, check_unit, converts, quantity, si_factor
 from rotorid.core.values import Booleans, Floats
 from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
@@ -135,22 +135,23 @@ def read_record(
     with naming(table.file):
         sources, read, stamps = _columns(table, columns, time, mask, overrule)
         kept = read.pop(_MASK, None)
-        given = None if sample_rate is None else _quantity(sample_rate, "Hz", "sample_rate")
-        limits = (_quantity(skip, "s", "skip"), _optional(until, "s", "until"))
-        whole = _optional(fundamental, "Hz", "fundamental")
-        clock = weigh_clock(given, stamps, read.values(), overrule, whole, limits)
-        channels, samples = _channels({name: sources[name] for name in read}, read, table)
-        omega, angle = _quantity(speed, "rad/s", "speed"), _quantity(phase or 0.0, "rad", "phase")
+        given, whole = _si(sample_rate, "Hz", "sample_rate"), _si(fundamental, "Hz", "fundamental")
+        begin, end = _si(skip, "s", "skip") or 0.0, _si(until, "s", "until")
+        clock = weigh_clock(given, stamps, read.values(), overrule, whole, (begin, end))
+        into_si = _IntoSI(table, {name: sources[name] for name in read}, read)
+        samples = into_si.samples(read)
+        if not len(samples):
+            raise ReadError("no samples", "columns of samples", "check the file")
+        into_si.check()
+        omega, angle = _si(speed, "rad/s", "speed") or 0.0, _si(phase, "rad", "phase") or 0.0
         valid = _valid(kept, len(samples))
-        clock, samples, valid = clock.cut(samples, valid, limits[0])
+        clock, samples, valid = clock.cut(samples, valid, begin)
         if clock.stamps is not None:
-            samples, valid, told = on_grid(
-                clock, samples, valid, _optional(highest, "Hz", "highest")
-            )
+            samples, valid, told = on_grid(clock, samples, valid, _si(highest, "Hz", "highest"))
             clock = replace(clock, warnings=(*clock.warnings, *told))
     turned = angle + omega * (clock.start + np.arange(len(samples), dtype=float) / clock.rate)
     return Record(
-        channels=channels,
+        channels=into_si.channels,
         samples=samples,
         sample_rate=clock.rate,
         speed=omega,
@@ -182,14 +183,8 @@ def _columns(
     return sources, read, stamps
 
 
-def _quantity(value: float | str | None, unit: str, place: str) -> float:
-    if value is None or isinstance(value, int | float):
-        return float(value or 0.0)
-    return to_si(value, unit, place=place)
-
-
-def _optional(value: float | str | None, unit: str, place: str) -> float | None:
-    return None if value is None else _quantity(value, unit, place)
+def _si(value: float | str | None, unit: str, place: str) -> float | None:
+    return None if value is None else float(quantity(value, unit, place=place))
 
 
 def _as_source(column: str | Source) -> Source:
@@ -278,15 +273,6 @@ def check_magnitude(largest: float, factor: float, place: str) -> None:
         )
 
 
-def _si(column: Column, source: Source, table: ColumnFile, name: str, samples: Floats) -> str:
-    """Put the samples of a channel in SI where they belong, and return their unit."""
-    factor, unit = _factor(column, source, table, name)
-    check_magnitude(largest_of(column.values), factor, _place(name, "unit"))
-    with np.errstate(invalid="ignore"):  # gaps are told where they are looked for
-        np.multiply(column.values, factor, out=samples)
-    return unit
-
-
 def _factor(column: Column, source: Source, table: ColumnFile, name: str) -> tuple[float, str]:
     """Return the number that turns a column into SI, and the unit that it then has."""
     unit = source.unit or (column.unit if source.scale is None else None)
@@ -322,9 +308,9 @@ def _place(name: str, key: str) -> str:
 
 def _stamps(column: Column, source: Source, table: ColumnFile) -> Floats:
     seconds = replace(source, unit=source.unit or column.unit or "s", expected="s")
-    stamps = np.empty(len(column.values))
-    _si(column, seconds, table, _TIME, stamps)
-    return stamps
+    factor, _ = _factor(column, seconds, table, _TIME)
+    check_magnitude(largest_of(column.values), factor, _TIME)
+    return np.asarray(column.values * factor)
 
 
 def _valid(column: Column | None, count: int) -> Booleans | None:
@@ -341,27 +327,43 @@ def _valid(column: Column | None, count: int) -> Booleans | None:
     return np.asarray((values != 0) & np.isfinite(values))
 
 
-def _channels(
-    sources: Mapping[str, Source], read: Mapping[str, Column], table: ColumnFile
-) -> tuple[tuple[Channel, ...], Floats]:
-    lengths = {name: len(column.values) for name, column in read.items()}
-    longest = max(lengths.values(), default=0)
-    if longest == 0:
-        raise ReadError("no samples", "columns of samples", "check the file")
-    for name, length in lengths.items():
-        if length != longest:
-            raise ReadError(
-                f"{length} samples where others have {longest}",
-                "columns of one length",
-                "cut them alike",
-                place=_place(name, "column"),
-            )
-    samples = np.empty((longest, len(sources)))
-    channels = []
-    for i, (name, source) in enumerate(sources.items()):
-        unit = _si(read[name], source, table, name, samples[:, i])
-        channels.append(source.channel(name, unit))
-    return tuple(channels), samples
+class _IntoSI:
+    """Puts columns into SI, all rows at once or some after others; `first` are some of them."""
+
+    def __init__(
+        self, table: ColumnFile, sources: Mapping[str, Source], first: Mapping[str, Column]
+    ) -> None:
+        told = {name: _factor(first[name], one, table, name) for name, one in sources.items()}
+        self.factors = {name: factor for name, (factor, _) in told.items()}
+        self.channels = tuple(one.channel(name, told[name][1]) for name, one in sources.items())
+        self.largest = dict.fromkeys(sources, 0.0)
+
+    def samples(self, read: Mapping[str, Column], rows: int | None = None) -> Floats:
+        """Return samples, shape (sample, channel)."""
+        lengths = {name: len(read[name].values[:rows]) for name in self.factors}
+        longest = max(lengths.values(), default=0)
+        for name, length in lengths.items():
+            if length != longest:
+                raise ReadError(
+                    f"{length} samples where others have {longest}",
+                    "columns of one length",
+                    "cut them alike",
+                    place=_place(name, "column"),
+                )
+        found = np.empty((longest, len(lengths)))
+        for place, (name, factor) in enumerate(self.factors.items()):
+            values = read[name].values[:rows]
+            self.largest[name] = max(self.largest[name], largest_of(values))
+            if self.largest[name] * abs(factor) > 1:  # small ones may grow yet
+                check_magnitude(self.largest[name], factor, _place(name, "unit"))
+            with np.errstate(invalid="ignore"):  # gaps are told where they are looked for
+                np.multiply(values, factor, out=found[:, place])
+        return found
+
+    def check(self) -> None:
+        """Refuse channels of samples too small."""
+        for name, factor in self.factors.items():
+            check_magnitude(self.largest[name], factor, _place(name, "unit"))
 
 
 WORTH = 64_000_000
@@ -423,49 +425,27 @@ def open_blocks(
         if clock.stamps is not None:
             return None
         sources = _sources(columns, table, time, overrule)
-        factors, channels = dict[str, float](), list[Channel]()
-        for name, source in sources.items():
-            factors[name], unit = _factor(first[found[name]], source, table, name)
-            channels.append(source.channel(name, unit))
-    order = [found[name] for name in columns]
+        into_si = _IntoSI(table, sources, {name: first[key] for name, key in found.items()})
 
     def read() -> Iterator[Floats]:
-        return _blocks(table, order, factors, clock)
+        with naming(table.file):
+            yield from _blocks(table, found, into_si, clock)
 
-    return RecordBlocks(tuple(channels), clock.rate, speed, phase or 0.0, table.file, read)
+    return RecordBlocks(into_si.channels, clock.rate, speed, phase or 0.0, table.file, read)
 
 
 def _blocks(
-    table: Stored, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
+    table: Stored, keys: Mapping[str, str], into_si: _IntoSI, clock: RecordClock
 ) -> Iterator[Floats]:
     """Yield blocks of samples in SI, up to the end that the clock knows."""
-    left, done = clock.end, 0
-    whole = table.size_in_blocks(keys) if left is None else 8 * left * len(keys)
+    left, done, asked = clock.end, 0, list(dict.fromkeys(keys.values()))
+    whole = table.size_in_blocks(asked) if left is None else 8 * left * len(keys)
     say = f"reading megabytes of {printable(Path(table.file).name)}"
-    largest = dict.fromkeys(factors, 0.0)
-    for block in table.blocks(list(dict.fromkeys(keys)), ROWS):
-        lengths = {len(column.values) for column in block.values()}
-        if len(lengths) > 1:
-            raise ReadError(
-                f"columns of {min(lengths)} and {max(lengths)} more samples",
-                "columns of one length",
-                "cut them alike",
-                file=table.file,
-            )
-        count = lengths.pop() if left is None else min(left, lengths.pop())
-        samples = np.empty((count, len(keys)))
-        for place, (key, (name, factor)) in enumerate(zip(keys, factors.items(), strict=True)):
-            values = block[key].values[:count]
-            largest[name] = max(largest[name], largest_of(values))
-            if largest[name] * abs(factor) > 1:  # small ones may grow yet
-                with naming(table.file):
-                    check_magnitude(largest[name], factor, _place(name, "unit"))
-            np.multiply(values, factor, out=samples[:, place])
+    for block in table.blocks(asked, ROWS):
+        samples = into_si.samples({name: block[key] for name, key in keys.items()}, left)
         yield samples
         done += samples.nbytes
         watch(say, done // 10**6, whole // 10**6)
-        if left is not None and (left := left - count) <= 0:
+        if left is not None and (left := left - len(samples)) <= 0:
             break
-    with naming(table.file):
-        for name, factor in factors.items():
-            check_magnitude(largest[name], factor, _place(name, "unit"))
+    into_si.check()
