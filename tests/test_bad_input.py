@@ -85,7 +85,7 @@ CASES = {
         'unit = "mm"',
         'unit = "mm", scale = 0',
         "channels.x.scale",
-        "0; expected a scale other than 0",
+        "0; expected a finite scale other than 0",
         file="experiment.toml",
     ),
     "fixed mass below zero": Case(

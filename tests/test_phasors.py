@@ -310,7 +310,7 @@ def test_repeated_readings_that_belie_their_std_are_told() -> None:
         ("", 'std = "1 um"', 'std = "sigma"', r"channels\.x\.std: found 'sigma'"),
         ("", 'unit = "um", std = "1 um" }\ny', 'unit = "um" }\ny', r"found no std of x"),
         ("", 'unit = "um"', 'unit = "kg"', r"channels\.x\.unit: found unit 'kg'"),
-        ("", 'unit = "um", ', "", r"channels\.x: found no unit"),
+        ("", 'unit = "um", ', "", r"channels\.x\.unit: found no unit"),
         ("", 'phase = "px"', 'phase = "px", phase_unit = "m"', r"channels\.x\.phase_unit"),
         ("", "x = { amp", "q = { amp", r"channels\.q: found 'q', which is no input"),
         ("", 'column = "n", unit = "rpm"', 'column = "n", unit = "m"', r"speed.*unit 'm'"),
