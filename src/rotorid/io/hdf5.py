@@ -17,7 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.files import check_beside, check_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.units import si_factor
@@ -68,25 +68,17 @@ class _Hdf5File(ArrayFile):
     shapes: _Contents
 
     def __init__(self, file: str, data: h5py.File) -> None:
-        contents = _Contents(data, file)
+        contents = _Contents(data)
         super().__init__(file, contents, others=contents.others)
-        self._stored: dict[h5py.Dataset, int | InputError] = {}
+        self._stored: dict[h5py.Dataset, int] = {}
 
     def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
-        return max((self._bytes_held(place.path) for place in places.values()), default=0)
-
-    def _bytes_held(self, path: str) -> int:
-        """Return the bytes of the files that hold a data set; refuse one not there whole."""
-        dataset = self.shapes.node(path).dataset
-        if dataset not in self._stored:
-            try:
+        """Return the bytes of the files that hold data sets; refuse one not there whole."""
+        datasets = [self.shapes.node(place.path).dataset for place in places.values()]
+        for dataset in datasets:
+            if dataset not in self._stored:
                 self._stored[dataset] = check_stored(dataset, self.file)
-            except InputError as error:
-                self._stored[dataset] = error
-        found = self._stored[dataset]
-        if isinstance(found, InputError):
-            raise found
-        return found
+        return max((self._stored[dataset] for dataset in datasets), default=0)
 
     def columns(
         self, places: Mapping[str, ColumnPlace], rows: int | None
@@ -95,7 +87,7 @@ class _Hdf5File(ArrayFile):
         for name, place in places.items():
             arrays.setdefault((place.path, place.axis), {})[name] = place
         nodes = {path: self.shapes.node(path) for path, _ in arrays}
-        told = {name: _told(nodes[p.path], p, self.file) for name, p in places.items()}
+        column = {name: _column_of(nodes[p.path], p.index) for name, p in places.items()}
         together = _together(nodes.values())
         count = max(max(self.shapes[path], default=1) for path in nodes)
         step = max(count, 1) if rows is None else _whole_chunks(nodes.values(), rows)
@@ -103,7 +95,7 @@ class _Hdf5File(ArrayFile):
             samples = slice(begin, begin + step)
             records = {table: table.fields(names)[samples] for table, names in together.items()}
             parts = (
-                {name: told[name].column(stored) for name, stored in found.items()}
+                {name: column[name](stored) for name, stored in found.items()}
                 for (path, _), asked in arrays.items()
                 for found in [_rows(nodes[path], asked, samples, records)]
             )
@@ -149,25 +141,20 @@ def _rows(
     return {name: several[:, place.index] for name, place in asked.items()}
 
 
-@frozen
-class _Told:
-    """What a file says of a column."""
+def _column_of(node: Hdf5Node, index: int | None) -> Callable[[Any], Column]:
+    """Return what makes a column of stored numbers, by the attributes of their data set.
 
-    unpacked: Callable[[Any], Any]
-    unit: str | None
-    rate: Rate | None
-
-    def column(self, stored: Any) -> Column:
-        """Return the column of numbers as they are stored."""
-        values = np.asarray(self.unpacked(stored), dtype=np.float64)
-        return Column(np.ascontiguousarray(values.ravel()), self.unit, self.rate)
-
-
-def _told(node: Hdf5Node, place: ColumnPlace, file: str) -> _Told:
-    """Return what the attributes of a dataset say of a column, or those of its groups of a rate."""
+    A rate may be one of a group above it.
+    """
     found = [node.dataset.attrs, *(group.attrs for group in reversed(node.above))]
-    rates = (rate for attributes in found if (rate := _rate(attributes)))
-    return _Told(_unpacking(node.dataset, file), _unit(found[0], place.index), next(rates, None))
+    rate = next((rate for attributes in found if (rate := _rate(attributes))), None)
+    unit, unpacked = _unit(found[0], index), _unpacking(node.dataset)
+
+    def column(stored: Any) -> Column:
+        values = np.asarray(unpacked(stored), dtype=np.float64)
+        return Column(np.ascontiguousarray(values.ravel()), unit, rate)
+
+    return column
 
 
 def _unit(attributes: Any, index: int | None) -> str | None:
@@ -222,12 +209,12 @@ def _one_number(found: Any) -> float:
     return float(found[0]) if is_one and np.isfinite(found[0]) else math.nan
 
 
-def _unpacking(dataset: Any, file: str) -> Callable[[Any], Any]:
+def _unpacking(dataset: Any) -> Callable[[Any], Any]:
     """Return what makes samples of stored numbers, by the attributes beside them, as netCDF has it.
 
     ``value = scale_factor * stored + add_offset``, and a stored ``_FillValue`` is no sample at all.
     """
-    scale, offset = (_packing(dataset, key, file) for key in ("scale_factor", "add_offset"))
+    scale, offset = (_packing(dataset, key) for key in ("scale_factor", "add_offset"))
     missing = []
     for key in ("_FillValue", "missing_value"):
         found = attribute(dataset.attrs, key)
@@ -248,7 +235,7 @@ def _unpacking(dataset: Any, file: str) -> Callable[[Any], Any]:
     return unpacked
 
 
-def _packing(dataset: Any, key: str, file: str) -> float:
+def _packing(dataset: Any, key: str) -> float:
     if key not in dataset.attrs:
         return float(key == "scale_factor")
     number = _one_number(attribute(dataset.attrs, key))
@@ -257,7 +244,6 @@ def _packing(dataset: Any, key: str, file: str) -> float:
             f"an attribute {key} of {dataset.name[:80]!r} that is no number to scale by",
             "one number that is not 0" if key == "scale_factor" else "one number",
             "write the samples as they are, or that attribute anew",
-            file=file,
         )
     return number
 
@@ -309,8 +295,8 @@ class _Contents(Mapping[str, tuple[int, ...]]):
     where names are searched.
     """
 
-    def __init__(self, data: h5py.File, file: str) -> None:
-        self._data, self._file = data, file
+    def __init__(self, data: h5py.File) -> None:
+        self._data = data
         self._nodes: dict[str, Hdf5Node | None] = {}
         self._fields: dict[str, tuple[Hdf5Node, frozenset[str]]] = {}  # of tables of records
         self._all: dict[str, tuple[int, ...]] | None = None
@@ -342,8 +328,9 @@ class _Contents(Mapping[str, tuple[int, ...]]):
 
     def __iter__(self) -> Iterator[str]:
         if self._all is None:
-            found = _walk(self._data, self._file)
-            self._all = {p: shape for at, node in found for p, shape in self._arrays(at, node)}
+            self._all = {
+                p: shape for at, node in _walk(self._data) for p, shape in self._arrays(at, node)
+            }
         return iter(self._all)
 
     def __len__(self) -> int:
@@ -392,7 +379,7 @@ def find(data: h5py.File, path: str, others: dict[str, str]) -> Hdf5Node | None:
     return None
 
 
-def _walk(data: h5py.File, file: str) -> Iterator[tuple[str, Hdf5Node]]:
+def _walk(data: h5py.File) -> Iterator[tuple[str, Hdf5Node]]:
     """Yield the data sets of a file with their paths, each object once."""
     seen, count = {h5py.h5o.get_info(data.id).addr}, 0
     waiting: list[tuple[str, tuple[h5py.Group, ...]]] = [("", (data["/"],))]
@@ -405,7 +392,7 @@ def _walk(data: h5py.File, file: str) -> Iterator[tuple[str, Hdf5Node]]:
             if shown[:1] == "#" or group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
                 continue  # "#refs#" holds the cells of MATLAB
             count += 1
-            _check_bounds(count, path, file)
+            _check_bounds(count, path)
             node = _open(group, key)
             if node is None or (address := h5py.h5o.get_info(node.id).addr) in seen:
                 continue  # a type that has a name, or what was seen already
@@ -417,14 +404,13 @@ def _walk(data: h5py.File, file: str) -> Iterator[tuple[str, Hdf5Node]]:
         waiting += reversed(inner)
 
 
-def _check_bounds(count: int, path: str, file: str) -> None:
+def _check_bounds(count: int, path: str) -> None:
     if count > NODES or path.count("/") > DEPTH:
         many = f"more than {NODES} groups and data sets"
         raise ReadError(
             many if count > NODES else f"more than {DEPTH} groups in one another",
             "fewer to look through for a name",
             "write the whole path of each column, such as run1/x",
-            file=file,
         )
 
 
@@ -483,14 +469,14 @@ def check_stored(dataset: h5py.Dataset, file: str, depth: int = 0) -> int:
     elif dataset.external:
         held += _check_external(dataset, file, depth)
     elif dataset.chunks:
-        _check_chunks(dataset, file)
+        _check_chunks(dataset)
     elif not dataset.id.get_storage_size() and not _tells_gaps(dataset):
-        raise _gap(dataset, "no sample written", file)
+        raise _gap(dataset, "no sample written")
     check_held(dataset.size * dataset.dtype.itemsize, held, file)
     return held
 
 
-def _check_chunks(dataset: h5py.Dataset, file: str) -> None:
+def _check_chunks(dataset: h5py.Dataset) -> None:
     """Refuse chunks that fill the memory, and those that nobody wrote."""
     size = math.prod(dataset.chunks) * dataset.dtype.itemsize
     if size > CHUNK_BYTES:
@@ -498,13 +484,12 @@ def _check_chunks(dataset: h5py.Dataset, file: str) -> None:
             f"chunks of {size // 10**6} MB in {_name(dataset)}",
             f"chunks of {CHUNK_BYTES // 10**6} MB at most, since each is unpacked whole",
             "write smaller chunks: h5repack -l CHUNK=10000",
-            file=file,
         )
     pairs = zip(dataset.shape, dataset.chunks, strict=True)
     expected = math.prod(-(-length // chunk) for length, chunk in pairs)
     written = dataset.id.get_num_chunks()
     if written < expected and not _tells_gaps(dataset):
-        raise _gap(dataset, f"{expected - written} of {expected} chunks never written", file)
+        raise _gap(dataset, f"{expected - written} of {expected} chunks never written")
 
 
 def _check_external(dataset: h5py.Dataset, file: str, depth: int) -> int:
@@ -515,17 +500,16 @@ def _check_external(dataset: h5py.Dataset, file: str, depth: int) -> int:
             f"samples of {_name(dataset)} in files of their own",
             "parts that hold their samples",
             "write the parts whole: h5repack -l CONTI",
-            file=file,
         )
     for name, offset, size in dataset.external:
         path = check_beside(os.fsdecode(name), file)
         there = max(path.stat().st_size - offset, 0)
         size = min(size, needed)  # the last may be without end
         if there < size:
-            raise _gap(dataset, f"{there} of {size} bytes in {path.name}", file)
+            raise _gap(dataset, f"{there} of {size} bytes in {path.name}")
         needed, held = needed - size, held + there
     if needed:
-        raise _gap(dataset, f"{needed} bytes too few in the files that hold it", file)
+        raise _gap(dataset, f"{needed} bytes too few in the files that hold it")
     return held
 
 
@@ -538,7 +522,6 @@ def _check_virtual(dataset: h5py.Dataset, file: str, depth: int) -> int:
             f"{found} of {_name(dataset)}",
             f"{PARTS} at most",
             "write it whole: h5repack",
-            file=file,
         )
     covered = h5py.h5s.create_simple(dataset.shape)
     covered.select_none()
@@ -548,15 +531,15 @@ def _check_virtual(dataset: h5py.Dataset, file: str, depth: int) -> int:
                 f"parts without end in {_name(dataset)}",
                 "a virtual data set of parts that are named",
                 "write it whole, or name each part",
-                file=file,
             )
         name, inner = name.replace("%%", "%"), inner.replace("%%", "%")
         path = file if name == "." else str(check_beside(name, file))
-        files[path] = _check_part(path, inner, origin, target, dataset, depth)
+        with naming(path):
+            files[path] = _check_part(path, inner, origin, target, dataset, depth)
         _add(covered, target)
     if covered.get_select_npoints() < dataset.size:
         missing = dataset.size - covered.get_select_npoints()
-        raise _gap(dataset, f"{missing} samples in none of its parts", file)
+        raise _gap(dataset, f"{missing} samples in none of its parts")
     return sum(files.values())
 
 
@@ -575,7 +558,6 @@ def _check_part(
                 f"no numbers {name[:80]!r}, a part of {_name(whole)}",
                 "a data set there",
                 "write that part again",
-                file=path,
             )
         if origin.get_select_type() == h5py.h5s.SEL_ALL:  # as many as there are
             there: tuple[int, ...] = (node.dataset.size,)
@@ -586,7 +568,7 @@ def _check_part(
             needed = tuple(int(last) + 1 for last in origin.get_select_bounds()[1])
             fits = len(there) == len(needed) and all(np.greater_equal(there, needed))
         if not fits:
-            raise _gap(node.dataset, f"{there} where {whole.name} takes {needed}", path)
+            raise _gap(node.dataset, f"{there} where {whole.name} takes {needed}")
         return check_stored(node.dataset, path, depth + 1)
 
 
@@ -622,7 +604,5 @@ def _name(dataset: h5py.Dataset) -> str:
     return repr(str(dataset.name)[:80])
 
 
-def _gap(dataset: h5py.Dataset, found: str, file: str) -> ReadError:
-    return ReadError(
-        f"{found}: a gap in {_name(dataset)}", "every sample in the file", _REWRITE, file=file
-    )
+def _gap(dataset: h5py.Dataset, found: str) -> ReadError:
+    return ReadError(f"{found}: a gap in {_name(dataset)}", "every sample in the file", _REWRITE)

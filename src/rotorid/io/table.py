@@ -159,7 +159,7 @@ def check_held(size: int, held: int, file: str) -> None:
         )
 
 
-def no_column(name: str, names: Iterable[str], file: str, kind: str = "column") -> ReadError:
+def no_column(name: str, names: Iterable[str], file: str = "", kind: str = "column") -> ReadError:
     """Return the error for a name that is not in the file, with the nearest that is."""
     there = list(names)
     likely = [other for other in there[:NAMES] if len(other) <= NAME_CHARACTERS]
@@ -272,21 +272,21 @@ class ArrayFile:
         if path is not None:
             if is_column(self.shapes[path]):
                 return ColumnPlace(path)
-            raise _not_a_column(name, self.shapes[path], self.file)
+            raise _not_a_column(name, self.shapes[path])
         if indexed is not None and base is None:
             base = self._path(indexed["name"])
         if indexed is None or base is None:
             if (kind := self.others.get(name.strip("/"))) is not None:
                 cure = "name a column of numbers, or export it so"
-                raise ReadError(f"{name!r} of {kind}", "real numbers", cure, file=self.file)
+                raise ReadError(f"{name!r} of {kind}", "real numbers", cure)
             flat = [p for p, shape in self.shapes.items() if len(shape) == 2 and 1 not in shape]
-            raise no_column(name, [*self.names(), *flat], self.file)
+            raise no_column(name, [*self.names(), *flat])
         shape, index = self.shapes[base], int(indexed["index"])
         axis = 1 if len(shape) == 2 and shape[0] >= shape[1] else 0
         if indexed["rows"] or indexed["columns"]:
             axis = 1 if indexed["rows"] else 0
         if len(shape) != 2 or index >= shape[axis]:
-            raise _not_a_column(name, shape, self.file)
+            raise _not_a_column(name, shape)
         return ColumnPlace(base, index, axis)
 
     def _path(self, name: str) -> str | None:
@@ -300,7 +300,6 @@ class ArrayFile:
                 f"{name!r} {len(fitting)} times ({', '.join(fitting[:4])})",
                 "a name that is unique in the file",
                 "write the whole path",
-                file=self.file,
             )
         return fitting[0] if fitting else None
 
@@ -319,7 +318,7 @@ class ArrayFile:
         scalars = [path for path, shape in self.shapes.items() if np.prod(shape) == 1]
         fitting = [p for p in scalars if name.strip("/") in (p, p.rsplit("/", 1)[-1])]
         if len(fitting) != 1:
-            raise no_column(name, scalars, self.file, kind="scalar variable")
+            raise no_column(name, scalars, kind="scalar variable")
         places = {name: ColumnPlace(fitting[0])}
         self.bytes_held(places)
         return float(next(self.columns(places, None))[name].values[0])
@@ -330,10 +329,10 @@ def is_column(shape: tuple[int, ...]) -> bool:
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
 
 
-def _not_a_column(name: str, shape: tuple[int, ...], file: str) -> ReadError:
+def _not_a_column(name: str, shape: tuple[int, ...]) -> ReadError:
     size = " x ".join(map(str, shape)) or "a scalar"
     cure = "write name[0] for the first of its columns" if len(shape) == 2 else "name a column"
-    return ReadError(f"{name!r} of size {size}", "a column of samples", cure, file=file)
+    return ReadError(f"{name!r} of size {size}", "a column of samples", cure)
 
 
 def as_column(values: Any, place: ColumnPlace) -> Floats:
