@@ -505,7 +505,7 @@ def test_a_wide_table_is_read_in_time(monkeypatch) -> None:
 @pytest.mark.parametrize(("rate", "unit"), [(19.0, "ms"), (21.0, "s")])
 def test_times_that_make_a_slow_logger_are_no_seconds(rate: float, unit: str) -> None:
     times = Found("t", np.arange(50) / rate, None, "time")
-    assert draft_module._clock([times], None).unit == unit
+    assert draft_module._clock([times], None)[1][1]["unit"] == unit
 
 
 @pytest.mark.parametrize(("size", "lines"), [(0.029, [3]), (0.031, [3, 7])])

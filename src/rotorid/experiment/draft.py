@@ -318,22 +318,13 @@ _MOST_NAMES = 8  # of columns that may be one input
 
 
 @frozen
-class _Clock:
-    """What is known of the sample times of a record."""
-
-    rate: Rate | None
-    column: Found | None = None
-    unit: str | None = None
-    note: str = ""
-
-
-@frozen
 class _Run:
     """The files of one record, and what is in them."""
 
     files: tuple[Path, ...]
     columns: tuple[Found, ...]
-    clock: _Clock
+    rate: float | None  # Hz
+    clock: _Line  # what is said of it
 
     def channels(self) -> list[Found]:
         return [c for c in self.columns if c.role == "channel" and np.isfinite(c.values).all()]
@@ -435,35 +426,48 @@ def _read(table: OneFile) -> list[tuple[str, Column | InputError]]:
 def _run(files: tuple[Path, ...], columns: list[Found], table: ColumnFile) -> _Run:
     key = table.find(columns[0].name)  # the first of the file may be no numbers
     stated = table.read([key])[key].rate
-    return _Run(files, tuple(columns), _clock(columns, stated))
+    return _Run(files, tuple(columns), *_clock(columns, stated))
 
 
-def _clock(columns: Sequence[Found], stated: Rate | None) -> _Clock:
-    """Find the column of times, and its unit where nothing says it."""
+def _clock(columns: Sequence[Found], stated: Rate | None) -> tuple[float | None, _Line]:
+    """Return the sample rate, and the line of the column of times."""
+    rate = None if stated is None else stated.hertz
     for column in columns:
         with np.errstate(invalid="ignore"):  # infinity less infinity
             rises = len(column.values) > 2 and bool(np.all(np.diff(column.values) > 0))
         if column.role != "time" or not rises:
             continue
+        said: Any = column.name if column.unit else {"column": column.name, "unit": OPEN}
+        note = ""
         try:
             told = read_clock(column.values).rate.hertz
         except ReadError as error:
-            return _Clock(stated, column, column.unit or OPEN, str(error.found))
-        if column.unit:
-            return _Clock(Rate(told / si_factor(column.unit, "s")), column)
-        rates = {unit: told / si_factor(unit, "s") for unit in _CLOCK_UNITS}
-        likely = [u for u, r in rates.items() if stated and abs(r / stated.hertz - 1) < 0.01]
-        likely = likely or [unit for unit, rate in rates.items() if rate >= _SLOWEST]
-        unit = likely[0] if likely else "s"
-        note = "" if unit == "s" else f"taken for {unit}: in s it were {told:.4g} Hz"
-        return _Clock(Rate(rates[unit]), column, unit, note)
-    return _Clock(stated)
+            said, note = _column(column), str(error.found)
+        else:
+            unit = column.unit or _likely_unit(told, rate)
+            rate = told / si_factor(unit, "s")
+            if not column.unit:
+                said["unit"] = unit
+                note = "" if unit == "s" else f"taken for {unit}: in s it were {told:.4g} Hz"
+        if rate is not None:
+            note = _and(f"{rate:.6g} Hz, {len(column.values) / rate:.4g} s", note)
+        return rate, ("time", said, note)
+    if rate is not None:
+        return rate, ("", None, f"the file states {rate:.9g} Hz")
+    return None, ("sample_rate", OPEN, 'nothing in the file tells it; write it as "5 kHz"')
+
+
+def _likely_unit(told: float, stated: float | None) -> str:
+    """Return the unit in which sample times tell the stated rate, or else one of a logger."""
+    rates = {unit: told / si_factor(unit, "s") for unit in _CLOCK_UNITS}
+    likely = [unit for unit, rate in rates.items() if stated and abs(rate / stated - 1) < 0.01]
+    return (likely or [unit for unit, rate in rates.items() if rate >= _SLOWEST] or ["s"])[0]
 
 
 def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> Iterator[_Line]:
     names = [_relative(path, folder) for path in run.files]
     yield ("file", names[0], "") if len(names) == 1 else ("files", names, "")
-    yield _clock_line(run.clock, len(run.columns[0].values))
+    yield run.clock
     for line in _rotation(run, model):
         yield line
         if line[0] == "speed" and later and (model is None or unbalanced(model)):
@@ -479,18 +483,6 @@ def _relative(path: Path, folder: Path) -> str:
         return str(path.resolve())
 
 
-def _clock_line(clock: _Clock, samples: int) -> _Line:
-    rate = None if clock.rate is None else clock.rate.hertz
-    if clock.column is not None:
-        name, told = clock.column.name, clock.note
-        if rate is not None:
-            told = _and(f"{rate:.6g} Hz, {samples / rate:.4g} s", told)
-        return "time", {"column": name, "unit": clock.unit} if clock.unit else name, told
-    if rate is not None:
-        return "", None, f"the file states {rate:.9g} Hz"
-    return "sample_rate", OPEN, 'nothing in the file tells it; write it as "5 kHz"'
-
-
 def _rotation(run: _Run, model: Model | None) -> Iterator[_Line]:
     by_role = {c.role: c for c in run.columns}
     if speed := by_role.get("speed"):
@@ -502,13 +494,8 @@ def _rotation(run: _Run, model: Model | None) -> Iterator[_Line]:
     elif angle := by_role.get("angle"):
         told = "deg or rad; of a counter, lines = 1024 in place of the unit"
         yield "angle", _column(angle), "" if angle.unit else told
-    elif model is None or turns(model):
+    elif model is None or unbalanced(model) or any("Omega" in text for text in model.texts):
         yield "speed", OPEN, 'of the rotation, "8400 rpm"; "0 rpm" at standstill'
-
-
-def turns(model: Model) -> bool:
-    """Tell whether the equations of a model hold the rotation."""
-    return any("Omega" in text or "phi" in text for text in model.texts)
 
 
 def unbalanced(model: Model) -> bool:
@@ -521,7 +508,7 @@ def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
     sources = run.driving() or run.channels()
     periods = [find_period(c.values) for c in sources]
     found = [(c, p) for c, p in zip(sources, periods, strict=True) if p is not None]
-    rate = None if run.clock.rate is None else run.clock.rate.hertz
+    rate = run.rate
     if not found or only_rotation([c.values for c in sources], periods):
         filtered = model is not None and model.linear is None
         yield from _filter(run, rate) if filtered else _whole_record(run, rate)
@@ -727,6 +714,5 @@ def _and(told: str, more: str) -> str:
 
 def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
     table = tomlkit.inline_table()
-    for key, value in values.items():
-        table[key] = _inline(value) if isinstance(value, Mapping) else value
+    table.update(values)
     return table
