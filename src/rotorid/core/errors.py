@@ -100,16 +100,19 @@ def require_names(
     names: Iterable[str],
     there: Iterable[str],
     found: str = "{}",
-    cure: str = "take a name from there",
+    cure: str = "",
     *,
     file: str = "",
     place: str = "",
 ) -> None:
-    """Refuse a name that is none of those that are there; `found` has a place for it."""
+    """Refuse a name that is none of those that are there; `found` has a place for it.
+
+    Without a cure, the nearest name is one.
+    """
     known = list(there)
     for name in names:
         if name not in known:
-            told = found.format(shortened(repr(name), 62))
+            told, cure = found.format(shortened(repr(name), 62)), cure or nearest(name, known)
             raise InputError(told, f"one of {', '.join(known)}", cure, file=file, place=place)
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming, nearest
+from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import check_unit, converts, multiply_units, si_factor
 from rotorid.core.values import Complexes, Floats
@@ -55,17 +55,6 @@ class Recording:
         return {name: one.channel(name, one.expected or "") for name, one in self.sources.items()}
 
 
-def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
-    """Return the error for a name that the model does not have, with the nearest that it has."""
-    there = list(known)
-    return InputError(
-        f"{name[:60]!r}, which is no {what} of the model",
-        f"one of {', '.join(there)}",
-        nearest(name, there),
-        place=place,
-    )
-
-
 _UNIT_OF = {
     "samples": "the unit of the sensor",
     "phasors": "the unit of the amplitude",
@@ -80,10 +69,12 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source
     """
     place, kind = f"channels.{name}", entry.kind
     quantities = (*model.inputs, *model.coordinates)
-    if entry.input is not None and entry.input not in model.inputs:
-        raise unknown(entry.input, model.inputs, "input", f"{place}.input")
-    if entry.reads is None and name not in quantities:
-        raise unknown(name, quantities, "input or coordinate", place)
+    if entry.input is not None:
+        told = "{}, which is no input of the model"
+        require_names([entry.input], model.inputs, told, place=f"{place}.input")
+    if entry.reads is None:
+        told = "{}, which is no input or coordinate of the model"
+        require_names([name], quantities, told, place=place)
     if entry.reads is not None and name in quantities:
         raise InputError(
             f"reads in the channel of {name}",

@@ -6,11 +6,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rotorid.answer.identify import Estimator
-from rotorid.core.errors import InputError, naming
+from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import to_si
 from rotorid.data.measured_modes import Mode, in_units_of
-from rotorid.experiment.channels import unknown
 from rotorid.experiment.schema import Effort, ExperimentFile, Method, OwnEntry, PriorKeys
 from rotorid.models import Model
 from rotorid.models.constraints import Constraint, unit_of_expression
@@ -84,8 +83,7 @@ def own_values(
 
 def _parameter(name: str, model: Model, place: str) -> Parameter:
     known = {parameter.name: parameter for parameter in model.parameters}
-    if name not in known:
-        raise unknown(name, known, "parameter", place)
+    require_names([name], known, "{}, which is no parameter of the model", place=place)
     return known[name]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, StrictInt
 from scipy import signal
 
-from rotorid.core.errors import InputError, ReadError, naming, nearest, require_names
+from rotorid.core.errors import InputError, ReadError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import Schema, parse_toml, read_bytes
 from rotorid.core.units import to_si
@@ -64,8 +64,7 @@ Quantity = str | int | float  # in a unit that the model, or the actuator, knows
 
 
 def _require(name: str, known: Iterable[str], place: str) -> None:
-    there = list(known)
-    require_names([name], there, cure=nearest(name, there), place=place)
+    require_names([name], known, place=place)
 
 
 class RotationEntry(Schema):
