@@ -714,5 +714,6 @@ def _and(told: str, more: str) -> str:
 
 def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
     table = tomlkit.inline_table()
-    table.update(values)
+    for key, value in values.items():
+        table[key] = _inline(value) if isinstance(value, Mapping) else value
     return table
