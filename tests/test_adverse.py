@@ -1,10 +1,20 @@
 """Adverse records are called what they are: no wrong answer is called ok."""
 
+import numpy as np
 import pytest
-from adverse import WRONG, Case
+from adverse import WRONG, Case, Outcome
 from adverse_cases import CASES
 
-RECORDS = 20
+RECORDS, FIRST = 20, 6
+"""Records of a case, and how many of them are enough where their misfits are far off.
+
+A case that errs in 5 % of its records passes twenty with a chance of 36 %. Where the logarithms of
+six misfits have a mean that lies five of their deviations above what is rejected, at most one
+record in 26 is nearer than that, whatever the distribution (Cantelli); of normal ones that err in
+5 %, six look like that with a chance of 1 % (noncentral t). What errs in odd records only shows in
+the other cases of its kind: eight kinds of sign, eight of swaps, ten of units, nine of speeds.
+"""
+REJECTED = 3.0  # times the expected cost; a chance of 1e-6 for two dozen equations, less for more
 NAMED = 2
 # Shortfalls, each to be none: of twenty records, how many are right, or rejected, but not called
 # what they must be: a spring that stiffens too little to be seen.
@@ -26,10 +36,20 @@ def test_what_one_record_is_called(case: Case) -> None:
     assert case.holds(found, leads=False), found
 
 
+def far_off(found: list[Outcome]) -> bool:
+    """Tell whether misfits lie so far above what is rejected that no record will come near."""
+    margin = np.log([outcome.misfit / REJECTED for outcome in found])
+    return bool(margin.mean() > 5 * margin.std(ddof=1))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=[case.what for case in CASES])
 def test_no_wrong_answer_is_ever_called_ok(case: Case) -> None:
-    found = {seed: case.run(seed, leads=False) for seed in range(RECORDS)}
+    found: dict[int, Outcome] = {}
+    for seed in range(RECORDS):
+        if seed == FIRST and case.by_misfit and far_off([*found.values()]):
+            break
+        found[seed] = case.run(seed, leads=False)
     missed = {s: o for s, o in found.items() if not case.holds(o, leads=False)}
     wrong = {s: o for s, o in missed.items() if o.status == "ok" and o.error > WRONG}
     assert not wrong

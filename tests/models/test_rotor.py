@@ -185,10 +185,9 @@ def test_a_support_may_depend_on_the_speed():
 
 @pytest.fixture(scope="module")
 def reducible():
-    """A record of the shipped rotor, and what is found of it with all its coordinates."""
+    """The shipped rotor, and a record of it."""
     model = rid.load_model("flexible")
-    record = drawn_record(model, np.random.default_rng(3))
-    return model, record, rid.identify(model, record, "ml")
+    return model, drawn_record(model, np.random.default_rng(3))
 
 
 def spied(monkeypatch, told=None):
@@ -208,7 +207,8 @@ def spied(monkeypatch, told=None):
 
 @pytest.mark.slow
 def test_a_reduced_rotor_gives_the_answer_of_the_whole_one(monkeypatch, reducible):
-    model, record, whole = reducible
+    model, record = reducible
+    whole = rid.identify(model, record, "ml")  # with all its coordinates
     seen = spied(monkeypatch)
     start = {name: 1.1 * value for name, value in model.nominal.items() if name[0] != "u"}
     estimate = rid.identify(model, record, rid.MaximumLikelihood(start=start))
@@ -223,7 +223,7 @@ def test_a_reduced_rotor_gives_the_answer_of_the_whole_one(monkeypatch, reducibl
 def test_shapes_are_taken_again_until_the_whole_rotor_would_not_move_the_answer(
     monkeypatch, reducible
 ):
-    model, record, _ = reducible
+    model, record = reducible
     # A hundredth of a deviation is negligible.
     seen = spied(monkeypatch, [0.0101, 0.0099])
 
@@ -233,7 +233,7 @@ def test_shapes_are_taken_again_until_the_whole_rotor_would_not_move_the_answer(
 
 
 def test_shapes_below_rounding_are_not_taken(monkeypatch, reducible):
-    model, record, _ = reducible
+    model, record = reducible
     seen = []
 
     def reduced(self, reads, omega, speed, values, share):
@@ -257,7 +257,7 @@ def test_a_rotor_is_reduced_to_its_shapes_on_a_few_lines_of_a_few_speeds():
 
 
 def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
-    model, record, _ = reducible
+    model, record = reducible
     monkeypatch.setattr("rotorid.models.rotor.rotor_model.WORTH", 0.0)
     seen = []
 

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import h5py
@@ -16,8 +17,9 @@ from rotorid.force.laws import Differential
 from rotorid.force.reading import ForceReading, forces
 from rotorid.rig.logger import decimated
 
-RIGID = load_rig("rigid").text.replace('"10 s"', '"5 s"')
-LINEAR = load_rig("three-mass").text.replace('"13 s"', '"5 s"')
+LIBRARY = files("rotorid.rig") / "library"
+RIGID = (LIBRARY / "rigid.toml").read_text("utf-8").replace('"10 s"', '"5 s"')
+LINEAR = (LIBRARY / "three-mass.toml").read_text("utf-8").replace('"13 s"', '"5 s"')
 FILES = {
     "magnets, measured": RIGID,
     "magnets, commanded": RIGID.replace('current = "measured"', 'current = "command"'),

@@ -1,6 +1,7 @@
 """Faults by name: each is one entry, vanishes as its size does, and acts where it belongs."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -20,7 +21,12 @@ from rotorid.rig.plant import eddy_weights
 from rotorid.rig.rig import Rig
 from rotorid.rig.rotation import Encoder, Keyphasor, Rotation, encoder_counts, keyphasor_pulses
 
-RIGS = {name: load_rig(name).rig for name in ("three-mass", "rigid")}
+
+@cache
+def rig_of(name: str) -> Rig:
+    return load_rig(name).rig
+
+
 # Their size is a number of events, or they are there or not.
 WHOLE = {
     "backward", "clipping", "dead-sensor", "encoder-double", "encoder-index", "encoder-lost",
@@ -40,7 +46,7 @@ def short(rig: Rig) -> Rig:
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_of_no_size_changes_nothing(name: str) -> None:
-    rig = short(RIGS[FAULTS[name].rig])
+    rig = short(rig_of(FAULTS[name].rig))
     faulty = with_faults(rig, [(FAULTS[name], FAULTS[name].none)])
     assert replace(faulty, described=None) == replace(rig, described=None)
     assert faulty.described is rig
@@ -51,7 +57,7 @@ def test_a_fault_of_no_size_changes_nothing(name: str) -> None:
 def test_a_fault_vanishes_with_its_size(name: str) -> None:
     """A millionth of the size changes the columns by about a millionth of what the size does."""
     fault = FAULTS[name]
-    rig = short(RIGS[fault.rig])
+    rig = short(rig_of(fault.rig))
     if np.isinf(fault.none):
         tiny = fault.size * (1e6 if rig.linear else 30.0)  # a lag is stiff where it is integrated
     else:
@@ -72,7 +78,7 @@ LATE = {"touch-down", "gain-schedule"}  # after 3 s and more
 @pytest.mark.parametrize("name", [name for name in FAULTS if name not in LATE])
 def test_a_fault_changes_the_record(name: str) -> None:
     fault = FAULTS[name]
-    rig = RIGS[fault.rig] if name == "gravity" else short(RIGS[fault.rig])
+    rig = rig_of(fault.rig) if name == "gravity" else short(rig_of(fault.rig))
     plain, faulty = columns(rig), columns(with_faults(rig, [(fault, fault.size)]))
     changed = [
         name
@@ -106,9 +112,9 @@ def test_sizes_with_and_without_unit() -> None:
     with pytest.raises(InputError, match=r"--fault hum: found unit 'kg'"):
         find_fault("hum=3 kg")
     with pytest.raises(InputError, match=r"--fault gap: found an actuator without magnets"):
-        with_faults(RIGS["three-mass"], [find_fault("gap")])
+        with_faults(rig_of("three-mass"), [find_fault("gap")])
     with pytest.raises(InputError, match=r"--fault low-bias: found a bias lower by 1 of it; expec"):
-        with_faults(RIGS["rigid"], [find_fault("low-bias=1")])
+        with_faults(rig_of("rigid"), [find_fault("low-bias=1")])
 
 
 def test_faults_through_the_command(tmp_path: Path) -> None:
@@ -127,7 +133,7 @@ def test_faults_through_the_command(tmp_path: Path) -> None:
 
 
 def test_a_current_loop_without_motion_is_a_lag_of_first_order() -> None:
-    rig = RIGS["three-mass"]
+    rig = rig_of("three-mass")
     coil = Coil(resistance=2.0, inductance=0.03, bandwidth=800.0)
     held = replace(
         rig, actuators={name: replace(part, coil=coil) for name, part in rig.actuators.items()}
@@ -162,7 +168,7 @@ def test_the_induced_voltage_takes_the_power_that_the_force_gives() -> None:
     before = mass / 2
     after = mass * end[1] ** 2 / 2 + inductance * end[2] ** 2 / 2 + end[3]
     assert after == pytest.approx(before, rel=1e-8)
-    rig = RIGS["three-mass"]
+    rig = rig_of("three-mass")
     part = replace(rig.parts[0], law=Linear(ki, 0.0), coil=Coil(resistance, inductance, 500.0))
     coiled = replace(rig, actuators={**rig.actuators, "F_x1": part})
     plant = coiled.plant(1.0)
@@ -194,14 +200,14 @@ def exact_and_integrated(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     "name", ["current-loop", "sensor-bandwidth", "cross-force", "gravity", "base-motion"]
 )
 def test_linear_faults_take_exact_steps(name: str) -> None:
-    ideal = RIGS["three-mass"] if name == "gravity" else short(RIGS["three-mass"])
+    ideal = rig_of("three-mass") if name == "gravity" else short(rig_of("three-mass"))
     rig = with_faults(ideal, [find_fault(name)])
     exact, integrated = exact_and_integrated(rig)
     np.testing.assert_allclose(exact, integrated, atol=1e-7 * np.abs(exact).max())
 
 
 def test_the_filter_before_the_logger_leaves_the_loop_alone() -> None:
-    rig = short(RIGS["three-mass"])
+    rig = short(rig_of("three-mass"))
     rig = replace(rig, logger=replace(rig.logger, current="measured"))
     quiet = replace(
         rig,
@@ -231,7 +237,7 @@ def test_the_filter_before_the_logger_leaves_the_loop_alone() -> None:
 
 
 def test_gravity_is_carried_by_the_currents() -> None:
-    rig = with_faults(RIGS["three-mass"], [find_fault("gravity")])
+    rig = with_faults(rig_of("three-mass"), [find_fault("gravity")])
     truth = rig.record(1.0, np.random.default_rng(0)).truth
     mass = sum(rig.values[name] for name in ("m1", "m2", "m3"))
     vertical = truth.force[:, [1, 3]].sum(axis=1).mean()
@@ -241,7 +247,7 @@ def test_gravity_is_carried_by_the_currents() -> None:
 
 def test_base_motion_accelerates_the_rotor_as_seen_from_the_housing() -> None:
     """Far above the loop's bandwidth the rotor stands still in space: it moves against the base."""
-    rig = replace(short(RIGS["rigid"]), excitation=None)
+    rig = replace(short(rig_of("rigid")), excitation=None)
     size = 5e-6
     shaken = with_faults(rig, [(FAULTS["base-motion"], size)])
     free = replace(shaken, controller=replace(rig.controller, D=rig.controller.D))
@@ -310,7 +316,7 @@ def test_gaps_that_grow_change_the_linear_law_as_the_magnets() -> None:
     rate, step = 0.004, 1e-4
     slope, later = law.linearize(), replace(law, gap=4e-4 * (1 + rate * step)).linearize()
     part = Actuator(Linear(slope.ki, slope.ks), heating=rate)
-    rig = RIGS["three-mass"]
+    rig = rig_of("three-mass")
     hot = replace(rig, actuators=dict.fromkeys(rig.actuators, part))
     table = tables.bearing_table(hot, hot.plant(1.0))
     np.testing.assert_allclose(
@@ -320,7 +326,7 @@ def test_gaps_that_grow_change_the_linear_law_as_the_magnets() -> None:
 
 def test_a_seal_drives_the_forward_whirl() -> None:
     """F_x = -k y, F_y = k x does work on a forward orbit: the forward mode loses damping."""
-    rig = RIGS["three-mass"]
+    rig = rig_of("three-mass")
     plain, sealed = rig, replace(rig, cross=3e4)
     speed = rig.rotation.speed
     slower = tables.growth(plain, plain.plant(1.0), speed)[0]
@@ -335,7 +341,7 @@ def test_a_seal_drives_the_forward_whirl() -> None:
 
 def test_turned_sensors_and_magnets_undo_each_other() -> None:
     """Both turned by the same angle: the loop of an isotropic rotor is the same, seen turned."""
-    rig = replace(short(RIGS["three-mass"]), excitation=None)
+    rig = replace(short(rig_of("three-mass")), excitation=None)
     quiet = replace(
         rig,
         sensors=tuple(replace(s, noise=0.0) for s in rig.sensors),
@@ -354,7 +360,7 @@ def test_turned_sensors_and_magnets_undo_each_other() -> None:
 
 
 def test_a_notch_takes_the_rotation_out_of_the_commands() -> None:
-    rig = RIGS["three-mass"]
+    rig = rig_of("three-mass")
     notched = with_faults(rig, [find_fault("notch")])
     response = notched.controller.response([rig.rotation.speed])[0]
     assert (
@@ -374,7 +380,7 @@ def test_controllers_in_series() -> None:
 
 
 def test_a_touch_pushes_back_and_rubs() -> None:
-    rig = with_faults(RIGS["three-mass"], [(FAULTS["touch-down"], 3e3)])
+    rig = with_faults(rig_of("three-mass"), [(FAULTS["touch-down"], 3e3)])
     with pytest.raises(InputError, match=r"the rotor touching"):
         replace(rig, contact=0.0).record(3.2, np.random.default_rng(1))
     truth = rig.record(3.2, np.random.default_rng(1)).truth

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -200,13 +201,17 @@ def minimize_crest(signals: Multisine, *, steps: int = 8) -> Multisine:
     as starts, the same ones each time, and the lowest peak is kept.
     """
     columns = [
-        _flattened(signals.harmonics, column, steps) if np.abs(column).any() else column
+        _flattened(tuple(signals.harmonics.tolist()), tuple(column.tolist()), steps)
+        if np.abs(column).any()
+        else column
         for column in signals.amplitudes.T
     ]
     return replace(signals, amplitudes=np.stack(columns, axis=1))
 
 
-def _flattened(harmonics: Integers, amplitudes: Complexes, steps: int) -> Complexes:
+@lru_cache(maxsize=16)  # a second or two, and the same rig is often read again
+def _flattened(numbers: tuple[int, ...], phasors: tuple[complex, ...], steps: int) -> Complexes:
+    harmonics, amplitudes = np.array(numbers), np.array(phasors)
     used = np.abs(amplitudes) > 0
     lines, size, count = harmonics[used], np.abs(amplitudes[used]), _fine(harmonics)
     rms = np.sqrt((size**2).sum() / 2)

@@ -131,17 +131,22 @@ class Figures:
 
 @pytest.mark.slow
 def test_statistics_of_the_three_covariances(demo):
-    """400 records. What holds: cross terms, from neighbouring lines; what does not: the rest."""
+    """400 records. What holds: cross terms, from neighbouring lines; what does not: the rest.
+
+    That the rest does not hold shows in sixty of them.
+    """
     model = demo.model
     knowledge = Knowledge(start=demo.truth)
     found = {"correlated": Figures(), "white": Figures(), "diagonal": Figures()}
     for seed in range(400):
         record = run(seed)
-        for choice in ("auto", "white"):
+        for choice in ("auto", "white") if seed < 60 else ("auto",):
             fitted = fit(model, [bind(model, record)], knowledge, Nuisances(), covariance=choice)
             name = "correlated" if choice == "auto" else choice
             assert fitted.records[0].lines.covariance.kind == name
             found[name].add(fitted.solution, fitted.inference, demo.values)
+        if seed >= 60:
+            continue
         whole = correlated_covariance(record.spectra)
         alone = LineCovariance(whole.matrices * np.eye(12), whole.dof, whole.kind)
         prepared = fitted.prepared
@@ -164,9 +169,9 @@ def test_statistics_of_the_three_covariances(demo):
     assert (np.abs(right.coverage - 0.95) < 0.035).all()
     assert (np.abs(right.ratio - 1) < 0.12).all()
     white, diagonal = found["white"], found["diagonal"]
-    assert white.cost_deviation < -10
+    assert white.cost_deviation < -5
     assert white.rejected < 0.02
-    assert diagonal.cost_deviation < -50
+    assert diagonal.cost_deviation < -40
     assert diagonal.rejected < 0.01
     assert diagonal.ratio.min() < 0.6  # deviations up to two and a half times too wide
 

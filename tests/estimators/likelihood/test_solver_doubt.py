@@ -49,18 +49,13 @@ def worst(case, estimate):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("setting", ADVERSE)
-@pytest.mark.parametrize("seed", [0, 1])
-def test_no_wrong_answer_is_called_ok(setting, seed):
-    case = rotor_case(ADVERSE[setting], seed)
-    estimate = estimated(case)
-    assert estimate.status != "ok" or worst(case, estimate) < 5
+def test_no_wrong_answer_is_called_ok(setting):
+    """One that errs in 5 % of its records passes twenty with a chance of 36 %, ten with 60 %.
 
-
-@pytest.mark.slow
-@pytest.mark.parametrize("setting", ADVERSE)
-def test_no_wrong_answer_is_called_ok_ever(setting):
+    The search at rest takes long; the adverse bank has ten more such rotors.
+    """
     wrong = []
-    for seed in range(20):
+    for seed in range(10 if "standstill" in setting else 20):
         case = rotor_case(ADVERSE[setting], 50 + seed)
         estimate = estimated(case)
         if estimate.status == "ok" and worst(case, estimate) > 5:
