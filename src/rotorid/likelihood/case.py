@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
-from typing import Any, Literal, TypeVar
+from functools import cached_property, partial
+from typing import Any, Literal
 
 import numpy as np
 
@@ -222,8 +222,6 @@ def _screened(problem: Problem, start: Floats) -> float:
 Kind = Literal["bound", "known", "term", "gain", "lag", "mistake", "unit", "speed", "omission"]
 """What a rival says is otherwise: a limit; a value known beforehand; a term or an effect that
 nobody thought of; a factor; a lag; what was read, in one way or another; a line that counts."""
-Told = tuple[str, str]
-"""What is the matter, and what to do about it."""
 
 
 @frozen
@@ -231,12 +229,13 @@ class Rival:
     """Another hypothesis about what was measured: a change of the case, and what to say of it."""
 
     term: str  # for people: ``swap[x1, y1]``; no code takes it apart
-    on: tuple[str, ...]  # channels, groups of them, records, or the term itself
     kind: Kind
     change: Callable[[Case], Case]
-    told: Told | Callable[[float | None], Told]  # at its value
+    said: str | Callable[[float | None], str]  # what is the matter, at its value
+    cure: str
     value: float | Callable[[Point], float | None] | None = None  # what is right, in `unit`
     unit: str = ""
+    on: tuple[str, ...] = ()  # channels, groups of them or records that it acts on, if on such
     way: Way = "near"  # from where it is minimized
     added: Unknown | None = None  # the unknown that it frees, where that is a further one
     # A small change is scored first, by the derivative: the unknowns that it frees, the value that
@@ -246,7 +245,12 @@ class Rival:
     forgets: str = ""
     likely: Callable[[Point], bool] | None = None  # of a bound: whether it is a mistake by itself
     # from the case and the minimum that it leads to, to what says the same more exactly
-    sharper: Callable[[Case, Point], Iterator[Rival]] | None = None
+    sharper: Callable[[Case, Point], Iterator[Rival]] = lambda case, point: iter(())
+
+    @property
+    def place(self) -> tuple[str, ...]:
+        """What it acts on, or itself where that is the model."""
+        return self.on or (self.term,)
 
     def value_at(self, point: Point) -> float | None:
         if self.size is not None:
@@ -260,7 +264,7 @@ class Rival:
         drop, step = slopes.point.linear.score(columns)
         if self.size is None:
             return drop, None
-        at = [slopes.index[name] for name in self.frees]
+        at = slopes.where(*self.frees)
         return drop, self.size(slopes.point.unknowns[at] + step[: len(at)])
 
 
@@ -295,23 +299,19 @@ class Slopes:
         known = wide.point.problem.known.jacobian(wide.unknowns)
         return cls(wide.point, np.concatenate([*rows, known]))
 
-    @property
-    def index(self) -> Mapping[str, int]:
-        return self.point.problem.layout.index
+    def where(self, *names: str) -> list[int]:
+        return [self.point.problem.layout.index[name] for name in names]
 
     def by(self, *names: str) -> Floats:
-        return self.columns[:, [self.index[name] for name in names]]
+        return self.columns[:, self.where(*names)]
 
     def slack(self, text: str) -> Floats:
         """Return the columns that take what is known of something out of the residual."""
         texts, count = self.point.problem.known.texts, len(self.columns)
         rows = np.flatnonzero([each == text for each in texts]) + count - len(texts)
-        columns = np.zeros((count, len(rows)))
-        columns[rows, np.arange(len(rows))] = 1.0
-        return columns
+        return np.asarray(np.arange(count)[:, None] == rows, dtype=float)
 
 
-U = TypeVar("U", bound=Unknown)
 Entry = Callable[[Case], Iterator[Rival]]
 CATALOGUE: dict[str, list[Entry]] = {}
 
@@ -326,7 +326,7 @@ def rivals(stage: str) -> Callable[[Entry], Entry]:
     return enter
 
 
-def freed(unknown: Unknown, kind: Kind = "term", *, on: tuple[str, ...] = ()) -> Rival:
+def freed(unknown: Unknown, kind: Kind = "term", on: tuple[str, ...] = ()) -> Rival:
     """Return the rival that an unknown is not what it is taken for."""
 
     def instead(case: Case, point: Point) -> Iterator[Rival]:
@@ -337,11 +337,12 @@ def freed(unknown: Unknown, kind: Kind = "term", *, on: tuple[str, ...] = ()) ->
 
     rival = Rival(
         unknown.term,
-        on or (tuple(unknown.on) if len(unknown.on) == 1 else (unknown.term,)),
         kind,
         lambda case: case.plus(unknown),
-        unknown.told,
+        unknown.said,
+        unknown.cure,
         unit=unknown.unit,
+        on=on or (tuple(unknown.on) if len(unknown.on) == 1 else ()),
         added=unknown,
         frees=tuple(scalar.name for scalar in unknown.scalars),
         size=unknown.size,
@@ -352,18 +353,18 @@ def freed(unknown: Unknown, kind: Kind = "term", *, on: tuple[str, ...] = ()) ->
 
 def mistake(
     term: str,
-    on: tuple[str, ...],
     said: str,
     cure: str,
     change: Callable[[Records], Records],
     value: float | None = None,
     unit: str = "",
+    *,
+    on: tuple[str, ...] = (),
     kind: Kind = "mistake",
 ) -> Rival:
     """Return the rival that records were made with a mistake; `change` undoes it."""
-    return Rival(
-        term, on, kind, lambda case: case.reading(change), (said, cure), value, unit, way="far"
-    )
+    undone = partial(Case.reading, change=change)
+    return Rival(term, kind, undone, said, cure, value, unit, on, way="far")
 
 
 def each_record(
@@ -374,7 +375,7 @@ def each_record(
     return lambda records: [change(record) if of(record) else record for record in records]
 
 
-def not_asked(case: Case, unknowns: Iterable[U]) -> list[U]:
+def not_asked(case: Case, unknowns: Iterable[Unknown]) -> list[Unknown]:
     """Return the unknowns that are not estimated already."""
     index = case.prepared.layout.index
     return [u for u in unknowns if not any(s.name in index for s in u.scalars)]

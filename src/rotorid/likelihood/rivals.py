@@ -22,7 +22,7 @@ alone is followed on more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from typing import NamedTuple
 
@@ -34,7 +34,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
 from rotorid.likelihood import rivals_channels, rivals_records, rivals_stated, rivals_terms
-from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes, Told
+from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes, Way
 from rotorid.likelihood.effects import Entry, of_kind
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.preparation import Prepared
@@ -111,17 +111,12 @@ class Finding:
     share: float  # of the excess misfit
     value: float | None
     tried: bool = True
-    likely: bool = False  # a bound that is a little too narrow
+    likely: bool | None = None  # of a bound: whether it is a little too narrow
 
     @property
     def exact(self) -> bool:
         """Whether it needs no further unknown."""
         return self.rival.kind in ("mistake", "unit", "speed")
-
-    @property
-    def told(self) -> Told:
-        told = self.rival.told
-        return told(self.value) if callable(told) else told
 
 
 class Causes(NamedTuple):
@@ -140,7 +135,9 @@ class Tried:
     causes: Callable[[], Causes]
 
 
-Tries = Generator[Tried, None, list[Finding]]
+Tries = Iterator[Tried]
+# Of an estimate astray numbers may overflow; whoever takes the trials has his own way with them.
+quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 
 @frozen
@@ -148,23 +145,37 @@ class RivalSearch:
     """Rank what may be wrong, what explains most first, and say what to do about it."""
 
     case: Case
-    tried: frozenset[str] = frozenset()  # terms of mistakes that are known to explain nothing
+    known: frozenset[str] = frozenset()  # terms of mistakes that are known to explain nothing
     besides: str = ""  # said behind everything else
-    so_far: list[Finding] = field(default_factory=list)
+    found: list[Finding] = field(default_factory=list)  # what was tried
 
-    def trials(self) -> Iterator[Tried]:
+    def trials(self) -> Tries:
         """Try rivals one by one; the last trial has what is suspected after all."""
-        every = self._trials()
-        while True:
-            # An estimate astray. Whoever takes the trials has his own way with such numbers.
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                trial = next(every, None)
-            if trial is None:
-                return
-            yield trial
-
-    def _trials(self) -> Iterator[Tried]:
-        found = yield from self.findings()
+        small = self.entered(*SMALL)
+        scored = self.scored(small)
+        yield from self.at("bound")
+        if not self.explained():
+            yield from self.at("bounds")
+        # Of a table first: a negative damping may explain as well that phases count backward. Of
+        # responses likewise, which are too far off for screening at the values that were found.
+        yield from self.at("table")
+        yield from self.freed(scored[:FIRST])
+        yield from self.likeliest("modes")
+        yield from self.at("trial")
+        if not self.case.gross or self.explained(lambda f: f.likely is not False):
+            yield from self.freed(scored[FIRST:REFITTED])
+            rest = scored[REFITTED:]
+        else:
+            yield from self.screened()
+            rest = [] if self.explained() else scored[FIRST:]
+        # Another unit may explain anything: it is as if there were more noise.
+        if not self.explained(lambda f: f.rival.kind != "unit", rest):
+            yield from self.at("line")
+        kept = [f for f in self.found if f.rival.kind != "omission" or self.explains(f)]
+        expected, places = self.case.expected, dict[tuple[str, ...], int]()
+        for number, rival in enumerate(small):
+            places.setdefault(rival.place, number)
+        found = ranked(_one_speed([*kept, *rest], expected), expected, places)
         which = "" if self.case.records else _which_end(self.case, found)
         yield Tried(0, 0, lambda: self.told(found, which))
 
@@ -178,44 +189,23 @@ class RivalSearch:
         return Causes((said, *notes), any(r.kind == "speed" for r, _ in kept))
 
     def trial(self, done: int, of: int) -> Tried:
-        found = tuple(self.so_far)
+        found = tuple(self.found)
         return Tried(done, of, lambda: self.told(ranked(found, self.case.expected, {})))
 
-    def findings(self) -> Tries:
-        small = self.entered(*SMALL)
-        scored = self.scored(small)
-        found = yield from self.at("bound")
-        found += [] if self.any_explains(found) else (yield from self.at("bounds"))
-        # Of a table first: a negative damping may explain as well that phases count backward. Of
-        # responses likewise, which are too far off for screening at the values that were found.
-        found += yield from self.at("table")
-        found += yield from self.freed(scored[:FIRST])
-        found += yield from self.likeliest("modes")
-        found += yield from self.at("trial")
-        settled = any(self.explains(f) and (f.likely or f.rival.likely is None) for f in found)
-        if settled or not self.case.gross:
-            found += yield from self.freed(scored[FIRST:REFITTED])
-            found += scored[REFITTED:]
-        else:
-            found += yield from self.screened()
-            found += [] if self.any_explains(found) else scored[FIRST:]
-        # Another unit may explain anything: it is as if there were more noise.
-        if not self.any_explains([f for f in found if f.rival.kind != "unit"]):
-            found += [f for f in (yield from self.at("line")) if self.explains(f)]
-        places: dict[tuple[str, ...], int] = {}
-        for number, rival in enumerate(small):
-            places.setdefault(rival.on, number)
-        return ranked(_one_speed(found, self.case.expected), self.case.expected, places)
-
+    @quiet
     def entered(self, *stages: str) -> list[Rival]:
         return [r for stage in stages for entry in CATALOGUE[stage] for r in entry(self.case)]
 
     def explains(self, finding: Finding) -> bool:
         return finding.left < GROSS * max(self.case.expected, 1.0)
 
-    def any_explains(self, found: Sequence[Finding]) -> bool:
-        return any(self.explains(finding) for finding in found)
+    def explained(
+        self, among: Callable[[Finding], bool] = lambda _: True, rest: Sequence[Finding] = ()
+    ) -> bool:
+        """Tell whether some of what was found, or of what is left, explains the data."""
+        return any(self.explains(f) for f in (*self.found, *rest) if among(f))
 
+    @quiet
     def scored(self, small: Sequence[Rival]) -> list[Finding]:
         """Return small changes by the score test, the largest drop of the cost first."""
         found = []
@@ -233,27 +223,24 @@ class RivalSearch:
         return self.one_by_one([each.rival for each in scored])
 
     def one_by_one(self, rivals: Sequence[Rival]) -> Tries:
-        found = []
         for number, rival in enumerate(rivals, 1):
-            found += self.followed(rival)
+            self.follow(rival)
             yield self.trial(number, len(rivals))
-        return found
 
-    def followed(self, rival: Rival) -> list[Finding]:
+    @quiet
+    def follow(self, rival: Rival) -> None:
         """Minimize with a rival, and with what says the same more exactly."""
-        point = rival.change(self.case).minimized(rival.way)
-        if point is None:
-            return []
-        found = [self.finding(rival, point)]
-        self.so_far.extend(found)
-        for sharper in rival.sharper(self.case, point) if rival.sharper else ():
-            found += self.followed(sharper)
-        return found
+        waiting = [rival]
+        while waiting:
+            rival = waiting.pop(0)
+            point = rival.change(self.case).minimized(rival.way)
+            if point is not None:
+                self.found.append(self.finding(rival, point))
+                waiting += rival.sharper(self.case, point)
 
     def finding(self, rival: Rival, point: Point) -> Finding:
-        likely = rival.likely is not None and rival.likely(point)
-        drop = self.case.point.cost - point.cost
-        value = rival.value_at(point)
+        drop, value = self.case.point.cost - point.cost, rival.value_at(point)
+        likely = rival.likely and rival.likely(point)
         return Finding(rival, point.cost, drop, self.share(drop), value, likely=likely)
 
     def share(self, drop: float) -> float:
@@ -267,23 +254,22 @@ class RivalSearch:
         those of its kind: a sensor upside down may look like its actuator upside down.
         """
         if not self.case.records:
-            return []
-        found: list[Finding] = []
+            return
+        before, level = len(self.found), self.case.screened()
         waiting: list[tuple[float, Rival]] = []
-        level = self.case.screened()
         for stage in LARGE:
-            stages = [r for r in self.entered(stage) if r.term not in self.tried]
+            stages = [r for r in self.entered(stage) if r.term not in self.known]
             for number, rival in enumerate(stages, 1):
                 cost = rival.change(self.case).screened()
                 if cost < STANDS_OUT * level:
-                    found += self.followed(rival)
+                    self.follow(rival)
                 else:
                     waiting.append((cost, rival))
                 yield self.trial(number, len(stages))
-            if self.any_explains(found):
-                return found
+            if any(map(self.explains, self.found[before:])):
+                return
         likeliest = sorted(waiting, key=lambda pair: pair[0])[:SCREENED]
-        return found + (yield from self.one_by_one([rival for _, rival in likeliest]))
+        yield from self.one_by_one([rival for _, rival in likeliest])
 
     def likeliest(self, stage: str) -> Tries:
         """Follow the best of a stage after screening."""
@@ -291,7 +277,8 @@ class RivalSearch:
         for rival in entered:
             costs.append(rival.change(self.case).screened())
             yield self.trial(len(costs), len(entered))
-        return self.followed(entered[costs.index(min(costs))]) if entered else []
+        if entered:
+            self.follow(entered[costs.index(min(costs))])
 
 
 Places = Mapping[tuple[str, ...], int]
@@ -311,9 +298,9 @@ def ranked(found: Sequence[Finding], expected: float, places: Places) -> list[Fi
             best.setdefault(finding.rival.term, finding)
     ordered = list(best.values())
     group = alike(ordered, expected)
-    exact = {f.rival.on for f in group if f.exact}
+    exact = {f.rival.place for f in group if f.exact}
     told = [f for f in group if f.likely] + [f for f in group if f.exact]
-    rest = [f for f in group if f not in told and f.rival.on not in exact]
+    rest = [f for f in group if f not in told and f.rival.place not in exact]
     told += sorted(rest, key=lambda f: STANDING.get(f.rival.kind, 1))
     return [*told, *(f for f in ordered if f not in group)]
 
@@ -327,7 +314,7 @@ def _in_order(found: Sequence[Finding], expected: float, places: Places) -> list
     def even(finding: Finding) -> tuple[bool, int, str]:
         rival, value = finding.rival, finding.value
         too_much = rival.kind == "gain" and value is not None and abs(value) > 1
-        return too_much, places.get(rival.on, len(places)), rival.term
+        return too_much, places.get(rival.place, len(places)), rival.term
 
     ordered: list[Finding] = []
     rest = sorted(found, key=lambda f: (not f.tried, f.left))
@@ -350,9 +337,9 @@ def _one_speed(found: Sequence[Finding], expected: float) -> list[Finding]:
         group = alike([f for f in kept if f.rival.term == term], expected)
         values = np.array([f.value for f in group], dtype=float)
         if np.ptp(values) > SAME_SPEED * np.abs(values).max():
-            where = f" of {group[0].rival.on[0]}" if group[0].rival.on else ""
+            where = "".join(f" of {record}" for record in group[0].rival.on)
             said = f"another speed{where} than the one given, whose true value no line shows"
-            any_speed = replace(group[0].rival, told=(said, LOOK_FOR_THE_SPEED), unit="")
+            any_speed = replace(group[0].rival, said=said, cure=LOOK_FOR_THE_SPEED, unit="")
             one = replace(group[0], rival=any_speed, value=None)
             kept = [one, *(f for f in kept if f.rival.term != term)]
     return kept
@@ -400,7 +387,8 @@ def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
             f"the data reject the model, and none of the {len(found)} suspects explains "
             f"more than a fifth of it{best}: look at the misfit by line, or for two mistakes"
         )
-    first, (said, cure) = found[0], found[0].told
+    first, said, cure = found[0], found[0].rival.said, found[0].rival.cure
+    said = said if isinstance(said, str) else said(first.value)
     others = [f.rival.term for f in alike(found, case.expected)[1:]]
     group = f" (the data cannot tell it from {', '.join(others[:4])}{which})" if others else ""
     rest = ""
@@ -466,19 +454,22 @@ def _shown(case: Case, plain: Plain | None) -> Causes:
     few = case.on_lines(FEW)
     # The best here is that of the search, with the unbalance at its best for these lines.
     here = replace(few, found=few.problem.best_at(case.unknowns))
-    found, expected = list[Finding](), np.inf
-    for rival in leads:
-        there = rival.change(few).settled()
-        if there is None:
-            continue
-        search = RivalSearch(replace(here, expected=there.expected))
-        finding = search.finding(rival, there.point)
-        if search.explains(finding):
-            found, expected = [*found, finding], min(expected, there.expected)
-    if not found:
+    ends = [
+        (RivalSearch(replace(here, expected=there.expected)).finding(rival, there.point), there)
+        for rival, there in _explaining(few, leads)
+    ]
+    if not ends:
         return Causes()
+    expected = min(there.expected for _, there in ends)
     search = RivalSearch(replace(here, expected=expected), besides=_by_lines(here, case))
-    return search.told(ranked(found, expected, {}))
+    return search.told(ranked([finding for finding, _ in ends], expected, {}))
+
+
+def _explaining(case: Case, rivals: Sequence[Rival], way: Way = "near") -> list[tuple[Rival, Case]]:
+    """Return the rivals with which noise explains the records, and where, the best first."""
+    ends = [(rival, rival.change(case).settled(way)) for rival in rivals]
+    found = [(rival, there) for rival, there in ends if there is not None and not there.gross]
+    return sorted(found, key=lambda pair: pair[1].point.cost)
 
 
 def _by_lines(few: Case, every: Case) -> str:
@@ -509,28 +500,18 @@ def plainly(prepared: Prepared, records: Sequence[Observation], problem: Problem
     if there is None or not there.gross:
         return None
     mistakes = RivalSearch(few).entered("single")
-    right = _without_a_mistake(few, mistakes)
-    if right:
+    costs = [rival.change(few).screened() for rival in mistakes]
+    first = np.argsort(costs, kind="stable")[:FOLLOWED]
+    likely = [mistakes[k] for k in first if costs[k] <= LIKELY * costs[first[0]]]
+    if right := _explaining(few, likely, "start"):
         # The start may have been bad, and nothing else: from there the records as they are.
-        near = replace(few, unknowns=right[0][0].unknowns).settled()
+        near = replace(few, unknowns=right[0][1].unknowns).settled()
         if near is not None and not near.gross:
             return None
-        return _on_all_lines(problem, right[0][0], tuple(rival for _, rival in right))
+        return _on_all_lines(problem, right[0][1].point, tuple(rival for rival, _ in right))
     ended = _searched(few, problem) if there.costs(HOPELESS) else None
     plain = None if ended is None else _on_all_lines(problem, ended)
     return plain and replace(plain, tried=frozenset(rival.term for rival in mistakes))
-
-
-def _without_a_mistake(case: Case, mistakes: Sequence[Rival]) -> list[tuple[Point, Rival]]:
-    """Return the mistakes without which noise explains the records, the best first."""
-    costs = [rival.change(case).screened() for rival in mistakes]
-    order = np.argsort(costs, kind="stable")[:FOLLOWED]
-    found = []
-    for rival in [mistakes[k] for k in order if costs[k] <= LIKELY * costs[order[0]]]:
-        there = rival.change(case).settled("start")
-        if there is not None and not there.gross:
-            found.append((there.point, rival))
-    return sorted(found, key=lambda pair: pair[0].cost)
 
 
 def _searched(few: Case, problem: Problem) -> Point | None:

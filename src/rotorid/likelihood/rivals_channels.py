@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations, permutations
+from itertools import combinations
 
 import numpy as np
 
@@ -61,51 +61,40 @@ def _swap(pairs: Sequence[tuple[str, str]]) -> Rival:
     told = " and ".join(f"{a} with {b}" for a, b in pairs)
     return mistake(
         "swap[" + "; ".join(f"{a}, {b}" for a, b in pairs) + "]",
-        tuple(name for pair in pairs for name in pair),
         f"the columns of {told} exchanged" if len(pairs) > 1 else f"{told} exchanged",
         "exchange their columns in [channels]",
         each_record(partial(exchanged, pairs=pairs)),
+        on=tuple(name for pair in pairs for name in pair),
     )
 
 
 def _sign(names: Sequence[str]) -> Rival:
     listed = ", ".join(names)
-    return mistake(
-        f"sign[{listed}]",
-        tuple(names),
-        f"{listed} upside down",
-        "turn the sign: scale = -1 (or that of ki, where the channel is a current)",
-        each_record(partial(multiplied, factors=dict.fromkeys(names, -1.0))),
-        -1.0,
-        "1",
-    )
+    cure = "turn the sign: scale = -1 (or that of ki, where the channel is a current)"
+    turned = each_record(partial(multiplied, factors=dict.fromkeys(names, -1.0)))
+    said = f"{listed} upside down"
+    return mistake(f"sign[{listed}]", said, cure, turned, -1.0, "1", on=tuple(names))
 
 
 def _unit(names: Sequence[str], label: str, gain: float) -> Rival:
     """Return the rival that some channels read `gain` times their quantity."""
-    return mistake(
-        f"unit[{label}]",
-        (label,),
-        f"{label} reading {gain:.4g} times the quantity{factor_name(gain)}",
-        f"look up the unit and the scale of {label}, and give them",
-        each_record(partial(multiplied, factors=dict.fromkeys(names, 1 / gain))),
-        gain,
-        "1",
-        kind="unit",
-    )
+    said = f"{label} reading {gain:.4g} times the quantity{factor_name(gain)}"
+    cure = f"look up the unit and the scale of {label}, and give them"
+    scaled = each_record(partial(multiplied, factors=dict.fromkeys(names, 1 / gain)))
+    return mistake(f"unit[{label}]", said, cure, scaled, gain, "1", on=(label,), kind="unit")
 
 
-def _gain(unknown: Unknown, label: str, names: Sequence[str]) -> Rival:
+def _gain(unknown: Unknown, label: str) -> Rival:
     """Return the rival that some channels have a factor; of a sign or unit, that exactly."""
-    free = freed(unknown, "gain", on=(label,))
+    free, names = freed(unknown, "gain", (label,)), sorted(unknown.on)
 
     def exactly(case: Case, point: Point) -> Iterator[Rival]:
         value = free.value_at(point)
         exact = snap(value) if value else None
         if exact == -1.0:
-            yield _sign(sorted(names))
+            yield _sign(names)
         elif exact is not None and exact != 1.0:
-            other = _unit(sorted(names), label, exact)
+            other = _unit(names, label, exact)
             yield other if exact > 0 else replace(other, term=unknown.term, kind="mistake")
 
     return replace(free, sharper=exactly)
@@ -119,7 +108,7 @@ def _gains(case: Case) -> Iterator[Rival]:
     found |= {_label(case, group): group for group in groups if len(group) > 1}
     for label, names in found.items():
         for unknown in not_asked(case, [multiplier(label, names)]):
-            yield _gain(unknown, label, names)
+            yield _gain(unknown, label)
 
 
 @rivals("factor")
@@ -130,10 +119,10 @@ def _typical(case: Case) -> Iterator[Rival]:
     for group in _like_groups(case):
         middle = float(np.median([size[name] for name in group]))
         for name in group:
-            ratio = middle / size[name] if size[name] > 0 else 1.0
-            start = float(ratio) if ratio > UNLIKE or ratio < 1 / UNLIKE else 1.0
+            ratio = float(middle / size[name]) if size[name] > 0 else 1.0
+            start = 1.0 if 1 / UNLIKE <= ratio <= UNLIKE else ratio
             for unknown in not_asked(case, [multiplier(name, [name], start)]):
-                yield replace(_gain(unknown, name, [name]), way="both")
+                yield replace(_gain(unknown, name), way="both")
 
 
 @rivals("channel")
@@ -185,16 +174,22 @@ def planes(case: Case) -> list[tuple[str, str]]:
     structure, model = case.structure, case.model
     if structure is None:
         return []
+    pushed = {name: np.zeros(len(model.coordinates)) for name in model.inputs}
+    to = {int(row): k for k, row in enumerate(structure.balance.rows)}
+    for term in model.require_linear().input_terms:
+        if term.row in to and model.monomials[term.monomial].sum() == 0:
+            pushed[model.inputs[term.input]][to[term.row]] = 1.0
+    # Sensors by what they read, inputs by the pattern of what they push.
     turn = structure.turn()
-    found = _turned_pairs(_read(case), turn)
-    if model.linear is not None:
-        pushed = {name: np.zeros(len(model.coordinates)) for name in model.inputs}
-        to = {int(row): k for k, row in enumerate(structure.balance.rows)}
-        for term in model.linear.input_terms:
-            if term.row in to and model.monomials[term.monomial].sum() == 0:
-                pushed[model.inputs[term.input]][to[term.row]] = term.coefficient
-        found += _turned_pairs(pushed, turn, loose=True)
-    return found
+    kinds = (turn, _read(case)), (np.abs(turn), pushed)
+    return [(a, b) for by, of in kinds for a, b in combinations(of, 2) if _side(by, of[a], of[b])]
+
+
+def _side(turn: Floats, one: Floats, other: Floats) -> float:
+    """Return the sign with which a turn by a right angle carries one into the other; 0: none."""
+    image = turn @ one
+    side = float(np.sign(image @ other))
+    return side if image.any() and np.allclose(side * image, other) else 0.0
 
 
 def _read(case: Case) -> dict[str, Floats]:
@@ -206,22 +201,6 @@ def _read(case: Case) -> dict[str, Floats]:
         for term in sensor.terms:
             row[term.coordinate] += term.coefficient * np.prod(values ** np.array(term.powers))
     return rows
-
-
-def _turned_pairs(
-    rows: Mapping[str, Floats], turn: Floats, *, loose: bool = False
-) -> list[tuple[str, str]]:
-    """Pair what a turn by a right angle carries into one another; `loose`: by their pattern."""
-    found = []
-    for (a, one), (b, other) in combinations(rows.items(), 2):
-        image = turn @ one
-        if not image.any():
-            continue
-        if loose:
-            image, other = (image != 0).astype(float), (other != 0).astype(float)
-        if np.allclose(image, other) or np.allclose(image, -other):
-            found.append((a, b))
-    return found
 
 
 def _groups_with_planes(case: Case) -> Iterator[tuple[list[str], list[tuple[str, str]]]]:
@@ -276,10 +255,10 @@ def _positions(case: Case) -> Iterator[Rival]:
             if case.model.units[other] == "m" and dict(channel.drive.position) != {other: 1.0}:
                 yield mistake(
                     f"position[{channel.name}]",
-                    (channel.name,),
                     f"the force law of {channel.name} at {other}",
                     f'set position = "{other}" of {channel.name} in [channels]',
                     each_record(partial(_driven_at, name=channel.name, other=other)),
+                    on=(channel.name,),
                 )
 
 
@@ -362,22 +341,16 @@ def _beside_planes(
 ) -> Iterator[Rival]:
     """Yield planes of which both sensors, and all sensors, are further along the shaft."""
     found: list[tuple[int, Shares]] = []
-    for (one, row), (other, partner) in permutations(rows.items(), 2):
-        image = turn @ row
-        side = float(np.sign(image @ partner))
-        if one not in place or not image.any() or not np.allclose(side * image, partner):
-            continue
-        for angle in tilts[place[one]]:
-            lever = np.zeros(len(row))
-            lever[angle] = row[place[one]]
-            across = side * turn @ lever
+    for one, other in combinations(rows, 2):
+        side = _side(turn, rows[one], rows[other])
+        for angle in tilts[place[one]] if side and one in place else ():
+            size = float(rows[one][place[one]])
+            across = side * size * turn[:, angle]
             beside = int(np.abs(across).argmax())
-            if across[beside] and (other, one) not in {tuple(shares) for _, shares in found}:
-                both = {one: (angle, float(lever[angle])), other: (beside, float(across[beside]))}
-                found.append((angle, both))
+            if across[beside]:
+                found.append((angle, {one: (angle, size), other: (beside, float(across[beside]))}))
     for _, shares in found:
-        names = " and ".join(shares)
-        said = f"{names} beside their plane: they read angles too, with the lever"
+        said = f"{' and '.join(shares)} beside their plane: they read angles too, with the lever"
         yield _share("plane", "m", said, shares)
     for angle in dict.fromkeys(angle for angle, _ in found):
         every = [shares for at, shares in found if at == angle]

@@ -94,16 +94,19 @@ def _mistaken(given: Mapping[int, float], shown: Sequence[float], which: str) ->
     right = [(s, {k: v * f for k, v in given.items()}) for s, f in factors.items()]
     right = right if next(iter(given.values())) else []
     for speed in shown:
-        said = f"a speed{where} of {speed * 30 / np.pi:.6g} rpm, which the data show"
+        said = f"a speed{where} of {_rpm(speed)} rpm, which the data show"
         right.append((said, dict.fromkeys(given, speed)))
         right.append((f"{said}, the other way", dict.fromkeys(given, -speed)))
     for said, speeds in right:
         values = list(dict.fromkeys(speeds.values()))
-        told = ", ".join(f"{speed * 30 / np.pi:.6g}" for speed in values)
-        each = " one after the other" if len(values) > 1 else ""
-        cure = f"correct speed{where} (or the lines of the encoder): {told} rpm{each} would do"
-        value = values[0] if len(values) == 1 else None
+        told = ", ".join(map(_rpm, values)) + " rpm"
+        value, each = (values[0], "") if len(values) == 1 else (None, " one after the other")
+        cure = f"correct speed{where} (or the lines of the encoder): {told}{each} would do"
         yield _speed(said, cure, given, speeds, which, value)
+
+
+def _rpm(speed: float) -> str:
+    return f"{speed * 30 / np.pi:.6g}"
 
 
 def _speed(
@@ -122,7 +125,7 @@ def _speed(
 
     term = f"speed[{next(iter(given))}]" if which and len(given) == 1 else "speed"
     on, unit = (which,) if which else (), "" if value is None else "rad/s"
-    return mistake(term, on, said, cure, change, value, unit, kind="speed")
+    return mistake(term, said, cure, change, value, unit, on=on, kind="speed")
 
 
 def turned(record: Observation, now: float, speed: float) -> Observation:
@@ -140,15 +143,14 @@ def turned(record: Observation, now: float, speed: float) -> Observation:
 def shown_speed(records: Records) -> Rival | None:
     """Return the rival that the rotation is the one that the lines of records show."""
     given = {k: float(record.lines.speed[0]) for k, record in enumerate(records)}
-    shown = {k: record.lines.shown or given[k] for k, record in enumerate(records) if given[k]}
-    right = given | shown
+    right = {k: records[k].lines.shown or v if v else v for k, v in given.items()}
     others = [k for k in given if right[k] != given[k]]
     if not others:
         return None
     first = others[0]
     speed = abs(given[first]) * right[first] / given[first]
     which = f"record {first + 1}" if len(others) < len(records) else ""
-    told = f"{speed * 30 / np.pi:.6g} rpm ({speed / (2 * np.pi):.6g} Hz)"
+    told = f"{_rpm(speed)} rpm ({speed / (2 * np.pi):.6g} Hz)"
     said = f"a speed{f' of {which}' if which else ''} of {told}, which its lines show"
     return _speed(said, f"correct speed: {told}", given, right, which, speed)
 
@@ -202,9 +204,9 @@ def _row(case: Case) -> Iterator[Rival]:
     number = max(tables, key=lambda k: float(case.point.records[k].line_costs.max()))
     row = int(case.point.records[number].line_costs.argmax())
     speed = float(case.records[number].lines.speed[row])
-    said = f"the row at {speed * 30 / np.pi:.6g} rpm{_of_record(case, number)}"
+    said = f"the row at {_rpm(speed)} rpm{_of_record(case, number)}"
     cure = "check its speed and its readings, or leave it out"
-    yield mistake("row", ("row",), said, cure, partial(without, number=number, line=row))
+    yield mistake("row", said, cure, partial(without, number=number, line=row))
 
 
 def _of_record(case: Case, number: int) -> str:
@@ -218,14 +220,14 @@ def _all_rows(case: Case) -> Iterator[Rival]:
     if not tables or not case.gross:
         return
     names, of = [s.channel.name for s in tables[0].sensors], partial(each_record, of=is_table)
-    yield _lag("lag", ("lag",), "phases that count", "their channels", of, names)
+    yield _lag("phases that count", "their channels", of, names)
     said, cure = "phases in radians taken for degrees", 'set phase_unit = "rad" in the channels'
-    yield mistake("phase_unit", ("phase_unit",), said, cure, of(_radians))
+    yield mistake("phase_unit", said, cure, of(_radians))
     said, cure = "the rotor turning the other way", "turn the sign of the speed"
-    yield mistake("speed", (), said, cure, of(_reversed), kind="speed")
+    yield mistake("speed", said, cure, of(_reversed), kind="speed")
     for name in names if len(names) > 1 else ():
         said, where = f"the phase of {name} counting", f"the channel of {name}"
-        yield _lag(f"lag[{name}]", (name,), said, where, of, [name])
+        yield replace(_lag(said, where, of, [name]), term=f"lag[{name}]", on=(name,))
 
 
 @rivals("table")
@@ -241,20 +243,19 @@ def _responses(case: Case) -> Iterator[Rival]:
         if order != said:
             yield mistake(
                 "derivative",
-                ("derivative",),
                 f"responses of {KINDS[order]}, where {KINDS[said]} are said to be read",
                 f'write reads = "x{chr(39) * order}" in channels of names of their own',
                 of(partial(_shifted, order=said - order)),
                 float(order),
             )
     every = [name for record in responses for name in record.lines.names]
-    yield _lag("lag", ("lag",), "phases that count", "the channels", of, every)
+    yield _lag("phases that count", "the channels", of, every)
     yield mistake(
         "sign[force]",
-        ("force",),
         "all responses upside down, as where the force sensor or the shaker is turned about",
         "set scale = -1 in each channel of the responses, or turn the force sensor",
         of(partial(_shifted, order=0, sign=-1.0)),
+        on=("force",),
     )
 
 
@@ -262,8 +263,6 @@ Change = Callable[[Observation], Observation]
 
 
 def _lag(
-    term: str,
-    on: tuple[str, ...],
     said: str,
     where: str,
     of: Callable[[Change], Callable[[Records], Records]],
@@ -272,18 +271,15 @@ def _lag(
     """Return the rival that the phases of some channels count the other way."""
 
     def change(record: Observation) -> Observation:
-        lines = record.lines
+        lines, matrices = record.lines, record.lines.covariance.matrices
         turned = np.isin(lines.names, names)
-        mean = np.where(turned, lines.mean.conj(), lines.mean)
-        matrices = lines.covariance.matrices
-        both = turned[:, None] & turned
-        apart = turned[:, None] ^ turned  # one turned and one not: no covariance of the two left
-        matrices = np.where(both, matrices.conj(), np.where(apart, 0.0, matrices))
-        return _with(record, mean, matrices)
+        both, neither = (np.outer(each, each) for each in (turned, ~turned))
+        # One turned and one not: no covariance of the two is left.
+        matrices = np.where(both, matrices.conj(), np.where(neither, matrices, 0.0))
+        return _with(record, np.where(turned, lines.mean.conj(), lines.mean), matrices)
 
-    said = f"{said} the other way, lag for lead"
     cure = f"set lag = true in {where}, or take it out where it stands"
-    return mistake(term, on, said, cure, of(change))
+    return mistake("lag", f"{said} the other way, lag for lead", cure, of(change))
 
 
 def _with(record: Observation, mean: Complexes, matrices: Complexes) -> Observation:
@@ -346,7 +342,7 @@ def _line(case: Case) -> Iterator[Rival]:
     said = f"the line at {where}, {source(hertz)}, left out"
     cure = "leave it out of the harmonics, or stop its source"
     change = partial(without, number=number, line=line)
-    yield mistake(f"line {where}", (f"line {where}",), said, cure, change, kind="omission")
+    yield mistake(f"line {where}", said, cure, change, kind="omission")
 
 
 def source(hertz: float) -> str:
@@ -393,16 +389,16 @@ def _exchanges(case: Case) -> Iterator[Rival]:
     pairs = combinations(range(len(kinds)), 2)
     alike = [(i, j) for i, j in pairs if stated & {i, j} and kinds[i] == kinds[j]]
     for i, j in alike[:MOST]:
+        order = list(range(len(kinds)))
+        order[i], order[j] = j, i
         yield mistake(
             f"swap[record {i}, record {j}]",
-            (f"record {i + 1}", f"record {j + 1}"),
             f"the files of records {i + 1} and {j + 1} exchanged",
             "exchange their files, or what [records.parameters] says of the two",
-            partial(_files_exchanged, i=i, j=j),
+            partial(_in_order, order=order),
+            on=(f"record {i + 1}", f"record {j + 1}"),
         )
 
 
-def _files_exchanged(records: Records, i: int, j: int) -> list[Observation]:
-    found = list(records)
-    found[i], found[j] = found[j], found[i]
-    return found
+def _in_order(records: Records, order: Sequence[int]) -> list[Observation]:
+    return [records[k] for k in order]

@@ -10,21 +10,19 @@ well. Both are set free to find the angle; then the mass is held, and turned by 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes
 from rotorid.data.measured_modes import Mode, number
-from rotorid.likelihood.case import Case, Kind, Rival, Told, rivals
+from rotorid.likelihood.case import Case, Kind, Rival, rivals
 from rotorid.likelihood.mode_rows import ModalRows
 from rotorid.likelihood.preparation import Limit
 from rotorid.likelihood.problem import Known, Point
-from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import amount
 
@@ -32,54 +30,26 @@ CLOSE = 1.5
 """Factor of the limit within which what was set free makes the bound the likeliest mistake: a limit
 is guessed or mistyped by less, and a unit is off by 2 or more (but for rms, 1.41, where both are
 told)."""
+WRONG_SIGN = (
+    "look at the signs of the channels and of the terms; where it may have that sign, take the "
+    "bound (positive, min, max) away"
+)
+"""What to do about a value below zero that a bound keeps above."""
 
 
-@frozen
-class HeldBound:
-    """A bound that is active."""
-
-    limit: Limit
-    row: int  # among the bounds
-    bounds: Relations
-    unit: str  # of a single parameter, else empty
-
-    def value(self, point: Point) -> float:
-        above = float(self.bounds.values(point.unknowns)[self.row])
-        return self.limit.value + self.limit.way * above
-
-    def likely(self, point: Point) -> bool:
-        """Tell whether a point is so near to the limit that the bound is the likeliest mistake."""
-        stated = self.limit.value
-        return stated != 0 and 1 / CLOSE < self.value(point) / stated < CLOSE
-
-    def told(self, value: float | None) -> Told:
-        unit = "" if self.unit in ("", "1") else f" {self.unit}"
-        size = f"{self.limit.expression} = {value:.6g}{unit}"
-        said = f"{size}, which the bound {self.limit} does not let it be"
-        if self.limit.value == 0:
-            return said, (
-                "look at the signs of the channels and of the terms; where it may have that sign, "
-                "take the bound (positive, min, max) away"
-            )
-        return said, "check that bound (min, max), or take it away"
-
-
-def _held_bounds(case: Case) -> list[HeldBound]:
-    prepared, layout = case.prepared, case.prepared.layout
-    found: dict[Limit, HeldBound] = {}
+def _held_bounds(case: Case) -> dict[Limit, int]:
+    """Return the bounds that are active, and where they stand among the bounds."""
+    found: dict[Limit, int] = {}
     for row in bounds_held(case.point.problem, case.point.unknowns):
-        limit = prepared.limits[row]
-        at = layout.index.get(limit.expression)
-        unit = "" if at is None else layout.unknowns[at].unit
-        found.setdefault(limit, HeldBound(limit, row, prepared.bounds, unit))
-    return list(found.values())
+        found.setdefault(case.prepared.limits[row], row)
+    return found
 
 
 @rivals("bound")
 def _single_bounds(case: Case) -> Iterator[Rival]:
     """Yield that each bound that is active is too narrow."""
-    for held in _held_bounds(case):
-        yield replace(_without([held], held.told), value=held.value)
+    for limit, row in _held_bounds(case).items():
+        yield _without(case, {limit: row})
 
 
 @rivals("bounds")
@@ -87,23 +57,44 @@ def _all_bounds(case: Case) -> Iterator[Rival]:
     """Yield that all of several are."""
     held = _held_bounds(case)
     if len(held) > 1:
-        listed = ", ".join(str(each.limit) for each in held)
+        listed = ", ".join(map(str, held))
         said = f"the bounds {listed}, which hold with equality"
-        yield _without(held, (said, "check these bounds"))
+        yield replace(_without(case, held), said=said, cure="check these bounds", value=None)
 
 
-def _without(held: Sequence[HeldBound], told: Told | Callable[[float | None], Told]) -> Rival:
-    limits, first = [each.limit for each in held], held[0]
-    term = f"bound {', '.join(map(str, limits))}"
+def _without(case: Case, held: Mapping[Limit, int]) -> Rival:
+    """Return the rival that bounds are too narrow, and what the first of them bounds then is."""
+    every, (limit, row) = case.prepared, next(iter(held.items()))
+    kept = [i for i, other in enumerate(every.limits) if other not in held]
+    looser = replace(
+        every,
+        bounds=every.bounds.subset(np.array(kept, dtype=np.int64)),
+        limits=tuple(every.limits[i] for i in kept),
+    )
+    at = every.layout.index.get(limit.expression)
+    unit = "" if at is None else every.layout.unknowns[at].unit
 
-    def change(case: Case) -> Case:
-        every = case.prepared
-        kept = [i for i, limit in enumerate(every.limits) if limit not in limits]
-        bounds = every.bounds.subset(np.array(kept, dtype=np.int64))
-        left = tuple(every.limits[i] for i in kept)
-        return case.prepared_as(replace(every, bounds=bounds, limits=left))
+    def value(point: Point) -> float:
+        return limit.value + limit.way * float(every.bounds.values(point.unknowns)[row])
 
-    return Rival(term, (term,), "bound", change, told, unit=first.unit, likely=first.likely)
+    def likely(point: Point) -> bool:
+        """Tell whether a point is so near to the limit that the bound is the likeliest mistake."""
+        return limit.value != 0 and 1 / CLOSE < value(point) / limit.value < CLOSE
+
+    def said(value: float | None) -> str:
+        size = f"{value:.6g}" + ("" if unit in ("", "1") else f" {unit}")
+        return f"{limit.expression} = {size}, which the bound {limit} does not let it be"
+
+    return Rival(
+        f"bound {', '.join(map(str, held))}",
+        "bound",
+        lambda case: case.prepared_as(looser),
+        said,
+        "check that bound (min, max), or take it away" if limit.value else WRONG_SIGN,
+        value,
+        unit,
+        likely=likely,
+    )
 
 
 @rivals("known")
@@ -115,15 +106,12 @@ def _known(case: Case) -> Iterator[Rival]:
 
 
 def _prior(name: str, unit: str) -> Rival:
-    def told(value: float | None) -> Told:
-        return f"{name}{amount(value, unit)} instead of what was given", f"check {name}"
-
     return Rival(
         f"prior {name}",
-        (f"prior {name}",),
         "known",
         lambda case: case.freed(name),
-        told,
+        lambda value: f"{name}{amount(value, unit)} instead of what was given",
+        f"check {name}",
         unit=unit,
         frees=(name,),
         size=lambda values: float(values[0]),
@@ -139,16 +127,16 @@ def _modes(case: Case) -> Iterator[Rival]:
 
 
 def _mode(text: str, rows: ModalRows) -> Rival:
-    def told(value: float | None) -> Told:
+    def said(value: float | None) -> str:
         size = "" if value is None else f", which is {value:.6g} Hz by everything else"
-        return f"{text} as measured{size}", "check that frequency, and which mode it is"
+        return f"{text} as measured{size}"
 
     return Rival(
         text,
-        (text,),
         "term",
         lambda case: case.freed(text),
-        told,
+        said,
+        "check that frequency, and which mode it is",
         lambda point: rows.first_hertz(point.unknowns),
         "Hz",
         forgets=text,
@@ -212,7 +200,7 @@ def _of_modes(
         known = Known(case.prepared.known.relations, rows)
         return case.prepared_as(replace(case.prepared, known=known))
 
-    return Rival(term, (term,), kind, changed, (said, cure), value, "1", way="far")
+    return Rival(term, kind, changed, said, cure, value, "1", way="far")
 
 
 QUARTER = 1e-9
@@ -239,14 +227,16 @@ def _moved_masses(case: Case) -> Iterator[Rival]:
             "check where it sat, from which mark and which way that angle counts, and whether the "
             "files of two records are exchanged"
         )
+        there_parts = dict(zip(names, (there.real, there.imag), strict=True))
         yield Rival(
             f"trial mass[{record}]",
-            (f"record {record + 1}",),
             "mistake",
-            partial(Case.held, values=dict(zip(names, (there.real, there.imag), strict=True))),
-            (said, cure),
+            partial(Case.held, values=there_parts),
+            said,
+            cure,
             float(np.radians(now)),
             "rad",
+            (f"record {record + 1}",),
             way="far",
         )
 

@@ -125,10 +125,10 @@ class Unknown:
     def unit(self) -> str:
         return self.scalars[0].unit
 
-    def told(self, size: float | None) -> tuple[str, str]:
-        """Say what it would be at a size, and what to do about it."""
+    def said(self, size: float | None) -> str:
+        """Say what it would be at a size."""
         remark = "" if size is None else self.remark(size)
-        return f"{self.phrase or self.term}{amount(size, self.unit)}{remark}", self.cure
+        return f"{self.phrase or self.term}{amount(size, self.unit)}{remark}"
 
 
 def amount(value: float | None, unit: str) -> str:
