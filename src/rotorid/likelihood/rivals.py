@@ -500,10 +500,7 @@ def plainly(prepared: Prepared, records: Sequence[Observation], problem: Problem
     if there is None or not there.gross:
         return None
     mistakes = RivalSearch(few).entered("single")
-    costs = [rival.change(few).screened() for rival in mistakes]
-    first = np.argsort(costs, kind="stable")[:FOLLOWED]
-    likely = [mistakes[k] for k in first if costs[k] <= LIKELY * costs[first[0]]]
-    if right := _explaining(few, likely, "start"):
+    if right := _without_a_mistake(few, mistakes):
         # The start may have been bad, and nothing else: from there the records as they are.
         near = replace(few, unknowns=right[0][1].unknowns).settled()
         if near is not None and not near.gross:
@@ -512,6 +509,14 @@ def plainly(prepared: Prepared, records: Sequence[Observation], problem: Problem
     ended = _searched(few, problem) if there.costs(HOPELESS) else None
     plain = None if ended is None else _on_all_lines(problem, ended)
     return plain and replace(plain, tried=frozenset(rival.term for rival in mistakes))
+
+
+def _without_a_mistake(case: Case, mistakes: Sequence[Rival]) -> list[tuple[Rival, Case]]:
+    """Return the mistakes that explain the records, of those that do it best after screening."""
+    costs = [rival.change(case).screened() for rival in mistakes]
+    order = np.argsort(costs, kind="stable")[:FOLLOWED]
+    likely = [mistakes[k] for k in order if costs[k] <= LIKELY * costs[order[0]]]
+    return _explaining(case, likely, "start")
 
 
 def _searched(few: Case, problem: Problem) -> Point | None:

@@ -90,4 +90,4 @@ def test_which_mistakes_are_followed(costs: tuple[float, ...], followed: int) ->
 
     mistakes = [SimpleNamespace(change=lambda _, cost=cost: changed(cost)) for cost in costs]
     found = plain._without_a_mistake(None, mistakes)
-    assert [point.cost for point, _ in found] == sorted(costs)[:followed]
+    assert [there.point.cost for _, there in found] == sorted(costs)[:followed]
