@@ -231,7 +231,7 @@ class Rival:
     term: str  # for people: ``swap[x1, y1]``; no code takes it apart
     kind: Kind
     change: Callable[[Case], Case]
-    said: str | Callable[[float | None], str]  # what is the matter, at its value
+    says: str | Callable[[float | None], str]  # what is the matter, at its value
     cure: str
     value: float | Callable[[Point], float | None] | None = None  # what is right, in `unit`
     unit: str = ""

@@ -339,7 +339,7 @@ def _one_speed(found: Sequence[Finding], expected: float) -> list[Finding]:
         if np.ptp(values) > SAME_SPEED * np.abs(values).max():
             where = "".join(f" of {record}" for record in group[0].rival.on)
             said = f"another speed{where} than the one given, whose true value no line shows"
-            any_speed = replace(group[0].rival, said=said, cure=LOOK_FOR_THE_SPEED, unit="")
+            any_speed = replace(group[0].rival, says=said, cure=LOOK_FOR_THE_SPEED, unit="")
             one = replace(group[0], rival=any_speed, value=None)
             kept = [one, *(f for f in kept if f.rival.term != term)]
     return kept
@@ -387,7 +387,7 @@ def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
             f"the data reject the model, and none of the {len(found)} suspects explains "
             f"more than a fifth of it{best}: look at the misfit by line, or for two mistakes"
         )
-    first, said, cure = found[0], found[0].rival.said, found[0].rival.cure
+    first, said, cure = found[0], found[0].rival.says, found[0].rival.cure
     said = said if isinstance(said, str) else said(first.value)
     others = [f.rival.term for f in alike(found, case.expected)[1:]]
     group = f" (the data cannot tell it from {', '.join(others[:4])}{which})" if others else ""

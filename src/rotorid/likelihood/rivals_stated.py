@@ -59,7 +59,7 @@ def _all_bounds(case: Case) -> Iterator[Rival]:
     if len(held) > 1:
         listed = ", ".join(map(str, held))
         said = f"the bounds {listed}, which hold with equality"
-        yield replace(_without(case, held), said=said, cure="check these bounds", value=None)
+        yield replace(_without(case, held), says=said, cure="check these bounds", value=None)
 
 
 def _without(case: Case, held: Mapping[Limit, int]) -> Rival:

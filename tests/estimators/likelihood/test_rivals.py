@@ -197,7 +197,7 @@ def test_speeds_that_fit_alike_are_no_speed(apart, value) -> None:
     ]
     first = rivals._one_speed(found, 60.0)[0]
     assert first.value == value
-    said = "another speed of record 3 than the one given" in first.rival.said
+    said = "another speed of record 3 than the one given" in first.rival.says
     assert said == ("rotorid inspect" in first.rival.cure) == (value is None)
 
 
@@ -274,7 +274,7 @@ def test_speeds_that_were_mistaken() -> None:
         "twice the true one": 50.0,
         "half the true one": 200.0,
     }
-    assert {(r.said, round(r.value, 3)) for r in speeds_of(jeffcott())} == {
+    assert {(r.says, round(r.value, 3)) for r in speeds_of(jeffcott())} == {
         ("the rotor turning the other way", -100.0),
         *((f"the speed {said}", speed) for said, speed in right.items()),
         *((f"the speed {said}, and its direction reversed", -v) for said, v in right.items()),
@@ -292,11 +292,11 @@ def estimated(case, costs=None):
 def test_the_speeds_of_all_records_and_of_single_ones() -> None:
     found = speeds_of(estimated(jeffcott((100.0, 200.0))))
     assert {r.term for r in found} == {"speed", "speed[0]", "speed[1]"}
-    backwards = [r for r in found if r.said.endswith("turning the other way")]
+    backwards = [r for r in found if r.says.endswith("turning the other way")]
     assert [r.value for r in backwards] == [None, -100.0, -200.0]
     assert "-954.93, -1909.86 rpm one after the other would do" in backwards[0].cure
     # What the lines show of one record is no speed of all.
-    shown = [r for r in found if "which the data show" in r.said]
+    shown = [r for r in found if "which the data show" in r.says]
     assert {r.term for r in shown} == {"speed[0]", "speed[1]"}
     assert {round(abs(r.value) / (2 * np.pi)) for r in shown} == {20, 30}
 
