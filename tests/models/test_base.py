@@ -34,7 +34,8 @@ def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):
 
 
 def rewritten(model, texts):
-    return replace(model, texts=tuple(texts), equations=split_equations(texts, model.names))
+    names = model.coordinates, model.inputs, model.parameter_names
+    return replace(model, texts=tuple(texts), equations=split_equations(texts, *names))
 
 
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
@@ -254,7 +255,7 @@ def test_substitution_is_the_same_as_writing_the_number(problem, numbers):
 def _sides(model, values, row):
     """Return the coefficient of each signal of a row, exactly."""
     exact, total = [Fraction(repr(v)) for v in values], Counter()
-    for product in model.equations.left:
+    for product in model.sides[0]:
         if product.row == row:
             powers = (v**n for v, n in zip(exact, product.monomial, strict=True))
             total[product.signal] += product.coefficient * prod(powers)

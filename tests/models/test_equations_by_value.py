@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rotorid import ModelError
-from rotorid.models.equations import Names, polynomial, split_equations
+from rotorid.models.equations import polynomial, split_equations
 from rotorid.models.expressions import evaluate
 
 POINT = {"x": 0.7, "y": -1.3, "phi": 0.4, "Omega": 2.1, "F": 1.9, "a": 0.6, "b": 3.1}
@@ -107,17 +107,18 @@ def test_equations_have_the_value_of_their_text(signal: str) -> None:
     except (ArithmeticError, ValueError):
         assume(False)
     assume(not isinstance(expected, complex) and abs(expected) < 1e6)
-    names = Names(("x", "y"), ("F",), ("a", "b"))
+    names = ("x", "y"), ("F",), ("a", "b")
     try:
-        found = split_equations([f"a^2*b*({signal}) + x'' = 3*F/2"], names)
+        found = split_equations([f"a^2*b*({signal}) + x'' = 3*F/2"], *names)
     except ModelError:
         assume(False)  # a zero in disguise, a degree that is too high
+    *left, right = found
     arrays = {**POINT, "x''": 0.0}
-    powers = [(POINT["a"] ** p.monomial[0]) * POINT["b"] ** p.monomial[1] for p in found.left]
+    powers = [(POINT["a"] ** p.monomial[0]) * POINT["b"] ** p.monomial[1] for p in left]
     terms = [
         float(p.coefficient) * size * float(evaluate(p.signal, arrays))
-        for p, size in zip(found.left, powers, strict=True)
+        for p, size in zip(left, powers, strict=True)
     ]
     assume(max(map(abs, terms)) < 1e6)
     assert sum(terms) == pytest.approx(POINT["a"] ** 2 * POINT["b"] * expected, rel=1e-7, abs=1e-7)
-    assert [(p.coefficient, str(p.signal)) for p in found.right] == [(Fraction(3, 2), "F")]
+    assert (right.coefficient, str(right.signal)) == (Fraction(3, 2), "F")

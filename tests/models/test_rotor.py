@@ -19,7 +19,7 @@ from rotorid.likelihood import starts as reduction
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.modal import eigenmodes
-from rotorid.models.rotor.fem import Band, Beam, bending
+from rotorid.models.rotor.fem import Beam, bending, points_of
 from rotorid.models.rotor.rotor_model import inertia
 from rotorid.report.drawn import drawing
 from rotorid.testing import add_noise, line_record
@@ -249,7 +249,7 @@ def test_shapes_below_rounding_are_not_taken(monkeypatch, reducible):
 
 def test_a_rotor_is_reduced_to_its_shapes_on_a_few_lines_of_a_few_speeds():
     omega, speed = np.meshgrid(np.arange(10.0, 1010.0, 10.0), np.arange(0.0, 50.0, 10.0))
-    points = Band(omega.ravel(), speed.ravel(), {}).points()
+    points = points_of(omega.ravel(), speed.ravel())
     assert {turning for _, turning in points} == {0, 20, 40}
     assert len(points) == 3 * (24 + 1)
     assert sorted(points)[0] == (3, 0)  # near rest

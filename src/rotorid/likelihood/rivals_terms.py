@@ -228,7 +228,7 @@ def _elastic(
     for piece in pieces:
         if piece.structural:
             continue
-        size = np.prod([known[factor] ** power for factor, power in piece.factors])
+        size = piece.value(known)
         at = D if piece.order else K_SPEED if piece.power else K
         matrices[at] += size * piece.matrix.toarray()
     return _term(structure, name, "1", matrices)

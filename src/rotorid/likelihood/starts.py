@@ -125,7 +125,7 @@ def reduced(
 ) -> tuple[Observation, ...]:
     """Bind records to a model with fewer coordinates, where that pays; `modes` were measured."""
     model = records[0].model
-    if modes:  # of other configurations, and beyond the band
+    if modes or not isinstance(model, RotorModel):  # modes of others, and beyond the band
         return tuple(records)
     reads = {model.coordinates[t.coordinate] for r in records for s in r.sensors for t in s.terms}
     for record in records:
@@ -163,9 +163,9 @@ def _change(at: Evaluation, record: Observation, point: Point, number: int) -> F
     """Return what the whitened residual of a record changes by, as if all lines were solved."""
     rows = np.zeros((at.problem.lines, at.problem.all_rows, 1), dtype=np.complex128)
     model = record.model
-    if isinstance(model, RotorModel) and model.whole is not None and model.reduction is not None:
+    if isinstance(model, RotorModel) and model.whole is not None and model.kept is not None:
         held = point.problem.layout.of_record(number).held
-        count, kept = at.problem.lines, model.reduction.kept
+        count, kept = at.problem.lines, model.kept
         chosen = np.unique(np.linspace(0, count - 1, min(count, LINES)).round().astype(np.int64))
         motion = at.corrected()[1][chosen] * at.problem.scales.coordinates
         values, lines = point.unknowns[held], record.lines
@@ -184,8 +184,7 @@ def _force(record: Observation, values: Floats, chosen: Integers, motion: Comple
     """Return the forces on the kept coordinates by which a reduced rotor moves so, (line, kept)."""
     model, lines = record.model, record.lines
     assert isinstance(model, RotorModel)
-    assert model.reduction is not None
-    count = len(model.reduction.kept)
+    count = len(model.measurable)
     found = np.zeros((len(chosen), count), dtype=np.complex128)
     for speed in np.unique(lines.speed[chosen]):
         here = lines.speed[chosen] == speed

@@ -25,21 +25,6 @@ MAX_NAMES = 500
 _NAME = re.compile(r"[^\W\d]\w{0,63}")
 
 
-@frozen
-class Names:
-    """The declared names of a model, in order."""
-
-    coordinates: tuple[str, ...]
-    inputs: tuple[str, ...]
-    parameters: tuple[str, ...]
-
-    @property
-    def all(self) -> frozenset[str]:
-        """Every name that an equation may hold."""
-        motion = (q + dots for q in self.coordinates for dots in DERIVATIVES)
-        return frozenset([*motion, *self.inputs, *self.parameters, *RESERVED])
-
-
 def check_names(**tables: Iterable[str]) -> None:
     """Refuse names that are reserved, declared twice, or no names; by the table they stand in."""
     taken = {*RESERVED, "pi", *FUNCTIONS}
@@ -73,25 +58,23 @@ class Product:
     signal: Expression
 
 
-@frozen
-class SplitEquations:
-    """All equations: the sum of `left` in each row equals the sum of `right`.
+def split_equations(
+    texts: Sequence[str],
+    coordinates: Sequence[str],
+    inputs: Sequence[str],
+    parameters: Sequence[str],
+) -> tuple[Product, ...]:
+    """Expand equations into products: those of the left sides, then those of the right.
 
-    `left` holds no input; the signals of `right` are the symbols of the inputs.
+    No left side holds an input; the signals of the right sides are the symbols of the inputs.
     """
-
-    left: tuple[Product, ...]
-    right: tuple[Product, ...]
-
-
-def split_equations(texts: Sequence[str], names: Names) -> SplitEquations:
-    """Expand equations into products."""
     left: list[Product] = []
     right: list[Product] = []
-    work = Work()
+    forced, work = frozenset(map(symbol, inputs)), Work()
+    motion = frozenset(q + dots for q in coordinates for dots in DERIVATIVES)
     for row, text in enumerate(texts):
         try:
-            products = _products(row, text, names, work)
+            products = _products(row, text, motion, forced, parameters, work)
         except ModelError as error:
             raise error.at(place=f"equation {row + 1}") from None
         if len(left) + len(right) + len(products) > MAX_TERMS:
@@ -101,21 +84,27 @@ def split_equations(texts: Sequence[str], names: Names) -> SplitEquations:
                 "simplify the model",
                 place=f"equation {row + 1}",
             )
-        inputs = {symbol(name) for name in names.inputs}
-        forces = [p for p in products if p.signal in inputs]
-        others = [p for p in products if p.signal not in inputs]
+        forces = [p for p in products if p.signal in forced]
+        others = [p for p in products if p.signal not in forced]
         sign = _orientation(others, forces)
         left += [replace(p, coefficient=sign * p.coefficient) for p in others]
         right += [replace(p, coefficient=-sign * p.coefficient) for p in forces]
-    return SplitEquations(tuple(left), tuple(right))
+    return (*left, *right)
 
 
-def _products(row: int, text: str, names: Names, work: Work) -> list[Product]:
-    index = {symbol(name): i for i, name in enumerate(names.parameters)}
-    inputs = frozenset(symbol(name) for name in names.inputs)
-    linear = frozenset([*names.parameters, *names.inputs])
+def _products(
+    row: int,
+    text: str,
+    motion: frozenset[str],
+    inputs: frozenset[Expression],
+    parameters: Sequence[str],
+    work: Work,
+) -> list[Product]:
+    index = {symbol(name): i for i, name in enumerate(parameters)}
+    linear = frozenset([*parameters, *map(str, inputs)])
     products = []
-    for powers, coefficient in read(text, names.all, linear, equation=True, work=work).items():
+    names = motion | linear | {*RESERVED}
+    for powers, coefficient in read(text, names, linear, equation=True, work=work).items():
         exponents = [0] * len(index)
         for base, power in powers:
             if base in index:
@@ -128,8 +117,8 @@ def _products(row: int, text: str, names: Names, work: Work) -> list[Product]:
                 "give the product an input of its own",
             )
         products.append(Product(row, tuple(exponents), coefficient, signal))
-    motion = frozenset(symbol(q + dots) for q in names.coordinates for dots in DERIVATIVES)
-    if not any(any(p.monomial) or p.signal.free_symbols & motion for p in products):
+    moving = frozenset(map(symbol, motion))
+    if not any(any(p.monomial) or p.signal.free_symbols & moving for p in products):
         raise ModelError(
             f"neither a coordinate nor a parameter in what remains of {text[:60]!r}",
             "an equation of motion",

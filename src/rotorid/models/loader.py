@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field
 from rotorid.core.errors import ModelError, ReadError, naming
 from rotorid.core.toml import Schema, parse_toml, read_bytes, table_within
 from rotorid.core.units import check_unit
-from rotorid.models.equations import MAX_NAMES, Names, check_names, split_equations
+from rotorid.models.equations import MAX_NAMES, check_names, split_equations
 from rotorid.models.expressions import RESERVED, symbol
 from rotorid.models.linear_form import runs_by_time
 from rotorid.models.model import DeclaredParameter, Model
@@ -169,7 +169,6 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
 
 def _build(data: bytes, name: str, file: str) -> Model:
     entry = parse_toml(data, ModelFile, file=file)
-    names = Names(tuple(entry.coordinates), tuple(entry.inputs), tuple(entry.parameters))
     with naming(file):
         check_names(coordinates=entry.coordinates, inputs=entry.inputs, parameters=entry.parameters)
         units = {
@@ -178,8 +177,9 @@ def _build(data: bytes, name: str, file: str) -> Model:
             for key, unit in rows.items()
         }
         parameters = tuple(row.parameter(key) for key, row in entry.parameters.items())
-        equations = split_equations(entry.equations, names)
-        head = (name, entry.title, entry.source, tuple(entry.equations), names, units)
+        names = tuple(entry.coordinates), tuple(entry.inputs)
+        equations = split_equations(entry.equations, *names, tuple(entry.parameters))
+        head = (name, entry.title, entry.source, tuple(entry.equations), *names, units)
         model = Model(*head, parameters, equations, data.decode())
         _check_use(model)
         _check_angle(model)

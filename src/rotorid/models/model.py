@@ -22,9 +22,7 @@ from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.equations import (
     DERIVATIVES,
-    Names,
     Product,
-    SplitEquations,
     product_dimensions,
     sort_monomials,
     unit_faults,
@@ -125,12 +123,13 @@ class Model:
     name, title, source : str
     texts : sequence of str
         The equations.
-    names : Names
+    coordinates, inputs : sequence of str
+        Their names, in order.
     units : mapping of str to str
         SI unit of each coordinate and input.
     parameters : sequence of Parameter
-    equations : Equations
-        The texts, expanded.
+    equations : sequence of Product
+        The texts, expanded: terms of the left sides, then those of the right sides.
     file_text : str
         The model file that it was read from, whole; "" for a model put together otherwise.
     held : sequence of (name, value)
@@ -149,10 +148,11 @@ class Model:
     title: str
     source: str
     texts: tuple[str, ...]
-    names: Names
+    coordinates: tuple[str, ...]
+    inputs: tuple[str, ...]
     units: Mapping[str, str]
     parameters: tuple[Parameter, ...]
-    equations: SplitEquations
+    equations: tuple[Product, ...]
     file_text: str = field(default="", compare=False, repr=False)
     held: tuple[tuple[str, float], ...] = field(default=(), repr=False)
     before: Model | None = field(default=None, compare=False, repr=False)
@@ -162,20 +162,10 @@ class Model:
         """The model with no parameter replaced by a number."""
         return self.before or self
 
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates, in order."""
-        return self.names.coordinates
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs, in order."""
-        return self.names.inputs
-
-    @property
+    @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters, in order."""
-        return self.names.parameters
+        return tuple(parameter.name for parameter in self.parameters)
 
     @property
     def parameter_units(self) -> dict[str, str]:
@@ -189,7 +179,14 @@ class Model:
 
     @cached_property
     def _monomials(self) -> list[Monomial]:
-        return sort_monomials({p.monomial for p in self.products})
+        return sort_monomials({p.monomial for p in self.equations})
+
+    @cached_property
+    def sides(self) -> tuple[list[Product], list[Product]]:
+        """The terms of the left sides, and those of the right, whose signals are inputs."""
+        inputs = set(map(symbol, self.inputs))
+        right = [p for p in self.equations if p.signal in inputs]
+        return [p for p in self.equations if p.signal not in inputs], right
 
     @property
     def _places(self) -> dict[Monomial, int]:
@@ -206,8 +203,7 @@ class Model:
         """The left sides."""
         place = self._places
         return tuple(
-            Term(p.row, place[p.monomial], float(p.coefficient), p.signal)
-            for p in self.equations.left
+            Term(p.row, place[p.monomial], float(p.coefficient), p.signal) for p in self.sides[0]
         )
 
     @cached_property
@@ -217,14 +213,14 @@ class Model:
         place = self._places
         return tuple(
             InputTerm(p.row, index[p.signal], place[p.monomial], float(p.coefficient))
-            for p in self.equations.right
+            for p in self.sides[1]
         )
 
     @cached_property
     def base(self) -> BaseParameters:
         """The base parameters; their map from the monomials is ``base.gather``."""
         units = self.parameter_units
-        return gather_base(self.equations.left, self._monomials, self.parameter_names, units)
+        return gather_base(self.sides[0], self._monomials, self.parameter_names, units)
 
     def monomial_values(self, values: ArrayLike) -> Floats:
         """Return mu, shape (monomial,), from parameter values, shape (parameter,), SI."""
@@ -289,7 +285,6 @@ class Model:
         kept = tuple(p for p in self.parameters if p.name not in fixed)
         return replace(
             self,
-            names=replace(self.names, parameters=tuple(p.name for p in kept)),
             parameters=kept,
             held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
             before=self.typed,
@@ -298,13 +293,21 @@ class Model:
 
     def _with_numbers(self, fixed: Mapping[str, float]) -> dict[str, Any]:
         """Return the fields that hold the equations, with numbers in place of parameters."""
-        left, right = (
-            _substituted(side, self.parameter_names, fixed)
-            for side in (self.equations.left, self.equations.right)
-        )
-        if any(out_of_range(product.coefficient) for product in (*left, *right)):
+        exact = {name: Fraction(repr(float(value))) for name, value in fixed.items()}
+        gathered: dict[tuple[int, Monomial, Expression], Fraction] = {}
+        for product in self.equations:
+            coefficient, monomial = product.coefficient, []
+            for name, power in zip(self.parameter_names, product.monomial, strict=True):
+                if name in exact:
+                    coefficient *= exact[name] ** power
+                else:
+                    monomial.append(power)
+            key = (product.row, tuple(monomial), product.signal)
+            gathered[key] = gathered.get(key, Fraction(0)) + coefficient
+        kept = [Product(row, m, c, signal) for (row, m, signal), c in gathered.items() if c != 0]
+        if any(out_of_range(product.coefficient) for product in kept):
             raise InputError("fixed values too large or too small", "SI values", "check units")
-        return {"equations": SplitEquations(left, right)}
+        return {"equations": tuple(kept)}
 
     @cached_property
     def facts(self) -> dict[str, tuple[Any, Any]]:
@@ -385,21 +388,16 @@ class Model:
         """Evaluate a signal; it has the axes (..., sample) that it depends on, or none."""
         return evaluate(self.signals[index], self.arrays(motion))
 
-    @property
-    def products(self) -> tuple[Product, ...]:
-        """The terms of the left sides, then those of the right sides."""
-        return (*self.equations.left, *self.equations.right)
-
     @cached_property
     def dimensions(self) -> tuple[Dimension | None, ...]:
-        """The dimension of each of the `products`; ``None`` where it cannot be told."""
+        """The dimension of each of the `equations`; ``None`` where it cannot be told."""
         units = [parameter.unit for parameter in self.parameters]
-        return tuple(product_dimensions(self.products, units, self.units, self.coordinates))
+        return tuple(product_dimensions(self.equations, units, self.units, self.coordinates))
 
     @cached_property
     def unit_faults(self) -> tuple[str, ...]:
         """What is wrong with the units of the equations, in words."""
-        return tuple(unit_faults(self.products, self.dimensions))
+        return tuple(unit_faults(self.equations, self.dimensions))
 
     @fact
     def require_linear(self) -> LinearForm:
@@ -443,29 +441,6 @@ class Model:
         """The coordinates that a sensor could read: all but the modes of a reduced rotor."""
         return self.coordinates
 
-    def reduced(
-        self,
-        reads: set[str],
-        omega: Floats,
-        speed: Floats,
-        values: Mapping[str, float],
-        share: float,
-    ) -> Model:
-        """Return a model with fewer coordinates, where that pays; equations are as they stand.
-
-        Parameters
-        ----------
-        reads : set of str
-            The coordinates that are measured.
-        omega, speed : array, shape (line,)
-            rad/s.
-        values : mapping of str to float
-            Values of the parameters, about right.
-        share : float
-            Shapes that come to less of the largest are left out.
-        """
-        return self
-
     @cached_property
     def linear(self) -> LinearForm | None:
         """The linear form, or ``None`` where the equations are not linear in the coordinates."""
@@ -473,20 +448,3 @@ class Model:
             return self.require_linear()
         except ModelError:
             return None
-
-
-def _substituted(
-    products: Sequence[Product], parameters: Sequence[str], fixed: Mapping[str, float]
-) -> tuple[Product, ...]:
-    exact = {name: Fraction(repr(float(value))) for name, value in fixed.items()}
-    gathered: dict[tuple[int, Monomial, Expression], Fraction] = {}
-    for product in products:
-        coefficient, monomial = product.coefficient, []
-        for name, power in zip(parameters, product.monomial, strict=True):
-            if name in exact:
-                coefficient *= exact[name] ** power
-            else:
-                monomial.append(power)
-        key = (product.row, tuple(monomial), product.signal)
-        gathered[key] = gathered.get(key, Fraction(0)) + coefficient
-    return tuple(Product(row, m, c, s) for (row, m, s), c in gathered.items() if c != 0)

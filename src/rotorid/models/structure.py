@@ -91,7 +91,7 @@ def force_balance(model: Model, inertia: Floats) -> ForceBalance:
 
     `inertia` is M at the values, shape (row, coordinate): it tells which equation is whose.
     """
-    if not model.typed.equations.left:  # matrices that no one typed: a drawing's
+    if not model.typed.equations:  # matrices that no one typed: a drawing's
         n = len(model.coordinates)
         return ForceBalance(np.arange(n), np.ones(n), names=model.coordinates)
     rows, signs = equation_order(inertia)
@@ -181,7 +181,7 @@ def _is_whole(ratio: float) -> bool:
 
 def _equations(model: Model, rows: Sequence[int]) -> list[_Equation]:
     units = [model.units[name] for name in model.coordinates]
-    left, right = model.equations.left, model.equations.right
+    left, right = model.sides
     kinds = dict(zip(rows, units, strict=True))
     acts = Counter((signal, kinds[row]) for signal, row in {(p.signal, p.row) for p in right})
     inputs = {p.signal for p in right}
@@ -209,7 +209,7 @@ def _equations(model: Model, rows: Sequence[int]) -> list[_Equation]:
         ]
         in_units = [
             dimension
-            for p, dimension in zip(model.products, model.dimensions, strict=True)
+            for p, dimension in zip(model.equations, model.dimensions, strict=True)
             if p.row == row and dimension and (any(p.monomial) or p.signal in inputs)
         ]
         unlike = in_units and force not in in_units

@@ -287,13 +287,13 @@ COORDINATE = re.compile(r"\b(theta_[xy]|[xy][123])\b")
 
 def with_term(model: Model, texts: Sequence[str], name: str, unit: str) -> Model:
     """Return a model with other equations and one more parameter."""
-    names = replace(model.names, parameters=(*model.parameter_names, name))
+    parameters = (*model.parameters, Parameter(name, unit))
+    names = [p.name for p in parameters]
     return replace(
         model,
         texts=tuple(texts),
-        names=names,
-        parameters=(*model.parameters, Parameter(name, unit)),
-        equations=split_equations(texts, names),
+        parameters=parameters,
+        equations=split_equations(texts, model.coordinates, model.inputs, names),
         file_text="",
     )
 

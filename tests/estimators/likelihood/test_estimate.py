@@ -119,11 +119,7 @@ def test_permuting_equations_changes_nothing(demo, bearings, order):
 
 def permuted(model: Model, order) -> Model:
     place = {row: i for i, row in enumerate(order)}
-    equations = replace(
-        model.equations,
-        left=tuple(replace(p, row=place[p.row]) for p in model.equations.left),
-        right=tuple(replace(p, row=place[p.row]) for p in model.equations.right),
-    )
+    equations = tuple(replace(p, row=place[p.row]) for p in model.equations)
     return replace(model, texts=tuple(model.texts[i] for i in order), equations=equations)
 
 

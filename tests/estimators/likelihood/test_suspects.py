@@ -269,9 +269,9 @@ def test_structure_does_not_depend_on_how_equations_are_written():
     order = [3, 1, 0, 2, 7, 5, 6, 4]
     left = tuple(
         replace(p, row=order.index(p.row), coefficient=p.coefficient * (-1) ** p.row)
-        for p in model.equations.left
+        for p in model.sides[0]
     )
-    other = replace(model, equations=replace(model.equations, left=left))
+    other = replace(model, equations=(*left, *model.sides[1]))
     one, two = (find_structure(m, values, 100.0) for m in (model, other))
     for (name, matrix), (again, same) in zip(
         (*one.springs, *one.masses), (*two.springs, *two.masses), strict=True

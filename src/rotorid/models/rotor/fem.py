@@ -17,9 +17,10 @@ told at the estimate, where shapes are taken again.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy
@@ -141,127 +142,112 @@ def _beam(section: Section, length: float) -> Beam:
     return Beam(length, section.outer, section.inner, modulus, shear, 1.0)
 
 
-Key = tuple[Factors, int, int, bool]
-
-
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """``factors * Omega^power * matrix @ d^order q / dt^order``, turned by i where structural."""
+    """``factors * Omega^power * matrix @ d^order q / dt^order``, turned by i where structural.
+
+    Of a load, on the right side: ``factors * matrix @ (cos(phi), sin(phi))``.
+    """
 
     factors: Factors  # tuple of (str, int): names of parameters and their powers
     order: int
     power: int
     structural: bool
-    matrix: scipy.sparse.csr_array  # sparse array, shape (row, coordinate)
+    matrix: Any  # sparse array, shape (row, coordinate); of a load an array, shape (row, 2)
+
+    def value(self, values: Mapping[str, float]) -> float:
+        """Return what the factors come to."""
+        return float(np.prod([values[name] ** power for name, power in self.factors]))
+
+    def substituted(self, fixed: Mapping[str, float]) -> Piece:
+        """Return the same with numbers in place of some factors."""
+        inside = [factor for factor in self.factors if factor[0] in fixed]
+        left = tuple(factor for factor in self.factors if factor[0] not in fixed)
+        size = replace(self, factors=tuple(inside)).value(fixed)
+        return replace(self, factors=left, matrix=size * self.matrix)
 
 
-@dataclass(frozen=True, eq=False)
-class UnbalanceLoad:
-    """``factors * Omega^2 (cosine cos(phi) + sine sin(phi))``, (row,) each, on the right side."""
-
-    factors: Factors
-    cosine: Floats
-    sine: Floats
+Block = tuple[Quantity, int, int, Floats, bool]
+"""A quantity, the order of the derivative that it multiplies, the first of its coordinates, its
+matrix, and whether it is structural damping."""
 
 
-class _Gatherer:
-    """Blocks of matrices, by what multiplies them."""
-
-    def __init__(self, size: int) -> None:
-        self.size = size
-        self.blocks: dict[Key, list[tuple[int, Floats]]] = defaultdict(list)
-
-    def add(
-        self, quantity: Quantity, order: int, first: int, block: Floats, *, structural: bool = False
-    ) -> None:
-        """Add a block whose first coordinate is `first`, times a quantity."""
+def _gathered(rotor: Rotor, blocks: Iterable[Block]) -> tuple[Piece, ...]:
+    """Add up blocks of matrices by what multiplies them."""
+    entries: dict[tuple[Factors, int, int, bool], list[tuple[Floats, Integers, Integers]]]
+    entries = defaultdict(list)
+    for quantity, order, first, block, structural in blocks:
+        row, column = np.nonzero(block)
         for factors, coefficient in quantity.terms:
             kept = tuple((name, n) for name, n in factors if name != SPEED)
             power = dict(factors).get(SPEED, 0)
-            self.blocks[kept, order, power, structural].append((first, coefficient * block))
-
-    def pieces(self) -> tuple[Piece, ...]:
-        return tuple(Piece(*key, self._matrix(blocks)) for key, blocks in self.blocks.items())
-
-    def _matrix(self, blocks: list[tuple[int, Floats]]) -> scipy.sparse.csr_array:
-        rows, columns, values = [], [], []
-        for first, block in blocks:
-            r, c = np.nonzero(block)
-            rows.append(r + first)
-            columns.append(c + first)
-            values.append(block[r, c])
-        where = (np.concatenate(rows), np.concatenate(columns))
-        shape = (self.size, self.size)
-        entries = scipy.sparse.coo_array((np.concatenate(values), where), shape=shape)
-        return scipy.sparse.csr_array(entries)
+            entry = coefficient * block[row, column], row + first, column + first
+            entries[kept, order, power, structural].append(entry)
+    found, size = [], PLANES * len(rotor.nodes)
+    for key, parts in entries.items():
+        values, rows, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
+        matrix = scipy.sparse.csr_array((values, (rows, columns)), shape=(size, size))
+        found.append(Piece(*key, matrix))
+    return tuple(found)
 
 
 def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
     """Return the matrices of a rotor, in the coordinates of its nodes."""
-    gathered = _Gatherer(PLANES * len(rotor.nodes))
-    for span in spans(rotor):
-        _add_element(gathered, rotor, *span)
-    for disc in rotor.discs.values():
-        first = PLANES * rotor.node(disc.at)
-        gathered.add(disc.mass, 2, first, np.diag([1.0, 1.0, 0.0, 0.0]))
-        gathered.add(disc.I_t, 2, first, np.diag([0.0, 0.0, 1.0, 1.0]))
-        gathered.add(disc.I_p.times(_SPEED), 1, first, _TURN * [[0], [0], [1], [1]])
-    for support in rotor.supports.values():
-        first = PLANES * rotor.node(support.at)
-        for order, kind in enumerate("kc"):
-            for (row, column), quantity in zip(np.ndindex(2, 2), support.table(kind), strict=True):
-                block = np.zeros((2, 2))
-                block[row, column] = 1.0
-                gathered.add(quantity, order, first, block)
-    return gathered.pieces()
+    return _gathered(rotor, _blocks(rotor))
 
 
 _SPEED = Quantity(((((SPEED, 1),), 1.0),))
 
 
-def _add_element(
-    gathered: _Gatherer, rotor: Rotor, node: int, section: Section, beam: Beam
-) -> None:
-    first = PLANES * node
-    _add_elastic(gathered, rotor, first, section, beam)
-    mass = _both_planes(beam.translation() + beam.rotation())
-    gathered.add(section.material.density, 2, first, mass)
-    gathered.add(section.material.density.times(rotor.damping.external), 1, first, mass)
-    polar = _both_planes(2 * beam.rotation()) @ np.kron(np.eye(2), _TURN)
-    gathered.add(section.material.density.times(_SPEED), 1, first, polar)
+def _blocks(rotor: Rotor) -> Iterator[Block]:
+    for node, section, beam in spans(rotor):
+        first, density = PLANES * node, section.material.density
+        yield from _elastic(rotor, first, section, beam)
+        mass = _both_planes(beam.translation() + beam.rotation())
+        yield density, 2, first, mass, False
+        yield density.times(rotor.damping.external), 1, first, mass, False
+        polar = _both_planes(2 * beam.rotation()) @ np.kron(np.eye(2), _TURN)
+        yield density.times(_SPEED), 1, first, polar, False
+    for disc in rotor.discs.values():
+        first = PLANES * rotor.node(disc.at)
+        yield disc.mass, 2, first, np.diag([1.0, 1.0, 0.0, 0.0]), False
+        yield disc.I_t, 2, first, np.diag([0.0, 0.0, 1.0, 1.0]), False
+        yield disc.I_p.times(_SPEED), 1, first, _TURN * [[0], [0], [1], [1]], False
+    for support in rotor.supports.values():
+        first = PLANES * rotor.node(support.at)
+        for order, kind in enumerate("kc"):
+            for place, quantity in zip(np.ndindex(2, 2), support.table(kind), strict=True):
+                block = np.zeros((2, 2))
+                block[place] = 1.0
+                yield quantity, order, first, block, False
 
 
-def _add_elastic(
-    gathered: _Gatherer, rotor: Rotor, first: int, section: Section, beam: Beam
-) -> None:
-    """Add the stiffness of an element, with the damping that goes with it."""
+def _elastic(rotor: Rotor, first: int, section: Section, beam: Beam) -> Iterator[Block]:
+    """Yield the stiffness of an element, with the damping that goes with it."""
     stiffness = _both_planes(beam.stiffness()) / section.material.modulus
     elastic = section.material.E.times(section.stiffness)
-    gathered.add(elastic, 0, first, stiffness)
+    yield elastic, 0, first, stiffness, False
     spun = elastic.times(rotor.damping.internal)
-    gathered.add(spun, 1, first, stiffness)
-    gathered.add(spun.times(_SPEED), 0, first, stiffness @ np.kron(np.eye(2), _TURN))
-    gathered.add(elastic.times(rotor.damping.structural), 0, first, stiffness, structural=True)
+    yield spun, 1, first, stiffness, False
+    yield spun.times(_SPEED), 0, first, stiffness @ np.kron(np.eye(2), _TURN), False
+    yield elastic.times(rotor.damping.structural), 0, first, stiffness, True
 
 
 def elastic_pieces(rotor: Rotor, elements: Collection[int]) -> tuple[Piece, ...]:
     """Return what some elements of the shaft, by their left nodes, add by their stiffness."""
-    gathered = _Gatherer(PLANES * len(rotor.nodes))
-    for node, section, beam in spans(rotor):
-        if node in elements:
-            _add_elastic(gathered, rotor, PLANES * node, section, beam)
-    return gathered.pieces()
+    spanned = ((PLANES * n, section, beam) for n, section, beam in spans(rotor) if n in elements)
+    return _gathered(rotor, (block for span in spanned for block in _elastic(rotor, *span)))
 
 
-def loads_of(rotor: Rotor) -> tuple[UnbalanceLoad, ...]:
+def loads_of(rotor: Rotor) -> tuple[Piece, ...]:
+    """Return what unbalances do: ``Omega^2`` times a force that turns with the rotor."""
     found = []
-    size = PLANES * len(rotor.nodes)
     for plane in rotor.unbalance.values():
         first = PLANES * rotor.node(plane.at)
-        along, across = np.zeros(size), np.zeros(size)
-        along[first], across[first + 1] = 1.0, 1.0
-        found += [UnbalanceLoad(f, c * along, c * across) for f, c in plane.x.terms]
-        found += [UnbalanceLoad(f, c * across, -c * along) for f, c in plane.y.terms]
+        for quantity, force in ((plane.x, np.eye(2)), (plane.y, [[0.0, -1.0], [1.0, 0.0]])):
+            matrix = np.zeros((PLANES * len(rotor.nodes), 2))
+            matrix[first : first + 2] = force
+            found += [Piece(factors, 0, 2, False, c * matrix) for factors, c in quantity.terms]
     return tuple(found)
 
 
@@ -271,10 +257,6 @@ def inputs_of(rotor: Rotor) -> Floats:
         first = PLANES * rotor.node(actuator.at)
         matrix[first, 2 * k] = matrix[first + 1, 2 * k + 1] = 1.0
     return matrix
-
-
-def coordinates_of(rotor: Rotor) -> tuple[str, ...]:
-    return tuple(name for node in rotor.nodes for name in node.coordinates)
 
 
 CONVERGED = 1e-3
@@ -343,42 +325,17 @@ BELOW = 0.3
 """Share of the lowest line at which it is solved too: near rest."""
 
 
-@dataclass(frozen=True, eq=False)
-class Reduction:
-    """The basis of a reduced rotor: ``q = transform @ r``; the first of r are `kept` of q."""
-
-    kept: Integers
-    transform: Floats
-
-    def of_pieces(self, pieces: Sequence[Piece]) -> tuple[Piece, ...]:
-        basis = self.transform
-        sparse = scipy.sparse.csr_array
-        return tuple(replace(p, matrix=sparse(basis.T @ (p.matrix @ basis))) for p in pieces)
-
-    def of_loads(self, loads: Sequence[UnbalanceLoad]) -> tuple[UnbalanceLoad, ...]:
-        basis = self.transform.T
-        return tuple(UnbalanceLoad(x.factors, basis @ x.cosine, basis @ x.sine) for x in loads)
-
-
-@dataclass(frozen=True, eq=False)
-class Band:
-    """What a reduced rotor is for: lines and speeds in rad/s, values of the parameters."""
-
-    omega: Floats
-    speed: Floats
-    values: Mapping[str, float]
-
-    def points(self) -> list[tuple[float, float]]:
-        """Return the lines, with their speeds, on which the whole rotor is solved."""
-        speeds = np.unique(self.speed)
-        chosen = speeds[np.unique(np.linspace(0, len(speeds) - 1, SPEEDS).round().astype(int))]
-        found: list[tuple[float, float]] = []
-        for speed in chosen:
-            lines = np.unique(self.omega[(self.speed == speed) & (self.omega > 0)])
-            if len(lines):
-                every = np.quantile(lines, np.linspace(0, 1, SHAPES))
-                found += [(float(omega), float(speed)) for omega in {BELOW * lines[0], *every}]
-        return found
+def points_of(omega: Floats, speed: Floats) -> list[tuple[float, float]]:
+    """Return the lines, with their speeds, on which the whole rotor is solved; in rad/s."""
+    speeds = np.unique(speed)
+    chosen = speeds[np.unique(np.linspace(0, len(speeds) - 1, SPEEDS).round().astype(int))]
+    found: list[tuple[float, float]] = []
+    for each in chosen:
+        lines = np.unique(omega[(speed == each) & (omega > 0)])
+        if len(lines):
+            every = np.quantile(lines, np.linspace(0, 1, SHAPES))
+            found += [(float(line), float(each)) for line in {BELOW * lines[0], *every}]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,7 +348,6 @@ class Banded:
     # column)
     bands: Floats
     size: Floats  # (coordinate,): one over the root of the diagonal of K: metres and radians alike
-    values: Mapping[str, float]
 
     @classmethod
     def of(cls, pieces: Sequence[Piece], values: Mapping[str, float]) -> Banded:
@@ -401,15 +357,21 @@ class Banded:
         bands = np.zeros((len(pieces), 2 * width + 1, pieces[0].matrix.shape[0]))
         for band, e in zip(bands, entries, strict=True):
             np.add.at(band, (width + e.row - e.col, e.col), e.data)
-        bands *= np.array([_value(p.factors, values) for p in pieces])[:, None, None]
+        bands *= np.array([piece.value(values) for piece in pieces])[:, None, None]
         still = [p.order == 0 and not p.power and not p.structural for p in pieces]
         diagonal = np.abs(bands[still, width].sum(axis=0))
         size = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        return cls(tuple(pieces), width, bands, size, values)
+        return cls(tuple(pieces), width, bands, size)
 
     def at(self, omega: float, speed: float) -> Complexes:
         """Return the bands of Z on one line, rows and columns in units of `size`."""
-        weights = np.array([_weight(piece, omega, speed) for piece in self.pieces])
+        lags = (1j if p.structural else 1.0 for p in self.pieces)
+        weights = np.array(
+            [
+                (1j * omega) ** p.order * speed**p.power * lag
+                for p, lag in zip(self.pieces, lags, strict=True)
+            ]
+        )
         bands = np.tensordot(weights, self.bands, 1) * self.size
         for k, band in enumerate(bands, start=-self.width):  # row - column
             band[max(-k, 0) : len(band) - max(k, 0)] *= self.size[max(k, 0) : len(band) + min(k, 0)]
@@ -446,14 +408,15 @@ class Banded:
         return np.asarray(shares.sum(axis=0) / self.size[kept])
 
 
-def reduction(pieces: Sequence[Piece], kept: Integers, band: Band, share: float) -> Reduction:
+def reduction(
+    whole: Banded, kept: Integers, points: Sequence[tuple[float, float]], share: float
+) -> tuple[Integers, Floats]:
     """Return the basis of the shapes that come to more than a share of the largest.
 
-    What is `kept` stays a coordinate, with its partner in the other plane: where anything acts or
-    reads.
+    ``q = basis @ r``; the first of r are those coordinates q that are returned too: what is `kept`,
+    where anything acts or reads, with its partner in the other plane.
     """
-    whole = Banded.of(pieces, band.values)
-    shapes = np.concatenate([whole.motion(kept, *p) for p in band.points()], axis=1)
+    shapes = np.concatenate([whole.motion(kept, *point) for point in points], axis=1)
     planes = _planes(len(shapes) // PLANES)
     seen = [plane.T @ shapes for plane in planes]
     both = np.concatenate([part for s in seen for part in (s.real, s.imag)], axis=1)
@@ -470,7 +433,7 @@ def reduction(pieces: Sequence[Piece], kept: Integers, band: Band, share: float)
         first, angle = PLANES * (place // 2), place % 2
         where += [first + 3, first + 2] if angle else [first, first + 1]
         transform[:, 2 * k + 1] *= -1 if angle else 1  # theta_x is the slope of -y
-    return Reduction(np.array(where, dtype=np.int64), transform)
+    return np.array(where, dtype=np.int64), transform
 
 
 def _showing(rows: Floats) -> Floats:
@@ -478,12 +441,3 @@ def _showing(rows: Floats) -> Floats:
     left, values, right = np.linalg.svd(rows)
     first = right[: len(rows)].T / values @ left.T
     return np.concatenate([first, right[len(rows) :].T], axis=1)
-
-
-def _weight(piece: Piece, omega: float, speed: float) -> complex:
-    lag = 1j if piece.structural else 1.0
-    return complex((1j * omega) ** piece.order * speed**piece.power * lag)
-
-
-def _value(factors: Factors, values: Mapping[str, float]) -> float:
-    return float(np.prod([values[name] ** power for name, power in factors]))

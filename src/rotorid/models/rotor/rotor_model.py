@@ -9,25 +9,24 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 
 from rotorid.core.errors import ModelError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, monomial_name, monomial_unit
-from rotorid.models.equations import DERIVATIVES, Names, SplitEquations, sort_monomials
+from rotorid.models.equations import DERIVATIVES, sort_monomials
 from rotorid.models.expressions import Expression, Monomial, product, symbol
 from rotorid.models.linear_form import InputTerm, StiffnessTable, StiffnessTerm, Term, TermKind
 from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor.drawing import AXES, PLANES, Factors, Rotor
 from rotorid.models.rotor.fem import (
-    Band,
+    Banded,
     Piece,
-    Reduction,
-    UnbalanceLoad,
-    coordinates_of,
     inputs_of,
     loads_of,
     pieces_of,
+    points_of,
     reduction,
 )
 from rotorid.models.structure import Structure, find_structure
@@ -38,12 +37,10 @@ WORTH = 4e7
 """Lines times the cube of the coordinates up to which the whole rotor is solved: some seconds."""
 LAGGING = "lagging"
 """Kind of a signal that structural damping multiplies: it is a quarter turn ahead on every line."""
-_TURNING = {
-    name: product(
-        [(symbol("Omega"), Fraction(2)), (Expression(name, (symbol("phi"),)), Fraction(1))]
-    )
+_TURNING = [
+    product([(symbol("Omega"), Fraction(2)), (Expression(name, (symbol("phi"),)), Fraction(1))])
     for name in ("cos", "sin")
-}
+]
 
 
 @frozen
@@ -52,11 +49,10 @@ class RotorModel(Model):
 
     rotor: Rotor = field(kw_only=True)  # the drawing
     pieces: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
-    loads: tuple[UnbalanceLoad, ...] = field(kw_only=True, compare=False, repr=False)
+    loads: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
     push: Floats = field(kw_only=True, compare=False, repr=False)  # (row, input): B
-    # of a reduced rotor: its basis
-    reduction: Reduction | None = field(kw_only=True, default=None, compare=False, repr=False)
-    # of a reduced rotor: what it was made of
+    # of a reduced rotor: which coordinates of the whole its first ones are, and what it was made of
+    kept: Integers | None = field(kw_only=True, default=None, compare=False, repr=False)
     whole: RotorModel | None = field(kw_only=True, default=None, compare=False, repr=False)
 
     @cached_property
@@ -72,30 +68,27 @@ class RotorModel(Model):
     @property
     def used(self) -> frozenset[str]:
         """The parameters that a matrix or a load holds."""
-        return frozenset(name for factors in self._every for name, _ in factors)
+        return frozenset(name for factors in self._held for name, _ in factors)
 
     @cached_property
-    def _every(self) -> tuple[Factors, ...]:
+    def _held(self) -> dict[Factors, Monomial]:
         """What multiplies each piece and each load."""
-        return (*(p.factors for p in self.pieces), *(load.factors for load in self.loads))
-
-    def _monomial(self, factors: Factors) -> Monomial:
-        powers = dict(factors)
-        return tuple(powers.get(name, 0) for name in self.parameter_names)
+        every = [dict(piece.factors) for piece in (*self.pieces, *self.loads)]
+        names = self.parameter_names
+        return {tuple(p.items()): tuple(p.get(name, 0) for name in names) for p in every}
 
     @cached_property
     def _monomials(self) -> list[Monomial]:
-        held = {self._monomial(factors) for factors in self._every}
-        return sort_monomials(held | {(0,) * len(self.parameters)})
+        return sort_monomials({*self._held.values(), (0,) * len(self.parameters)})
 
     @cached_property
     def _numbers(self) -> dict[Factors, int]:
-        where = {monomial: i for i, monomial in enumerate(self._monomials)}
-        return {factors: where[self._monomial(factors)] for factors in self._every}
+        where = self._places
+        return {factors: where[monomial] for factors, monomial in self._held.items()}
 
     @cached_property
     def input_terms(self) -> tuple[InputTerm, ...]:
-        one = self._monomials.index((0,) * len(self.parameters))
+        one = self._places[(0,) * len(self.parameters)]
         entries = np.argwhere(self.push).tolist()
         return tuple(InputTerm(r, c, one, float(self.push[r, c])) for r, c in entries)
 
@@ -121,7 +114,7 @@ class RotorModel(Model):
         found = []
         for load in self.loads:
             number = self._numbers[load.factors]
-            for part, signal in ((load.cosine, _TURNING["cos"]), (load.sine, _TURNING["sin"])):
+            for part, signal in zip(load.matrix.T, _TURNING, strict=True):
                 rows = np.flatnonzero(part).tolist()
                 found += [Term(row, number, float(part[row]), signal) for row in rows]
         return tuple(found)
@@ -196,13 +189,12 @@ class RotorModel(Model):
         np.add.at(columns, (row, table.monomial), table.coefficient)
         loads = np.zeros((2, width, count))
         for load in self.loads:
-            loads[:, :, self._numbers[load.factors]] += (load.cosine, load.sine)
+            loads[:, :, self._numbers[load.factors]] += load.matrix.T
         return np.concatenate([columns, loads.reshape(-1, count)])
 
     @property
     def measurable(self) -> tuple[str, ...]:
-        count = len(self.coordinates) if self.reduction is None else len(self.reduction.kept)
-        return self.coordinates[:count]
+        return self.coordinates if self.kept is None else self.coordinates[: len(self.kept)]
 
     def reduced(
         self,
@@ -212,54 +204,51 @@ class RotorModel(Model):
         values: Mapping[str, float],
         share: float,
     ) -> RotorModel:
-        """Return a model with fewer coordinates, where that pays; see `Model.reduced`."""
+        """Return a model with fewer coordinates, where that pays; equations are as they stand.
+
+        `reads` are the coordinates that are measured; omega and speed are in rad/s, shape (line,);
+        `values` of the parameters need be about right; shapes that come to less than a share of the
+        largest are left out.
+        """
         full = self if self.whole is None else self.whole
         known = {**full.nominal, **values}
         if (
             not share
             or len(omega) * float(len(full.coordinates)) ** 3 <= WORTH
             or not (omega > 0).any()
-            or not set(full.parameter_names) <= known.keys() | full.load_names
+            or not {name for piece in full.pieces for name, _ in piece.factors} <= known.keys()
         ):
             return full
-        loads = [part[:, None] for x in full.loads for part in (x.cosine, x.sine)]
-        pushed = np.concatenate([full.push, *loads], axis=1).any(axis=1)
+        pushed = np.concatenate([full.push, *(load.matrix for load in full.loads)], axis=1).any(1)
         shown = {full.coordinates.index(name) for name in reads} | set(np.flatnonzero(pushed))
         kept = np.array(sorted(shown), dtype=np.int64)
-        basis = reduction(full.pieces, kept, Band(omega, speed, known), share)
-        count = basis.transform.shape[1]
-        if count >= len(full.coordinates):
+        whole = Banded.of(full.pieces, known)
+        kept, basis = reduction(whole, kept, points_of(omega, speed), share)
+        if basis.shape[1] >= len(full.coordinates):
             return full
-        inner = [f"inner{k + 1}" for k in range(count - len(basis.kept))]
-        names = (*(full.coordinates[k] for k in basis.kept), *inner)
+        inner = [f"inner{k + 1}" for k in range(basis.shape[1] - len(kept))]
+        names = (*(full.coordinates[k] for k in kept), *inner)
+        sparse = scipy.sparse.csr_array
         return replace(
             full,
             texts=tuple(f"balance of {q}" for q in names),
-            names=replace(full.names, coordinates=names),
+            coordinates=names,
             units={**full.units, **dict.fromkeys(inner, "m")},
-            pieces=basis.of_pieces(full.pieces),
-            loads=basis.of_loads(full.loads),
-            push=basis.transform.T @ full.push,
-            reduction=basis,
+            pieces=tuple(
+                replace(p, matrix=sparse(basis.T @ (p.matrix @ basis))) for p in full.pieces
+            ),
+            loads=tuple(replace(load, matrix=basis.T @ load.matrix) for load in full.loads),
+            push=basis.T @ full.push,
+            kept=kept,
             whole=full,
         )
 
-    @property
-    def load_names(self) -> frozenset[str]:
-        """The parameters that loads alone hold."""
-        moving = {name for piece in self.pieces for name, _ in piece.factors}
-        return self.used - moving
-
     def _with_numbers(self, fixed: Mapping[str, float]) -> dict[str, Any]:
-        pieces, loads = [], []
-        for piece in self.pieces:
-            size, left = _split(piece.factors, fixed)
-            pieces.append(replace(piece, factors=left, matrix=size * piece.matrix))
-        for load in self.loads:
-            size, left = _split(load.factors, fixed)
-            loads.append(UnbalanceLoad(left, size * load.cosine, size * load.sine))
+        pieces, loads = (
+            tuple(p.substituted(fixed) for p in every) for every in (self.pieces, self.loads)
+        )
         whole = None if self.whole is None else self.whole.substitute(fixed)
-        return {"pieces": tuple(pieces), "loads": tuple(loads), "whole": whole}
+        return {"pieces": pieces, "loads": loads, "whole": whole}
 
     def to_ross(self, values: Mapping[str, float], *, speed: float = 0.0) -> Any:
         """Return the rotor as ROSS has it.
@@ -291,17 +280,11 @@ class RotorModel(Model):
         return to_ross(self.rotor, {**dict(self.held), **values, "Omega": speed})
 
 
-def _split(factors: Factors, fixed: Mapping[str, float]) -> tuple[float, Factors]:
-    """Return the number that fixed values make of factors, and what is left."""
-    size = float(np.prod([fixed[name] ** power for name, power in factors if name in fixed]))
-    return size, tuple(factor for factor in factors if factor[0] not in fixed)
-
-
 def rotor_model(
     rotor: Rotor, parameters: Sequence[Parameter], *, name: str, title: str = "", source: str = ""
 ) -> RotorModel:
     """Return the model of a drawing, in the coordinates of its nodes."""
-    coordinates = coordinates_of(rotor)
+    coordinates = tuple(name for node in rotor.nodes for name in node.coordinates)
     inputs = tuple(f"F_{axis}{place}" for place in rotor.actuators for axis in "xy")
     units = {q: "rad" if q.startswith("theta") else "m" for q in coordinates}
     return RotorModel(
@@ -309,10 +292,11 @@ def rotor_model(
         title or name,
         source,
         tuple(f"balance of {q}" for q in coordinates),
-        Names(coordinates, inputs, tuple(p.name for p in parameters)),
+        coordinates,
+        inputs,
         {**units, **dict.fromkeys(inputs, "N")},
         tuple(parameters),
-        SplitEquations((), ()),
+        (),
         rotor=rotor,
         pieces=pieces_of(rotor),
         loads=loads_of(rotor),
