@@ -344,7 +344,7 @@ def questioned(
     mirrors = mirrors or Mirrors(problem.layout)
     at = _Minimum(problem, start, solution, inference)
     others = [mirrors.as_started(end) for end in at.minima()]
-    others += [image.solution for image in mirrors.images(solution)]
+    others += [image for image, _ in mirrors.images(solution)]
     lower = _lower(others, solution)
     if lower is not None:
         others = [*(o for o in others if o is not lower), solution]
@@ -376,15 +376,15 @@ def other_answers(
         return bool((away[told] > APART * std[told]).any())
 
     answers = [point]
-    ends = [end.point for end in (*(image.solution for image in images), *others)]
+    ends = [end.point for end in (*(image for image, _ in images), *others)]
     for end in sorted(ends, key=lambda end: end.cost):
         fits = end.cost <= point.cost + CLOSE
         if fits and all(apart(end, answer) for answer in answers):
             answers.append(end)
     parts = tuple(
-        exchanged(mirrors.layout, image.exchange, point.unknowns)
-        for image in images
-        if len(answers) > 1 and image.exchange and apart(image.solution.point, point)
+        exchanged(mirrors.layout, exchange, point.unknowns)
+        for image, exchange in images
+        if len(answers) > 1 and exchange and apart(image.point, point)
     )
     return Doubt(alternatives=tuple(answers[1:]), exchanges=parts)
 

@@ -83,12 +83,8 @@ class Exchange:
         return moved
 
 
-@frozen
-class Image:
-    """Another answer, and what makes it one."""
-
-    solution: Solution
-    exchange: Exchange | None = None
+Image = tuple[Solution, Exchange | None]
+"""Another answer, and what makes it one."""
 
 
 @frozen
@@ -151,17 +147,15 @@ class Mirrors:
 
     def images(self, solution: Solution) -> list[Image]:
         """Return the answers that fit as well and between which no start decides."""
-        if not (self.turns or self.exchanges):
-            return []
         score = self._agreement(solution.point.unknowns)
-        found = []
+        found: list[Image] = []
         for turn in self.turns:
             if turn.coordinates and score(turn) == score(Turn(())):
                 image = self._image(solution, turn)
-                found += [Image(image)] if image else []
+                found += [(image, None)] if image else []
         for exchange in self.exchanges:
             image = self._image(solution, exchange)
-            found += [Image(self.as_started(image), exchange)] if image else []
+            found += [(self.as_started(image), exchange)] if image else []
         return found
 
     def notes(self, solution: Solution, inference: Inference) -> list[Note]:

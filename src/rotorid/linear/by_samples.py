@@ -93,37 +93,31 @@ class SampledProblem(Posed):
 
     def summarize(self, method: str) -> Estimate:
         fit = self.fit()
-        scatter, ways = fit.scatter, [*self.moved(fit), *self.late(fit)]
-        estimate = self.estimate(
-            method,
-            fit.values,
-            scatter.covariance,
-            fit.solution,
-            list(_doubted(self.names, scatter)),
-            unknown=scatter.alone,
-        )
+        scatter, doubts = fit.scatter, list(_doubted(self.names, fit.scatter))
+        given = fit.values, scatter.covariance, fit.solution, doubts
+        estimate = self.estimate(method, *given, unknown=scatter.alone)
         return estimate.with_notes(
             *_said(self.regressions, scatter),
             *machine_checks.physical(self.full, estimate),
-            *ways,
+            *self.moved(fit),
+            *self.late(fit),
             *machine_checks.prediction(estimate, {}),
             *machine_checks.agreement(self.names, *scatter.halves()),
         )
 
     def fit(self, *, late: bool = False) -> _Fit:
         """Solve, and leave out blocks; `late`: with one unknown more, how early all forces come."""
-        alike = np.ones(len(self.model.texts))
-        blocks = [self._block(r, alike, late) for r in self.regressions]
+        rows = len(self.model.texts)
+        blocks = [self._block(r, np.ones(rows), late) for r in self.regressions]
         solution = solve(blocks)
         if self.weight is not None:
             base = np.nan_to_num(self.base(solution.values[: len(self.names)]))
             blocks = [self._block(r, self._variance(r, base), late) for r in self.regressions]
             solution = solve(blocks)
-        parts = [block.whitened() for block in blocks]
-        matrix = np.concatenate([part[0] for part in parts])
-        right = np.concatenate([part[1] for part in parts])
+        parts = zip(*(block.whitened() for block in blocks), strict=True)
+        matrix, right = (np.concatenate(part) for part in parts)
         counts = [len(r.inputs) for r in self.regressions]
-        numbers = np.repeat(block_numbers(counts, BLOCKS), len(alike))
+        numbers = np.repeat(block_numbers(counts, BLOCKS), rows)
         gains = np.concatenate(solution.gains, axis=1)
         scatter = scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
         return _Fit(solution, scatter, self.reached(solution))
@@ -156,17 +150,16 @@ class SampledProblem(Posed):
         if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or shares.max() <= MOVED:
             return
         worst = int(shares.argmax())
-        name, unit = self._named(worst)
         text = (
             f"the forces come as if {abs(lag) * 1e3:.3g} ms {'late' if lag > 0 else 'early'} "
-            f"({abs(lag) / std if std > 0 else np.inf:.3g} deviations), and {name} is "
-            f"{freed.values[worst]:.5g} {unit} without that: give the delay of the channels, or "
-            "look for filters before the logger, or for something elastic that the equations "
-            "leave out"
+            f"({abs(lag) / std if std > 0 else np.inf:.3g} deviations), and {self.names[worst]} is "
+            f"{freed.values[worst]:.5g} {self._unit(worst)} without that: give the delay of the "
+            "channels, or look for filters before the logger, or for something elastic that the "
+            "equations leave out"
         )
         sure = abs(lag) > SURE * std and shares.max() > machine_checks.SURE
         severity: Severity = "rejects" if sure else "doubts"
-        yield Note("delay", severity, text, on=(name,), value=lag, unit="s")
+        yield Note("delay", severity, text, on=(self.names[worst],), value=lag, unit="s")
 
     def moved(self, fit: _Fit) -> Iterator[Note]:
         """Judge whether a lower cut-off moves a parameter by more than its deviations."""
@@ -175,21 +168,21 @@ class SampledProblem(Posed):
         change = other.values - fit.values
         clear = np.abs(change) > CLEAR * _spread_of_change(fit.scatter, other.scatter)
         shares = np.where(clear, fit.shares(change), 0.0)
-        if not shares.size or shares.max() <= MOVED:
+        if shares.max(initial=0.0) <= MOVED:
             return
         worst = int(shares.argmax())
-        name, unit = self._named(worst)
+        name, unit, by = self.names[worst], self._unit(worst), float(change[worst])
         text = (
-            f"a cut-off lower by {100 * (1 - LOWER):.0f} % moves {name} by {change[worst]:+.3g} "
+            f"a cut-off lower by {100 * (1 - LOWER):.0f} % moves {name} by {by:+.3g} "
             f"{unit}, {shares[worst]:.2g} deviations: noise in the motion pulls the answer towards "
             "zero, or the motion reaches up to the cut-off; the deviations do not cover that: try "
             "other cut-offs"
         )
         severity: Severity = "rejects" if shares.max() > SURE else "doubts"
-        yield Note("cut-off", severity, text, on=(name,), value=float(change[worst]), unit=unit)
+        yield Note("cut-off", severity, text, on=(name,), value=by, unit=unit)
 
-    def _named(self, free: int) -> tuple[str, str]:
-        return self.names[free], self.model.base.units[self.elimination.kept[free]]
+    def _unit(self, free: int) -> str:
+        return self.model.base.units[self.elimination.kept[free]]
 
 
 def _spread_of_change(first: Scatter, second: Scatter) -> Floats:

@@ -39,19 +39,16 @@ class LinearEstimator:
             For records that do not fit the model, or knowledge that only ml can use.
         """
         bound = bind_all(model, records)
-        if self._filtered(bound):
+        if filtered_records(bound):
+            weight = self._weight_of_samples(bound)
             sampled = SampledProblem.of(bound, self.fixed, self.constraints)
-            return replace(sampled, weight=self._weight).summarize(self.method)
+            return replace(sampled, weight=weight).summarize(self.method)
         problem = LeastSquaresProblem.of(bound, self.fixed, self.constraints)
         return problem.summarize(self.method, self._solved)
 
-    @property
-    def _weight(self) -> float | None:
-        """Weight of rows without input among samples; where there is none all count alike."""
+    def _weight_of_samples(self, records: Sequence[Observation]) -> float | None:
+        """Return the weight of rows without input; without one all rows count alike."""
         return None
-
-    def _filtered(self, records: Sequence[Observation]) -> bool:
-        return filtered_records(records)
 
     def _solved(self, problem: LeastSquaresProblem) -> LeastSquaresSolution:
         return solve(
@@ -130,8 +127,7 @@ class Batch(LinearEstimator):
                 "take 100, as the paper does",
             )
 
-    @property
-    def _weight(self) -> float:
+    def _weight_of_samples(self, records: Sequence[Observation]) -> float:
         return self.free_weight
 
     def solve(
@@ -195,9 +191,8 @@ class Sequential(LinearEstimator):
 
     method = "sequential"
 
-    def _filtered(self, records: Sequence[Observation]) -> bool:
+    def _weight_of_samples(self, records: Sequence[Observation]) -> None:
         refuse_filtered(records, self.method)
-        return False
 
     def _solved(self, problem: LeastSquaresProblem) -> LeastSquaresSolution:
         return _solve_stages(problem, plan_stages(problem))
@@ -235,17 +230,16 @@ def _rows_that_help(
     _, singular, directions = np.linalg.svd(columns)
     rank = int((singular > 1e-12 * singular.max(initial=0.0)).sum())
     tangled = np.flatnonzero(unknowns)[(np.abs(directions[rank:]) > 1e-9).any(axis=0)]
-    further = left - set(rows)
-    return sorted(r for r in further if structure[:, r][:, tangled].any())
+    return sorted(r for r in left - set(rows) if structure[:, r][:, tangled].any())
 
 
 def _solve_stages(problem: LeastSquaresProblem, stages: Sequence[Stage]) -> LeastSquaresSolution:
     """Solve stage by stage; the gains carry the error of each stage into the next."""
-    names, holds = problem.names, (problem.structure != 0).any(axis=0)
-    values = np.full(len(names), np.nan)
+    count, holds = len(problem.names), (problem.structure != 0).any(axis=0)
+    values = np.full(count, np.nan)
     equations = [problem.free_equations(r) for r in problem.regressions]
-    gains = [np.zeros((len(names), *target.shape), dtype=complex) for _, target in equations]
-    condition, directions = 1.0, np.zeros((len(names), 0))
+    gains = [np.zeros((count, *target.shape), dtype=complex) for _, target in equations]
+    condition, directions = 1.0, np.zeros((count, 0))
     waiting: tuple[int, ...] = ()
     for planned in stages:
         # Rows whose unknowns the stage before left open wait for the rows of this one.
@@ -275,7 +269,7 @@ def _solve_stages(problem: LeastSquaresProblem, stages: Sequence[Stage]) -> Leas
             total[np.ix_(own, np.arange(total.shape[1]), np.array(rows))] += gain
         values[own] = solution.values
         condition = max(condition, solution.condition_number)
-        directions = np.zeros((len(names), solution.undetermined.shape[1]))
+        directions = np.zeros((count, solution.undetermined.shape[1]))
         directions[own] = solution.undetermined
         waiting = tuple(row for row in rows if (holds[row] & np.isnan(values))[own].any())
     return LeastSquaresSolution(values, tuple(gains), condition, directions)

@@ -230,7 +230,7 @@ class LeastSquaresProblem(Posed):
         """Return the estimate that a way of solving gives, with the sandwich for its covariance."""
         solution, records = solve(self), [r.record for r in self.regressions]
         values, fewest = self.reached(solution), min(r.periods for r in records)
-        base = np.where(np.isfinite(self.base(values)), self.base(values), 0.0)
+        base = np.nan_to_num(self.base(values))
         residuals = [r.period_residual(base) for r in self.regressions]
         scatters = [choose_covariance(residual, residual) for residual in residuals]
         if self.model.nonlinear and fewest >= POOLING_PERIODS:
@@ -349,8 +349,7 @@ class Information:
 def information_of(model: Model, estimate: Estimate, record: Data) -> Information | None:
     """Return the information of a record about what an estimate left free.
 
-    ``None`` for an estimate by maximum likelihood, whose own covariance says all there is to say,
-    and for filtered samples, whose noise nobody knows beforehand.
+    ``None`` for ml, whose own covariance says all, and for samples, of unknown noise.
     """
     seen = bind(model, record)
     if estimate.method == "ml" or seen.hidden or seen.filtered is not None:

@@ -2,16 +2,7 @@
 
 The residual of a filtered record is correlated from sample to sample, and how is not known: the
 filter, the controller and what the model leaves out all have a memory. Blocks that are longer than
-it scatter on their own.
-
-With D the design and G the gains of the answer (it answers to noise n of the targets by G n), the
-residual of a right model is ``e = (I - D G) n``. Each equation of each line over its own deviation,
-which the scatter over periods tells, the sum of squares of e has
-
-    mean      tr(A' A R),        variance  2 tr((A' A R)^2),        A = I - D G,
-
-R the correlation of the noise between the equations of a line. Unlike a likelihood, whose residual
-is the smallest there is, this takes any weights: what they leave is in the mean.
+it scatter on their own. What the misfit is held against: theory, section 4.
 """
 
 from __future__ import annotations
@@ -238,7 +229,10 @@ def scatter_of_blocks(
     while True:
         count = int(numbers.max()) + 1
         shifts, without, alone = _leave_out(matrix, residual, gains, numbers, count)
-        memory = _remembers(shifts)
+        size, known = (shifts**2).sum(axis=0), shifts.any(axis=0)
+        # Whether what a block adds resembles what the one before added, in any parameter.
+        lagged = (shifts[1:] * shifts[:-1]).sum(axis=0)[known] / size[known]
+        memory = count >= FEWEST and bool((lagged > MEMORY / np.sqrt(count)).any())
         if not memory or count // 2 < FEWEST:
             break
         numbers = numbers // 2
@@ -253,11 +247,9 @@ def _leave_out(
     matrix: Floats, residual: Floats, gains: Floats, numbers: Integers, count: int
 ) -> tuple[Floats, Floats, Booleans]:
     """Return what blocks add to the values, the change without each, and what one alone tells."""
-    free = len(gains)
-    shifts, without = np.zeros((count, free)), np.zeros((count, free))
-    alone: Booleans = np.zeros(free, dtype=bool)
-    length = np.sqrt((gains**2).sum(axis=1))
-    length = np.where(length > 0, length, 1.0)
+    shifts, without = np.zeros((count, len(gains))), np.zeros((count, len(gains)))
+    alone: Booleans = np.zeros(len(gains), dtype=bool)
+    length = column_lengths(gains.T)
     edges = np.searchsorted(numbers, np.arange(count + 1))
     for block, own in enumerate(slice(*pair) for pair in pairwise(edges)):
         shifts[block] = gains[:, own] @ residual[own]
@@ -266,17 +258,6 @@ def _leave_out(
         without[block] = change * length
         alone |= (np.abs(untold) > TINY).any(axis=1)
     return shifts, without, alone
-
-
-def _remembers(shifts: Floats) -> bool:
-    """Tell whether what a block adds resembles what the one before added, in any parameter."""
-    count = len(shifts)
-    size = (shifts**2).sum(axis=0)
-    known = size > 0
-    if count < FEWEST or not known.any():
-        return False
-    lagged = (shifts[1:] * shifts[:-1]).sum(axis=0)[known] / size[known]
-    return bool(lagged.max() > MEMORY / np.sqrt(count))
 
 
 @frozen

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -69,24 +70,22 @@ class Web:
 
     def exchanges(self, among: Sequence[int]) -> Iterator[list[int]]:
         """Yield ways to change places, as where each node goes, that move some nodes in pairs."""
-        kinds = {kind: i for i, kind in enumerate(dict.fromkeys(x.kind for x in self.links))}
         numbers = {colour: i for i, colour in enumerate(dict.fromkeys(self.colours))}
-        search = _Search([(kinds[x.kind], x) for x in self.links])
         first = [numbers[colour] for colour in self.colours]
-        (first, _), _ = search.refined([first, first])
+        search = _Search(self.links, len(first))
+        first = (search.refined(first * 2) or first)[: len(first)]
         moved: set[tuple[int, int]] = set()
-        for i, a in enumerate(among):
-            for b in among[i + 1 :]:
-                if first[a] != first[b] or (a, b) in moved:
-                    continue
-                fresh = max(first) + 1
-                one, other = list(first), list(first)
-                one[a], one[b], other[b], other[a] = fresh, fresh + 1, fresh, fresh + 1
-                search.effort = EFFORT
-                found = search.matched(one, other)
-                if found is not None:
-                    moved |= set(enumerate(found))
-                    yield found
+        for a, b in combinations(among, 2):
+            if first[a] != first[b] or (a, b) in moved:
+                continue
+            fresh = max(first) + 1
+            one, other = list(first), list(first)
+            one[a], one[b], other[b], other[a] = fresh, fresh + 1, fresh, fresh + 1
+            search.effort = EFFORT
+            found = search.matched(one + other)
+            if found is not None:
+                moved |= set(enumerate(found))
+                yield found
 
     def followed(self, places: Sequence[int], known: Mapping[int, float]) -> Floats | None:
         """Return by what each node is multiplied on the way to its place; None if by nothing.
@@ -125,46 +124,41 @@ class Web:
 class _Search:
     """Colour refinement of two copies of a web, and the way back where a guess was wrong."""
 
-    def __init__(self, links: Sequence[tuple[int, Link]]) -> None:
-        self.links, self.effort = links, EFFORT
+    def __init__(self, links: Sequence[Link], count: int) -> None:
+        kinds = {kind: i for i, kind in enumerate(dict.fromkeys(x.kind for x in links))}
+        self.count, self.effort = count, EFFORT
+        self.links = [
+            (kinds[x.kind], x.row + copy, x.column + copy, [f + copy for f in x.factors])
+            for copy in (0, count)
+            for x in links
+        ]
 
-    def refined(self, copies: Sequence[list[int]]) -> tuple[list[list[int]], bool]:
-        """Split colours by what nodes are linked with; tell whether both copies stay alike."""
+    def refined(self, colours: list[int]) -> list[int] | None:
+        """Split colours by what nodes are linked with; None where the copies are not alike."""
         self.effort -= 1
         while True:
             inner: dict[Hashable, int] = {}
             outer: dict[Hashable, int] = {}
-            split = []
-            for colours in copies:
-                beside: list[list[tuple[int, int]]] = [[] for _ in colours]
-                for kind, x in self.links:
-                    factors = tuple(sorted(colours[f] for f in x.factors))
-                    key = (kind, colours[x.row], colours[x.column], factors)
-                    seen = inner.setdefault(key, len(inner))
-                    beside[x.row].append((0, seen))
-                    beside[x.column].append((1, seen))
-                    for f in x.factors:
-                        beside[f].append((2, seen))
-                split.append(
-                    [
-                        outer.setdefault((colour, *sorted(seen)), len(outer))
-                        for colour, seen in zip(colours, beside, strict=True)
-                    ]
-                )
-            counts = [Counter(colours) for colours in split]
-            if any(count != counts[0] for count in counts):
-                return split, False
-            if len(counts[0]) == len(set(copies[0])):
-                return split, True
-            copies = split
+            beside: list[list[tuple[int, int]]] = [[] for _ in colours]
+            for kind, row, column, factors in self.links:
+                multiplied = tuple(sorted(colours[f] for f in factors))
+                key = (kind, colours[row], colours[column], multiplied)
+                seen = inner.setdefault(key, len(inner))
+                for place, node in ((0, row), (1, column), *((2, f) for f in factors)):
+                    beside[node].append((place, seen))
+            pairs = zip(colours, beside, strict=True)
+            split = [outer.setdefault((own, *sorted(met)), len(outer)) for own, met in pairs]
+            if Counter(split[: self.count]) != Counter(split[self.count :]):
+                return None
+            if len(outer) == len(set(colours)):
+                return split
+            colours = split
 
-    def matched(self, one: list[int], other: list[int]) -> list[int] | None:
+    def matched(self, colours: list[int]) -> list[int] | None:
         """Return where each node of one copy is in the other, if there is a way."""
-        if self.effort <= 0:
+        if self.effort <= 0 or (split := self.refined(colours)) is None:
             return None
-        (one, other), alike = self.refined([one, other])
-        if not alike:
-            return None
+        one, other = split[: self.count], split[self.count :]
         classes: dict[int, list[int]] = {}
         for node, colour in enumerate(other):
             classes.setdefault(colour, []).append(node)
@@ -173,11 +167,10 @@ class _Search:
             return [classes[colour][0] for colour in one]
         nodes = min(several, key=len)
         node = one.index(other[nodes[0]])
-        fresh = len(one) + max(one)
         for there in sorted(nodes, key=lambda other_node: other_node != node):
-            left, right = list(one), list(other)
-            left[node] = right[there] = fresh
-            found = self.matched(left, right)
+            guess = list(split)
+            guess[node] = guess[self.count + there] = self.count + max(one)
+            found = self.matched(guess)
             if found is not None:
                 return found
         return None
