@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,8 +113,8 @@ def _reduced(rows: Floats, nuisance: NDArray[np.bool_]) -> tuple[Floats, list[in
     while improved:
         improved = False
         for k in range(len(pivots)):
-            for other_column in np.flatnonzero(np.abs(basis[k]) > 1e-3 * np.abs(basis[k]).max()):
-                column = int(other_column)
+            large = np.abs(basis[k]) > 1e-3 * np.abs(basis[k]).max()
+            for column in np.flatnonzero(large).tolist():
                 trial = [*pivots[:k], column, *pivots[k + 1 :]]
                 if column in pivots or not _independent(rows[:, trial]):
                     continue
@@ -152,42 +153,30 @@ def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> li
     Each member but the first of its combination gives one quantity that the move along all open
     directions leaves as it is.
     """
-    layout, unknowns = fit.prepared.layout, fit.solution.point.unknowns
-    where = {layout.unknowns[i].name: k for k, i in enumerate(layout.free)}
-    firsts = [c.names[0] for c in combinations]
+    layout, unknowns, covariance = fit.prepared.layout, fit.solution.point.unknowns, fit.covariance
+    firsts = {c.names[0] for c in combinations}
     found = []
     for name in dict.fromkeys(n for c in combinations for n in c.names if n not in firsts):
-        involved = [c for c in combinations if name in c.names]
-        unknown = layout.unknowns[layout.index[name]]
-        slopes = {c.names[0]: c.slopes[c.names.index(name)] for c in involved}
-        gradient = np.zeros(len(where))
-        gradient[where[name]] = 1.0
-        for first, slope in slopes.items():
-            gradient[where[first]] -= slope
-        spread = float(np.sqrt(max(float(gradient @ fit.inference.covariance @ gradient), 0.0)))
-        value = float(unknowns[layout.index[name]])
-        if all(c.exponents is not None for c in involved):
-            powers = {}
-            for c in involved:
-                assert c.exponents is not None
-                powers[c.names[0]] = -c.exponents[c.names.index(name)] / c.exponents[0]
-            factor = 1.0
-            for first, power in powers.items():
-                factor *= float(unknowns[layout.index[first]]) ** float(power)
-            text = _power_text({name: Fraction(1), **powers})
-            factors = [(unknown.unit, 1)]
-            whole = all(p.denominator == 1 for p in powers.values())
-            factors += [
-                (layout.unknowns[layout.index[n]].unit, int(p)) for n, p in powers.items() if whole
-            ]
-            unit = multiply_units(factors) if whole else ""
-            found.append(Value(text, unit, value * factor, spread * abs(factor)))
-        else:
-            text = name
-            for first, slope in slopes.items():
-                text += f" {'-' if slope > 0 else '+'} {abs(slope):.6g}*{first}"
-                value -= slope * float(unknowns[layout.index[first]])
-            found.append(Value(text, unknown.unit, value, spread))
+        involved = [(c, c.names.index(name)) for c in combinations if name in c.names]
+        slopes = {c.names[0]: c.slopes[k] for c, k in involved}
+        gradient = np.zeros(len(unknowns))
+        gradient[[layout.index[n] for n in (name, *slopes)]] = (1, *(-s for s in slopes.values()))
+        spread = float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
+        own = layout.unknowns[layout.index[name]].unit
+        if any(c.exponents is None for c, _ in involved):
+            signed = (f" {'-' if s > 0 else '+'} {abs(s):.6g}*{n}" for n, s in slopes.items())
+            text = "".join([name, *signed])
+            found.append(Value(text, own, float(gradient @ unknowns), spread))
+            continue
+        powers = {c.names[0]: -c.exponents[k] / c.exponents[0] for c, k in involved if c.exponents}
+        places = {n: layout.index[n] for n in powers}
+        factor = prod(float(unknowns[i]) ** float(powers[n]) for n, i in places.items())
+        whole = all(power.denominator == 1 for power in powers.values())
+        factors = [(layout.unknowns[i].unit, int(powers[n])) for n, i in places.items()]
+        unit = multiply_units([(own, 1), *factors]) if whole else ""
+        value = float(unknowns[layout.index[name]]) * factor
+        text = _power_text({name: Fraction(1), **powers})
+        found.append(Value(text, unit, value, spread * abs(factor)))
     return found
 
 

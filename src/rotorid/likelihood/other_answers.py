@@ -7,28 +7,18 @@ puts on a line, fills the Jacobian (theory, section 7). Three questions are aske
 - Would the noise-free response to the measured forces give the stated deviations, at the answer
   and about the start? If they are much smaller, noise was taken for information.
 - Do other starts end at another answer with as low a cost, or do the equations have one?
-- Does the cost rise over the stated deviations as they say? Along the bent valley of a weakly
-  excited rotor other parameters leave their intervals long before the cost does: their deviations
-  are widened to what the cost says.
-
-Further starts cost little where the record informs all unknowns: they join the way of the first
-after one or two stages of the homotopy. Three are always tried, eight where the deviations
-predicted at the start are a tenth of the values or more, and the last question is asked there too;
-eight as well where chance seldom leaves such a cost.
-
-The deviations are those of the curvature at the minimum. Where a record informs some combination
-of the unknowns only weakly, the valley along it bends: other unknowns leave their intervals long
-before the cost rises. So the valley is followed both ways along the weakest directions, each step
-led back to its floor, until the cost has risen as far as chance takes it. Over a parabola an
-unknown moves by no more of its deviations than the root of the rise; one that moves further has a
-deviation that much wider (profile likelihood).
+- Does the cost rise over the stated deviations as they say, or is there a bent valley along which
+  other parameters leave their intervals long before? Then deviations are widened (profile
+  likelihood).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -88,22 +78,22 @@ def explore(point: Point, inference: Inference, told: Booleans) -> Valley:
     unit = np.where(told, inference.std, 1.0)
     size, along = np.linalg.eigh(inference.covariance / np.outer(unit, unit) * np.outer(told, told))
     wider, lowest = np.ones(len(free)), point
-    for k in range(max(0, len(size) - WEAKEST), len(size)):
-        for sign in (-STRIDE, STRIDE):
-            change = sign * np.sqrt(max(size[k], 0.0)) * along[:, k] * unit
-            end = point
-            for at in _floor(point, change, unit):
-                rise = at.cost - point.cost
-                if rise > RISEN:
-                    break
-                end = at if rise <= LIKELY else end
-                lowest = at if at.cost < lowest.cost else lowest
-                moved = np.abs(at.unknowns - point.unknowns)[free] / unit * told
-                wider = np.maximum(wider, moved / np.sqrt(max(rise, BEGUN)))
-                if (moved > 2 * ENDLESS).any():
-                    break
-            risen = np.sqrt(max(end.cost - point.cost, BEGUN))
-            wider = np.maximum(wider, _of_loads(end, unit) * told / risen)
+    weakest = range(max(0, len(size) - WEAKEST), len(size))
+    for k, sign in product(weakest, (-STRIDE, STRIDE)):
+        change = sign * np.sqrt(max(size[k], 0.0)) * along[:, k] * unit
+        end = point
+        for at in _floor(point, change, unit):
+            rise = at.cost - point.cost
+            if rise > RISEN:
+                break
+            end = at if rise <= LIKELY else end
+            lowest = min(lowest, at, key=lambda one: one.cost)
+            moved = np.abs(at.unknowns - point.unknowns)[free] / unit * told
+            wider = np.maximum(wider, moved / np.sqrt(max(rise, BEGUN)))
+            if (moved > 2 * ENDLESS).any():
+                break
+        risen = np.sqrt(max(end.cost - point.cost, BEGUN))
+        wider = np.maximum(wider, _of_loads(end, unit) * told / risen)
     return Valley(wider, lowest, lowest is not point)
 
 
@@ -213,7 +203,7 @@ def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
 def _deviations_of(root: Floats) -> Floats:
     with np.errstate(over="ignore", invalid="ignore"):
         found = np.sqrt((root**2).sum(axis=1))
-    return np.where(np.isfinite(found), found, np.inf)
+    return np.asarray(np.nan_to_num(found, nan=np.inf, posinf=np.inf))
 
 
 def _predicted_root(point: Point, weights: Sequence[Floats] = ()) -> Floats:
@@ -349,12 +339,15 @@ def questioned(
     if lower is not None:
         others = [*(o for o in others if o is not lower), solution]
         at = at.moved(lower)
-    lower = _lower([mirrors.as_started(end) for end in _bottom(at.valley)], at.solution)
+    bottom, lowest = list[Solution](), at.valley.lowest
+    if at.valley.falls:
+        with suppress(np.linalg.LinAlgError):
+            bottom.append(mirrors.as_started(settle(lowest.problem, lowest.unknowns)))
+    lower = _lower(bottom, at.solution)
     if lower is not None:
         others.append(at.solution)
         at = at.moved(lower)
-    apart = other_answers(mirrors, at.solution, at.inference, others)
-    doubt = replace(at.doubt(), alternatives=apart.alternatives, exchanges=apart.exchanges)
+    doubt = at.doubt(other_answers(mirrors, at.solution, at.inference, others))
     covariance = at.inference.covariance * np.outer(at.valley.wider, at.valley.wider)
     return at.solution, replace(at.inference, covariance=covariance), doubt
 
@@ -387,14 +380,6 @@ def other_answers(
         if len(answers) > 1 and exchange and apart(image.point, point)
     )
     return Doubt(alternatives=tuple(answers[1:]), exchanges=parts)
-
-
-def _bottom(valley: Valley) -> list[Solution]:
-    lowest = valley.lowest
-    try:
-        return [settle(lowest.problem, lowest.unknowns)] if valley.falls else []
-    except np.linalg.LinAlgError:
-        return []
 
 
 def _lower(others: Sequence[Solution], solution: Solution) -> Solution | None:
@@ -472,17 +457,17 @@ class _Minimum:
                 found.append(end)
         return found
 
-    def doubt(self) -> Doubt:
+    def doubt(self, other: Doubt) -> Doubt:
         """Ask whether noise was taken for information, and whether the deviations have an end."""
         predicted, taken = informed_by_noise(self.solution.point)
         # A resonance beside a line may well be seen sharper than from the measured forces alone.
         slight = self.rigid & (predicted < SLIGHT * self.value)
         taken = taken | (predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * self.stated)
         if not self.loose.any():
-            return Doubt(self._names(self.told & taken))
+            return replace(other, noise=self._names(self.told & taken))
         bent = self.rigid & (self.valley.wider > ENDLESS)
-        taken |= self.taken_about()
-        return Doubt(self._names(self.rigid & taken), self._names(bent))
+        noise = self.rigid & (taken | self.taken_about())
+        return replace(other, noise=self._names(noise), bent=self._names(bent))
 
     def _names(self, which: Booleans) -> tuple[str, ...]:
         layout = self.problem.layout
@@ -567,7 +552,6 @@ def _cure(problem: Problem, start: Floats, doubt: Doubt) -> str:
 def _turned(problem: Problem, column: int) -> Problem:
     turned = []
     for likelihood in problem.likelihoods:
-        data = likelihood.data.copy()
-        data[:, column] *= -1
-        turned.append(replace(likelihood, data=data))
+        signs = np.where(np.arange(likelihood.data.shape[1]) == column, -1.0, 1.0)
+        turned.append(replace(likelihood, data=signs * likelihood.data))
     return replace(problem, likelihoods=tuple(turned))

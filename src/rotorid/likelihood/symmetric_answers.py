@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -75,7 +76,7 @@ class Exchange:
 
     places: tuple[int, ...]
     factors: Floats
-    coordinates: tuple[tuple[str, str], ...]
+    coordinates: tuple[tuple[str, ...], ...]
 
     def of(self, values: Floats) -> Floats:
         moved = values.copy()
@@ -220,16 +221,12 @@ def _links(
     nodes: dict[Place, int] = {("unknown", i): i for i in range(len(layout.unknowns))}
     gone = {i for i, u in enumerate(layout.unknowns) if u.fixed and not unknowns[i]}
     links: list[Link] = []
-    seen: set[Hashable] = set()
     every = [_terms_of(layout.of_record(k), record) for k, record in enumerate(records)]
-    for number, terms in enumerate(every or [_terms_of(layout, None)]):
-        signature = tuple(terms.items())
-        if signature in seen:
-            continue
-        seen.add(signature)
+    distinct = dict.fromkeys(tuple(x.items()) for x in every or [_terms_of(layout, None)])
+    for number, terms in enumerate(distinct):
         if len(links) + len(terms) > most:
             break
-        for (kind, row, column, factors), coefficient in terms.items():
+        for (kind, row, column, factors), coefficient in terms:
             if coefficient == 0 or gone & set(factors):
                 continue
             one, other = (
@@ -293,28 +290,23 @@ def _web(
     colours: list[Hashable] = []
     still = set()
     for node, (what, name) in enumerate(names):
-        if what == "unknown" and node in movable:
-            unknown = layout.unknowns[node]
-            colours.append((what, unknown.unit, unknown.fixed))
-            if unknown.fixed or unknown.positive or _priors(problem, node, unknowns) > CLOSE:
-                still.add(node)
-        elif what in MOVING:
+        if what in MOVING:
             assert isinstance(name, tuple)
             colours.append((what, name[0]))
-        else:
-            colours.append(("alone", node))
+            continue
+        unknown = layout.unknowns[node] if node in movable else None
+        colours.append((what, unknown.unit, unknown.fixed) if unknown else ("alone", node))
+        if not unknown or unknown.fixed or unknown.positive or _held(problem, node, unknowns):
             still.add(node)
     priors = [u.name for u in layout.unknowns]
     alike = [*_alike(problem.exact, ()), *_alike(problem.known.relations, priors)]
     return Web(tuple(links), tuple(colours), still, alike)
 
 
-def _priors(problem: Problem, node: int, unknowns: Floats) -> float:
-    """Return by how much the sign of an unknown alone would raise the cost of its prior."""
+def _held(problem: Problem, node: int, unknowns: Floats) -> bool:
+    """Tell whether the sign of an unknown alone would raise the cost of its prior too far."""
     unknown = problem.layout.unknowns[node]
-    if not unknown.std:
-        return 0.0
-    return float(4 * unknowns[node] * unknown.prior / unknown.std**2)
+    return bool(unknown.std and 4 * unknowns[node] * unknown.prior / unknown.std**2 > CLOSE)
 
 
 def _alike(relations: Relations, priors: Sequence[str]) -> Iterator[frozenset[int]]:
@@ -353,9 +345,8 @@ def _turns(model: Model, web: Web, names: Sequence[Place], unknowns: int) -> tup
 
 
 def _coordinates(model: Model, names: Sequence[Place], nodes: Sequence[int]) -> tuple[str, ...]:
-    found = [names[node][1] for node in nodes if names[node][0] == "coordinate"]
-    every = model.coordinates
-    return tuple(dict.fromkeys(every[name[1]] for name in found if isinstance(name, tuple)))
+    found: Any = [name for what, name in (names[node] for node in nodes) if what == "coordinate"]
+    return tuple(dict.fromkeys(model.coordinates[column] for _, column in found))
 
 
 @fact
@@ -380,21 +371,18 @@ def _exchanges(
         factors = web.followed(places, known)
         if factors is None:
             continue
-        nodes = [node for node in range(len(names)) if places[node] > node]
         pairs = [
-            (_coordinates(model, names, [node]), _coordinates(model, names, [places[node]]))
-            for node in nodes
-            if names[node][0] == "coordinate"
+            _coordinates(model, names, [node, place])
+            for node, place in enumerate(places)
+            if place > node and names[node][0] == "coordinate"
         ]
-        ends = tuple(dict.fromkeys((a[0], b[0]) for a, b in pairs))
-        found.append(Exchange(tuple(places[:count]), factors[:count], ends))
+        found.append(Exchange(tuple(places[:count]), factors[:count], tuple(dict.fromkeys(pairs))))
     return tuple(found)
 
 
 def _told(layout: Layout, turn: Turn) -> Note:
     names = tuple(layout.unknowns[i].name for i in turn.unknowns)
-    model = layout.model
-    sensors = [q for q in model.measurable if q in turn.coordinates]
+    sensors = [q for q in layout.model.measurable if q in turn.coordinates]
     one = "no record tells the sign of {}: that of its start is taken"
     more = "no record tells the signs of {}, which turn together: those of their starts are taken"
     cures = [f"a sensor of {' or '.join(sensors)} would tell"] if sensors else []

@@ -56,7 +56,7 @@ def doubted(monkeypatch, stated: float, predicted: float, *, loose: bool, about:
     monkeypatch.setattr(information._Minimum, "taken_about", lambda at: np.array([about]))
     monkeypatch.setattr(information, "explore", lambda *at: Valley(np.ones(1), None))
     expecting(monkeypatch, 1.0 if loose else 0.0)
-    return bool(minimum_of(stated).doubt().noise)
+    return bool(minimum_of(stated).doubt(information.Doubt()).noise)
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose
     monkeypatch.setattr(information._Minimum, "taken_about", lambda at: ~yes)
     monkeypatch.setattr(information, "explore", lambda *at: Valley(np.array([wider]), None))
     expecting(monkeypatch, float(loose))
-    assert minimum_of(0.09).doubt().bent == ("m",) * bent
+    assert minimum_of(0.09).doubt(information.Doubt()).bent == ("m",) * bent
 
 
 @pytest.mark.parametrize(("below", "lower"), [(0.9, False), (1.1, True)])
