@@ -130,34 +130,24 @@ class _Scaled:
         zero: rounding would make the two a slow oscillation.
         """
         k, d, m = self.stiffness, self.damping, self.mass
-        n = len(k)
-        none = np.zeros((n, 0), dtype=np.complex128)
-        companion = np.zeros((2 * n, 2 * n), dtype=np.result_type(k, d, m))
+        n, (free, held) = len(k), self.free
+        companion, heavy = np.zeros((2 * n, 2 * n), dtype=np.result_type(k, d, m)), None
         companion[:n, n:] = np.eye(n)
-        found: Any
-        free, held = self.free
         if n and not (free and held) and np.linalg.cond(m) < REGULAR:
             companion[n:] = -np.linalg.solve(m, np.concatenate([k, d], axis=1))
-            if not vectors:
-                return np.asarray(np.linalg.eigvals(companion), dtype=np.complex128), none, none
-            found = scipy.linalg.eig(companion, left=True, right=True)
-            values, left, right = found
-            return values, right[:n], np.asarray(np.linalg.solve(m.conj().T, left[n:]), complex)
-        companion[n:, :n], companion[n:, n:] = -k, -d
-        heavy = np.zeros_like(companion)
-        heavy[:n, :n], heavy[n:, n:] = np.eye(n), m
-        left = right = none
-        if vectors:
-            found = scipy.linalg.eig(
-                companion, heavy, left=True, right=True, homogeneous_eigvals=True
-            )
-            (over, under), left, right = found
         else:
-            over, under = scipy.linalg.eigvals(companion, heavy, homogeneous_eigvals=True)
+            companion[n:, :n], companion[n:, n:], heavy = -k, -d, np.zeros_like(companion)
+            heavy[:n, :n], heavy[n:, n:] = np.eye(n), m
+        found: Any = scipy.linalg.eig(
+            companion, heavy, left=vectors, right=vectors, homogeneous_eigvals=True
+        )
+        none = np.zeros((2 * n, 0), dtype=np.complex128)
+        (over, under), left, right = found if vectors else (found, none, none)
+        lower: Any = left[n:] if heavy is not None else np.linalg.solve(m.conj().T, left[n:])
         finite = np.abs(under) > 1e-14 * np.abs(over)
-        values = np.full(2 * n, np.inf + 0j)
+        values: Complexes = np.full(2 * n, np.inf, dtype=np.complex128)
         values[finite] = over[finite] / under[finite]
-        return values, right[:n], left[n:] if vectors else none
+        return values, right[:n], lower
 
     @cached_property
     def free(self) -> tuple[int, int]:

@@ -14,7 +14,7 @@ which coordinates are a pair: the same displacement in x and in y.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -128,7 +128,6 @@ class _Equation:
     """What is typed of one coordinate's equation."""
 
     row: int
-    coordinate: int
     entries: Mapping[Key, Mapping[int, float]]  # coefficients of each coordinate
     numbers: tuple[float, ...]  # sizes of the coefficients of parameters, without inputs
     own: tuple[float, ...]  # those of its inertia
@@ -138,17 +137,14 @@ class _Equation:
 
     @property
     def scale(self) -> float | None:
-        """How many times the balance of forces it is, by its inputs; None where none tells."""
-        if not self.pushes or self.fault:
+        """How many times the balance of forces it is; None where nothing in it tells."""
+        if self.fault:
             return None
+        if not self.pushes:
+            return 1.0 if not self.numbers or _has_one(self.numbers) else None
         if _has_one(self.pushes) or _has_one(self.numbers):
             return 1.0
-        return min(self.numbers) if self.levers else min(self.pushes)
-
-    @property
-    def natural(self) -> bool:
-        """Whether some parameter stands there without a number, or none does at all."""
-        return not self.numbers or _has_one(self.numbers)
+        return min(self.numbers) if self.levers and self.numbers else min(self.pushes)
 
     @property
     def fault(self) -> str:
@@ -161,9 +157,10 @@ class _Equation:
             return self.multiplied(once) if doubled else ""
         if not self.numbers:
             return self.multiplied(once)
-        several = (*self.numbers, *self.pushes)
         of = min(self.numbers) if self.levers else once
-        return "" if all(_is_whole(size / of) for size in several) else self.multiplied(once)
+        ratios = [size / of for size in (*self.numbers, *self.pushes)]
+        whole = all(r > 0.5 and abs(r - round(r)) < WHOLE * r for r in ratios)
+        return "" if whole else self.multiplied(once)
 
     def multiplied(self, by: float | None = None) -> str:
         """Say that it may be a multiple."""
@@ -173,10 +170,6 @@ class _Equation:
 
 def _has_one(sizes: Sequence[float]) -> bool:
     return any(abs(size - 1) < WHOLE for size in sizes)
-
-
-def _is_whole(ratio: float) -> bool:
-    return ratio > 0.5 and abs(ratio - round(ratio)) < WHOLE * ratio
 
 
 def _equations(model: Model, rows: Sequence[int]) -> list[_Equation]:
@@ -189,12 +182,11 @@ def _equations(model: Model, rows: Sequence[int]) -> list[_Equation]:
     for c, (row, unit) in enumerate(zip(rows, units, strict=True)):
         force = _WORK * dimension_of(unit) ** -1
         own = [p for p in left if p.row == row]
-        entries: dict[Key, dict[int, float]] = {}
+        entries: dict[Key, dict[int, float]] = defaultdict(lambda: defaultdict(float))
         for p in own:
             if (factor := motion_factor(p.signal, model.coordinates)) is not None:
                 column, order, speed = factor
-                each = entries.setdefault((order, speed, p.monomial), {})
-                each[column] = each.get(column, 0.0) + float(p.coefficient)
+                entries[order, speed, p.monomial][column] += float(p.coefficient)
         inertia = [
             abs(by_column[c])
             for (order, _, monomial), by_column in entries.items()
@@ -216,7 +208,7 @@ def _equations(model: Model, rows: Sequence[int]) -> list[_Equation]:
         fault = f"equation {row + 1}, whose terms are in {in_units[0]}" if unlike else ""
         numbers = tuple(abs(float(p.coefficient)) for p in own if any(p.monomial))
         said = (entries, numbers, tuple(inertia), tuple(pushes), unit != "m", fault)
-        found.append(_Equation(row, c, *said))
+        found.append(_Equation(row, *said))
     return found
 
 
@@ -226,40 +218,30 @@ def _links(
     """Return by how much the scales of two equations differ, and what couples only one way."""
     links: dict[tuple[int, int], float] = {}
     faults: dict[int, str] = {}
-    for one in equations:
+    for i, one in enumerate(equations):
         for key, by_column in one.entries.items():
-            for column, here in by_column.items():
-                other = equations[column]
-                i, j = one.coordinate, column
-                back = other.entries.get(key, {}).get(i, 0.0)
+            for j, here in by_column.items():
+                back = equations[j].entries.get(key, {}).get(i, 0.0)
                 if i == j or here == 0:
                     continue
-                alike = signs[i] * here * signs[j] * back > 0
-                if alike:
+                if signs[i] * here * signs[j] * back > 0:
                     links.setdefault((i, j), abs(here / back))
                 elif key[0] == 2:
                     faults[i] = faults[j] = (
                         f"equation {one.row + 1}, which holds inertia that equation "
-                        f"{other.row + 1} does not, as sums of equations do"
+                        f"{equations[j].row + 1} does not, as sums of equations do"
                     )
     return links, faults
 
 
 def _spread(equations: Sequence[_Equation], links: Mapping[tuple[int, int], float]) -> Floats:
     """Return the scale of each equation, where need be by what couples it; NaN if not told."""
-    scales = np.full(len(equations), np.nan)
-    for c, equation in enumerate(equations):
-        told = equation.scale
-        if told is not None or (equation.natural and not equation.fault):
-            scales[c] = told or 1.0
-    beside: dict[int, list[tuple[int, float]]] = {}
-    for (i, j), ratio in links.items():
-        beside.setdefault(i, []).append((j, ratio))
-    waiting = [int(c) for c in np.flatnonzero(np.isfinite(scales))]
+    scales = np.array([equation.scale for equation in equations], dtype=np.float64)
+    waiting = np.flatnonzero(np.isfinite(scales)).tolist()
     while waiting:
         i = waiting.pop()
-        for j, ratio in beside.get(i, ()):
-            if not np.isfinite(scales[j]) and not equations[j].fault:
+        for (one, j), ratio in links.items():
+            if one == i and np.isnan(scales[j]) and not equations[j].fault:
                 scales[j] = scales[i] / ratio
                 waiting.append(j)
     return scales
@@ -321,16 +303,9 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
         tuple((name, p[k]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[k]))
         for k in (0, 2)
     )
-    pairs = _oriented(model, values, _pairs(masses), balance, speed)
-    paired = {k for pair in pairs for k in pair}
-    return Structure(
-        springs,
-        masses,
-        tuple(pairs),
-        model.coordinates,
-        balance,
-        tuple(k for k in range(n) if k not in paired),
-    )
+    pairs = tuple(_oriented(model, values, _pairs(masses), balance, speed))
+    lone = tuple(k for k in range(n) if not any(k in pair for pair in pairs))
+    return Structure(springs, masses, pairs, model.coordinates, balance, lone)
 
 
 def _is_energy(matrix: Floats) -> bool:
@@ -345,12 +320,10 @@ def _is_energy(matrix: Floats) -> bool:
 def _pairs(masses: Sequence[tuple[str, Floats]]) -> list[tuple[int, int]]:
     pairs: list[tuple[int, int]] = []
     for _, matrix in masses:
-        moved = np.flatnonzero(np.diag(matrix))
-        if len(moved) == np.count_nonzero(matrix) == 2:
-            a, b = moved.tolist()
-            taken = {k for pair in pairs for k in pair}
-            if not {a, b} & taken:
-                pairs.append((a, b))
+        moved = np.flatnonzero(np.diag(matrix)).tolist()
+        single = len(moved) == np.count_nonzero(matrix) == 2
+        if single and not any({*moved} & {*pair} for pair in pairs):
+            pairs.append((moved[0], moved[1]))
     return pairs
 
 
