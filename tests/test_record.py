@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 import rotorid as rid
 from rotorid import Channel, InputError, PeriodicRecord, Record, average
 from rotorid.data.lazy_time import Steady, changed, unread
-from rotorid.data.lines import PeriodicClock
+from rotorid.data.lines import SampledClock
 from rotorid.signals.checks.rotation import synchronism
 
 TWO = (Channel("a", "N"), Channel("b", "m"))
@@ -148,7 +148,7 @@ def periods_at(speed, start=0.0, angle=None):
 
 def test_nothing_is_made_before_it_is_read():
     periods = periods_at(30.0)
-    clock = PeriodicClock.of(changed(periods, warnings=("w",)))
+    clock = SampledClock.of(changed(periods, warnings=("w",)))
     assert (periods.begin, periods.middle) == pytest.approx((0.25, 1.095))
     assert isinstance(unread(periods, "time"), Steady)
     assert isinstance(unread(clock, "angle"), Steady)
@@ -174,7 +174,7 @@ def test_a_steady_angle_says_what_the_same_angle_measured_says(speed):
     np.testing.assert_allclose(ours.leakage, theirs.leakage, atol=1e-12)
     for name in ("turns", "slip", "drift", "loss"):
         assert getattr(ours, name) == pytest.approx(getattr(theirs, name), abs=1e-9)
-    grids = [PeriodicClock.of(p).grid(timed=False) for p in (steady, measured)]
+    grids = [SampledClock.of(p).grid(timed=False) for p in (steady, measured)]
     assert len(grids[0][0]) == len(grids[1][0]) == (1 if speed == 20 * np.pi else 17)
     np.testing.assert_allclose(grids[0][1], grids[1][1], rtol=1e-12)
-    np.testing.assert_allclose(PeriodicClock.of(steady).at_speed(7.0).angle, 7.0 * steady.time)
+    np.testing.assert_allclose(SampledClock.of(steady).at_speed(7.0).angle, 7.0 * steady.time)

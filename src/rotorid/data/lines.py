@@ -44,19 +44,19 @@ class Clock(Protocol):
 
 
 @frozen
-class PeriodicClock(Arrays):
-    """The clock of a record of periods: lines of the mean period."""
+class SampledClock(Arrays):
+    """The clock of samples: lines of a mean period. A whole record is one period."""
 
-    speed: float
+    speed: Floats  # rad/s, one for all or at each sample
     harmonics: Integers  # (line,)
     # (period, sample), or callable: what makes them when they are first read
     time: WhenRead = WhenRead()
     angle: WhenRead = WhenRead()
 
     @classmethod
-    def of(cls, record: PeriodicRecord) -> PeriodicClock:
+    def of(cls, record: PeriodicRecord) -> SampledClock:
         time, angle = (unread(record, name) for name in ("time", "angle"))
-        return cls(record.speed, record.harmonics, time, angle)
+        return cls(np.asarray(record.speed), record.harmonics, time, angle)
 
     @property
     def period(self) -> Floats:
@@ -77,9 +77,9 @@ class PeriodicClock(Arrays):
             turns = angle.in_period / (2 * np.pi)
             return bool(abs(turns - round(turns)) * (angle.shape[0] - 1) < 1e-9)
         turns = (self.angle - self.angle[0]) / (2 * np.pi)
-        return bool(np.abs(turns - np.round(turns)).max() < 1e-9)
+        return bool(np.abs(turns - np.round(turns)).max(initial=0.0) < 1e-9)
 
-    def turned(self, angle: float) -> PeriodicClock:
+    def turned(self, angle: float) -> SampledClock:
         given = unread(self, "angle")
         even = isinstance(given, Steady)
         more = replace(given, offset=given.offset + angle) if even else self.angle + angle
@@ -87,35 +87,14 @@ class PeriodicClock(Arrays):
 
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
         time, angle = self.grid(timed=timed)
-        mean = signal(time, angle, np.asarray(self.speed)).mean(axis=0)
+        mean = signal(time, angle, self.speed).mean(axis=0)
         return without_rounding(line_spectra(mean, self.harmonics), mean)
 
-    def at_speed(self, speed: float) -> PeriodicClock:
+    def at_speed(self, speed: float) -> SampledClock:
         given = unread(self, "time")
         even = isinstance(given, Steady)
         angle = replace(given, slope=speed * given.slope) if even else speed * given
-        return changed(self, speed=speed, angle=angle)
-
-
-@frozen
-class WholeClock(Arrays):
-    """The clock of a whole record: lines of all its samples."""
-
-    # (sample,)
-    time: Floats
-    angle: Floats
-    speed: Floats  # rad/s, at each sample or one for all
-    lines_kept: Integers  # (line,): numbers of the lines of the record
-
-    def turned(self, angle: float) -> WholeClock:
-        return replace(self, angle=self.angle + angle)
-
-    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
-        values = signal(self.time, self.angle, self.speed)
-        return without_rounding(line_spectra(values, self.lines_kept), values)
-
-    def at_speed(self, speed: float) -> WholeClock:
-        return replace(self, speed=np.asarray(speed), angle=speed * self.time)
+        return changed(self, speed=np.asarray(speed), angle=angle)
 
 
 @frozen
@@ -278,7 +257,7 @@ class Lines(OfMachine):
             mean=record.mean_spectrum,
             covariance=white_covariance(record.spectra) if covariance is None else covariance,
             multiplicity=record.multiplicity,
-            clock=PeriodicClock.of(record),
+            clock=SampledClock.of(record),
             scatter=record.spectra,
             phase_known=record.phase_known,
             phase_std=record.phase_std,
@@ -318,7 +297,7 @@ class Lines(OfMachine):
 
         A table of phasors or of responses stays as it is.
         """
-        if not isinstance(self.clock, PeriodicClock | WholeClock):
+        if not isinstance(self.clock, SampledClock):
             return self
         return replace(self, clock=self.clock.turned(angle), phase_known=True, phase_std=0.0)
 

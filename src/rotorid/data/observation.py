@@ -17,7 +17,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.linalg import null_space, sensor_rank
 from rotorid.core.values import Floats
 from rotorid.data.filtered import FilteredRecord
-from rotorid.data.lines import Lines, SilentClock, WholeClock
+from rotorid.data.lines import Lines, SampledClock, SilentClock
 from rotorid.data.record import Channel, Known, PeriodicRecord
 from rotorid.force.at_binding import Passed, combined_columns
 from rotorid.models import Model
@@ -193,7 +193,7 @@ def _lines(data: Measured) -> Lines:
         mean=np.zeros((0, count), dtype=np.complex128),
         covariance=LineCovariance(np.zeros((0, count, count), dtype=np.complex128), 0, "stated"),
         multiplicity=none,
-        clock=WholeClock(none, none, none, np.zeros(0, dtype=np.int64)),
+        clock=SampledClock(none, none.astype(np.int64), none[None], none[None]),
         phase_known=data.record.phase_known,
         phase_std=data.record.phase_std,
         source=data.source,

@@ -27,7 +27,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines
-from rotorid.data.record import Record, samples_between
+from rotorid.data.record import Record, part_of, samples_between
 from rotorid.data.table_lines import lines_at_speeds
 from rotorid.signals.covariance import LineCovariance
 
@@ -123,7 +123,10 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float | str
         )
     begin = quantity(skip, "s", place="skip")
     with naming(record.source):
-        record = _from(record, begin)
+        first, after = samples_between(record, begin)
+        if first >= after:
+            raise InputError(f"skip = {begin:g} s", "less than the record lasts", "skip less")
+        record = part_of(record, first, after)
         angle = _rotation(record)
         found: _Cut | None = None
         for length in LENGTHS if revolutions is None else (revolutions,):
@@ -142,21 +145,6 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float | str
                 "record longer, or leave channels out",
             )
     return _lines(record, found)
-
-
-def _from(record: Record, skip: float) -> Record:
-    first, _ = samples_between(record, skip)
-    if not first:
-        return record
-    if first >= len(record.samples):
-        raise InputError(f"skip = {skip:g} s", "less than the record lasts", "skip less")
-    return replace(
-        record,
-        samples=record.samples[first:],
-        angle=record.rotor_angle()[first:],
-        valid=None if record.valid is None else record.valid[first:],
-        start=record.start + first / record.sample_rate,
-    )
 
 
 def _rotation(record: Record) -> Floats:

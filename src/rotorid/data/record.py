@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
@@ -216,6 +216,19 @@ def samples_between(record: Record, skip: float, until: float = np.inf) -> tuple
     begin, end = ((time - record.start) * record.sample_rate for time in (skip, until))
     first, after = np.ceil(min(begin - 1e-6, 1e15)), np.floor(min(end + 1e-6, 1e15))
     return max(0, int(first)), min(len(record.samples), int(after))
+
+
+def part_of(record: Record, first: int, after: int) -> Record:
+    """Return some samples of a record, with the time and the angle that they have in it."""
+    if not first and after == len(record.samples):
+        return record
+    return replace(
+        record,
+        samples=record.samples[first:after],
+        angle=None if record.angle is None else record.angle[first:after],
+        valid=None if record.valid is None else record.valid[first:after],
+        start=record.start + first / record.sample_rate,
+    )
 
 
 def check_samples(

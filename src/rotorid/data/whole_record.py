@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property, partial
 
 import numpy as np
 import scipy
@@ -22,8 +23,8 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
-from rotorid.data.lines import Beside, Lines, Samples, WholeClock
-from rotorid.data.record import Channel, Record, samples_between
+from rotorid.data.lines import Beside, Lines, SampledClock, Samples
+from rotorid.data.record import Channel, Record, part_of, samples_between
 from rotorid.signals.checks.channels import REFERENCE
 from rotorid.signals.checks.references import DrivenMotion, check_quiet, check_references
 from rotorid.signals.checks.registry import check_whole
@@ -37,42 +38,135 @@ TRANSIENT = 2
 
 
 @frozen
-class _Window:
-    """The samples of a record that are used, and all their lines."""
+class _Whole:
+    """The samples of a record that are used, and all their lines, from DC on."""
 
     record: Record
-    first: int
-    count: int
-
-    @property
-    def used(self) -> slice:
-        return slice(self.first, self.first + self.count)
-
-    def columns(self, names: Sequence[str]) -> list[int]:
-        return [self.record.names.index(name) for name in names]
+    names: tuple[str, ...]  # of what is measured: no references
+    angle: Floats  # rad, at each sample
+    speed: Floats  # rad/s, at each sample or one for all
 
     @property
     def spacing(self) -> float:
         """Distance of the lines in Hz."""
-        return self.record.sample_rate / self.count
+        return self.record.sample_rate / len(self.record.samples)
 
-    def lines_of(self, samples: Floats) -> Complexes:
-        used = samples[self.used]
-        out = np.empty((self.count // 2 + 1, used.shape[1]), dtype=np.complex128)
-        for column in range(used.shape[1]):
-            out[:, column] = scipy.fft.rfft(used[:, column], norm="forward")
-        return out
+    @property
+    def place(self) -> float:
+        """The stated speed in lines."""
+        return abs(self.record.speed) / (2 * np.pi * self.spacing)
 
-    def channels(self, names: Sequence[str]) -> Complexes:
-        return self.lines_of(self.record.samples[:, self.columns(names)])
+    @property
+    def columns(self) -> list[int]:
+        return [self.record.names.index(name) for name in self.names]
 
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        return tuple(self.record.channels[column] for column in self.columns)
+
+    def part(self, first: int, after: int) -> _Whole:
+        speed = self.speed[first:after] if self.speed.ndim else self.speed
+        record = part_of(self.record, first, after)
+        return _Whole(record, self.names, self.angle[first:after], speed)
+
+    def of(self, names: Sequence[str]) -> Complexes:
+        return _all_lines([self.record.column(name) for name in names], len(self.record.samples))
+
+    @cached_property
+    def every(self) -> Complexes:
+        return self.of(self.names)
+
+    @cached_property
     def rotation(self) -> Complexes:
-        """Return all lines of exp(i phi) and exp(-i phi); none at standstill."""
+        """All lines of exp(i phi) and exp(-i phi); none at standstill."""
+        count = len(self.record.samples)
         if not self.record.speed and self.record.angle is None:
-            return np.zeros((self.count // 2 + 1, 0), dtype=np.complex128)
-        angle = self.record.rotor_angle()
-        parts = self.lines_of(np.column_stack([np.cos(angle), np.sin(angle)]))
-        return np.column_stack([parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]])
+            return _all_lines([], count)
+        cosine, sine = _all_lines([np.cos(self.angle), np.sin(self.angle)], count).T
+        return np.column_stack([cosine + 1j * sine, cosine - 1j * sine])
+
+    def motion(self, driven: Complexes) -> DrivenMotion:
+        return DrivenMotion(self.every, driven, self.rotation, self.place)
+
+    def within(self, band: tuple[float, float]) -> Integers:
+        """Return the numbers of the lines in a band."""
+        low, high = band
+        nyquist = self.record.sample_rate / 2
+        if not 0 <= low < high <= nyquist * (1 + 1e-9):
+            raise InputError(
+                f"the band {low:g} to {high:g} Hz",
+                f"0 Hz to {nyquist:g} Hz, half the sample rate, the lower end first",
+                "give the band in which the machine was excited",
+            )
+        first, last = np.ceil(low / self.spacing - 1e-6), np.floor(high / self.spacing + 1e-6)
+        if last < first:
+            raise InputError(
+                f"no line between {low:g} and {high:g} Hz, lines are {self.spacing:g} Hz apart",
+                "at least one line",
+                "widen the band, or record longer",
+            )
+        return np.arange(first, last + 1).astype(np.int64)
+
+    def lines(self, kept: Integers, covariance: LineCovariance) -> Lines:
+        record, count, samples = self.record, len(self.record.samples), None
+        if any(channel.law is not None for channel in self.channels):  # its constants may be others
+            whole = self.columns == list(range(len(record.names)))  # then no copy
+            values = record.samples if whole else record.samples[:, self.columns]
+            samples = Samples(values, record.sample_rate, kept)
+        frequency: Floats = np.asarray(kept * self.spacing)
+        transfer = transfer_of_recording(self.channels, frequency, record.sample_rate)
+        time = record.start + np.arange(count) / record.sample_rate
+        return Lines(
+            channels=self.channels,
+            frequency=frequency,
+            speed=np.full(len(kept), record.speed),
+            mean=self.every[kept] * transfer,
+            covariance=covariance.times(transfer),
+            multiplicity=np.where((kept == 0) | (2 * kept == count), 1.0, 2.0),
+            clock=SampledClock(self.speed, kept, time[None], self.angle[None]),
+            transient=TRANSIENT,
+            phase_known=record.phase_known,
+            phase_std=record.phase_std,
+            source=record.source,
+            samples=samples,
+        )
+
+    def parts(
+        self, band: tuple[float, float], found: LineCovariance, frequency: Floats, count: int
+    ) -> list[Lines]:
+        """Return the lines of parts; their covariance is that found on the nearest line."""
+        size, parts = len(self.record.samples) // count, []
+        for number in range(count):
+            part = self.part(number * size, (number + 1) * size)
+            kept = part.within(band)
+            at = np.abs(frequency - kept[:, None] * part.spacing).argmin(axis=1)
+            matrices = found.matrices[at] * (len(self.record.samples) / size)
+            parts.append(part.lines(kept, LineCovariance(matrices, found.dof, "quiet")))
+        return parts
+
+
+def _all_lines(columns: Sequence[Floats], count: int) -> Complexes:
+    out = np.empty((count // 2 + 1, len(columns)), dtype=np.complex128)
+    for number, column in enumerate(columns):
+        out[:, number] = scipy.fft.rfft(column, norm="forward")
+    return out
+
+
+def _whole(
+    record: Record, skip: float, until: float = np.inf, references: Sequence[str] = ()
+) -> _Whole:
+    first, after = samples_between(record, skip, until)
+    if after - first < 2:
+        raise InputError(
+            f"{max(after - first, 0)} samples between skip and until",
+            "a record longer than both leave out",
+            "skip less, or record longer",
+        )
+    speed = np.asarray(record.speed)
+    if record.angle is not None:
+        speed = np.gradient(record.angle, 1 / record.sample_rate)
+    names = tuple(name for name in record.names if name not in references)
+    return _Whole(record, names, record.rotor_angle(), speed).part(first, after)
 
 
 def spectra(
@@ -133,28 +227,28 @@ def spectra(
     (('x',), 'references', True)
     """
     ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
-    end = None if until is None else quantity(until, "s", place="until")
+    end = np.inf if until is None else quantity(until, "s", place="until")
     begin = quantity(skip, "s", place="skip")
     with naming(record.source):
-        window = _window(record, begin, end)
-        kept = _lines(window, ends)
-        frequency: Floats = np.asarray(kept * window.spacing)
-        names = [name for name in record.names if name not in references]
+        whole = _whole(record, begin, end, references)
+        kept = whole.within(ends)
         cure = "name the column that holds the excitation"
         require_names(references, record.names, "the reference {}", cure, place="references")
-        every, driven = window.channels(names), window.channels(references)
+        driven = whole.of(references)
         if quiet is not None:
-            motion = _motion(window, every, driven, window.rotation())
             with naming(quiet.source):
-                noise = _quiet_noise(quiet, names, frequency, window, motion)
+                noise = _quiet_noise(quiet, whole, kept, driven)
         elif references:
-            noise = _noise_beside(window, every, driven, kept, "references")
-            held = check_references(references, driven, names, every, record.sample_rate)
+            noise = _noise_beside(whole, driven, kept, "references")
+            held = check_references(
+                references, driven, whole.names, whole.every, record.sample_rate
+            )
             noise = replace(noise, checks=tuple(held))
         else:
-            noise = _input_noise(window, every, names, inputs, kept)
-    found = _lines_in(window, names, kept, every, noise.covariance)
-    checks = _checked(window, found.channels, tuple(references))
+            noise = _input_noise(whole, inputs, kept)
+    found = whole.lines(kept, noise.covariance)
+    used = replace(whole.record, angle=None, valid=None)
+    checks = check_whole(used, found.channels, tuple(references))
     stuck = {name for c in checks if (c.about, c.severity) == (REFERENCE, "warns") for name in c.on}
     return replace(
         found,
@@ -162,79 +256,7 @@ def spectra(
         checks=(*checks, *(check for check in noise.checks if not stuck & {*check.on})),
         beside=noise.beside,
         shown=noise.shown,
-        parts=_Parts(window, tuple(names), ends, noise.covariance, frequency),
-    )
-
-
-def _lines_in(
-    window: _Window,
-    names: Sequence[str],
-    kept: Integers,
-    every: Complexes,
-    covariance: LineCovariance,
-) -> Lines:
-    record, used = window.record, window.used
-    frequency: Floats = np.asarray(kept * window.spacing)
-    angle, time = record.rotor_angle()[used], np.arange(len(record.samples)) / record.sample_rate
-    speed = np.asarray(record.speed)
-    if record.angle is not None:
-        speed = np.gradient(record.angle, 1 / record.sample_rate)[used]
-    columns, samples = window.columns(names), None
-    channels = tuple(record.channels[column] for column in columns)
-    if any(channel.law is not None for channel in channels):  # its constants may be others
-        values = record.samples[used]
-        whole = columns == list(range(values.shape[1]))  # then no copy
-        samples = Samples(values if whole else values[:, columns], record.sample_rate, kept)
-    transfer = transfer_of_recording(channels, frequency, record.sample_rate)
-    single = (kept == 0) | (2 * kept == window.count)
-    return Lines(
-        channels=channels,
-        frequency=frequency,
-        speed=np.full(len(kept), record.speed),
-        mean=every[kept] * transfer,
-        covariance=covariance.times(transfer),
-        multiplicity=np.where(single, 1.0, 2.0),
-        clock=WholeClock(time[used], angle, speed, kept),
-        transient=TRANSIENT,
-        phase_known=record.phase_known,
-        phase_std=record.phase_std,
-        source=record.source,
-        samples=samples,
-    )
-
-
-@frozen
-class _Parts:
-    """Cuts a record into parts, of `covariance` at the nearest line times their number."""
-
-    window: _Window
-    names: tuple[str, ...]
-    band: tuple[float, float]
-    covariance: LineCovariance
-    frequency: Floats
-
-    def __call__(self, count: int) -> list[Lines]:
-        size, found = self.window.count // count, []
-        for number in range(count):
-            part = _Window(self.window.record, self.window.first + number * size, size)
-            kept = _lines(part, self.band)
-            at = np.abs(self.frequency - kept[:, None] * part.spacing).argmin(axis=1)
-            matrices = self.covariance.matrices[at] * (self.window.count / size)
-            noise = LineCovariance(matrices, self.covariance.dof, "quiet")
-            found.append(_lines_in(part, self.names, kept, part.channels(self.names), noise))
-        return found
-
-
-def _checked(
-    window: _Window, channels: tuple[Channel, ...], references: tuple[str, ...]
-) -> tuple[Note, ...]:
-    record, samples = window.record, window.record.samples[window.used]
-    columns = window.columns([channel.name for channel in channels])
-    start = record.start + window.first / record.sample_rate
-    return check_whole(
-        replace(record, samples=samples, angle=None, valid=None, start=start),
-        Record(channels, samples[:, columns], record.sample_rate),
-        references,
+        parts=partial(whole.parts, ends, noise.covariance, found.frequency),
     )
 
 
@@ -250,46 +272,15 @@ def whole_lines(
     (line, 0) at standstill.
     """
     with naming(record.source):
-        window = _window(record, skip, None)
-        kept = _lines(window, band)
-    found = [window.channels(list(names))[kept] for names in groups]
-    return np.asarray(kept * window.spacing), found, window.rotation()[kept]
+        whole = _whole(record, skip)
+        kept = whole.within(band)
+    found = [whole.of(names)[kept] for names in groups]
+    return np.asarray(kept * whole.spacing), found, whole.rotation[kept]
 
 
-def _window(record: Record, skip: float, until: float | None) -> _Window:
-    first, last = samples_between(record, skip, np.inf if until is None else until)
-    if last - first < 2:
-        raise InputError(
-            f"{max(last - first, 0)} samples between skip and until",
-            "a record longer than both leave out",
-            "skip less, or record longer",
-        )
-    return _Window(record, first, last - first)
-
-
-def _lines(window: _Window, band: tuple[float, float]) -> Integers:
-    low, high = band
-    nyquist = window.record.sample_rate / 2
-    if not 0 <= low < high <= nyquist * (1 + 1e-9):
-        raise InputError(
-            f"the band {low:g} to {high:g} Hz",
-            f"0 Hz to {nyquist:g} Hz, half the sample rate, the lower end first",
-            "give the band in which the machine was excited",
-        )
-    kept = np.arange(
-        np.ceil(low / window.spacing - 1e-6), np.floor(high / window.spacing + 1e-6) + 1
-    ).astype(np.int64)
-    if not len(kept):
-        raise InputError(
-            f"no line between {low:g} and {high:g} Hz, lines are {window.spacing:g} Hz apart",
-            "at least one line",
-            "widen the band, or record longer",
-        )
-    return kept
-
-
-def _local(every: Complexes, references: Complexes, rotation: Complexes, lines: Integers) -> Local:
+def _local(whole: _Whole, references: Complexes, lines: Integers) -> Local:
     """Return the covariance by local polynomials, or say that the record is too short for it."""
+    every, rotation = whole.every, whole.rotation
     half = half_width(every.shape[1], references.shape[1], rotation.shape[1] > 0, ORDERS[0])
     if 2 * half + 1 > len(every):
         raise InputError(
@@ -311,18 +302,15 @@ class _Noise:
     checks: tuple[Note, ...] = ()
 
 
-def _noise_beside(
-    window: _Window, every: Complexes, references: Complexes, kept: Integers, kind: Kind
-) -> _Noise:
-    rotation = window.rotation()
-    found = _local(every, references, rotation, kept)
+def _noise_beside(whole: _Whole, references: Complexes, kept: Integers, kind: Kind) -> _Noise:
+    found = _local(whole, references, kept)
     numbers = np.arange(len(kept))
     ordinary = ~np.isin(kept, found.standing_out)
-    beside = Beside(_constant(references[kept], rotation[kept]), ordinary, numbers, numbers)
-    shown = _shown(found, window, every, references)
+    beside = Beside(_constant(references[kept], whole.rotation[kept]), ordinary, numbers, numbers)
+    shown = _shown(found, whole, references)
     # Of each line its own residual has a share.
     covariance = LineCovariance(found.matrices, found.dof, kind, found.leverage)
-    return _Noise(covariance, _told(found, window, shown), beside, shown)
+    return _Noise(covariance, _told(found, whole, shown), beside, shown)
 
 
 def _constant(references: Complexes, rotation: Complexes) -> Complexes:
@@ -331,14 +319,8 @@ def _constant(references: Complexes, rotation: Complexes) -> Complexes:
     return np.concatenate([references, ones, rotation], axis=1)
 
 
-def _input_noise(
-    window: _Window,
-    every: Complexes,
-    names: Sequence[str],
-    inputs: Sequence[str],
-    kept: Integers,
-) -> _Noise:
-    known = [names.index(name) for name in inputs if name in names]
+def _input_noise(whole: _Whole, inputs: Sequence[str], kept: Integers) -> _Noise:
+    known = [whole.names.index(name) for name in inputs if name in whole.names]
     if not known:
         raise InputError(
             "neither references, nor a quiet record, nor periods",
@@ -346,7 +328,7 @@ def _input_noise(
             "name the columns that hold the excitation in references, record the machine once "
             "without excitation (quiet), or give the inputs",
         )
-    found = _noise_beside(window, every, every[:, known], kept, "inputs")
+    found = _noise_beside(whole, whole.every[:, known], kept, "inputs")
     warning = (
         "noise was told from motion by the measured inputs, taken as free of noise: right in open "
         "loop; in closed loop name the excitation in references or give a quiet record"
@@ -354,86 +336,71 @@ def _input_noise(
     return replace(found, told=(warning, *found.told))
 
 
-def _quiet_noise(
-    quiet: Record, names: Sequence[str], frequency: Floats, window: _Window, motion: DrivenMotion
-) -> _Noise:
-    missing = [name for name in names if name not in quiet.names]
-    if missing or quiet.sample_rate != window.record.sample_rate:
+def _quiet_noise(quiet: Record, whole: _Whole, kept: Integers, driven: Complexes) -> _Noise:
+    record = whole.record
+    missing = [name for name in whole.names if name not in quiet.names]
+    if missing or quiet.sample_rate != record.sample_rate:
         raise InputError(
             f"no channel {missing[0]!r}" if missing else f"a sample rate of {quiet.sample_rate:g}",
             "the channels and the sample rate of the record with excitation",
             "record the machine as before, only without excitation",
             place="quiet",
         )
-    if np.array_equal(quiet.samples, window.record.samples):
+    if np.array_equal(quiet.samples, record.samples):
         raise InputError(
             "the record itself for its quiet record",
             "a record of the same machine without excitation",
             "name the file that was recorded without excitation, or name references",
             place="quiet",
         )
-    still = _Window(quiet, 0, len(quiet.samples))
-    every, rotation = still.channels(names), still.rotation()
-    none = np.zeros((len(every), 0), dtype=np.complex128)
-    nearest = np.clip(np.round(frequency / still.spacing), 0, len(every) - 1).astype(np.int64)
-    found = _local(every, none, rotation, nearest)
-    longer = still.count / window.count
+    still = _Whole(quiet, whole.names, quiet.rotor_angle(), np.asarray(quiet.speed))
+    none = np.zeros((len(still.every), 0), dtype=np.complex128)
+    frequency = kept * whole.spacing
+    nearest = np.clip(np.round(frequency / still.spacing), 0, len(none) - 1).astype(np.int64)
+    found = _local(still, none, nearest)
+    longer = len(quiet.samples) / len(record.samples)
     covariance = LineCovariance(found.matrices * longer, found.dof, "quiet")
-    kept = np.arange(nearest.min(), nearest.max() + 1)
-    channels = [quiet.channels[column] for column in still.columns(names)]
-    transfer = transfer_of_recording(channels, kept * still.spacing, quiet.sample_rate)
+    near = np.arange(nearest.min(), nearest.max() + 1)
+    transfer = transfer_of_recording(still.channels, near * still.spacing, quiet.sample_rate)
+    where = np.round((near * still.spacing - frequency[0]) / whole.spacing)
     beside = Beside(
-        _constant(none[kept], rotation[kept]),
-        ~np.isin(kept, found.standing_out),
+        _constant(none[near], still.rotation[near]),
+        ~np.isin(near, found.standing_out),
         nearest - nearest.min(),
-        np.round((kept * still.spacing - frequency[0]) / window.spacing)
-        .clip(0, len(frequency) - 1)
-        .astype(np.int64),
-        every[kept] * transfer * np.sqrt(longer),
+        where.clip(0, len(kept) - 1).astype(np.int64),
+        still.every[near] * transfer * np.sqrt(longer),
     )
-    shown = _shown(found, still, every, none) if quiet.speed == window.record.speed else None
-    speeds = window.record.speed, quiet.speed
-    checks = check_quiet(channels, motion, _motion(still, every, none, rotation), speeds, shown)
+    shown = _shown(found, still, none) if quiet.speed == record.speed else None
+    speeds = record.speed, quiet.speed
+    checks = check_quiet(still.channels, whole.motion(driven), still.motion(none), speeds, shown)
     return _Noise(covariance, _told(found, still, shown), beside, shown, tuple(checks))
 
 
-def _motion(
-    window: _Window, every: Complexes, driven: Complexes, rotation: Complexes
-) -> DrivenMotion:
-    return DrivenMotion(
-        every, driven, rotation, abs(window.record.speed) / (2 * np.pi * window.spacing)
-    )
-
-
-def _shown(found: Local, window: _Window, every: Complexes, references: Complexes) -> float | None:
+def _shown(found: Local, whole: _Whole, references: Complexes) -> float | None:
     """Return the speed that the lines show where it is not the one stated, rad/s."""
-    record = window.record
-    if record.angle is not None or not record.speed or not len(found.standing_out):
+    speed = whole.record.speed
+    if whole.record.angle is not None or not speed or not len(found.standing_out):
         return None
-    hertz = abs(record.speed) / (2 * np.pi)
     motion = np.column_stack([references, np.ones(len(references))])
-    stated = hertz / window.spacing
-    place = shown_rotation(every, motion, window.rotation(), found.standing_out, stated)
-    if place is None:
-        return None
-    return float(np.copysign(2 * np.pi * place * window.spacing, record.speed))
+    place = shown_rotation(whole.every, motion, whole.rotation, found.standing_out, whole.place)
+    return None if place is None else float(np.copysign(2 * np.pi * place * whole.spacing, speed))
 
 
-def _told(found: Local, window: _Window, shown: float | None) -> tuple[str, ...]:
+def _told(found: Local, whole: _Whole, shown: float | None) -> tuple[str, ...]:
     told: tuple[str, ...] = ()
     if len(found.standing_out):
-        where = ", ".join(f"{line * window.spacing:.6g}" for line in found.standing_out[:5])
+        where = ", ".join(f"{line * whole.spacing:.6g}" for line in found.standing_out[:5])
         more = f" and {len(found.standing_out) - 5} more" if len(found.standing_out) > 5 else ""
         what = "hum, or a rotation otherwise than stated"
         if shown is not None:
-            hertz, stated = (abs(s) / (2 * np.pi) for s in (shown, window.record.speed))
+            hertz, stated = (abs(s) / (2 * np.pi) for s in (shown, whole.record.speed))
             what = f"a rotation at {hertz:.6g} Hz, where {stated:.6g} Hz is stated, or hum"
         told += (
             f"the lines at {where} Hz{more} stand out of the noise beside them: {what}; check the "
             "speed, or take the band beside them",
         )
     if found.bent:
-        width = (2 * found.half + 1) * window.spacing
+        width = (2 * found.half + 1) * whole.spacing
         told += (
             f"the response bends within the {width:.3g} Hz in which noise is told from motion, "
             f"more than a polynomial of order {found.order} follows: deviations are too wide; "

@@ -32,7 +32,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.lines import PeriodicClock
+from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.case import Case, Slopes
@@ -388,7 +388,7 @@ def _turned(point: Point, number: int, record: Observation, parts: int) -> Float
     """
     at, clock = point.records[number], record.lines.clock
     changes = np.zeros((len(at.residual), parts))
-    if not isinstance(clock, PeriodicClock) or len(clock.grid(timed=False)[0]) == 1:
+    if not isinstance(clock, SampledClock) or len(clock.grid(timed=False)[0]) == 1:
         return changes
     whole = at.problem
     for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):

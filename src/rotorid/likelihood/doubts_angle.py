@@ -29,8 +29,8 @@ from rotorid.answer.machine_checks import MOVED, REJECTED
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats
-from rotorid.data.lazy_time import Steady, unread
-from rotorid.data.lines import WholeClock
+from rotorid.data.lazy_time import Steady, changed, unread
+from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import PeriodicRecord
 from rotorid.likelihood.cost import Evaluation
@@ -82,15 +82,16 @@ def _angle(angles: Floats, place: Floats) -> Floats:
 
 def _turned(at: Evaluation, record: Observation) -> Floats:
     """Return the derivative of a record's residual by a_0 and each a_n, (real equation, order)."""
-    clock = record.lines.clock
+    lines, clock = record.lines, record.lines.clock
     nothing = np.zeros((len(at.residual), 0))
-    if not isinstance(clock, WholeClock) or not record.lines.speed.any() or not at.loads.any():
+    if lines.transient is None or not lines.speed.any() or not at.loads.any():
         return nothing
-    place = np.linspace(-1.0, 1.0, len(clock.time))
+    assert isinstance(clock, SampledClock)  # of a whole record
+    place = np.linspace(-1.0, 1.0, len(clock.period))
     columns = []
     for order in (0, *ORDERS):
         angle = clock.angle + STEP * scipy.special.eval_legendre(order, place)
-        ahead = at.problem.loads_on(replace(record.lines, clock=replace(clock, angle=angle)))
+        ahead = at.problem.loads_on(replace(lines, clock=changed(clock, angle=angle)))
         if ahead.shape != at.problem.load.shape:
             return nothing
         change = np.tensordot(at.state.phase, (ahead - at.problem.load) / STEP, 1) @ at.load_factors
@@ -110,8 +111,8 @@ def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note
 
 def _told(record: Observation, found: Straying) -> str:
     clock = record.lines.clock
-    assert isinstance(clock, WholeClock)
-    seconds = float(clock.time[-1] - clock.time[0])
+    assert isinstance(clock, SampledClock)
+    seconds = float(np.ptp(clock.period))
     angle = _angle(found.angles, PLACES)
     rate = np.gradient(angle, seconds / (len(PLACES) - 1)) * 30 / np.pi
     said = (

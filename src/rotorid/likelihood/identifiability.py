@@ -19,7 +19,7 @@ from rotorid.answer.contents import Value
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats
-from rotorid.data.lines import PeriodicClock
+from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
 from rotorid.likelihood.fit import Fit
@@ -332,7 +332,7 @@ def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
     """Say that the line of the rotation is not among those of a record, where all turns with it."""
     lines, clock = record.lines, record.lines.clock
     hertz = abs(float(lines.speed[0])) / (2 * np.pi)
-    if not isinstance(clock, PeriodicClock) or not hertz:
+    if not isinstance(clock, SampledClock) or lines.transient is not None or not hertz:
         return
     fundamental = float(lines.frequency[-1] / clock.harmonics[-1])
     order = round(hertz / fundamental)

@@ -29,7 +29,7 @@ import numpy as np
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import changed
-from rotorid.data.lines import Clock, PeriodicClock, WholeClock
+from rotorid.data.lines import SampledClock
 from rotorid.data.measured_modes import Mode
 from rotorid.data.observation import Observation, bind, combined
 from rotorid.likelihood.cost import Evaluation
@@ -64,14 +64,10 @@ def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
     lines, clock = record.lines, record.lines.clock
     if len(lines.frequency) <= WORTH * few:
         return record
-    chosen = _chosen(record, few)
-    fewer: Clock
-    if isinstance(clock, WholeClock):
-        fewer = replace(clock, lines_kept=clock.lines_kept[chosen])
-    elif isinstance(clock, PeriodicClock) and periodic:
-        fewer = changed(clock, harmonics=clock.harmonics[chosen])
-    else:
+    if not isinstance(clock, SampledClock) or (lines.transient is None and not periodic):
         return record
+    chosen = _chosen(record, few)
+    fewer = changed(clock, harmonics=clock.harmonics[chosen])
     covariance = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
     samples = lines.samples
     if samples is not None:

@@ -27,7 +27,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.data.filtered import SPILLED, FilteredRecord, told_of
-from rotorid.data.lines import PeriodicClock, PhasorClock
+from rotorid.data.lines import PhasorClock, SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import PeriodicRecord
 from rotorid.models import Model, Motion
@@ -256,7 +256,7 @@ class Regression(Equations):
 
     def _signals(self, coordinates: Complexes) -> Complexes:
         timed = any(symbol("t") in signal.free_symbols for signal in self.model.signals)
-        clock = PeriodicClock.of(self.record).grid(timed=timed)
+        clock = SampledClock.of(self.record).grid(timed=timed)
         return signal_spectra(self.model, self.record, coordinates, *clock)
 
     @cached_property

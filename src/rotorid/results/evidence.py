@@ -18,7 +18,7 @@ from rotorid.answer.predict import missing_values
 from rotorid.answer.validation import Forecast
 from rotorid.core.errors import InputError
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.lines import PeriodicClock, PhasorClock, SilentClock, WholeClock
+from rotorid.data.lines import PhasorClock, SampledClock, SilentClock
 from rotorid.data.observation import Data, Observation, bind
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.regression import Predicted
@@ -132,10 +132,7 @@ def _record(
     size = -(-len(lines.frequency) // max(FEWEST, min(most, MOST_LINES))) or 1
     speeds = (lines.speed.min(), lines.speed.max()) if len(lines.speed) else ()
     time = _times(record, max(FEWEST, min(most, MOST_SAMPLES)))
-    clock = lines.clock
-    seen = np.zeros(0)
-    if isinstance(clock, PeriodicClock | WholeClock):
-        seen = clock.period if isinstance(clock, PeriodicClock) else clock.time
+    seen = lines.clock.period if isinstance(lines.clock, SampledClock) else np.zeros(0)
     steps = np.diff(seen)
     return RecordEvidence(
         source=lines.source,
@@ -143,7 +140,7 @@ def _record(
         lines=len(lines.frequency),
         lines_per_point=size,
         periods=lines.periods if lines.scatter is not None else 0,
-        samples_per_period=len(seen) if isinstance(clock, PeriodicClock) else 0,
+        samples_per_period=len(seen) if lines.transient is None else 0,
         sample_rate_hz=_rounded([1 / steps[0] if len(steps) else math.nan])[0],
         speed_rad_s=_rounded(speeds),
         frequency_hz=_rounded([f.mean() for f in _grouped(lines.frequency, size)]),
@@ -160,28 +157,30 @@ def _at_its_phase(record: Observation, estimate: Estimate, number: int) -> Obser
 
 
 def _kind(record: Observation) -> Kind:
+    if record.lines.transient is not None:
+        return "lines"
     clock = record.lines.clock
-    if isinstance(clock, PeriodicClock):
-        return "periods"
     if isinstance(clock, PhasorClock):
         return "phasors"
-    return "responses" if isinstance(clock, SilentClock) else "lines"
+    return "responses" if isinstance(clock, SilentClock) else "periods"
 
 
 def _times(record: Observation, most: int) -> Floats:
     """Return the times at which a record is shown: a period, or an excerpt of the whole."""
     lines, clock = record.lines, record.lines.clock
     highest = float(lines.frequency.max(initial=0.0))
-    if isinstance(clock, PeriodicClock) and len(first := clock.period) > 1:
-        length = (first[-1] - first[0]) * len(first) / (len(first) - 1)
-        count = min(most, max(len(first), int(PER_CYCLE * highest * length)))
+    if not isinstance(clock, SampledClock) or len(clock.period) < 2:
+        return np.zeros(0)
+    length = float(np.ptp(clock.period))
+    if lines.transient is None:
+        length *= len(clock.period) / (len(clock.period) - 1)
+        count = min(most, max(len(clock.period), int(PER_CYCLE * highest * length)))
         return np.asarray(np.arange(count) * length / count)
-    if isinstance(clock, WholeClock) and len(clock.time) > 1 and highest > 0:
-        length = float(clock.time[-1] - clock.time[0])
-        step = 1 / (PER_CYCLE * highest)
-        count = min(most, max(2, int(length / 2 / step)))
-        return np.asarray(length / 2 + step * np.arange(count))
-    return np.zeros(0)
+    if not highest:
+        return np.zeros(0)
+    step = 1 / (PER_CYCLE * highest)
+    count = min(most, max(2, int(length / 2 / step)))
+    return np.asarray(length / 2 + step * np.arange(count))
 
 
 def _channels(

@@ -75,8 +75,8 @@ def test_the_strongest_lines_lead_the_way(record: rid.Record) -> None:
     assert {0, 990} <= set(where)
     np.testing.assert_array_equal(mean[where], few.mean)
     np.testing.assert_array_equal(lines.covariance.matrices[where], few.covariance.matrices)
-    phi = few.clock.lines(lambda t, phi, speed: np.cos(phi)[:, None])
-    whole = lines.clock.lines(lambda t, phi, speed: np.cos(phi)[:, None])
+    phi = few.clock.lines(lambda t, phi, speed: np.cos(phi)[..., None])
+    whole = lines.clock.lines(lambda t, phi, speed: np.cos(phi)[..., None])
     np.testing.assert_allclose(whole[where], phi, rtol=1e-12)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats
-from rotorid.data.record import PeriodicRecord, Record
+from rotorid.data.record import Channel, PeriodicRecord, Record
 
 NO_SCATTER = 1e-9
 """Scatter over level of a channel below which its periods are the same: sums of 64-bit numbers
@@ -163,8 +163,13 @@ class SeenWhole(_Seen):
     """A record that is used as a whole, as checks see it."""
 
     record: Record  # every channel, over the time that is used
-    used: Record  # what is fitted of it; of references only what stops: no line of them is used
-    references: tuple[str, ...]
+    channels: tuple[Channel, ...]  # what is fitted of it
+    references: tuple[str, ...]  # of which only what stops is told: no line of them is used
+
+    @cached_property
+    def used(self) -> Record:
+        columns = [self.record.index(channel.name) for channel in self.channels]
+        return Record(self.channels, self.record.samples[:, columns], self.record.sample_rate)
 
 
 def check_record(
@@ -184,6 +189,8 @@ def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
     return SeenPeriods(periods=periods).told()
 
 
-def check_whole(record: Record, used: Record, references: tuple[str, ...]) -> tuple[Note, ...]:
+def check_whole(
+    record: Record, channels: tuple[Channel, ...], references: tuple[str, ...]
+) -> tuple[Note, ...]:
     """Return what is wrong with a record that is used as a whole; see `SeenWhole`."""
-    return SeenWhole(record=record, used=used, references=references).told()
+    return SeenWhole(record=record, channels=channels, references=references).told()
