@@ -6,13 +6,14 @@ from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
 from rotorid import Channel, Note, Record
-from rotorid.signals.checks.channels import check_jumps
+from rotorid.signals.checks.registry import check_whole
 
 CHANNELS = [Channel("F", "N"), *(Channel(f"x{k}", "m") for k in range(4))]
 
 
 def found(samples: np.ndarray, channels: list[Channel] = CHANNELS) -> list[Note]:
-    return check_jumps(Record(channels, samples, 1000.0))
+    record = Record(channels, samples, 1000.0)
+    return [c for c in check_whole(record, record.channels, ()) if c.about == "lost samples"]
 
 
 def resting(size: float, columns: tuple[int, ...] = (1, 2, 3, 4), count: int = 400) -> np.ndarray:
@@ -69,4 +70,5 @@ def test_a_gap_in_a_whole_record_is_told() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_whole_record_without_a_gap(seed: int) -> None:
-    assert not check_jumps(levitated(seed, 2.0))
+    record = levitated(seed, 2.0)
+    assert not found(record.samples, list(record.channels))

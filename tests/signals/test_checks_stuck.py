@@ -1,12 +1,13 @@
 """Channels that stay at their last value, exactly or to the last digit, where nothing repeats."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rotorid import Channel, Note, Record
-from rotorid.signals.checks.channels import check_quantized, check_stuck
+from rotorid import Channel, Note, Record, average
+from rotorid.signals.checks.registry import check_record, check_whole
 
 COUNT, FIRST, AFTER = 6000, 2000, 3000
 PLAY = np.resize([0, 1, 0, -1], AFTER - FIRST)
@@ -26,7 +27,12 @@ def stopped(samples: np.ndarray, play: np.ndarray | float = 0.0) -> np.ndarray:
 
 def checks(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> list[Note]:
     record = Record([Channel("c", unit)], samples[:, None], 1000.0)
-    return list(check_stuck(record, steady=steady))
+    periods = average(record, period_samples=3000, harmonics=[1]) if steady else None
+    return of(check_record(record, periods), "stuck")
+
+
+def of(notes: Iterable[Note], about: str) -> list[Note]:
+    return [note for note in notes if note.about == about and note.severity != "passes"]
 
 
 def verdict(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> str:
@@ -74,15 +80,15 @@ def test_a_drive_stops_where_it_does_not_belong() -> None:
     assert [verdict(held(1.0, level), "N") for level in (0.15, 0.25)] == ["note", "warning"]
     assert [verdict(held(part, 1.0), "N") for part in (0.45, 0.55)] == ["note", "warning"]
     record = Record([Channel("r")], held(1.0, 1.0)[:, None], 1000.0)
-    (check,) = check_stuck(record, steady=False, references=("r",))
-    assert check.verdict == "warning"
+    (check,) = check_whole(record, (), ("r",))
+    assert (check.about, check.verdict) == ("stuck reference", "warning")
 
 
 @pytest.mark.parametrize(("levels", "told"), [(3, "warning"), (4, "note")])
 def test_a_channel_whose_last_digit_is_all_that_moves(levels: int, told: str) -> None:
     samples = 4e-6 + 1e-7 * np.random.default_rng(3).integers(0, levels, COUNT)
     record = Record([Channel("x", "m")], samples[:, None], 1000.0)
-    assert [check.verdict for check in check_quantized(record)] == [told]
-    assert not list(check_stuck(record, steady=False))
+    assert [check.verdict for check in of(check_record(record), "quantized")] == [told]
+    assert not of(check_record(record), "stuck")
     force = replace(record, channels=(Channel("F", "N"),))
-    assert [check.verdict for check in check_quantized(force)] == ["note"]
+    assert [check.verdict for check in of(check_record(force), "quantized")] == ["note"]

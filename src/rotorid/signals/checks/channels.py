@@ -21,10 +21,11 @@ from rotorid.core.distributions import median
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.record import Channel, Record
+from rotorid.data.record import Channel, PeriodicRecord
 from rotorid.signals.checks.registry import (
-    SeenRecord,
-    SeenWhole,
+    NO_SCATTER,
+    Seen,
+    first_used,
     period_check,
     record_check,
     whole_check,
@@ -110,14 +111,14 @@ def quantum(samples: Floats) -> float:
     return step if (levels[-1] - levels[0]) / step < _MOST_LEVELS else 0.0
 
 
-@whole_check("dead", lambda seen: (seen.used,))
-@record_check("dead", "every channel moves", lambda seen: (seen.part, seen.scatter))
-def check_dead(record: Record, scatter: Floats | None = None) -> Iterator[Note]:
+@whole_check("dead")
+@record_check("dead", "every channel moves")
+def check_dead(seen: Seen) -> Iterator[Note]:
     """Find channels that say nothing: the same value in every sample.
 
-    Where `scatter`, the standard deviation of a sample between periods, is there in others, it is
-    measured, and no sensor is without.
+    Where others scatter between periods, they are measured, and no sensor is without noise.
     """
+    record, scatter = seen.part, seen.scatter
     if not len(record.samples):
         return
     # A channel that moves at once need not be read to its end.
@@ -141,28 +142,11 @@ def check_dead(record: Record, scatter: Floats | None = None) -> Iterator[Note]:
         )
 
 
-@whole_check("stuck", lambda seen: (seen,))
-def _stopped(seen: SeenWhole) -> Iterator[Note]:
-    for note in check_stuck(seen.record, steady=False, references=seen.references):
-        yield replace(note, about=REFERENCE) if {*note.on} & {*seen.references} else note
-
-
-@whole_check(REFERENCE, lambda seen: (seen,))
-def _idle(seen: SeenWhole) -> Iterator[Note]:
-    """Tell of references that never move; one that is zero belongs to an axis at rest."""
-    text = "what it drove counts as noise, and widens deviations: name the column of the excitation"
-    values = {name: seen.record.column(name) for name in seen.references}
-    still = {name: samples[0] for name, samples in values.items() if np.ptp(samples) == 0}
-    none_moves = len(still) == len(values)  # not an axis at rest: all of them
-    for name, value in still.items():
-        severity: Severity = "warns" if value or none_moves else "says"
-        yield Note(REFERENCE, severity, f"{value:.6g} in every sample: {text}", on=(name,))
-
-
-@whole_check("clipped", lambda seen: (seen.used,))
-@record_check("clipped", "no channel is cut at a limit", lambda seen: (seen.part,))
-def check_clipped(record: Record) -> Iterator[Note]:
+@whole_check("clipped")
+@record_check("clipped", "no channel is cut at a limit")
+def check_clipped(seen: Seen) -> Iterator[Note]:
     """Find channels that are cut at a limit: flat tops that it meets at full slope."""
+    record = seen.part
     if not len(record.samples):
         return
     for c, channel in enumerate(record.channels):
@@ -206,10 +190,11 @@ def _flat(samples: Floats, value: float) -> int:
     return int((after - first)[long].sum())
 
 
-@whole_check("quantized", lambda seen: (seen.used,))
-@record_check("quantized", "no channel is too coarse", lambda seen: (seen.part, seen.scatter))
-def check_quantized(record: Record, scatter: Floats | None = None) -> Iterator[Note]:
+@whole_check("quantized")
+@record_check("quantized", "no channel is too coarse")
+def check_quantized(seen: Seen) -> Iterator[Note]:
     """Find channels whose steps are so coarse that their rounding does not average out."""
+    record, scatter = seen.part, seen.scatter
     for c, channel in enumerate(record.channels):
         step = quantum(record.samples[:, c])
         if step == 0 or channel.hold:
@@ -239,16 +224,25 @@ def _last_digit(channel: Channel, level: float, step: float) -> Note:
     return Note("quantized", "warns", text, on=(channel.name,))
 
 
-@record_check(
-    "copied",
-    "no two channels are the same",
-    lambda seen: (seen.part.channels, _centred(seen.part)) if seen.periods is None else None,
-)
-@period_check(
-    "copied",
-    "no two channels are the same",
-    lambda seen: (seen.periods.channels, seen.deviations),
-)
+@whole_check("copied")
+@record_check("copied", "no two channels are the same", lambda seen: seen.periods is None)
+def _copied(seen: Seen) -> Iterator[Note]:
+    """Tell of copies; of what is fitted whole none is refused: without noise sensors are alike."""
+    part = seen.part
+    for note in check_copied(part.channels, part.samples - part.samples.mean(axis=0)):
+        yield note if seen.channels is None else replace(note, severity="warns")
+
+
+@period_check("copied", "no two channels are the same")
+def _copied_scatter(periods: PeriodicRecord) -> Iterator[Note]:
+    """Compare what differs from period to period, where it is more than rounding."""
+    z = periods.spectra - periods.mean_spectrum
+    level = np.sqrt((np.abs(periods.spectra) ** 2).mean(axis=(0, 1)))
+    noisy = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1))) > NO_SCATTER * level
+    flat = np.where(noisy, z, 0.0).reshape(-1, z.shape[2])
+    return check_copied(periods.channels, np.concatenate([flat.real, flat.imag]))
+
+
 def check_copied(channels: Sequence[Channel], deviations: Floats) -> Iterator[Note]:
     """Find pairs of channels whose noise is the same: one column read twice.
 
@@ -277,16 +271,6 @@ def check_copied(channels: Sequence[Channel], deviations: Floats) -> Iterator[No
                 "one column read twice; name another",
                 on=(channels[i].name, channels[j].name),
             )
-
-
-@whole_check("copied", lambda seen: (seen.used.channels, _centred(seen.used)))
-def _alike(channels: Sequence[Channel], deviations: Floats) -> Iterator[Note]:
-    """Tell of copies, and refuse none: without noise two sensors may well be alike."""
-    return (replace(note, severity="warns") for note in check_copied(channels, deviations))
-
-
-def _centred(record: Record) -> Floats:
-    return np.asarray(record.samples - record.samples.mean(axis=0))
 
 
 STUCK = 0.02
@@ -341,35 +325,46 @@ class _Rest:
         return all((np.ptp(each, axis=1) > self.tolerance).all() for each in whole)
 
 
-def check_stuck(
-    record: Record,
-    begin: float = -np.inf,
-    *,
-    steady: bool = True,
-    references: tuple[str, ...] = (),
-) -> Iterator[Note]:
+@whole_check("stuck")
+@record_check("stuck", "no channel stops in the middle")
+def check_stuck(seen: Seen) -> Iterator[Note]:
     """Find channels that stop in the middle: one value for a good part of the record.
 
-    What lies before `begin`, in s, is not used, and may rest. `steady`: the motion repeats, so
-    that no rest belongs to it; otherwise a sensor has to stop out of full motion.
+    What lies before the periods is not used, and may rest. Where the motion repeats, no rest
+    belongs to it; otherwise a sensor has to stop out of full motion.
     """
-    first = max(0, round((max(begin, record.start) - record.start) * record.sample_rate))
+    record, first = seen.record if seen.untorn else seen.part, 0
+    if seen.periods is not None:
+        first = max(0, first_used(record, seen.periods))
     for c, channel in enumerate(record.channels):
         samples = record.samples[first:, c]
         rest = _longest(samples)
         if rest is None:
             continue
-        driving = is_input(channel) or channel.name in references
+        reference = channel.name in seen.references
         severity: Severity = "refuses"
-        if driving:
+        if reference or is_input(channel):
             severity = "warns" if rest.aside(samples) else "says"
-        elif not rest.abrupt(samples) and not (steady and rest.tolerance == 0):
+        elif not rest.abrupt(samples) and (seen.periods is None or rest.tolerance > 0):
             severity = "says"
         text = _told(rest, record.start + first / record.sample_rate, record.sample_rate)
         cure = "check its cable and its logger, use the part in which it moves (skip, until)"
         if severity == "says":
             cure = "right only if nothing was to move there"
-        yield Note("stuck", severity, f"{text}: {cure}", on=(channel.name,))
+        about = REFERENCE if reference else "stuck"
+        yield Note(about, severity, f"{text}: {cure}", on=(channel.name,))
+
+
+@whole_check(REFERENCE)
+def _idle(seen: Seen) -> Iterator[Note]:
+    """Tell of references that never move; one that is zero belongs to an axis at rest."""
+    text = "what it drove counts as noise, and widens deviations: name the column of the excitation"
+    values = {name: seen.record.column(name) for name in seen.references}
+    still = {name: samples[0] for name, samples in values.items() if np.ptp(samples) == 0}
+    none_moves = len(still) == len(values)  # not an axis at rest: all of them
+    for name, value in still.items():
+        severity: Severity = "warns" if value or none_moves else "says"
+        yield Note(REFERENCE, severity, f"{value:.6g} in every sample: {text}", on=(name,))
 
 
 def _told(rest: _Rest, start: float, rate: float) -> str:
@@ -428,9 +423,10 @@ SHARE = 0.5
 """Part of the sensors that jump, at least, and two of them: one alone is a knock of its own."""
 
 
-@whole_check("lost samples", lambda seen: (seen.record,))
-def check_jumps(record: Record) -> list[Note]:
+@whole_check("lost samples")
+def check_jumps(seen: Seen) -> list[Note]:
     """Find where all positions jump within one sample."""
+    record = seen.record
     columns = [c for c in sensors_of(record.channels) if record.channels[c].unit in LENGTHS]
     if len(columns) < 2 or len(record.samples) < 4 * AROUND:
         return []
@@ -502,9 +498,3 @@ def check_phases(name: str, phases: Floats, *, degrees: bool) -> Iterator[Note]:
             'phase_unit = "rad"'
         )
         yield Note("phase unit", "warns", text, on=(name,))
-
-
-@record_check("stuck", "no channel stops in the middle", lambda seen: (seen,))
-def _stuck(seen: SeenRecord) -> Iterator[Note]:
-    whole = seen.record if seen.untorn else seen.part
-    return check_stuck(whole, seen.begin, steady=seen.periods is not None)

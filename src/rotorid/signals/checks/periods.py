@@ -19,7 +19,7 @@ from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import inputs_of, is_input, sensors_of
 from rotorid.signals.checks.registry import (
     NO_SCATTER,
-    SeenPeriods,
+    Seen,
     first_used,
     period_check,
     record_check,
@@ -301,12 +301,9 @@ def _listed(values: Floats, most: int = 6) -> str:
 DISTURBED = ("lost samples", "settled")
 
 
-@period_check("settled", "no transient is left", lambda seen: (seen,))
-def check_settled(seen: SeenPeriods) -> list[Note]:
+@period_check("settled", "no transient is left", "lost samples")
+def check_settled(periods: PeriodicRecord) -> list[Note]:
     """Tell whether the start still holds a transient, with few periods too."""
-    periods = seen.periods
-    if seen.notes("lost samples"):
-        return []
     if periods.periods >= LEAST_PERIODS:
         found = detect_settling(periods)
         if not found.periods:
@@ -341,11 +338,11 @@ def _first_against_rest(spectra: Complexes) -> tuple[int | None, float]:
     return (worst if ratio[worst] > limit else None), float(np.sqrt(ratio[worst]))
 
 
-@period_check("knock", "no period stands out", lambda seen: (seen,))
-def check_knocks(seen: SeenPeriods) -> list[Note]:
+@period_check("knock", "no period stands out", *DISTURBED)
+def check_knocks(periods: PeriodicRecord) -> list[Note]:
     """Find single periods that are not like the others."""
-    periods, count = seen.periods, seen.periods.periods
-    if count < LEAST_TO_JUDGE or seen.warned(*DISTURBED):
+    count = periods.periods
+    if count < LEAST_TO_JUDGE:
         return []
     size = _without_trend(periods.spectra)
     typical = median(size, axis=0)
@@ -391,11 +388,11 @@ def _without_trend(spectra: Complexes) -> Floats:
     return np.asarray(size.min(axis=0).T)
 
 
-@period_check("drift", "no line drifts", lambda seen: (seen,))
-def check_drift(seen: SeenPeriods) -> Iterator[Note]:
+@period_check("drift", "no line drifts", *DISTURBED, "knock")
+def check_drift(periods: PeriodicRecord) -> Iterator[Note]:
     """Find lines that change slowly: their slope against the lines of the record beside it."""
-    periods, count = seen.periods, seen.periods.periods
-    if count < LEAST_PERIODS or seen.warned(*DISTURBED) or seen.notes("knock"):
+    count = periods.periods
+    if count < LEAST_PERIODS:
         return
     place = np.linspace(-1.0, 1.0, count)
     place /= np.sqrt((place**2).sum())
@@ -543,10 +540,12 @@ _MOST = 1 << 15  # samples looked at
 @record_check(
     "multiple period",
     "the record repeats after one period",
-    lambda seen: (seen.record, seen.periods) if seen.periods and seen.untorn else None,
+    lambda seen: seen.periods is not None and seen.untorn,
 )
-def check_multiple(record: Record, periods: PeriodicRecord) -> list[Note]:
+def check_multiple(seen: Seen) -> list[Note]:
     """Find a fundamental that is two or three times the true one."""
+    record, periods = seen.record, seen.periods
+    assert periods is not None
     size = periods.samples
     first = first_used(record, periods)
     count = min(len(record.samples) - first, max(_MOST, 8 * size)) // size

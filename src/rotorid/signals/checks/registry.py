@@ -2,8 +2,8 @@
 
 A check is a function in a module of this package, entered beside it, and named nowhere else::
 
-    @record_check("clipped", "no channel is cut at a limit", lambda seen: (seen.part,))
-    def check_clipped(record: Record) -> Iterator[Note]: ...
+    @record_check("clipped", "no channel is cut at a limit")
+    def check_clipped(seen: Seen) -> Iterator[Note]: ...
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import pkgutil
 from collections import defaultdict
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from importlib import import_module
 from typing import Any, TypeVar
@@ -28,76 +28,70 @@ NO_SCATTER = 1e-9
 leave 1e-13, no converter reaches 1e-8."""
 
 F = TypeVar("F", bound=Callable[..., Iterable[Note]])
-Arguments = Callable[[Any], tuple[Any, ...] | None]
 
 
 @frozen
-class Check:
-    """A check of a record, or of its periods."""
-
+class _Check:
     in_order: str  # what is said where it finds nothing, if anything
-    arguments: Arguments  # of what is seen; None where there is nothing to look at
-    function: Callable[..., Iterable[Note]]
+    function: Callable[[Any], Iterable[Note]]
+    unless: tuple[str, ...]  # checks that, where they warn, explain what this one would find
+    needs: Callable[[Any], bool]
 
 
-_ENTERED: defaultdict[type, dict[str, Check]] = defaultdict(dict)
+_ENTERED: defaultdict[str, dict[str, _Check]] = defaultdict(dict)
 
 
-def record_check(name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
-    return _entering(SeenRecord, name, in_order, arguments)
+def period_check(name: str, in_order: str, *unless: str) -> Callable[[F], F]:
+    return _entering("periods", name, in_order, unless)
 
 
-def period_check(
-    name: str, in_order: str, arguments: Arguments = lambda seen: (seen.periods,)
+def record_check(
+    name: str, in_order: str, needs: Callable[[Seen], bool] = lambda seen: True
 ) -> Callable[[F], F]:
-    return _entering(SeenPeriods, name, in_order, arguments)
+    return _entering("record", name, in_order, needs=needs)
 
 
-def whole_check(name: str, arguments: Arguments) -> Callable[[F], F]:
-    return _entering(SeenWhole, name, "", arguments)
+def whole_check(name: str) -> Callable[[F], F]:
+    return _entering("whole", name, "")
 
 
-def _entering(of: type, name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
+def _entering(
+    of: str,
+    name: str,
+    in_order: str,
+    unless: tuple[str, ...] = (),
+    needs: Callable[[Any], bool] = lambda seen: True,
+) -> Callable[[F], F]:
     def entered(function: F) -> F:
-        _ENTERED[of][name] = Check(in_order, arguments, function)
+        _ENTERED[of][name] = _Check(in_order, function, unless, needs)
         return function
 
     return entered
 
 
 @cache
-def _checks() -> dict[type, dict[str, Check]]:
+def _checks() -> dict[str, dict[str, _Check]]:
     package = __name__.rpartition(".")[0]
     for module in pkgutil.iter_modules(import_module(package).__path__, f"{package}."):
         import_module(module.name)
     return _ENTERED
 
 
-@dataclass(kw_only=True)
-class _Seen:
-    """What is looked at, and what was found."""
+def _told(of: str, seen: Any) -> tuple[Note, ...]:
+    """Return what all checks find, and for those that find nothing that they passed."""
+    checks = {name: check for name, check in _checks()[of].items() if check.needs(seen)}
 
-    _found: dict[str, list[Note] | None] = field(default_factory=dict)
+    @cache
+    def found(name: str) -> list[Note]:
+        others = [note for other in checks[name].unless for note in found(other)]
+        told = all(note.severity == "says" for note in others)
+        return list(checks[name].function(seen)) if told else []
 
-    def notes(self, name: str) -> list[Note] | None:
-        """Return what a check found, empty where all is in order; None where it does not apply."""
-        if name not in self._found:
-            one = _checks()[type(self)][name]
-            arguments = one.arguments(self)
-            self._found[name] = None if arguments is None else list(one.function(*arguments))
-        return self._found[name]
-
-    def warned(self, *names: str) -> bool:
-        return any(note.severity != "says" for name in names for note in self.notes(name) or ())
-
-    def told(self) -> tuple[Note, ...]:
-        """Return what all checks found, and for those that found nothing that they passed."""
-        notes: list[Note] = []
-        for name, one in _checks()[type(self)].items():
-            found = self.notes(name)
-            passed = found == [] and one.in_order
-            notes += [Note(name, "passes", one.in_order)] if passed else found or ()
-        return tuple(notes)
+    notes: list[Note] = []
+    for name, check in checks.items():
+        passed = [Note(name, "passes", check.in_order)] if check.in_order else []
+        notes += found(name) or passed
+    return tuple(notes)
 
 
 def first_used(record: Record, periods: PeriodicRecord) -> int:
@@ -105,18 +99,23 @@ def first_used(record: Record, periods: PeriodicRecord) -> int:
     return round((periods.begin - record.start) * record.sample_rate)
 
 
-@dataclass(kw_only=True)
-class SeenRecord(_Seen):
+@frozen
+class Seen:
     """A record as checks see it."""
 
     record: Record
-    periods: PeriodicRecord | None
-    excerpt: Record | None
+    periods: PeriodicRecord | None = None
+    excerpt: Record | None = None
+    channels: tuple[Channel, ...] | None = None  # what is fitted, where not all are
+    references: tuple[str, ...] = ()
 
     @cached_property
     def part(self) -> Record:
         """The samples in which channels are looked at one by one."""
         part = self.record if self.excerpt is None else self.excerpt
+        if self.channels is not None:
+            columns = [part.index(channel.name) for channel in self.channels]
+            return Record(self.channels, part.samples[:, columns], part.sample_rate)
         if part.valid is None:
             return part
         return replace(part, samples=part.samples[part.valid], angle=None, valid=None)
@@ -125,11 +124,6 @@ class SeenRecord(_Seen):
     def untorn(self) -> bool:
         """Whether samples follow one another: a mask tears the course of time."""
         return self.record.valid is None
-
-    @property
-    def begin(self) -> float:
-        """Time in s of the first sample that is used."""
-        return -np.inf if self.periods is None else self.periods.begin
 
     @cached_property
     def scatter(self) -> Floats | None:
@@ -141,37 +135,6 @@ class SeenRecord(_Seen):
         return np.asarray(np.where(scatter > NO_SCATTER * level, scatter, 0.0))
 
 
-@dataclass(kw_only=True)
-class SeenPeriods(_Seen):
-    """The periods of a record as checks see them."""
-
-    periods: PeriodicRecord
-
-    @cached_property
-    def deviations(self) -> Floats:
-        """What differs from period to period, shape (value, channel); 0 where it is rounding."""
-        spectra = self.periods.spectra
-        z = spectra - self.periods.mean_spectrum
-        level = np.sqrt((np.abs(spectra) ** 2).mean(axis=(0, 1)))
-        noisy = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1))) > NO_SCATTER * level
-        flat = np.where(noisy, z, 0.0).reshape(-1, z.shape[2])
-        return np.concatenate([flat.real, flat.imag])
-
-
-@dataclass(kw_only=True)
-class SeenWhole(_Seen):
-    """A record that is used as a whole, as checks see it."""
-
-    record: Record  # every channel, over the time that is used
-    channels: tuple[Channel, ...]  # what is fitted of it
-    references: tuple[str, ...]  # of which only what stops is told: no line of them is used
-
-    @cached_property
-    def used(self) -> Record:
-        columns = [self.record.index(channel.name) for channel in self.channels]
-        return Record(self.channels, self.record.samples[:, columns], self.record.sample_rate)
-
-
 def check_record(
     record: Record, periods: PeriodicRecord | None = None, *, excerpt: Record | None = None
 ) -> tuple[Note, ...]:
@@ -181,16 +144,16 @@ def check_record(
     in which the channels are looked at one by one. One note passes for each thing that was looked
     at and found in order.
     """
-    return SeenRecord(record=record, periods=periods, excerpt=excerpt).told()
+    return _told("record", Seen(record, periods, excerpt))
 
 
 def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
     """Look at averaged periods: scatter, settling, knocks, drift, lost samples, clocks."""
-    return SeenPeriods(periods=periods).told()
+    return _told("periods", periods)
 
 
 def check_whole(
     record: Record, channels: tuple[Channel, ...], references: tuple[str, ...]
 ) -> tuple[Note, ...]:
-    """Return what is wrong with a record that is used as a whole; see `SeenWhole`."""
-    return SeenWhole(record=record, channels=channels, references=references).told()
+    """Look at what is used of a record without periods, and fitted but for its references."""
+    return _told("whole", Seen(record, channels=channels, references=references))

@@ -22,7 +22,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady, unread
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import sensors_of
-from rotorid.signals.checks.registry import first_used, period_check, record_check
+from rotorid.signals.checks.registry import Seen, first_used, period_check, record_check
 from rotorid.signals.spectrum import top_of
 
 _FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
@@ -320,13 +320,10 @@ def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
     ]
 
 
-@record_check(
-    "speed",
-    "no line contradicts the speed",
-    lambda seen: (seen.record, seen.periods) if seen.untorn else None,
-)
-def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[Note]:
+@record_check("speed", "no line contradicts the speed", lambda seen: seen.untorn)
+def check_speed(seen: Seen) -> list[Note]:
     """Hold the speed against the tones of the sensors, the excitation taken away with periods."""
+    record, periods = seen.record, seen.periods
     given = abs(record.speed) / _TURN
     found = tones(record, periods)
     if not found:
