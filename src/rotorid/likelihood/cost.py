@@ -328,7 +328,12 @@ class Evaluation:
         if len(affine):
             slopes = p.monomials.jacobian(self.unknowns)[p.loading]
             columns[:, : p.rows] = self.load @ slopes[:, affine]
-            p.calibration.add_readings(columns, self, affine)
+            for bound in p.calibration.rotating:
+                mine, (_, added) = np.isin(bound.unknowns, affine), bound.slopes(self.unknowns)
+                where = np.searchsorted(affine, bound.unknowns[mine])
+                columns[:, :, where] -= (
+                    self.plain[:, :, [bound.channel]] * np.asarray(added)[:, :, mine]
+                )
         return columns
 
     @property
@@ -439,7 +444,14 @@ class Evaluation:
         jacobian = columns.transpose(0, 2, 1)
         loading = np.flatnonzero(slopes[p.loading].any(axis=0))
         jacobian[:, : p.rows, loading] += self.load @ slopes[np.ix_(p.loading, loading)]
-        p.calibration.add_directions(jacobian, self, data, p.load)
+        for bound in p.calibration.every:
+            logarithm, added = bound.slopes(self.unknowns)
+            line = self.columns[:, :, [bound.channel]] * data[:, [bound.channel], None]
+            line = line * logarithm - self.plain[:, :, [bound.channel]] * added
+            jacobian[:, :, bound.unknowns] += line
+        if (phase := p.calibration.phase_unknown) is not None:
+            turned = np.tensordot(1j * p.calibration.phase_orders * self.state.phase, p.load, 1)
+            jacobian[:, : p.rows, phase] += turned @ self.load_factors
         return jacobian
 
     def whiten(self, rows: Complexes) -> Floats:

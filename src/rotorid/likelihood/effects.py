@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -58,11 +58,11 @@ class Adds:
 
 @frozen
 class Rereads:
-    """Changes constants of the force laws of inputs; the samples go through them again."""
+    """Changes a constant of the force laws of inputs; the samples go through them again."""
 
     inputs: frozenset[str]
-    # by how much each constant changes at a value of the scalar, by its name in the law
-    changes: Callable[[complex], Mapping[str, complex]]
+    constant: str  # its name in the laws
+    stated: float  # the value of the scalar at which the forces are as they were read
 
 
 @frozen
@@ -143,98 +143,105 @@ def of_kind(kind: type[E], effects: Sequence[Effect]) -> list[E]:
 STEP = 1e-30
 """A complex step: the derivative of what is computed with it is exact to rounding."""
 
-
-@frozen
-class Reread:
-    """A channel read otherwise: ``gain * line + rest`` in place of the line."""
-
-    gain: float  # of the whole force, so that its noise follows too
-    rest: Complexes  # (line,)
+Line = Complexes | Floats | float
+"""A number of each line, or one of all."""
 
 
 @frozen
-class BoundLaw:
-    """A force law of which constants are unknown, with the samples that went through it."""
+class Bound:
+    """What an effect does to a channel of a record: true line = factor * measured line - added."""
 
     channel: int
-    passed: Passed
-    changes: Placed[Rereads]
-    samples: Samples
+    unknowns: Integers  # on which it depends
+    at: Callable[[Floats], tuple[Line, Line]]  # of all unknowns: the factor, and what is added
+    # derivatives of the factor's logarithm and of what is added, (line, 1, unknown) or a number
+    slopes: Callable[[Floats], tuple[Line, Line]]
 
-    def _moved(self, unknowns: Floats, step: int | None = None) -> Floats | Complexes:
+
+def _factor(channel: int, scales: Scales, at: Integers, omega: Floats) -> Bound:
+    return Bound(
+        channel,
+        at,
+        lambda x: (scales.factor(x[at], omega), 0.0),
+        lambda x: (scales.slopes(x[at], omega)[:, None], 0.0),
+    )
+
+
+def _passage(channel: int, scales: Scales, at: Integers, omega: Floats, lines: Complexes) -> Bound:
+    """Return a factor of a sensor as it acts on a force that was read with that sensor.
+
+    `lines` are those of the slope of the law times what the sensor reads.
+    """
+
+    def slopes(x: Floats) -> tuple[Line, Line]:
+        changed = scales.factor(x[at], omega) * lines
+        return 0.0, -(changed[:, None] * scales.slopes(x[at], omega))[:, None]
+
+    return Bound(channel, at, lambda x: (1.0, (1 - scales.factor(x[at], omega)) * lines), slopes)
+
+
+def _addition(channel: int, at: Integers, lines: Complexes) -> Bound:
+    return Bound(channel, at, lambda x: (1.0, x[at] * lines), lambda x: (0.0, lines[:, None, None]))
+
+
+def _rotation(
+    channel: int, at: Integers, order: int, weight: Floats, lines: Lines, phase: int | None
+) -> Bound:
+    """Return ``w (cos * cos(n phi) + sin * sin(n phi))``, w the weight of each sample."""
+    parts = lines.clock.lines(
+        lambda t, phi, speed: (
+            weight[:, None] * np.stack([np.cos(order * phi), np.sin(order * phi)], axis=-1)
+        )
+    )
+    ahead, behind = parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]
+
+    def cosine_sine(x: Floats) -> Complexes:
+        turn = np.exp(1j * order * (0.0 if phase is None else x[phase]))
+        forward, backward = ahead * turn, behind / turn
+        return np.stack([(forward + backward) / 2, (forward - backward) / 2j], axis=1)
+
+    def slopes(x: Floats) -> tuple[Line, Line]:
+        found = cosine_sine(x)
+        if phase is not None:
+            cos, sin = x[at]
+            found = np.column_stack([found, order * (found @ np.array([sin, -cos]))])
+        return 0.0, found[:, None]
+
+    unknowns = at if phase is None else np.append(at, phase)
+    return Bound(channel, unknowns, lambda x: (1.0, cosine_sine(x) @ x[at]), slopes)
+
+
+def _law(channel: int, passed: Passed, rereads: Placed[Rereads], samples: Samples) -> Bound:
+    """Return a force law of which constants are unknown, by the samples that went through it."""
+    at = np.array([where[0] for _, where in rereads])
+    about = passed.force - passed.force.mean()
+    size = float(about @ about)
+
+    def moved(x: Floats, step: int | None = None) -> Floats | Complexes:
         changes: dict[str, complex] = {}
-        for effect, (at,) in self.changes:
-            value = unknowns[at] + (STEP * 1j if at == step else 0.0)
-            for name, change in effect.changes(value).items():
-                changes[name] = changes.get(name, 0.0) + change
-        return self.passed.law.force(self.passed.flowing, self.passed.position, changes)
+        for number, (effect, where) in enumerate(rereads):
+            change = float(x[where[0]]) - effect.stated + (STEP * 1j if number == step else 0.0)
+            changes[effect.constant] = changes.get(effect.constant, 0.0) + change
+        return passed.law.force(passed.flowing, passed.position, changes)
 
-    def _split(self, change: Floats) -> Reread:
-        """Return a change of the force as a share of the force itself, and the rest."""
-        force = self.passed.force
-        about = force - force.mean()
-        size = float(about @ about)
+    def split(change: Floats) -> tuple[float, Complexes]:
+        """Return a change of the force as a share of the force itself, and the rest.
+
+        The share is of the whole force, so that its noise follows too.
+        """
         gain = float(about @ change) / size if size > 0 else 0.0
-        return Reread(gain, self.samples.lines((change - gain * force)[:, None])[:, 0])
+        return gain, samples.lines((change - gain * passed.force)[:, None])[:, 0]
 
-    def at(self, unknowns: Floats) -> Reread:
-        change = self._split(self._moved(unknowns).real - self.passed.force)
-        return Reread(1 + change.gain, change.rest)
+    def change_at(x: Floats) -> tuple[float, Complexes]:
+        gain, rest = split(moved(x).real - passed.force)
+        return 1 + gain, -rest
 
-    def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
-        for _, (at,) in self.changes:
-            yield int(at), self._split(self._moved(unknowns, at).imag / STEP)
+    def slopes(x: Floats) -> tuple[Line, Line]:
+        gains, rests = zip(*(split(moved(x, k).imag / STEP) for k in range(len(at))), strict=True)
+        gain = change_at(x)[0] or 1e-300  # a law astray has none: so has its line
+        return np.array(gains) / gain, -np.stack(rests, axis=1)[:, None]
 
-
-@frozen
-class BoundPassage:
-    """A factor of a sensor, as it acts on a force that was read with that sensor."""
-
-    channel: int  # the input
-    scales: Scales
-    unknowns: Integers  # where those of the factor stand
-    omega: Floats  # (line,)
-    lines: Complexes  # (line,): of the slope of the law times what the sensor reads
-
-    def at(self, unknowns: Floats) -> Reread:
-        factor = self.scales.factor(unknowns[self.unknowns], self.omega)
-        return Reread(1.0, (factor - 1) * self.lines)
-
-    def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
-        values = unknowns[self.unknowns]
-        change = self.scales.factor(values, self.omega) * self.lines
-        for unknown, slope in zip(
-            self.unknowns, self.scales.slopes(values, self.omega).T, strict=True
-        ):
-            yield int(unknown), Reread(0.0, change * slope)
-
-
-def _laws(observation: Observation, rereads: Placed[Rereads]) -> Iterator[BoundLaw]:
-    lines, samples = observation.lines, observation.lines.samples
-    if samples is None:
-        return
-    for number, channel in enumerate(observation.inputs):
-        acting = [(effect, at) for effect, at in rereads if channel.name in effect.inputs]
-        if channel.law is not None and acting:
-            column = observation.input_columns[number]
-            passed = observation.passed.get(number) or Passed.of(lines, column, channel.law)
-            yield BoundLaw(number, passed, acting, samples)
-
-
-def _passages(
-    observation: Observation, scales: Scales, unknowns: Integers
-) -> Iterator[BoundPassage]:
-    """Yield what a factor of sensors does to the forces that were read with them."""
-    lines = observation.lines
-    if lines.samples is None or not scales.channels:
-        return
-    acting = np.array([name in scales.channels for name in lines.names])
-    for number, passed in observation.passed.items():
-        shares = np.where(acting, passed.shares, 0.0)
-        if shares.any():
-            moved = passed.slope * displacement(lines, lines.samples, shares)
-            found = lines.samples.lines(moved[:, None])[:, 0]
-            yield BoundPassage(number, scales, unknowns, lines.omega, found)
+    return Bound(channel, at, change_at, slopes)
 
 
 @frozen
@@ -245,74 +252,18 @@ class CalibrationState:
     phase: Complexes  # (order,): exp(i order delta) for each order of the rotor angle
 
 
-class Acting(Protocol):
-    """What a point of the cost says of channels and loads; `cost.Evaluation` says it."""
-
-    unknowns: Floats
-    state: CalibrationState
-    # (line, row, channel): what acts on what adds to the measured lines, and on these themselves
-    plain: Complexes
-    columns: Complexes
-
-    @property
-    def load_factors(self) -> Floats:
-        """The monomials that the loads are multiplied by, shape (load,)."""
-
-
-@frozen
-class BoundFactor:
-    """A factor, where its unknowns stand, and on which channels it acts."""
-
-    scales: Scales
-    unknowns: Integers
-    channels: Integers
-
-
-@frozen
-class Addition:
-    """What adds to the readings of a channel: an unknown times its lines."""
-
-    channel: int
-    unknown: int
-    lines: Complexes  # (line,)
-
-
-@frozen
-class Reading:
-    """What adds ``w (cos * cos(n phi) + sin * sin(n phi))`` to the readings of a channel.
-
-    The weight w is 1 for the sensor itself, and a function of time for a force that is read with
-    the displacement of that sensor.
-    """
-
-    channel: int
-    # the two unknowns
-    cos: int
-    sin: int
-    order: int  # n
-    rotation: Complexes  # (line, 2): lines of w exp(i n phi) and w exp(-i n phi)
-
-    def cosine_sine(self, phase: float) -> tuple[Complexes, Complexes]:
-        """Return the lines of w cos(n phi) and w sin(n phi), each of shape (line,)."""
-        turn = np.exp(1j * self.order * phase)
-        forward, backward = self.rotation[:, 0] * turn, self.rotation[:, 1] / turn
-        return (forward + backward) / 2, (forward - backward) / 2j
-
-
 @frozen
 class Calibration:
     """How the channels of one record depend on unknowns of the measurement."""
 
-    omega: Floats  # (line,): rad/s
-    channels: int
-    factors: tuple[BoundFactor, ...] = ()
-    readings: tuple[Reading, ...] = ()
+    shape: tuple[int, int]  # lines and channels
     phase_unknown: int | None = None  # the unknown that adds to phi
     # (order,): orders n of exp(i n phi) into which the loads are split; (0,) where the phase is
     # known
     phase_orders: Floats = field(default_factory=lambda: np.zeros(1))
-    reread: tuple[BoundLaw | BoundPassage, ...] = ()
-    additions: tuple[Addition, ...] = ()
+    acting: tuple[Bound, ...] = ()
+    rotating: tuple[Bound, ...] = ()  # what turns with the rotor, the phase behind its unknowns
+    reread: tuple[Bound, ...] = ()  # forces that samples make again
 
     @classmethod
     def of(
@@ -325,98 +276,72 @@ class Calibration:
         orders: Floats,
     ) -> Calibration:
         """Bind what acts on the channels of a record; `phase`: the unknown that adds to phi."""
-        names = [channel.name for channel in observation.channels]
-        factors = []
-        for scale, at in scales:
-            acting = np.flatnonzero([name in scale.channels for name in names])
-            if len(acting):
-                factors.append(BoundFactor(scale, at, acting))
-        passed = (each for scale, at in scales for each in _passages(observation, scale, at))
+        omega, names = observation.lines.omega, [c.name for c in observation.channels]
+        acting = [
+            _factor(channel, effect, at, omega)
+            for effect, at in scales
+            for channel, name in enumerate(names)
+            if name in effect.channels
+        ]
         return cls(
-            observation.lines.omega,
-            len(names),
-            tuple(factors),
-            tuple(_readings(observation, names, adds)),
+            (len(omega), len(names)),
             phase,
             orders,
-            (*_laws(observation, rereads), *passed),
-            tuple(_additions(observation, names, adds)),
+            (*acting, *_additions(observation, names, adds)),
+            tuple(_rotations(observation, names, adds, phase)),
+            (*_laws(observation, rereads), *_passages(observation, scales)),
         )
+
+    @property
+    def every(self) -> tuple[Bound, ...]:
+        return (*self.acting, *self.rotating, *self.reread)
 
     @property
     def affine(self) -> Integers:
         """Unknowns on which the equation error depends linearly, whitening not at all."""
-        return np.unique(np.array([(r.cos, r.sin) for r in self.readings], dtype=np.int64))
+        return np.unique(np.array([b.unknowns[:2] for b in self.rotating], dtype=np.int64))
 
     def at(self, unknowns: Floats) -> CalibrationState:
-        shape = (len(self.omega), self.channels)
-        factors = np.ones(shape, dtype=np.complex128)
-        for bound in self.factors:
-            factor = bound.scales.factor(unknowns[bound.unknowns], self.omega)
-            factors[:, bound.channels] *= factor[:, None]
-        added = np.zeros(shape, dtype=np.complex128)
-        for reading in self.readings:
-            cos, sin = reading.cosine_sine(self.phase(unknowns))
-            added[:, reading.channel] += cos * unknowns[reading.cos] + sin * unknowns[reading.sin]
-        for addition in self.additions:
-            added[:, addition.channel] += unknowns[addition.unknown] * addition.lines
-        for law in self.reread:
-            read = law.at(unknowns)
-            factors[:, law.channel] *= read.gain
-            added[:, law.channel] -= read.rest
-        return CalibrationState(
-            factors, added, np.exp(1j * self.phase_orders * self.phase(unknowns))
-        )
-
-    def phase(self, unknowns: Floats) -> float:
-        return 0.0 if self.phase_unknown is None else float(unknowns[self.phase_unknown])
-
-    def add_directions(
-        self, jacobian: Complexes, at: Acting, data: Complexes, load: Complexes
-    ) -> None:
-        """Add the columns of these unknowns to `jacobian`, (line, row, unknown).
-
-        `data` are the corrected lines, `load` the columns of g for each order of the rotor angle.
-        """
-        for bound in self.factors:
-            acted = (at.columns[:, :, bound.channels] @ data[:, bound.channels, None])[:, :, 0]
-            slopes = bound.scales.slopes(at.unknowns[bound.unknowns], self.omega)
-            jacobian[:, :, bound.unknowns] += acted[:, :, None] * slopes[:, None, :]
-        for law in self.reread:
-            line = at.columns[:, :, law.channel] * data[:, law.channel, None]
-            gain = law.at(at.unknowns).gain or 1e-300  # a law astray has none: so has its line
-            for unknown, slope in law.slopes(at.unknowns):
-                jacobian[:, :, unknown] += slope.gain / gain * line
-                jacobian[:, :, unknown] += at.plain[:, :, law.channel] * slope.rest[:, None]
-        for addition in self.additions:
-            acted = at.plain[:, :, addition.channel] * addition.lines[:, None]
-            jacobian[:, :, addition.unknown] -= acted
-        self.add_readings(jacobian, at, np.arange(len(at.unknowns)))
-        if self.phase_unknown is not None:
-            self._add_phase(jacobian, at, load, self.phase_unknown)
-
-    def add_readings(self, jacobian: Complexes, at: Acting, among: Integers) -> None:
-        """Add the columns of what adds to readings to those of some unknowns."""
-        for reading in self.readings:
-            acted = at.plain[:, :, reading.channel]
-            parts = reading.cosine_sine(self.phase(at.unknowns))
-            for unknown, line in zip((reading.cos, reading.sin), parts, strict=True):
-                for where in np.flatnonzero(among == unknown):  # several share one
-                    jacobian[:, :, where] -= acted * line[:, None]
-
-    def _add_phase(self, jacobian: Complexes, at: Acting, load: Complexes, unknown: int) -> None:
-        turned = np.tensordot(1j * self.phase_orders * at.state.phase, load, 1)
-        jacobian[:, : turned.shape[1], unknown] += turned @ at.load_factors
-        for reading in self.readings:
-            cos, sin = reading.cosine_sine(self.phase(at.unknowns))
-            moved = cos * at.unknowns[reading.sin] - sin * at.unknowns[reading.cos]
-            moved = moved * reading.order
-            jacobian[:, :, unknown] -= at.plain[:, :, reading.channel] * moved[:, None]
+        factors = np.ones(self.shape, dtype=np.complex128)
+        added = np.zeros(self.shape, dtype=np.complex128)
+        for bound in self.every:
+            factor, more = bound.at(unknowns)
+            factors[:, bound.channel] *= factor
+            added[:, bound.channel] += more
+        phase = 0.0 if self.phase_unknown is None else float(unknowns[self.phase_unknown])
+        return CalibrationState(factors, added, np.exp(1j * self.phase_orders * phase))
 
 
-def _readings(
-    observation: Observation, names: Sequence[str], adds: Placed[Adds]
-) -> Iterator[Reading]:
+def _laws(observation: Observation, rereads: Placed[Rereads]) -> Iterator[Bound]:
+    lines = observation.lines
+    if lines.samples is None:
+        return
+    for number, channel in enumerate(observation.inputs):
+        acting = [(effect, at) for effect, at in rereads if channel.name in effect.inputs]
+        if channel.law is not None and acting:
+            column = observation.input_columns[number]
+            passed = observation.passed.get(number) or Passed.of(lines, column, channel.law)
+            yield _law(number, passed, acting, lines.samples)
+
+
+def _passages(observation: Observation, scales: Placed[Scales]) -> Iterator[Bound]:
+    """Yield what factors of sensors do to the forces that were read with them."""
+    lines = observation.lines
+    if lines.samples is None:
+        return
+    for effect, at in scales:
+        acting = np.array([name in effect.channels for name in lines.names])
+        for number, passed in observation.passed.items():
+            shares = np.where(acting, passed.shares, 0.0)
+            if shares.any():
+                moved = passed.slope * displacement(lines, lines.samples, shares)
+                found = lines.samples.lines(moved[:, None])[:, 0]
+                yield _passage(number, effect, at, lines.omega, found)
+
+
+def _rotations(
+    observation: Observation, names: Sequence[str], adds: Placed[Adds], phase: int | None
+) -> Iterator[Bound]:
     """Yield what turns with the rotor in sensors, and in the forces whose laws they enter.
 
     Such a force is read too large by the slope of its law, in N/m at each sample: exact to first
@@ -425,7 +350,6 @@ def _readings(
     for effect, at in adds:
         if not effect.order:
             continue
-        cos, sin = at.tolist()
         weights = {
             number: passed.law.position[effect.channel] * passed.slope
             for number, passed in observation.passed.items()
@@ -434,26 +358,15 @@ def _readings(
         if effect.channel in names:
             weights[names.index(effect.channel)] = np.ones(1)
         for channel, weight in weights.items():
-            rotation = _rotation(observation.lines, effect.order, weight)
-            yield Reading(channel, cos, sin, effect.order, rotation)
-
-
-def _rotation(lines: Lines, order: int, weight: Floats) -> Complexes:
-    """Return the lines of w exp(i n phi) and w exp(-i n phi), shape (line, 2)."""
-    parts = lines.clock.lines(
-        lambda t, phi, speed: (
-            weight[:, None] * np.stack([np.cos(order * phi), np.sin(order * phi)], axis=-1)
-        )
-    )
-    return np.stack([parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]], axis=1)
+            yield _rotation(channel, at, effect.order, weight, observation.lines, phase)
 
 
 def _additions(
     observation: Observation, names: Sequence[str], adds: Placed[Adds]
-) -> Iterator[Addition]:
+) -> Iterator[Bound]:
     for effect, at in adds:
         if effect.lines is None or effect.channel not in names:
             continue
         found = effect.lines(observation)
         if found is not None:
-            yield Addition(names.index(effect.channel), int(at[0]), found)
+            yield _addition(names.index(effect.channel), at, found)

@@ -480,16 +480,11 @@ def _law_constant(
 
 
 def _reread(scalar: Scalar, channels: Sequence[Channel], constant: str) -> Unknown:
-    """Return an unknown at whose start the forces are as they were read."""
-
-    def changes(value: complex) -> Mapping[str, complex]:
-        return {constant: value - scalar.start}
-
     on = frozenset(c.name for c in channels)
     return Unknown(
         (scalar,),
         on,
-        (Rereads(on, changes),),
+        (Rereads(on, constant, scalar.start),),
         rival="term",
         phrase=f"{scalar.name} of the force laws",
         cure=f"give its value, or have it estimated: {scalar.name} = {{ start = ... }}",
