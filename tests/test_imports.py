@@ -15,15 +15,14 @@ MODULES = sorted(SOURCE.rglob("*.py"))
 # above it in this list. A part is a package, or a module where a package spans several.
 LAYERS = (
     ("core",),
-    ("data.lazy_time", "force.channel_dynamics"),
+    ("data.lazy_time", "force.channel_dynamics", "force.laws"),
     ("data.record",),
     ("force",),
     ("signals",),
-    ("force.reading",),
     ("data",),
     ("signals.inspection",),
     ("models",),
-    ("force.at_binding",),
+    ("force.reading",),
     ("data.observation",),
     ("models.constraints",),
     ("data.measured_modes",),

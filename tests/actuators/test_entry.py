@@ -17,20 +17,20 @@ def test_exact_known_and_unknown_constants() -> None:
         }
     )
     law = entry.build()
-    assert (law.bias, law.bias_std) == (2.0, 0.05)
-    assert (law.gap, law.gap_std) == (4e-4, np.inf)
-    assert law.constant_std == 0.0
+    assert (law.bias, law.std["bias"]) == (2.0, 0.05)
+    assert (law.gap, law.std["gap"]) == (4e-4, np.inf)
+    assert "constant" not in law.std
     assert set(entry.uncertain) == {"bias", "gap"}
-    assert entry.shared == {"bias": "supply"}
+    assert law.shared == {"bias": "supply"}
 
 
 def test_an_area_is_a_constant_of_either_law() -> None:
     area = {"value": "4 cm^2", "std": "0.1 cm^2", "shared": "poles"}
     horseshoe = LawEntry(law="differential", area=area, turns=200, bias="2 A", gap="0.4 mm")
-    assert horseshoe.shared == {"constant": "poles"}
     law = horseshoe.build()
-    assert law.constant_std == pytest.approx(0.025 * law.constant)
-    assert LawEntry(law="flux", area=area).shared == {"area": "poles"}
+    assert law.shared == {"constant": "poles"}
+    assert law.std["constant"] == pytest.approx(0.025 * law.constant)
+    assert LawEntry(law="flux", area=area).build().shared == {"area": "poles"}
 
 
 @pytest.mark.parametrize(

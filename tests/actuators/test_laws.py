@@ -65,30 +65,29 @@ def test_geometry_gives_the_constant_of_a_horseshoe() -> None:
 @pytest.mark.parametrize(
     ("law", "at"),
     [
-        (Linear(120.0, 2e5, ki_std=2.4, ks_std=1e4), (0.7, 1e-4)),
+        (Linear(120.0, 2e5, std={"ki": 2.4, "ks": 1e4}), (0.7, 1e-4)),
         (
-            replace(MAGNET, constant_std=1e-7, bias_std=0.01, gap_std=4e-6, angle_std=0.01),
+            replace(MAGNET, std={"constant": 1e-7, "bias": 0.01, "gap": 4e-6, "angle": 0.01}),
             (0.7, 1e-4),
         ),
-        (replace(SINGLE, constant_std=1e-7, gap_std=4e-6, iron_std=1e-6), (-0.7, 1e-4)),
-        (Flux(2e-4, 2, 0.3, area_std=2e-6, angle_std=0.01), (0.9, 0.4)),
+        (replace(SINGLE, std={"constant": 1e-7, "gap": 4e-6, "iron": 1e-6}), (-0.7, 1e-4)),
+        (Flux(2e-4, 2, 0.3, std={"area": 2e-6, "angle": 0.01}), (0.9, 0.4)),
     ],
 )
 def test_deviation_of_the_force_is_that_of_drawn_constants(law, at) -> None:
     rng = np.random.default_rng(2)
-    names = [n for n in law.__dataclass_fields__ if f"{n}_std" in law.__dataclass_fields__]
     forces = []
     for _ in range(4000):
-        drawn = {n: getattr(law, n) + getattr(law, f"{n}_std") * rng.normal() for n in names}
-        forces.append(type(law)(**{**vars(law), **drawn}).force(*at))
+        drawn = {n: getattr(law, n) + std * rng.normal() for n, std in law.std.items()}
+        forces.append(replace(law, **drawn).force(*at))
     assert law.force_std(*at) == pytest.approx(np.std(forces), rel=0.05)
 
 
 def test_deviation_of_the_slopes() -> None:
-    law = replace(MAGNET, gap_std=4e-6)
+    law = replace(MAGNET, std={"gap": 4e-6})
     slope = law.linearize()
-    assert slope.ki_std == pytest.approx(2 * 0.01 * slope.ki, rel=1e-12)
-    assert slope.ks_std == pytest.approx(3 * 0.01 * slope.ks, rel=1e-12)
+    assert slope.std["ki"] == pytest.approx(2 * 0.01 * slope.ki, rel=1e-12)
+    assert slope.std["ks"] == pytest.approx(3 * 0.01 * slope.ks, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -98,14 +97,14 @@ def test_deviation_of_the_slopes() -> None:
         (lambda: Differential(1e-5, -2.0, 4e-4), r"bias = -2.0; expected 0 or more"),
         (lambda: Differential(1e-5, 2.0, np.nan), r"gap = nan"),
         (
-            lambda: replace(SINGLE, bias_std=0.1),
+            lambda: replace(SINGLE, std={"bias": 0.1}),
             r"bias = 0 A, with a deviation of 0.1 A; expected ex",
         ),
         (lambda: Differential(1e-5, 0.0, 4e-4, bias_difference=0.1), r"bias_difference = 0.1"),
         (lambda: SINGLE.linearize(), r"the force has no slope; expected a current other than 0"),
         (lambda: Differential(1e-5, 2.0, 4e-4, angle=2.0), r"less than 90 degrees"),
         (lambda: Linear(0.0), r"ki = 0.0; expected not zero"),
-        (lambda: Linear(1.0, ks_std=-1.0), r"ks_std = -1.0"),
+        (lambda: Linear(1.0, std={"ks": -1.0}), r"ks_std = -1.0"),
         (lambda: Flux(0.0), r"area = 0.0"),
         (lambda: Flux(1e-4, poles=0), r"poles = 0"),
         (lambda: MAGNET.force([0.0, 2.6], 0.0), r"current 2.6 A at sample 1, 1 such in all; "),

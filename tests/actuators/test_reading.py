@@ -109,7 +109,7 @@ def test_flux_densities() -> None:
 
 
 def test_constants_of_the_law_give_the_gain_its_deviation() -> None:
-    law = Linear(ki=120.0, ki_std=1.2)
+    law = Linear(ki=120.0, std={"ki": 1.2})
     record = forces(recorded(False, 0.0, 0.0), {"F": ForceReading(law, ("i",))})
     assert record.channels[0].gain_std == pytest.approx(0.01)
 

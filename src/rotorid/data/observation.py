@@ -19,7 +19,7 @@ from rotorid.core.values import Floats
 from rotorid.data.filtered import FilteredRecord
 from rotorid.data.lines import Lines, SampledClock, SilentClock
 from rotorid.data.record import Channel, Known, PeriodicRecord
-from rotorid.force.at_binding import Passed, combined_columns
+from rotorid.force.reading import Passed, combined_columns
 from rotorid.models import Model
 from rotorid.models.equations import DERIVATIVES, SensorTerm, sensor_terms
 from rotorid.signals.covariance import LineCovariance

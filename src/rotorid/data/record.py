@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from rotorid.core.units import quantity
 from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers, read_only
 from rotorid.data.lazy_time import WhenRead, changed, head_of, mean_of
 from rotorid.force.channel_dynamics import Dynamics
+from rotorid.force.laws import Law
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,43 +54,6 @@ class Drive:
     position: Mapping[str, float] = field(default_factory=dict)
 
 
-class LawConstant(NamedTuple):
-    """A constant of a force law: SI; `std` is 0 where it is exact, infinite where it is unknown.
-
-    `shared` is the name under which several channels share it, empty where it is their own.
-    """
-
-    unit: str
-    value: float
-    std: float = 0.0
-    positive: bool = False
-    shared: str = ""
-
-
-class ForceLaw(Protocol):
-    """The law with which the force of a channel was read, kept since its constants may be off."""
-
-    @property
-    def constants(self) -> Mapping[str, LawConstant]:
-        """Constants by name."""
-
-    @property
-    def position(self) -> Mapping[str, float]:
-        """Displacement in the actuator as a combination of channels."""
-
-    @property
-    def reach(self) -> float:
-        """Displacement in m that it cannot be as large as."""
-
-    def flowing(self, force: Floats, position: Floats) -> Floats:
-        """Return the current that made a force."""
-
-    def force(
-        self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
-    ) -> Floats | Complexes:
-        """Return the force with some constants changed by so much."""
-
-
 @frozen
 class Channel:
     """One measured quantity.
@@ -114,7 +78,7 @@ class Channel:
         The channel holds a current, not the input itself. Maximum likelihood only.
     dynamics : Dynamics, optional
         What an amplifier, a filter or the sensor itself does to each line.
-    law : ForceLaw, optional
+    law : Law, optional
         The channel's force was made of a current, or of flux densities, by this law.
     """
 
@@ -127,7 +91,7 @@ class Channel:
     gain_std: float = 0.0
     drive: Drive | None = None
     dynamics: Dynamics | None = None
-    law: ForceLaw | None = None
+    law: Law | None = None
 
     @property
     def combination(self) -> Mapping[str, float]:

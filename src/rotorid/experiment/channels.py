@@ -250,7 +250,7 @@ def law_sources(
         label: _as_recorded(column, unit, _law_dynamics(law, column.dynamics, folder, place))
         for label, column in zip(labels, columns, strict=True)
     }
-    return sources, ForceReading(law, tuple(labels), position, entry.shared)
+    return sources, ForceReading(law, tuple(labels), position)
 
 
 def _law_dynamics(
@@ -270,7 +270,7 @@ def _law_dynamics(
 
 def _law(entry: ChannelEntry) -> Linear | Differential | Flux:
     law = entry.build()
-    if isinstance(law, Linear) and law.ks_std:
+    if isinstance(law, Linear) and law.std.get("ks"):
         raise InputError(
             "a deviation of ks",
             "ks as it is, or as an unknown",

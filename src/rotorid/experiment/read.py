@@ -265,7 +265,7 @@ def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]
             channel = replace(
                 channel,
                 drive=Drive(law.ki, law.ks, found.position),
-                gain_std=float(np.hypot(channel.gain_std, law.ki_std / abs(law.ki))),
+                gain_std=float(np.hypot(channel.gain_std, law.std.get("ki", 0.0) / abs(law.ki))),
             )
         found_channels.append(channel)
     return tuple(found_channels)

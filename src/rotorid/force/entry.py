@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, StrictInt
 from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
-from rotorid.force.laws import MU0, Differential, Flux, Law, Linear
+from rotorid.force.laws import MU0, Differential, Flux, Linear
 
 LawName = Literal["linear", "differential", "flux"]
 
@@ -46,7 +46,9 @@ def _constant(unit: str) -> BeforeValidator:
     return BeforeValidator(lambda value: stated_constant(value, unit))
 
 
-_LAWS: Mapping[LawName, tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
+_LAWS: Mapping[
+    LawName, tuple[type[Linear | Differential | Flux], tuple[str, ...], tuple[str, ...]]
+] = {
     # keys that a law needs; keys that are no constants of it
     "linear": (Linear, ("ki",), ()),
     "differential": (Differential, ("bias", "gap"), ("area", "turns")),
@@ -87,49 +89,40 @@ class LawEntry(Schema):
         every = {key: getattr(self, key) for key in type(self).model_fields}
         return {key: value for key, value in every.items() if isinstance(value, StatedConstant)}
 
-    @property
-    def shared(self) -> dict[str, str]:
-        """Names under which constants of the law are shared, by its fields."""
-        fields = {"K": "constant", "area": "area" if self.law == "flux" else "constant"}
-        constants = self._constants.items()
-        return {fields.get(key, key): each.shared for key, each in constants if each.shared}
-
     def build(self) -> Linear | Differential | Flux:
         law, needed, more = _LAWS[self.law]
         allowed = (*needed, *(of.key or field for field, of in law.stated.items()), *more)
+        said = {key for key in law_keys() if getattr(self, key) is not None}
+        for key in needed:
+            if key not in said:
+                raise InputError(
+                    f"no {key}", f"{', '.join(needed)} for the {self.law} law", f"add {key}"
+                )
+        for key in sorted(said - {"law", *allowed}):
+            raise InputError(
+                f"{key} with the {self.law} law",
+                f"one of {', '.join(dict.fromkeys(allowed))}",
+                "remove it",
+                place=key,
+            )
         for key, constant in self._constants.items():
-            if (
-                self.law == "linear"
-                and key in allowed
-                and (constant.std == np.inf or constant.shared)
-            ):
+            if self.law == "linear" and (constant.std == np.inf or constant.shared):
                 raise InputError(
                     f"an unknown or shared {key}",
                     "a quantity, or value and std",
                     f'write gains = ["{key}"] under [estimator] to estimate it',
                     place=key,
                 )
-        for key in needed:
-            if getattr(self, key) is None:
-                raise InputError(
-                    f"no {key}", f"{', '.join(needed)} for the {self.law} law", f"add {key}"
-                )
-        for key in sorted(set(law_keys()) - {"law", *allowed}):
-            if getattr(self, key) is not None:
-                raise InputError(
-                    f"{key} with the {self.law} law",
-                    f"one of {', '.join(dict.fromkeys(allowed))}",
-                    "remove it",
-                    place=key,
-                )
         given = self._constants
-        if self.law == "linear":
-            return Linear(**_with_deviations(given))
-        if self.law == "flux":
-            poles = 2 if self.poles is None else self.poles
-            return Flux(poles=poles, **_with_deviations(given))
-        magnet = {key: c for key, c in given.items() if key not in ("K", "area")}
-        return Differential(**_with_deviations({"constant": self._magnet(), **magnet}))
+        if self.law == "differential":
+            magnet = {key: c for key, c in given.items() if key not in ("K", "area")}
+            given = {"constant": self._magnet(), **magnet}
+        values: dict[str, Any] = {name: constant.value for name, constant in given.items()}
+        if self.poles is not None:
+            values["poles"] = self.poles
+        std = {name: constant.std for name, constant in given.items() if constant.std}
+        shared = {name: constant.shared for name, constant in given.items() if constant.shared}
+        return law(**values, std=std, shared=shared)
 
     def _magnet(self) -> StatedConstant:
         """Return K of one magnet, given or of its geometry."""
@@ -145,12 +138,6 @@ class LawEntry(Schema):
         area, turns = self.area or StatedConstant(0.0), self.turns or 0.0
         factor = MU0 * turns**2 / 4
         return StatedConstant(factor * area.value, factor * area.std, area.shared)
-
-
-def _with_deviations(given: Mapping[str, StatedConstant]) -> dict[str, Any]:
-    """Return the arguments of a law: its constants and their deviations."""
-    values = {name: constant.value for name, constant in given.items()}
-    return values | {f"{name}_std": constant.std for name, constant in given.items()}
 
 
 def law_keys() -> tuple[str, ...]:

@@ -9,16 +9,18 @@ s0, alpha half the angle between the poles, K the constant of a magnet.
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import field
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Complexes, Floats
 
 MU0 = 4e-7 * np.pi
 """Permeability of vacuum in N/A^2."""
@@ -26,84 +28,85 @@ MU0 = 4e-7 * np.pi
 _STEP = 1e-30
 
 
-def deviation_of(law: Any, function: Callable[[Any], Any]) -> Floats:
-    """Return the first-order deviation of ``function(law)`` from those of the law's constants.
-
-    Infinite where it depends on an unknown one. Slopes by complex steps; constants independent.
-    """
-    total: Any = 0.0
-    for name in law.__dataclass_fields__:
-        deviation = getattr(law, f"{name}_std", 0.0)
-        if deviation:
-            step = _STEP * (abs(getattr(law, name)) or 1.0)
-            slope = np.imag(function(with_moved(law, {name: 1j * step}))) / step
-            if deviation == np.inf:  # zero times infinity would be no number
-                slope, deviation = np.where(slope == 0, 0.0, np.inf), 1.0
-            total = total + (slope * deviation) ** 2
-    return np.asarray(np.sqrt(total), dtype=float)
+Limit = tuple[Callable[[float], bool], str]
+"""What a constant may be, and the same in words."""
+ABOVE_ZERO: Limit = (lambda v: 0 < v < np.inf, "more than 0 {}")
+NOT_ZERO: Limit = (lambda v: v != 0 and abs(v) < np.inf, "not zero")
+NOT_BELOW_ZERO: Limit = (lambda v: 0 <= v < np.inf, "0 or more")
+OPEN: Limit = (lambda v: v > 0, "more than 0 {}, or infinite")
+FINITE: Limit = (lambda v: abs(v) < np.inf, "a finite number")
+ACUTE: Limit = (
+    lambda v: abs(v) < np.pi / 2,
+    "half the poles' angle, less than 90 degrees",
+)
 
 
-def with_moved(law: Any, changes: Mapping[str, complex]) -> Any:
-    """Return a copy of a law with constants moved by so much, unchecked."""
-    copy = object.__new__(type(law))
-    for field in law.__dataclass_fields__:
-        value = getattr(law, field)
-        object.__setattr__(copy, field, value + changes[field] if field in changes else value)
-    return copy
-
-
-def require(found: object, ok: bool, name: str, expected: str, cure: str) -> None:
-    """Refuse a constant of a law unless it is as it should be."""
+def require(ok: object, name: str, found: object, expected: str, cure: str) -> None:
     if not ok:
         raise InputError(f"{name} = {found}", expected, cure, place=name)
 
 
-def require_constants(law: Law, positive: tuple[str, ...], free: tuple[str, ...] = ()) -> None:
-    """Refuse constants that are not finite, or not positive where they must be."""
-    for name in (*positive, *free):
-        value, std, unit = getattr(law, name), getattr(law, f"{name}_std"), law.stated[name].unit
-        above = name in positive
-        require(
-            value,
-            bool(np.isfinite(value) and (value > 0 or not above)),
-            name,
-            f"more than 0 {unit}" if above else "a finite number",
-            f"give {name} of the force law in {unit}, as the data sheet has it"
-            if above
-            else f"give a number for {name}, or leave it out",
-        )
-        require(
-            std,
-            bool(std >= 0),
-            f"{name}_std",
-            "a standard deviation of 0 or more, infinite where the constant is unknown",
-            f"give {name}_std as one standard deviation, or leave it out",
-        )
-
-
-def require_angle(angle: float) -> None:
-    """Refuse an angle between poles and axis that leaves no force."""
-    require(
-        angle,
-        bool(np.isfinite(angle) and abs(angle) < np.pi / 2),
-        "angle",
-        "less than 90 degrees",
-        "give half the angle between the poles",
-    )
-
-
 class Stated(NamedTuple):
-    """A constant of a law: its unit, its key in files if not the field's, whether it is above 0."""
+    """A constant of a law: its unit, its limit, its key in files if not the field's."""
 
     unit: str
+    limit: Limit
     key: str = ""
+    positive: bool = False  # a search keeps it above 0
+
+
+class LawConstant(NamedTuple):
+    """A constant of a force law: SI; `std` is 0 where it is exact, infinite where it is unknown.
+
+    `shared` is the name under which several channels share it, empty where it is their own.
+    """
+
+    unit: str
+    value: float
+    std: float = 0.0
     positive: bool = False
+    shared: str = ""
 
 
+@frozen(kw_only=True)
 class Law(ABC):
     """A force law of two signals: current and displacement, or two flux densities."""
 
     stated: ClassVar[Mapping[str, Stated]]  # the constants by their fields
+    # by fields of constants: deviations, and names under which channels share them
+    std: Mapping[str, float] = field(default_factory=dict)
+    shared: Mapping[str, str] = field(default_factory=dict)
+    # the displacement in the actuator as a combination of channels, where a record's force is read
+    position: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, of in self.stated.items():
+            value, std = getattr(self, name), self.std.get(name, 0.0)
+            holds, expected = of.limit
+            cure = f"give {name} of the force law in {of.unit}, as the data sheet has it"
+            require(holds(value), name, value, expected.format(of.unit), cure)
+            unsure = "a standard deviation of 0 or more, infinite where the constant is unknown"
+            cure = "give one standard deviation, or leave it out"
+            require(std >= 0, f"{name}_std", std, unsure, cure)
+
+    @property
+    def constants(self) -> dict[str, LawConstant]:
+        """Constants by their keys in files."""
+        return {
+            of.key or field: LawConstant(
+                of.unit,
+                getattr(self, field),
+                self.std.get(field, 0.0),
+                of.positive,
+                self.shared.get(field, ""),
+            )
+            for field, of in self.stated.items()
+        }
+
+    @property
+    def reach(self) -> float:
+        """Displacement in m at which the rotor would touch the poles."""
+        return np.inf
 
     @abstractmethod
     def _force(self, *signals: Any) -> Any:
@@ -120,23 +123,55 @@ class Law(ABC):
     def force_std(self, *signals: ArrayLike) -> Floats:
         """Return the deviation of the force in N that the constants' deviations cause."""
         at = self._within(*signals)
-        return deviation_of(self, lambda law: law._force(*at))
+        return self.deviation_of(lambda law: law._force(*at))
+
+    def deviation_of(self, function: Callable[[Self], Any]) -> Floats:
+        """Return the first-order deviation of a function of the law from those of its constants.
+
+        Infinite where it depends on an unknown one. Slopes by complex steps; constants independent.
+        """
+        total: Any = 0.0
+        for name, deviation in self.std.items():
+            step = _STEP * (abs(getattr(self, name)) or 1.0)
+            slope = np.imag(function(self.moved({name: 1j * step}))) / step
+            if deviation == np.inf:  # zero times infinity would be no number
+                slope, deviation = np.where(slope == 0, 0.0, np.inf), 1.0
+            total = total + (slope * deviation) ** 2
+        return np.asarray(np.sqrt(total), dtype=float)
+
+    def moved(self, changes: Mapping[str, complex]) -> Self:
+        """Return the law with constants moved by so much, unchecked."""
+        found = copy.copy(self)
+        for name, change in changes.items():
+            object.__setattr__(found, name, getattr(self, name) + change)
+        return found
+
+    def by_key(self, changes: Mapping[str, complex]) -> Self:
+        """Return the law with constants, by their keys in files, moved by so much."""
+        fields = {of.key or field: field for field, of in self.stated.items()}
+        return self.moved({fields[key]: c for key, c in changes.items() if key in fields})
+
+    def flowing(self, force: Floats, position: Floats) -> Floats:
+        """Return what made a force: the current in A, of a flux law the force itself."""
+        return force
+
+    def changed(
+        self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
+    ) -> Floats | Complexes:
+        """Return the force in N of what flows, with constants, by their keys, moved by so much."""
+        return np.asarray(self.by_key(changes)._force(flowing, position))
 
 
 @frozen
 class Linear(Law):
     """The linear law, F = k_i i + k_s x."""
 
-    stated: ClassVar[Mapping[str, Stated]] = {"ki": Stated("N/A"), "ks": Stated("N/m")}
-    ki: float  # force per current in N/A, not zero
+    stated: ClassVar[Mapping[str, Stated]] = {
+        "ki": Stated("N/A", NOT_ZERO),
+        "ks": Stated("N/m", FINITE),
+    }
+    ki: float  # force per current in N/A
     ks: float = 0.0  # force per displacement in N/m; positive destabilizes
-    # standard deviations of the constants
-    ki_std: float = 0.0
-    ks_std: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_constants(self, (), ("ki", "ks"))
-        require(self.ki, self.ki != 0, "ki", "not zero", "give the force per current in N/A")
 
     def _force(self, current: Any, position: Any) -> Any:
         return self.ki * current + self.ks * position
@@ -177,6 +212,15 @@ def bent(flux: Any, knee: Any) -> Any:
     return flux * (1 + flux**KNEE * knee) ** (-1 / KNEE)
 
 
+KNEE_CONSTANT = "knee"
+"""How much of a knee the iron has, (b_0 / b_s)^4, b_0 the bias over the gap: what bends as much as
+it does, however far off saturation is, so that a search may begin from none."""
+
+_BIASED = ("bias", "bias_difference")
+_ROUNDS = 50
+"""Newton's steps at most; four or five are taken, a dozen where the iron is near saturation."""
+
+
 @frozen
 class Differential(Law):
     """Two opposed magnets driven by bias plus and minus current.
@@ -189,54 +233,42 @@ class Differential(Law):
     """
 
     stated: ClassVar[Mapping[str, Stated]] = {
-        "constant": Stated("N m^2/A^2", "K", positive=True),
-        "bias": Stated("A", positive=True),
-        "gap": Stated("m", positive=True),
-        "angle": Stated("rad"),
-        "bias_difference": Stated("A"),
-        "iron": Stated("m"),
-        "saturation": Stated("A/m", positive=True),
+        "constant": Stated("N m^2/A^2", ABOVE_ZERO, "K", positive=True),
+        "bias": Stated("A", NOT_BELOW_ZERO, positive=True),
+        "gap": Stated("m", ABOVE_ZERO, positive=True),
+        "angle": Stated("rad", ACUTE),
+        "bias_difference": Stated("A", FINITE),
+        "iron": Stated("m", NOT_BELOW_ZERO),
+        "saturation": Stated("A/m", OPEN, positive=True),
     }
     constant: float  # K in N m^2/A^2, of one magnet: mu0 turns^2 area / 4 of a horseshoe
     bias: float  # i0 in A; 0 where one magnet works at a time
     gap: float  # s0 in m
     angle: float = 0.0  # alpha in rad, between the poles' normals and the axis of the force
-    # standard deviations of the constants
-    constant_std: float = 0.0
-    bias_std: float = 0.0
-    gap_std: float = 0.0
-    angle_std: float = 0.0
     # half of what the bias of the magnet ahead has more than that of the other, in A
     bias_difference: float = 0.0
     # path in the iron over twice its relative permeability, in m: so much more of a gap
     iron: float = 0.0
     # b_s in A/m, 2 B_s / (mu0 turns) of horseshoes; infinite where the iron is not near it
     saturation: float = np.inf
-    # and of the others
-    bias_difference_std: float = 0.0
-    iron_std: float = 0.0
-    saturation_std: float = 0.0
 
     def __post_init__(self) -> None:
-        free = ("bias", "angle", "bias_difference", "iron")
-        require_constants(self, ("constant", "gap"), free)
-        require_angle(self.angle)
-        apart = abs(self.bias_difference)
-        for name, value, ok in (
-            ("bias", self.bias, self.bias >= 0),
-            ("bias_difference", self.bias_difference, apart < self.bias or apart == 0),
-            ("iron", self.iron, self.iron >= 0),
-            ("saturation", self.saturation, self.saturation > 0),
-        ):
-            require(value, ok, name, "0 or more, a difference below the bias", "check its unit")
-        unsure = max(self.bias_std, self.bias_difference_std)
+        super().__post_init__()
+        apart, unsure = self.bias_difference, max(self.std.get(name, 0.0) for name in _BIASED)
+        below = abs(apart) < self.bias or not apart
+        require(below, "bias_difference", apart, "a difference below the bias", "check its unit")
         require(
-            f"0 A, with a deviation of {unsure:g} A",
-            bool(self.bias or not unsure),
+            self.bias or not unsure,
             "bias",
+            f"0 A, with a deviation of {unsure:g} A",
             "exactly 0, where one magnet works at a time, or a bias",
             "give the bias that there is, or leave the deviation out",
         )
+
+    @property
+    def constants(self) -> dict[str, LawConstant]:
+        found = super().constants
+        return found if self.bias else {n: c for n, c in found.items() if n not in _BIASED}
 
     @property
     def reach(self) -> float:
@@ -244,15 +276,17 @@ class Differential(Law):
         return float(self.gap / np.cos(self.angle))
 
     def _force(self, current: Any, position: Any) -> Any:
-        ahead, behind = self.fluxes(current, position)
+        return self._pull(*self.fluxes(current, position))
+
+    def _pull(self, ahead: Any, behind: Any) -> Any:
         return self.constant * np.cos(self.angle) * (ahead * ahead - behind * behind)
 
     def fluxes(self, current: Any, position: Any) -> tuple[Any, Any]:
-        ahead, behind = magnet_fluxes(current, position, *self.constants[1:])
+        ahead, behind = magnet_fluxes(current, position, *self.numbers[1:])
         return ahead, behind
 
     @property
-    def constants(self) -> tuple[float, ...]:
+    def numbers(self) -> tuple[float, ...]:
         """Constants in the order of `magnet_fluxes`, K before them."""
         magnet = (self.constant, self.bias, self.gap, np.cos(self.angle))
         return (*magnet, self.bias_difference, self.iron, self.saturation)
@@ -279,6 +313,31 @@ class Differential(Law):
                     cure,
                 )
         return i, x
+
+    def flowing(self, force: Floats, position: Floats) -> Floats:
+        """Return the current; forces beyond what the magnets can give stand for the most."""
+        current = self.guess(force, position)
+        size = self.bias or float(np.abs(current).max(initial=0.0)) or 1.0
+        slope = self.linearize(0.0 if self.bias else size).ki
+        for _ in range(_ROUNDS):
+            found = self._force(current + 1j * _STEP, position)
+            step = (force - found.real) / np.maximum(found.imag / _STEP, 1e-3 * slope)
+            nearer = np.clip(current + step, -self.most, self.most)
+            moved = np.abs(nearer - current).max(initial=0.0)
+            current = nearer
+            if moved < 1e-12 * size:
+                break
+        return np.asarray(current)
+
+    def changed(
+        self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
+    ) -> Floats | Complexes:
+        moved = self.by_key(changes)
+        fluxes: Any = moved.fluxes(flowing, position)
+        if KNEE_CONSTANT in changes:
+            knee = changes[KNEE_CONSTANT] * (self.gap / self.bias) ** KNEE
+            fluxes = [bent(flux, knee) for flux in fluxes]
+        return np.asarray(moved._pull(*fluxes))
 
     def guess(self, force: Floats, position: Floats) -> Floats:
         """Return the current in A that gives a force in N, iron that saturates left aside.
@@ -320,10 +379,9 @@ class Differential(Law):
                 "linearize about the current that flows",
             )
         ki, ks = self._slopes(current, position)
-        ki_std, ks_std = np.broadcast_to(
-            deviation_of(self, lambda law: law._slopes(current, position)), 2
-        )
-        return Linear(float(ki), float(ks), float(ki_std), float(ks_std))
+        std = np.broadcast_to(self.deviation_of(lambda law: law._slopes(current, position)), 2)
+        named = zip(("ki", "ks"), std.tolist(), strict=True)
+        return Linear(float(ki), float(ks), std=dict(named))
 
 
 @frozen
@@ -334,26 +392,17 @@ class Flux(Law):
     """
 
     stated: ClassVar[Mapping[str, Stated]] = {
-        "area": Stated("m^2", positive=True),
-        "angle": Stated("rad"),
+        "area": Stated("m^2", ABOVE_ZERO, positive=True),
+        "angle": Stated("rad", ACUTE),
     }
     area: float  # face of one pole in m^2
-    poles: int = 2  # poles of each magnet that carry this flux; a horseshoe has two
+    poles: int = 2  # poles of each magnet that carry this flux
     angle: float = 0.0  # alpha in rad
-    # standard deviations of the constants
-    area_std: float = 0.0
-    angle_std: float = 0.0
 
     def __post_init__(self) -> None:
-        require_constants(self, ("area",), free=("angle",))
-        require_angle(self.angle)
-        require(
-            self.poles,
-            self.poles == int(self.poles) and self.poles > 0,
-            "poles",
-            "a whole number of poles",
-            "a horseshoe magnet has 2",
-        )
+        super().__post_init__()
+        whole = self.poles == int(self.poles) and self.poles > 0
+        require(whole, "poles", self.poles, "a whole number of poles", "a horseshoe magnet has 2")
 
     @property
     def gain(self) -> Any:
@@ -362,6 +411,11 @@ class Flux(Law):
 
     def _force(self, ahead: Any, behind: Any) -> Any:
         return self.gain * (ahead**2 - behind**2)
+
+    def changed(
+        self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
+    ) -> Floats | Complexes:
+        return np.asarray(flowing * (self.by_key(changes).gain / self.gain))
 
     def densities(
         self, law: Differential, current: ArrayLike, position: ArrayLike

@@ -21,92 +21,19 @@ it is found again, by inverting the law, and goes through the law with the other
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.record import Channel, LawConstant, Record
-from rotorid.force.laws import KNEE, Differential, Flux, Linear, bent, with_moved
+from rotorid.data.lines import Lines, Samples
+from rotorid.data.record import Channel, Record
+from rotorid.force.laws import Differential, Flux, Law, Linear
 from rotorid.signals.spectrum import quantity, shifted
-
-KNEE_CONSTANT = "knee"
-"""How much of a knee the iron has, (b_0 / b_s)^4, b_0 the bias over the gap: what bends as much as
-it does, however far off saturation is, so that a search may begin from none."""
-
-_BIASED = ("bias", "bias_difference")
-_STEPS = 50
-"""Newton's steps at most; four or five are taken, a dozen where the iron is near saturation."""
-
-
-@frozen
-class ForceSource:
-    """The law of a channel's force, as `rotorid.data.record.ForceLaw` asks."""
-
-    law: Differential | Flux
-    # displacement in the actuator as a combination of channels; empty for `Flux`
-    position: Mapping[str, float] = field(default_factory=dict)
-    # names under which constants are shared with other channels
-    shared: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def constants(self) -> dict[str, LawConstant]:
-        return {
-            of.key or field: LawConstant(
-                of.unit,
-                getattr(self.law, field),
-                getattr(self.law, f"{field}_std"),
-                of.positive,
-                self.shared.get(field, ""),
-            )
-            for field, of in self.law.stated.items()
-            if not (field in _BIASED and isinstance(self.law, Differential) and not self.law.bias)
-        }
-
-    @property
-    def reach(self) -> float:
-        """Displacement in m at which the rotor would touch the poles."""
-        return np.inf if isinstance(self.law, Flux) else self.law.reach
-
-    def flowing(self, force: Floats, position: Floats) -> Floats:
-        """Return the current in A that made a force; for a flux law the force itself.
-
-        Forces beyond what the magnets can give stand for the most that they can.
-        """
-        if isinstance(self.law, Flux):
-            return force
-        current = self.law.guess(force, position)
-        size = self.law.bias or float(np.abs(current).max(initial=0.0)) or 1.0
-        slope = self.law.linearize(0.0 if self.law.bias else size).ki
-        for _ in range(_STEPS):
-            found = self.law._force(current + 1e-30j, position)
-            step = (force - found.real) / np.maximum(found.imag / 1e-30, 1e-3 * slope)
-            nearer = np.clip(current + step, -self.law.most, self.law.most)
-            moved = np.abs(nearer - current).max(initial=0.0)
-            current = nearer
-            if moved < 1e-12 * size:
-                break
-        return np.asarray(current)
-
-    def force(
-        self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
-    ) -> Floats | Complexes:
-        """Return the force in N with some constants, by their names, changed by so much."""
-        fields = {of.key or field: field for field, of in self.law.stated.items()}
-        moved = with_moved(self.law, {fields[n]: c for n, c in changes.items() if n in fields})
-        if isinstance(self.law, Flux):
-            return np.asarray(flowing * (moved.gain / self.law.gain))
-        fluxes: Any = moved.fluxes(flowing, position)
-        if KNEE_CONSTANT in changes:
-            knee = changes[KNEE_CONSTANT] * (self.law.gap / self.law.bias) ** KNEE
-            fluxes = [bent(flux, knee) for flux in fluxes]
-        ahead, behind = fluxes
-        return np.asarray(moved.constant * np.cos(moved.angle) * (ahead**2 - behind**2))
-
 
 _NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(4))
 _NODES = _NODES + 0.5
@@ -121,8 +48,6 @@ class ForceReading:
     channels: tuple[str, ...]
     # displacement in the actuator as a combination of channels, in m; empty for `Flux`
     position: Mapping[str, float] = field(default_factory=dict)
-    # names under which constants of the law are the same ones as those of other inputs
-    shared: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))
@@ -261,7 +186,7 @@ class _Reader:
         law = reading.law
         plain = Channel(name, "N", delay_std=source.delay_std, gain_std=source.gain_std)
         if isinstance(law, Differential | Flux):
-            return replace(plain, law=ForceSource(law, reading.position, reading.shared))
+            return replace(plain, law=replace(law, position=reading.position))
         current = self.record.column(source.name)
         deviation = law.force_std(current, self.displacement(reading.position, 0.0))
         size = float(np.sqrt(np.mean(force**2)))
@@ -283,3 +208,116 @@ class _Reader:
             force = law.force(current, self.displacement(position, lead))
             total += weight * self.shifted(force, -lead)
         return total
+
+
+# What went through the laws of a record: the current and the displacement of each magnet.
+
+NEAR = 1e-8
+"""Displacement in m over which the slope of a law is taken: a hundred thousandth of any gap."""
+
+
+@frozen
+class Passed:
+    """What went through the law of an input."""
+
+    column: int  # of the input among the channels of the record
+    law: Law
+    shares: Floats  # (channel,): the displacement as a combination of channels
+    # (sample,)
+    flowing: Floats
+    position: Floats
+
+    @classmethod
+    def of(cls, lines: Lines, column: int, law: Law) -> Passed:
+        shares = np.array([law.position.get(name, 0.0) for name in lines.names])
+        if lines.samples is None:
+            return cls(column, law, shares, np.zeros(1), np.zeros(1))
+        position = displacement(lines, lines.samples, shares)
+        flowing = law.flowing(lines.samples.values[:, column], position)
+        return cls(column, law, shares, flowing, position)
+
+    @cached_property
+    def force(self) -> Floats:
+        """The force as it was read, shape (sample,)."""
+        return np.asarray(self.law.changed(self.flowing, self.position, {}).real)
+
+    @cached_property
+    def slope(self) -> Floats:
+        """Force per displacement at each sample in N/m."""
+        ahead, behind = (
+            self.law.changed(self.flowing, self.position + move, {}).real for move in (NEAR, -NEAR)
+        )
+        return np.asarray((ahead - behind) / (2 * NEAR))
+
+
+def displacement(lines: Lines, samples: Samples, shares: Floats) -> Floats:
+    """Return the samples of a combination of channels, without what recorded them."""
+    found = np.zeros(len(samples.values))
+    for column in np.flatnonzero(shares):
+        found += shares[column] * samples.column(int(column), lines.channels[column])
+    return found
+
+
+def combined_columns(lines: Lines, through: Iterable[Passed], matrix: Floats) -> Lines:
+    """Return the lines whose columns are ``matrix @ columns``, as if logged so.
+
+    A column of a force that was read by a law is that of its current; the law reads it again, with
+    the displacement that the other columns give now. A positive factor of one that keeps both is
+    one of the force itself. The covariance follows by the slopes.
+    """
+    samples = lines.samples
+    whole, moved = matrix.astype(float), np.zeros_like(lines.mean)
+    values = None if samples is None else samples.values @ matrix.T
+    every = {each.column: each for each in through}
+    for column, passed in every.items():
+        sources = np.flatnonzero(matrix[column]).tolist()
+        same = np.array_equal(passed.shares @ matrix, passed.shares)
+        if (same and np.array_equal(sources, [column]) and matrix[column, column] > 0) or not all(
+            source in every for source in sources
+        ):
+            continue
+        again = _again(lines, passed, [(matrix[column, k], every[k]) for k in sources], matrix)
+        if again is None:
+            continue
+        whole[column] = passed.shares @ matrix * again.slope.mean()
+        for source in sources:
+            other = every[source]
+            whole[column, source] += matrix[column, source]
+            whole[column] -= matrix[column, source] * other.slope.mean() * other.shares
+        if samples is not None and values is not None:
+            # The lines are those of the force as it was corrected; only the change is added.
+            change = again.force - displacement(lines, samples, whole[column])
+            moved[:, column] = samples.lines(change[:, None])[:, 0]
+            values[:, column] = again.force
+    return _transformed(lines, whole, moved, values)
+
+
+def _again(
+    lines: Lines, passed: Passed, sources: list[tuple[float, Passed]], matrix: Floats
+) -> Passed | None:
+    """Return what goes through a law with other columns; None where that is beyond its gap."""
+    flowing = np.sum([factor * source.flowing for factor, source in sources], axis=0)
+    position = passed.position
+    if lines.samples is not None:
+        position = displacement(lines, lines.samples, passed.shares @ matrix)
+    if not (np.abs(position) < passed.law.reach).all():
+        return None
+    found = replace(passed, flowing=flowing, position=position)
+    with np.errstate(all="ignore"):
+        sound = np.isfinite(found.force).all() and np.isfinite(found.slope).all()
+    return found if sound else None
+
+
+def _transformed(lines: Lines, matrix: Floats, moved: Complexes, values: Floats | None) -> Lines:
+    covariance = matrix @ lines.covariance.matrices @ matrix.T
+    scatter, samples, beside = lines.scatter, lines.samples, lines.beside
+    if beside is not None and beside.noise is not None:
+        beside = replace(beside, noise=beside.noise @ matrix.T)
+    return replace(
+        lines,
+        mean=lines.mean @ matrix.T + moved,
+        covariance=replace(lines.covariance, matrices=covariance),
+        scatter=None if scatter is None else scatter @ matrix.T + moved,
+        samples=samples if samples is None or values is None else replace(samples, values=values),
+        beside=beside,
+    )

@@ -24,7 +24,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines, Samples
 from rotorid.data.observation import Observation
-from rotorid.force.at_binding import Passed, displacement
+from rotorid.force.reading import Passed, displacement
 from rotorid.models.expressions import Expression
 
 
@@ -222,7 +222,7 @@ def _law(channel: int, passed: Passed, rereads: Placed[Rereads], samples: Sample
         for number, (effect, where) in enumerate(rereads):
             change = float(x[where[0]]) - effect.stated + (STEP * 1j if number == step else 0.0)
             changes[effect.constant] = changes.get(effect.constant, 0.0) + change
-        return passed.law.force(passed.flowing, passed.position, changes)
+        return passed.law.changed(passed.flowing, passed.position, changes)
 
     def split(change: Floats) -> tuple[float, Complexes]:
         """Return a change of the force as a share of the force itself, and the rest.

@@ -20,10 +20,9 @@ from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.observation import Observation
-from rotorid.data.record import Channel, ForceLaw
+from rotorid.data.record import Channel
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
-from rotorid.force.laws import KNEE
-from rotorid.force.reading import KNEE_CONSTANT
+from rotorid.force.laws import KNEE, KNEE_CONSTANT, Law
 from rotorid.likelihood.effects import Adds, Drives, Effect, Replaces, Rereads, Scales, Turns
 from rotorid.models import Parameter
 from rotorid.models.constraints import own_in_si
@@ -516,7 +515,7 @@ def _saturation(values: Floats) -> float:
     return float(knee ** (-1 / KNEE)) if knee > 0 else np.inf
 
 
-def _law(channel: Channel) -> ForceLaw:
+def _law(channel: Channel) -> Law:
     assert channel.law is not None
     return channel.law
 

@@ -134,7 +134,7 @@ def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
     for row, rate, part in zip(law, heating, parts, strict=True):
         match part.law:
             case Differential() as magnets:
-                row[:] = magnets.constants
+                row[:] = magnets.numbers
                 rate[2] = part.heating * magnets.gap
             case Linear(ki=ki, ks=ks):  # as 1 / gap^2 and 1 / gap^3 go
                 row[:2] = ki, ks

@@ -21,7 +21,7 @@ from rotorid import (
 from rotorid.data.observation import Observation, bind
 from rotorid.force.channel_dynamics import Constant, Dynamics, FirstOrder
 from rotorid.force.laws import Differential, Flux
-from rotorid.force.reading import ForceReading, ForceSource, forces
+from rotorid.force.reading import ForceReading, forces
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.rivals_channels import multiplied
@@ -48,7 +48,7 @@ def samples(size: float) -> np.ndarray:
     pushed = size * np.exp(2j * np.pi * rng.uniform(size=(len(LINES), 2)))
     moved = pushed / (TRUTH["k"] - TRUTH["m"] * omega**2 + 1j * omega * TRUTH["c"])[:, None]
     force, position = synthesize(pushed, LINES, SIZE), synthesize(moved, LINES, SIZE)
-    current = ForceSource(MAGNET).flowing(force, position)
+    current = MAGNET.flowing(force, position)
     return np.tile(np.concatenate([current, position], axis=1), (PERIODS, 1))
 
 
@@ -58,9 +58,10 @@ def recorded(law: Differential, shared: dict[str, str] | None = None, size: floa
     noise = rng.standard_normal((PERIODS * SIZE, 4)) * [5e-3, 5e-3, 1e-7, 1e-7]
     channels = [Channel(n, u) for n, u in (("i", "A"), ("j", "A"), ("x", "m"), ("y", "m"))]
     record = Record(channels, samples(size) + noise, RATE)
+    law = replace(law, shared=shared or {})
     readings = {
-        "F_x": ForceReading(law, ("i",), {"x": 1.0}, shared or {}),
-        "F_y": ForceReading(law, ("j",), {"y": 1.0}, shared or {}),
+        "F_x": ForceReading(law, ("i",), {"x": 1.0}),
+        "F_y": ForceReading(law, ("j",), {"y": 1.0}),
     }
     return forces(record, readings, period=SIZE)
 
@@ -80,7 +81,7 @@ UNKNOWN = {"gap": 4.2e-4, "bias": 1.9, "constant": 4.3e-6}
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_an_unknown_constant_is_found(name: str) -> None:
     """From 5 % off, within its deviations, common to both axes; the mass gives the scale."""
-    law = replace(MAGNET, **{name: UNKNOWN[name], f"{name}_std": np.inf})
+    law = replace(MAGNET, **{name: UNKNOWN[name]}, std={name: np.inf})
     label = {"constant": "K"}.get(name, name)
     found = identify(
         MODEL, periods(law, {name: "magnets"}), MaximumLikelihood(fixed={"m": TRUTH["m"], **STILL})
@@ -99,7 +100,7 @@ def test_a_prior_widens_the_deviations_as_the_gain_does() -> None:
 
     As long as the motion is so small that the bend of the law does not tell the gap.
     """
-    law, ml = replace(MAGNET, gap_std=0.01 * MAGNET.gap), MaximumLikelihood(fixed=STILL)
+    law, ml = replace(MAGNET, std={"gap": 0.01 * MAGNET.gap}), MaximumLikelihood(fixed=STILL)
     plain = identify(MODEL, periods(MAGNET, size=0.3), ml)
     own = identify(MODEL, periods(law, size=0.3), ml)
     common = identify(MODEL, periods(law, {"gap": "magnets"}, 0.3), ml)
@@ -152,9 +153,8 @@ def derivatives_hold(observation: Observation, nuisances: Sequence[Unknown]) -> 
 def test_derivatives_of_constants_against_differences() -> None:
     law = replace(
         MAGNET,
-        **dict.fromkeys(("gap_std", "bias_std", "iron_std", "bias_difference_std"), np.inf),
         saturation=7000.0,
-        saturation_std=np.inf,
+        std=dict.fromkeys(("gap", "bias", "iron", "bias_difference", "saturation"), np.inf),
     )
     observation = bind(MODEL, periods(law, {"bias": "magnets"}))
     nuisances = unknowns_of([observation], Nuisances())
@@ -215,7 +215,7 @@ def test_a_force_that_runs_through_a_loop_is_named() -> None:
 
 def test_the_lines_of_another_constant_are_those_of_another_law() -> None:
     """Reading with the right gap, and reading with a wrong one that is put right, agree."""
-    wrong = bind(MODEL, periods(replace(MAGNET, gap=4.2e-4, gap_std=1e-5), {"gap": "g"}))
+    wrong = bind(MODEL, periods(replace(MAGNET, gap=4.2e-4, std={"gap": 1e-5}), {"gap": "g"}))
     right = periods(MAGNET)
     nuisances = unknowns_of([wrong], Nuisances())
     layout = prepare(MODEL, Knowledge(), nuisances, False, TRUTH).layout
@@ -229,7 +229,7 @@ def test_the_lines_of_another_constant_are_those_of_another_law() -> None:
 
 @pytest.mark.slow
 def test_records_without_periods_keep_their_samples_for_it() -> None:
-    law = replace(MAGNET, gap=4.1e-4, gap_std=np.inf)
+    law = replace(MAGNET, gap=4.1e-4, std={"gap": np.inf})
     record = recorded(law, {"gap": "magnets"})
     lines = spectra(record, (5.0, 250.0), inputs=("F_x", "F_y"))
     assert lines.samples is not None
@@ -242,10 +242,9 @@ def test_records_without_periods_keep_their_samples_for_it() -> None:
 
 
 def test_what_is_shared_is_stated_alike() -> None:
-    record = recorded(replace(MAGNET, gap_std=1e-5), {"gap": "magnets"})
+    record = recorded(replace(MAGNET, std={"gap": 1e-5}), {"gap": "magnets"})
     channels = list(record.channels)
-    other = replace(MAGNET, gap=5e-4, gap_std=1e-5)
-    channels[1] = replace(channels[1], law=ForceSource(other, {"y": 1.0}, {"gap": "magnets"}))
+    channels[1] = replace(channels[1], law=replace(channels[1].law, gap=5e-4))
     mixed = average(replace(record, channels=channels), F0, harmonics=LINES)
     with pytest.raises(InputError, match=r"channels\.F_x\.gap: found gap of magnets as 0\.0004"):
         identify(MODEL, mixed, "ml")
@@ -255,9 +254,7 @@ def test_what_every_law_may_have_wrong() -> None:
     every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, periods(MAGNET))])}
     assert {"gap", "bias", "iron", "bias_difference", "saturation", "K"} <= every
     record = recorded(MAGNET)
-    flux = tuple(
-        replace(c, law=None if c.law is None else ForceSource(Flux(2e-4))) for c in record.channels
-    )
+    flux = tuple(replace(c, law=None if c.law is None else Flux(2e-4)) for c in record.channels)
     fluxes = average(replace(record, channels=flux), F0, harmonics=LINES)
     every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, fluxes)])}
     assert "area" in every
@@ -417,7 +414,7 @@ def turning(line: int) -> PeriodicRecord:
     load[at] = 0.5 * TRUTH["m"] * speed**2 * UNBALANCE * np.array([1.0, -1j])
     stiff = TRUTH["k"] - TRUTH["m"] * omega**2 + 1j * omega * TRUTH["c"]
     moved = synthesize((force + load) / stiff[:, None], LINES, SIZE)
-    current = ForceSource(MAGNET).flowing(synthesize(force, LINES, SIZE), moved)
+    current = MAGNET.flowing(synthesize(force, LINES, SIZE), moved)
     track = np.zeros_like(force)
     track[at] = 0.5 * np.array(list(RUNOUT.values()))
     read = moved + synthesize(track, LINES, SIZE)
