@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -34,59 +35,105 @@ from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_factor
 from rotorid.models.equations import SensorTerm
-from rotorid.models.expressions import Expression, evaluate, symbol
-from rotorid.models.linear_form import speed_factor
+from rotorid.models.expressions import Expression, evaluate, product, symbol
+from rotorid.models.linear_form import TermKind, speed_factor
 from rotorid.signals.covariance import LineCovariance
 
 Factors = tuple[int, ...]
 PHASE_STEPS = 16
-"""Angles of a revolution that tell the orders of loads which are no polynomials of cos(phi) and
-sin(phi): up to the seventh."""
+"""Angles of a revolution that tell the orders of loads which have more of them: up to the seventh.
+"""
 
 
 @frozen
 class MatrixTerm:
-    """``coefficient * product of unknowns * (i omega)^order`` in a row and a column of [P, B].
-
-    Where it depends on the line otherwise than by its order, `along` is a factor of each line.
-    """
+    """``coefficient * product of unknowns``, of a kind, in a row and a column of [P, B]."""
 
     row: int
     column: int
-    order: int
+    kind: TermKind
     factors: Factors
     coefficient: float
-    along: Complexes | None = None
+
+
+def derivative(order: int, power: int = 0) -> TermKind:
+    """Return the kind of terms of a derivative, and of a power of the speed."""
+    return TermKind(order, product([(symbol("Omega"), Fraction(power))]), structural=False)
+
+
+STILL = derivative(0)
 
 
 @frozen
-class Stiffness:
-    """The terms of P = -Z of a model, in columns; `place` is that of the kind in `profiles`."""
+class Terms:
+    """The terms of [P, B] in columns, P = -Z: those of a drawing are tens of thousands."""
 
+    kinds: tuple[TermKind, ...]
     # (term,)
     row: Integers
     column: Integers
-    place: Integers
     monomial: Integers
+    kind: Integers
     coefficient: Floats  # (term,)
-    # sequence of (int, complex array or None): order, and the factor of each line where it is not
-    # the same on all
-    profiles: tuple[tuple[int, Complexes | None], ...]
+    monomials: Monomials  # of all unknowns
+    where: Mapping[Factors, int]  # each product of unknowns among them
 
     @classmethod
-    def of(cls, layout: Layout, lines: Lines) -> Stiffness:
-        table = layout.model.require_linear().stiffness
-        found = [
-            (order, *_profile(factor, structural, lines.omega, lines.speed))
-            for order, factor, structural in table.kinds
-        ]
-        every: Floats = np.array([size for _, size, _ in found], dtype=float)[table.kind]
-        profiles = tuple((order, along) for order, _, along in found)
-        stands = np.array([f is not None for f in layout.monomial_factors], dtype=bool)
-        kept = (every != 0) & stands[table.monomial]
-        coefficient = -table.coefficient[kept] * every[kept]
-        row, column, kind = table.row[kept], table.column[kept], table.kind[kept]
-        return cls(row, column, kind, table.monomial[kept], coefficient, profiles)
+    def of(cls, layout: Layout, further: Sequence[MatrixTerm], loads: Sequence[Load] = ()) -> Terms:
+        """Return the model's own stiffness, and further terms behind it."""
+        table, products = layout.model.require_linear().stiffness, layout.monomial_factors
+        used = {factors for factors in products if factors is not None}
+        used |= {term.factors for term in further} | {load.factors for load in loads}
+        where = {factors: i for i, factors in enumerate(sorted(used))}
+        kinds = tuple(dict.fromkeys((*table.kinds, *(term.kind for term in further))))
+        number = {kind: k for k, kind in enumerate(kinds)}
+        place = np.array([-1 if f is None else where[f] for f in products], dtype=np.int64)
+        own_kind = np.array([number[kind] for kind in table.kinds], dtype=np.int64)
+        own = table.row, table.column, place[table.monomial], own_kind[table.kind]
+        others = [(t.row, t.column, where[t.factors], number[t.kind]) for t in further]
+        behind = np.array(others, dtype=np.int64).reshape(-1, 4).T
+        kept = place[table.monomial] >= 0
+        row, column, monomial, kind = (
+            np.append(a[kept], b) for a, b in zip(own, behind, strict=True)
+        )
+        coefficient = np.append(-table.coefficient[kept], [t.coefficient for t in further])
+        monomials = Monomials.of(list(where), len(layout.unknowns))
+        return cls(kinds, row, column, monomial, kind, coefficient, monomials, where)
+
+    def entries(self, lines: Lines) -> Entries:
+        """Return the terms on lines; kinds that are alike on these are one."""
+        weights: dict[tuple[int, bytes], Complexes] = {}
+        sizes, keys = [], []
+        for kind in self.kinds:
+            size, along = profile(kind, lines)
+            keys.append((kind.order, b"" if along is None else along.tobytes()))
+            power = (1j * lines.omega) ** kind.order
+            weights[keys[-1]] = np.asarray(power if along is None else power * along)
+            sizes.append(size)
+        every = np.array(sizes)[self.kind]
+        kept = every != 0
+        place = np.array([list(weights).index(key) for key in keys])[self.kind[kept]]
+        return Entries(
+            self.row[kept],
+            self.column[kept],
+            self.monomial[kept],
+            place,
+            self.coefficient[kept] * every[kept],
+            np.stack(list(weights.values()), axis=1),
+        )
+
+
+def profile(kind: TermKind, lines: Lines) -> tuple[float, Complexes | None]:
+    """Return a number that terms of a kind have in common, or a factor of each line, and one."""
+    distinct = np.unique(lines.speed)
+    values = np.array([speed_factor(kind.factor, value) for value in distinct])
+    along = values[np.searchsorted(distinct, lines.speed)]
+    if kind.structural:
+        along = along * 1j * (lines.omega > 0)
+    first = along[0] if len(along) else 1.0
+    if first.imag == 0 and (along == first).all():
+        return float(first.real), None
+    return 1.0, np.asarray(along, dtype=np.complex128)
 
 
 def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
@@ -108,14 +155,14 @@ def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
         levers = [(*e.arms[b.row], (at,)) for e, at in acting if e.part == "lever"]
         for row, arm, lever in [(b.row, 1.0, ()), *levers]:
             common, size = factors + scale + lever, b.coefficient * arm
-            terms.append(MatrixTerm(row, column, 0, tuple(sorted(common + gain)), size * ki))
+            terms.append(MatrixTerm(row, column, STILL, tuple(sorted(common + gain)), size * ki))
             if channel.drive is None:
                 continue
             ks, slope = _constant(acting, "ks", channel.drive.ks)
             for t in _displacement(layout, channel):
                 there = tuple(sorted(common + slope + _parameters(layout, t)))
-                terms.append(MatrixTerm(row, t.coordinate, 0, there, size * ks * t.coefficient))
-    return [*terms, *_further_terms(layout, observation), *_sensor_rows(layout, observation)]
+                terms.append(MatrixTerm(row, t.coordinate, STILL, there, size * ks * t.coefficient))
+    return [*terms, *further_terms(layout), *_sensor_rows(layout, observation)]
 
 
 def _constant(
@@ -126,36 +173,17 @@ def _constant(
     return (known, ()) if unknown is None else (1.0, (unknown,))
 
 
-def _further_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
-    acting = layout.acting(Entry)
-    # Entries of one power share one array, so that they are of one kind.
-    powers = {
-        power: _common(observation.lines.speed**power)
-        for power in {e.speed_power for e, _ in acting}
-    }
-    found = []
-    for e, at in acting:
-        size, along = powers[e.speed_power]
-        term = (e.row, e.column, e.order, (int(at[e.unknown]),))
-        found.append(MatrixTerm(*term, -e.coefficient * size, along))
-    return found
-
-
-def _profile(
-    factor: Expression, structural: bool, omega: Floats, speed: Floats
-) -> tuple[float, Complexes | None]:
-    distinct = np.unique(speed)
-    values = np.array([speed_factor(factor, value) for value in distinct])
-    along = values[np.searchsorted(distinct, speed)]
-    return _common(along * 1j * (omega > 0) if structural else along)
-
-
-def _common(along: Complexes | Floats) -> tuple[float, Complexes | None]:
-    """Return a factor of every line, and what is left of it: nothing where all lines are alike."""
-    first = along[0] if len(along) else 1.0
-    if first.imag == 0 and (along == first).all():
-        return float(first.real), None
-    return 1.0, np.asarray(along, dtype=np.complex128)
+def further_terms(layout: Layout) -> list[MatrixTerm]:
+    return [
+        MatrixTerm(
+            e.row,
+            e.column,
+            derivative(e.order, e.speed_power),
+            (int(at[e.unknown]),),
+            -e.coefficient,
+        )
+        for e, at in layout.acting(Entry)
+    ]
 
 
 def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
@@ -193,28 +221,21 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[MatrixTerm]:
     first_row = len(model.texts)
     first_column = len(model.coordinates) + len(model.inputs)
     for k, sensor in enumerate(observation.indirect):
-        terms.append(MatrixTerm(first_row + k, first_column + k, 0, (), 1.0))
+        row = first_row + k
+        terms.append(MatrixTerm(row, first_column + k, STILL, (), 1.0))
         _require_known(layout, sensor.terms, "a sensor", sensor.channel.name)
-        for t in sensor.terms:
-            factors = _parameters(layout, t)
-            terms.append(MatrixTerm(first_row + k, t.coordinate, t.order, factors, -t.coefficient))
-        for effect, at in layout.acting(Reads):
-            if effect.channel == sensor.channel.name:
-                share = MatrixTerm(
-                    first_row + k, effect.coordinate, 0, tuple(at.tolist()), -effect.coefficient
-                )
-                terms.append(share)
+        terms += [
+            MatrixTerm(
+                row, t.coordinate, derivative(t.order), _parameters(layout, t), -t.coefficient
+            )
+            for t in sensor.terms
+        ]
+        terms += [
+            MatrixTerm(row, effect.coordinate, STILL, (int(at[0]),), -effect.coefficient)
+            for effect, at in layout.acting(Reads)
+            if effect.channel == sensor.channel.name
+        ]
     return terms
-
-
-def monomial_table(
-    layout: Layout, terms: Sequence[MatrixTerm | Load]
-) -> tuple[Monomials, Mapping[Factors, int]]:
-    """Return the monomials in use, and where each product of unknowns stands among them."""
-    of_model = {factors for factors in layout.monomial_factors if factors is not None}
-    distinct = sorted(of_model | {term.factors for term in terms})
-    table = Monomials.of(distinct, len(layout.unknowns))
-    return table, {factors: i for i, factors in enumerate(distinct)}
 
 
 @frozen
@@ -270,30 +291,16 @@ def load_lines(
 
 def phase_steps(signals: Sequence[Expression]) -> int:
     """Return how many angles of a revolution tell every order of some loads: 2 n + 1 tell n."""
-    degrees = [_degree(signal) for signal in signals]
-    known = [degree for degree in degrees if degree is not None]
-    return 2 * max(known, default=0) + 1 if len(known) == len(degrees) else PHASE_STEPS
-
-
-def _degree(signal: Expression) -> int | None:
-    """Return the degree of a polynomial of cos(phi) and sin(phi), None for another function."""
-    phi = symbol("phi")
-    if phi not in signal.free_symbols:
-        return 0
-    if signal.kind in ("cos", "sin"):
-        return 1 if signal.parts == (phi,) else None
-    if signal.kind == "sum":
-        parts = [_degree(part) for part in signal.parts]
-        return None if None in parts else max(part for part in parts if part is not None)
-    if signal.kind not in ("product", "power"):
-        return None
-    total = 0
-    for base, exponent in signal.factors:
-        degree = _degree(base)
-        if degree is None or (degree and (exponent < 0 or exponent.denominator != 1)):
-            return None
-        total += degree * int(exponent) if degree else 0
-    return total
+    if not signals:
+        return 1
+    angle = 2 * np.pi * np.arange(4 * PHASE_STEPS) / (4 * PHASE_STEPS)
+    # At a time and a speed at which no factor is likely to vanish.
+    values = _signal(signals, 0.0)(np.full(1, 0.73), angle, np.full(1, 1.37))
+    with np.errstate(all="ignore"):
+        size = np.abs(np.fft.rfft(values, axis=0)).max(axis=1)
+        seen = np.flatnonzero(~(size <= 1e-12 * size.max()))
+    most = int(seen.max(initial=0))
+    return 2 * most + 1 if most < PHASE_STEPS else PHASE_STEPS
 
 
 def _signal(signals: Sequence[Expression], shift: float) -> Signal:
@@ -334,11 +341,10 @@ def assemble(
     order = list(observation.order)
     data = lines.mean[:, order]
     ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
-    stiffness, terms = Stiffness.of(layout, lines), other_terms(layout, observation)
     loads = every_load(layout)
-    monomials, where = monomial_table(layout, [*terms, *loads])
+    terms = Terms.of(layout, other_terms(layout, observation), loads)
+    entries, monomials = terms.entries(lines), terms.monomials
     phase = next((int(at[0]) for _, at in layout.acting(Turns)), None)
-    entries = _entries(layout, stiffness, terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
     on_channels = layout.acting(Scales), layout.acting(Adds), layout.acting(Rereads)
@@ -360,7 +366,7 @@ def assemble(
         EntrySlopes.of(scaled, monomials, rows, reads.shape[1] + width),
         monomials,
         load,
-        np.array(sorted({where[each.factors] for each in loads}), dtype=np.int64),
+        np.array(sorted({terms.where[each.factors] for each in loads}), dtype=np.int64),
         rows,
         sensing,
         Calibration.of(observation, *on_channels, phase, orders),
@@ -387,33 +393,6 @@ def _transient(observation: Observation) -> Transient | None:
     own = [sensor.order - 1 for sensor in observation.indirect]
     orders = np.array([order] * len(observation.model.texts) + own, dtype=np.int64)
     return Transient.of(orders, observation.lines.omega)
-
-
-def _entries(
-    layout: Layout,
-    stiffness: Stiffness,
-    terms: Sequence[MatrixTerm],
-    where: Mapping[Factors, int],
-    omega: Floats,
-) -> Entries:
-    profiles = [*stiffness.profiles, *((t.order, t.along) for t in terms)]
-    kinds: dict[tuple[int, int], int] = {}
-    weights = []
-    for order, along in profiles:
-        if (order, id(along)) not in kinds:
-            kinds[order, id(along)] = len(kinds)
-            power = (1j * omega) ** order
-            weights.append(power if along is None else power * along)
-    kind = np.array([kinds[order, id(along)] for order, along in profiles], dtype=np.int64)
-    place = np.array([-1 if f is None else where[f] for f in layout.monomial_factors])
-    own = (stiffness.row, stiffness.column, place[stiffness.monomial], kind[stiffness.place])
-    further = np.array(
-        [(t.row, t.column, where[t.factors]) for t in terms], dtype=np.int64
-    ).reshape(-1, 3)
-    others = (*further.T, kind[len(stiffness.profiles) :])
-    row, column, monomial, kind = (np.concatenate(pair) for pair in zip(own, others, strict=True))
-    coefficient = np.append(stiffness.coefficient, [term.coefficient for term in terms])
-    return Entries(row, column, monomial, kind, coefficient, np.stack(weights, axis=1))
 
 
 def _scales(

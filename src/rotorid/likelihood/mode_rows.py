@@ -19,7 +19,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.measured_modes import Mode, configurations, number
-from rotorid.likelihood.effects import Entry
+from rotorid.likelihood.assembly import Terms, further_terms
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.models.linear_form import speed_factor
@@ -179,10 +179,10 @@ class ModalRows:
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         rows: list[float] = []
         for mode, value, _ in self.measured(unknowns):
-            spread = _spreads(mode, relaxation)
-            rows.append((value.imag / (2 * np.pi) - mode.in_si[0]) / spread[0])
-            if mode.damping is not None:
-                rows.append((-value.real / abs(value) - mode.damping[0]) / spread[1])
+            found = (value.imag / (2 * np.pi), -value.real / abs(value))
+            told = ((mode.in_si[0], mode.in_si[1]), mode.damping)
+            spreads = _spreads(mode, relaxation)
+            rows += [(x - t[0]) / s for x, t, s in zip(found, told, spreads, strict=True) if t]
         return np.array(rows)
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
@@ -250,7 +250,7 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
         )
     held = {layout.index[name]: float(value) for name, value in mode.parameters.items()}
     pencil = replace(pencil_at(layout, mode.in_si[2]), held=held)
-    used = set(pencil.monomials.factors.ravel().tolist()) - held.keys()
+    used = set(pencil.monomials.factors[pencil.monomial].ravel().tolist()) - held.keys()
     if used & layout.idle:  # of which record it would be is not known
         name = layout.unknowns[min(used & layout.idle)].name
         raise InputError(
@@ -263,30 +263,19 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
 
 
 def pencil_at(layout: Layout, speed: float) -> Pencil:
-    places: list[tuple[int, int, int]] = []
-    products: list[tuple[int, ...]] = []
-    weights: list[complex] = []
-    for t in layout.model.require_linear().stiffness:
-        factors = layout.monomial_factors[t.monomial]
-        if factors is not None:
-            places.append((t.row, t.column, t.order))
-            products.append(tuple(sorted(factors)))
-            real = t.coefficient * speed_factor(t.factor, speed)
-            weights.append(1j * real if t.structural else real)
-    for e, at in layout.acting(Entry):
-        if e.order < 3:  # beyond M there is no matrix
-            places.append((e.row, e.column, e.order))
-            products.append((int(at[e.unknown]),))
-            weights.append(e.coefficient * speed**e.speed_power)
-    distinct = sorted(set(products))
-    table = np.array(places, dtype=np.int64).reshape(-1, 3)
+    further = [t for t in further_terms(layout) if t.kind.order < 3]  # beyond M is no matrix
+    terms = Terms.of(layout, further)
+    order = np.array([kind.order for kind in terms.kinds], dtype=np.int64)[terms.kind]
+    size = [
+        speed_factor(kind.factor, speed) * (1j if kind.structural else 1) for kind in terms.kinds
+    ]
     return Pencil(
-        table[:, 0],
-        table[:, 1],
-        table[:, 2],
-        np.array([distinct.index(factors) for factors in products], dtype=np.int64),
-        np.array(weights),
-        Monomials.of(distinct, len(layout.unknowns)),
+        terms.row,
+        terms.column,
+        order,
+        terms.monomial,
+        -terms.coefficient * np.array(size)[terms.kind],
+        terms.monomials,
         {},
         layout.model.require_linear().coordinates,
     )

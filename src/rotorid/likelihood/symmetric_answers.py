@@ -21,7 +21,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
-from rotorid.likelihood.assembly import Stiffness, every_load, other_terms
+from rotorid.likelihood.assembly import every_load, other_terms, profile
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.problem import Problem, outside
@@ -248,32 +248,31 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
         key = kind, row, column, tuple(sorted(factors))
         found[key] = found.get(key, 0.0) + size
 
-    if record is None:
-        for term in layout.model.require_linear().stiffness:
-            kind = TermKind(term.order, term.factor, term.structural)
-            factors = layout.monomial_factors[term.monomial]
-            if factors is not None:
-                add(kind, ("row", term.row), ("coordinate", term.column), factors, term.coefficient)
+    table = layout.model.require_linear().stiffness
+    observed = None if record is None else layout.observed(record)
+    others = [] if observed is None else other_terms(layout, observed)
+    kinds = {*table.kinds, *(t.kind for t in others)}
+    sizes = {k: 1.0 if observed is None else profile(k, observed.lines)[0] for k in kinds}
+    for term in table:
+        kind = TermKind(term.order, term.factor, term.structural)
+        factors, size = layout.monomial_factors[term.monomial], sizes[kind] * term.coefficient
+        if factors is not None and size:
+            add(kind, ("row", term.row), ("coordinate", term.column), factors, -size)
+    if observed is None:
         return found
-    record = layout.observed(record)
-    table = Stiffness.of(layout, record.lines)
-    kinds = layout.model.require_linear().stiffness.kinds
-    columns = (table.row, table.column, table.place, table.monomial, table.coefficient)
-    for row, column, place, monomial, size in zip(*(c.tolist() for c in columns), strict=True):
-        factors = layout.monomial_factors[monomial] or ()
-        add(kinds[place], ("row", row), ("coordinate", column), factors, size)
+    record = observed
     idle = {n + k for k, c in enumerate(record.input_columns) if not record.lines.mean[:, c].any()}
-    for t in other_terms(layout, record):
+    for t in others:
         if t.column in idle:
             continue
         row = ("row" if t.row < rows else "sensor row", t.row)
         column = ("coordinate" if t.column < n else "input", t.column)
-        add(("other", t.order), row, column, t.factors, t.coefficient)
+        add(("other", t.kind.order), row, column, t.factors, sizes[t.kind] * t.coefficient)
     for load in every_load(layout):
         add("load", ("row", load.row), ("load", load.signal), load.factors, load.coefficient)
     for number, reads in enumerate(record.reads):
-        for column in np.flatnonzero(reads).tolist():
-            add("reads", ("sensor", number), ("coordinate", column), (), float(reads[column]))
+        for k in np.flatnonzero(reads).tolist():
+            add("reads", ("sensor", number), ("coordinate", k), (), float(reads[k]))
     return found
 
 

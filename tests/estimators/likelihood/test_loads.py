@@ -50,7 +50,7 @@ SQUARE = product([(COS, Fraction(2)), (SIN, Fraction(1)), (OMEGA, Fraction(-1))]
         ([COS, SQUARE], 7),
         ([Expression("sum", (SQUARE, number(1)))], 7),
         ([product([(COS, Fraction(-1))])], 16),
-        ([Expression("cos", (product([(PHI, Fraction(1)), (number(2), Fraction(1))]),))], 16),
+        ([Expression("cos", (product([(PHI, Fraction(1)), (number(2), Fraction(1))]),))], 5),
         ([SIN, PHI], 16),
         ([product([(Expression("abs", (COS,)), Fraction(1)), (OMEGA, Fraction(1))])], 16),
     ],
