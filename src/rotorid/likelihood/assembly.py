@@ -58,7 +58,8 @@ class MatrixTerm:
 
 def derivative(order: int, power: int = 0) -> TermKind:
     """Return the kind of terms of a derivative, and of a power of the speed."""
-    return TermKind(order, product([(symbol("Omega"), Fraction(power))]), structural=False)
+    speed = [(symbol("Omega"), Fraction(power))] if power else []
+    return TermKind(order, product(speed), structural=False)
 
 
 STILL = derivative(0)
