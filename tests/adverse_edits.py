@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 from adverse import FUNDAMENTAL, RATE, ROTATION, TURN, Edit, Trial
+from rotor_bank import Floats
 from scipy import signal
-
-from rotorid.core.values import Floats
 
 
 def sensor(trial: Trial, number: int = 0) -> str:

@@ -22,6 +22,7 @@ from rotor_bank import (
     COORDINATES,
     SETTINGS,
     Case,
+    Complexes,
     Structure,
     rotor_case,
     rotor_lines,
@@ -30,8 +31,6 @@ from rotor_bank import (
 
 import rotorid as rid
 from rotorid import Model, PeriodicRecord, load_rig
-from rotorid.core.values import Complexes
-from rotorid.rig.rig import Rig
 
 INFORMS = 0.25
 """Share of its value that the Cramer-Rao deviation of a parameter may have in a good record."""
@@ -131,15 +130,13 @@ def listed(kind: str, seed: int) -> Good:
     return Good(what, case.model, case.truth, lambda: case.records, estimator)
 
 
-@cache
-def _rig() -> Rig:
-    return load_rig("three-mass").rig
+_plan = cache(lambda: load_rig("three-mass"))
 
 
 def levitated(kind: str, seed: int) -> Good:
     """Return the shipped rig in closed loop."""
     rng = np.random.default_rng([seed, 43])
-    rig, seconds = _rig(), float(rng.choice([3.0, 6.0, 10.0]))
+    rig, seconds = _plan().rig, float(rng.choice([3.0, 6.0, 10.0]))
 
     def records() -> tuple[PeriodicRecord, ...]:
         record = rig.run(seconds, rng)

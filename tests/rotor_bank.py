@@ -9,9 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorid import Channel, Model, PeriodicRecord, load_model, parse_model
-from rotorid.core.values import Complexes, Floats
+
+Floats, Complexes = NDArray[np.float64], NDArray[np.complex128]
 
 PERIODS = 260
 SAMPLES = 250

@@ -8,7 +8,7 @@ from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, write
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.data.table_lines import phasor_lines
+from rotorid.testing import phasor_lines
 
 TRIAL = 5e-5 + 2e-5j
 TRUE = rid.parse_model(MODEL)

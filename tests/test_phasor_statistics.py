@@ -13,7 +13,7 @@ import pytest
 from coast_down import MODEL, RPM, TRUTH, coast
 
 import rotorid as rid
-from rotorid.data.table_lines import phasor_lines
+from rotorid.testing import phasor_lines
 
 TRIAL = 5e-5 + 2e-5j
 NOISE = 2e-6

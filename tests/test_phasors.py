@@ -12,7 +12,7 @@ from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, wri
 import rotorid as rid
 from rotorid import InputError
 from rotorid.cli import run
-from rotorid.data.table_lines import phasor_lines
+from rotorid.testing import phasor_lines
 
 
 @pytest.fixture

@@ -16,7 +16,6 @@ import pytest
 from rotor_files import CORED
 
 from rotorid import cli
-from rotorid.commands import console
 
 pty = pytest.importorskip("pty", reason="no terminals of this kind here")
 HUNG, SPRUNG = (229.37, 632.02, 1250.0), (84.56, 109.2, 270.94)  # 1186.48 Hz would be right
@@ -101,7 +100,7 @@ def shown_in_process(
     """Return what a command shows on a terminal after so many seconds."""
     screen, terminal = pty.openpty()
     with os.fdopen(terminal, "w") as stream, monkeypatch.context() as patch:
-        patch.setattr(console, "PATIENCE", patience)
+        patch.setattr("rotorid.commands.console.PATIENCE", patience)
         patch.setattr(sys, "stderr", stream)
         patch.setenv("TERM", "xterm")
         assert cli.run(arguments) in (0, 1)

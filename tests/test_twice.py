@@ -13,8 +13,8 @@ import pytest
 
 import rotorid as rid
 from rotorid import InputError, response_lines
-from rotorid.data.table_lines import phasor_lines
 from rotorid.experiment.duplicates import check_tables
+from rotorid.testing import phasor_lines
 
 MODEL = """
 title = "a mass on a damper, shaken by two"

@@ -1,5 +1,8 @@
 """For those who test models and estimators: records straight from their lines, over many seeds.
 
+Besides, `phasor_lines` makes lines of a table of phasors, and `parse_rig` a rig of its text. `bind`
+and `bind_all` say what the channels of lines are to a model, as estimators see them.
+
 White noise on samples is white noise on every line of every period: independent, circular, of
 variance s^2 / samples. Drawing it there, on the kept lines only, gives records that no test could
 tell from sampled ones, a hundred times faster.
@@ -15,8 +18,12 @@ from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.values import Complexes, Floats
+from rotorid.data.observation import bind as bind
+from rotorid.data.observation import bind_all as bind_all
 from rotorid.data.record import Channel, PeriodicRecord
+from rotorid.data.table_lines import phasor_lines as phasor_lines
 from rotorid.models import Model
+from rotorid.rig.file import parse_rig as parse_rig
 from rotorid.signals.spectrum import line_spectra, synthesize
 
 

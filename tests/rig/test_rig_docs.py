@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rotorid.rig.file import parse_rig
+from rotorid.testing import parse_rig
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)

@@ -1,0 +1,448 @@
+"""What everything else stands on: TOML, tables, text on a screen, values, tails."""
+
+import ast
+import copy
+import pickle
+import tomllib
+from dataclasses import FrozenInstanceError, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from working_folder import make
+
+import rotorid
+from rotorid import InputError, ReadError, cli
+from rotorid.core.distributions import f_limit, f_tail
+from rotorid.core.errors import CELL, LINE, PART, SENTENCE, one_line, printable, shortened
+from rotorid.core.frozen import frozen
+from rotorid.core.tables import page_html, page_text, table
+from rotorid.core.toml import Schema, parse_toml, read_toml
+from rotorid.core.values import ByContent, read_only, same
+
+# -------------------------------------------------------------------------------------------------
+# TOML files checked against a schema: limits, and one line for every fault.
+
+
+class Row(Schema):
+    """A table of one number."""
+
+    number: float
+
+
+class File(Schema):
+    """A file of rows."""
+
+    rows: tuple[Row, ...] = ()
+    title: str = ""
+
+
+def test_a_file_of_a_million_bytes_is_read_and_one_of_more_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "long.toml"
+    text = 'title = "a"\n#'
+    path.write_text(text.ljust(1_000_000, "#"))
+    assert read_toml(path, File).title == "a"
+    path.write_text(text.ljust(1_000_001, "#"))
+    with pytest.raises(ReadError, match="found more than 1000 kB; expected a TOML file written by"):
+        read_toml(path, File)
+
+
+def test_a_key_of_32_parts_is_read_and_of_33_is_not() -> None:
+    with pytest.raises(ReadError, match="unknown key 'a'"):
+        parse_toml(b".".join([b"a"] * 32) + b" = 1", File)
+    with pytest.raises(ReadError, match="a key of more than 32 parts"):
+        parse_toml(b".".join([b"a"] * 33) + b" = 1", File)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("title = ", "no value in 'title ='.*write key = value"),
+        (
+            "title = a.csv",
+            "line 1, column 9: found no value in 'title = a.csv'.*put texts in quotes",
+        ),
+        ('title = "a', "a text that does not end"),
+        ("zzz = 1\nzzz = 2\n", "line 2.*a key that is there twice in 'zzz = 2'"),
+        ("[rows", r"a table that is not closed in '\[rows'"),
+        ("title", "a key without a value in 'title'"),
+        (r'title = "C:\data"', "a backslash in .*write paths with /"),
+        ("rows = [1, 2", "end of document: found a list that is not closed.*close it with"),
+        ("title = 'a' 'b'", "more behind the value"),
+        (
+            "rows = [{ nuber = 1 }]",
+            r"rows\.0\.nuber: found the unknown key 'nuber'; .*did you mean",
+        ),
+        ("zzz = 1", "expected one of rows, title; remove it"),
+        ("rows = [{}]", r"rows\.0\.number: found no such key; expected a value; add it"),
+        ("rows = [{ number = 'x' }]", r"found 'x'; expected a valid number.*write such a value"),
+        ("rows = [3]", r"rows\.0: found 3; expected a table, such as \{ key = value \}"),
+        ("title = " + "9" * 5000, "a number of more than 400 digits.*with fewer digits"),
+    ],
+)
+def test_faults_are_one_line_with_place_and_cure(text: str, message: str) -> None:
+    with pytest.raises(ReadError, match=message) as found:
+        parse_toml(text.encode(), File, file="a.toml")
+    assert str(found.value).startswith("a.toml: ")
+    assert "\n" not in str(found.value)
+
+
+# -------------------------------------------------------------------------------------------------
+# Tables: one description, as text and as HTML.
+
+
+SHOWN = table(
+    ("name", "value", "unit", "note"),
+    [("m1", "0.83", "kg", ""), ("k", "-12", "N/m", "fixed"), ("long name", "", "1", "x")],
+)
+
+
+def test_numbers_stand_to_the_right():
+    assert SHOWN.numeric == (False, True, False, False)
+    assert SHOWN.text().splitlines() == [
+        "name       value  unit  note",
+        "m1          0.83  kg",
+        "k            -12  N/m   fixed",
+        "long name         1     x",
+    ]
+
+
+def test_a_narrow_terminal_gets_the_columns_below_each_other():
+    lines = SHOWN.text(width=18).splitlines()
+    assert max(map(len, lines)) <= 18
+    assert lines[0] == "name       value"
+    assert lines[5] == "name       unit"
+    assert lines[7] == "k          N/m"
+    assert lines[10] == "name       note"
+    assert SHOWN.text(width=1).count("long name") == 3
+
+
+def test_html_escapes_and_marks_numbers():
+    html = table(("<a>", "b"), [("x & y", "3")]).html()
+    assert '<th>&lt;a&gt;</th><th class="number">b</th>' in html
+    assert '<th scope="row">x &amp; y</th><td class="number">3</td>' in html
+
+
+def test_words_that_begin_with_a_number_are_words():
+    rows = [("x1", "3 samples at the limit of 5e-4 m: lower the gain", "4.05 %", "-1.2e-05")]
+    shown = table(("channel", "found", "error", "value"), rows)
+    assert shown.numeric == (False, False, True, True)
+    assert '<td class="flow">3 samples' in shown.html()
+
+
+def test_a_page_sets_tables_apart():
+    one = table(("a",), [("b",)])
+    assert page_text(["first", one, one, "last", one]) == "first\n\na\nb\n\na\nb\n\nlast\n\na\nb"
+    assert page_html(["1 < 2", one]).startswith("<p>1 &lt; 2</p><table>")
+
+
+def test_a_table_without_rows_shows_its_headings():
+    assert table(("a", "b"), []).text() == "a  b"
+    assert table(("a", "b"), []).numeric == (False, False)
+
+
+def test_cells_of_thirty_characters_may_be_broken():
+    assert "flow" not in table(("a", "b"), [("x", "w" * 29)]).html()
+    assert '<td class="flow">' in table(("a", "b"), [("x", "w" * 30)]).html()
+
+
+# -------------------------------------------------------------------------------------------------
+# Other people's text on a screen and in generated files: printable, cut, and never a key.
+
+
+EVIL = "\nevil = 1\n#\x1b[2J\u202e"
+
+
+@given(st.text())
+def test_what_is_shown_is_printable(text: str) -> None:
+    assert printable(text).isprintable()
+    assert printable(text) == text or not text.isprintable()
+    assert one_line(text).isprintable()
+    assert page_text([text, table([text, "b"], [[text, text]])]).replace("\n", "").isprintable()
+
+
+def test_escapes_are_python_s() -> None:
+    assert printable("a\x1b[31mb\u202ec\udcffd\n") == "a\\x1b[31mb\\u202ec\\udcffd\\n"
+    assert printable("µ 日 é\n", keep="\n") == "µ 日 é\n"
+    assert one_line(" a \n b ") == "a b"
+
+
+@pytest.mark.parametrize("most", [PART, LINE, CELL, SENTENCE])
+def test_long_texts_keep_both_ends(most: int) -> None:
+    text = "begin" + "\x1b" * 200_000 + "end"
+    assert len(one_line(text, most)) == most
+    assert one_line(text, most).startswith("begin\\x1b")
+    assert one_line(text, most).endswith("\\x1bend")
+    assert shortened("x" * most, most) == "x" * most
+    assert " ... " in shortened("x" * (most + 1), most)
+
+
+def test_the_cure_is_never_cut_away() -> None:
+    long = "y" * 200_000
+    told = str(InputError(long, long, "write it otherwise", file=long, place=long))
+    assert told.endswith("; write it otherwise")
+    assert len(told) < 5 * (PART + 20)
+
+
+def test_cells_and_sentences_are_cut() -> None:
+    shown = page_text(["z" * 200_000, table(["w" * 200_000, "b"], [["v" * 200_000, "1"]])])
+    assert max(map(len, shown.splitlines())) <= SENTENCE
+    assert len(shown) < SENTENCE + 4 * CELL
+
+
+@pytest.fixture
+def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A record whose names hold newlines, escape sequences and marks of direction."""
+    make(tmp_path)
+    samples = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)
+    columns = dict(zip(["F_x", "F_y", "x", "y"], samples.T, strict=True))
+    units = {"F_x": "N", "F_y": "N", "x": "m", "y": "m", "other": "V" + EVIL}
+    generator = np.random.default_rng(1)
+    columns["other"] = generator.standard_normal(len(samples))
+    with h5py.File(tmp_path / "evil.h5", "w") as data:
+        for name, column in columns.items():
+            data[name + EVIL] = column
+            data[name + EVIL].attrs["units"] = units[name]
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("model", [[], ["--model", "jeffcott"]])
+def test_no_name_of_a_column_writes_a_key(
+    hostile: Path, capsys: pytest.CaptureFixture[str], model: list[str]
+) -> None:
+    assert cli.run(["new", "evil.h5", *model, "--out", "draft.toml"]) == 0
+    text = (hostile / "draft.toml").read_text()
+    assert text.replace("\n", "").isprintable()
+    found = tomllib.loads(text)
+    assert set(found) <= {"model", "records", "channels", "parameters", "estimator"}
+    assert "evil = 1" in text  # the names are there, in comments
+    assert cli.run(["new", "evil.h5", *model]) == 0
+    assert capsys.readouterr().out.replace("\n", "").isprintable()
+
+
+def test_no_title_or_name_of_a_rig_writes_a_key(
+    hostile: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = (hostile / "rig.toml").read_text().splitlines()
+    lines[0] = 'title = "a\\nevil = 1\\u001b[2J\\u202e"'
+    rig = "a\nevil = 1\n#\x1b[2J.toml"
+    (hostile / rig).write_text("\n".join(lines))
+    assert cli.run(["simulate", rig, "--out", "run.h5", "--force"]) == 0
+    text = (hostile / "run.toml").read_text()
+    assert text.replace("\n", "").isprintable()
+    assert set(tomllib.loads(text)) <= {"model", "records", "channels", "parameters"}
+    # Its own as long as nobody has completed it.
+    assert cli.run(["simulate", rig, "--out", "run.h5", "-q"]) == 0
+    (hostile / "run.toml").write_text(text + "# after a day in the laboratory\n")
+    capsys.readouterr()
+    assert cli.run(["simulate", rig, "--out", "run.h5", "-q"]) == 2
+    assert "edited since" in capsys.readouterr().err
+    assert "laboratory" in (hostile / "run.toml").read_text()
+
+
+# -------------------------------------------------------------------------------------------------
+# Values: equal by content, arrays read-only.
+
+
+@dataclass(frozen=True, eq=False)
+class Sample(ByContent):
+    """A value with an array and a note that does not count."""
+
+    data: Any
+    note: str = field(default="", compare=False)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (1.0, 1.0),
+        (float("nan"), float("nan")),
+        (np.array([1.0, np.nan]), np.array([1.0, np.nan])),
+        (np.array([1j, np.nan]), np.array([1j, np.nan])),
+        (np.array([1, 2]), np.array([1, 2])),
+        (np.array(["a"]), np.array(["a"])),
+        ({"a": np.zeros(2)}, {"a": np.zeros(2)}),
+        ((1, [np.ones(1)]), (1, [np.ones(1)])),
+        (Sample(np.ones(3)), Sample(np.ones(3))),
+        (None, None),
+    ],
+)
+def test_alike(first, second):
+    assert same(first, second)
+    assert Sample(first) == Sample(second)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (1.0, 2.0),
+        (1.0, float("nan")),
+        (float("nan"), 1.0),
+        (np.array([1.0, 2.0]), np.array([1.0, 3.0])),
+        (np.zeros((2, 1)), np.zeros(2)),
+        (np.zeros(2), np.zeros(3)),
+        ({"a": 1}, {"b": 1}),
+        ({"a": 1}, {"a": 1, "b": 1}),
+        ((1, 2), (1,)),
+        (np.array([1.0]), np.array(["a"])),
+        (Sample(np.ones(3)), Sample(np.zeros(3))),
+        (None, 0.0),
+    ],
+)
+def test_different(first, second):
+    assert not same(first, second)
+    assert Sample(first) != Sample(second)
+
+
+def test_what_does_not_count_is_not_compared():
+    assert Sample(1, "a") == Sample(1, "b")
+    assert Sample(1) != 1
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(Sample(1))
+
+
+def test_a_read_only_view_leaves_its_source_writeable():
+    source = np.zeros(2)
+    view = read_only(source)
+    with pytest.raises(ValueError, match="read-only"):
+        view[0] = 1
+    source[0] = 2
+    assert view[0] == 2
+
+
+# -------------------------------------------------------------------------------------------------
+# The decorator of values: what `dataclass(frozen=True)` gives, with methods that are shared.
+
+
+@frozen
+class Mass:
+    """A value."""
+
+    name: str
+    value: float = 1.0
+    note: str = field(default="", compare=False)
+    table: tuple[float, ...] = field(default=(), repr=False)
+
+
+@frozen
+class Heavier(Mass):
+    """A value with one field more."""
+
+    more: int = 0
+
+
+@dataclass(frozen=True)
+class Plain:
+    """The same by the standard library."""
+
+    name: str
+    value: float = 1.0
+    note: str = field(default="", compare=False)
+    table: tuple[float, ...] = field(default=(), repr=False)
+
+
+@frozen
+class Empty:
+    """A value without fields."""
+
+
+@frozen(kw_only=True)
+class Told:
+    """A value that says itself how it looks and what it equals."""
+
+    one: int
+
+    def __repr__(self) -> str:
+        return "one"
+
+    def __eq__(self, other):
+        return True
+
+
+PAIRS = [
+    (("m",), ("m",)),
+    (("m", 1.0, "a"), ("m", 1.0, "b")),
+    (("m", 2.0), ("m", 1.0)),
+    (("m", 1.0, "", (1.0,)), ("m", 1.0, "", (2.0,))),
+]
+
+
+@pytest.mark.parametrize(("first", "second"), PAIRS)
+def test_equality_text_and_hash_are_those_of_a_dataclass(first, second):
+    ours, theirs = (Mass(*first), Mass(*second)), (Plain(*first), Plain(*second))
+    assert (ours[0] == ours[1]) == (theirs[0] == theirs[1])
+    assert (hash(ours[0]) == hash(ours[1])) == (hash(theirs[0]) == hash(theirs[1]))
+    assert repr(ours[0]) == repr(theirs[0]).replace("Plain", "Mass")
+
+
+def test_one_class_is_not_another():
+    assert Mass("m") != Heavier("m")
+    assert Mass("m") != Plain("m")
+    assert Heavier("m", more=1) != 1
+    assert Heavier("m", more=1) != Heavier("m", more=2)
+    assert Empty() == Empty()
+    assert hash(Empty()) == hash(Empty())
+    assert repr(Empty()) == "Empty()"
+    assert len({Mass("m"), Mass("m", note="again"), Heavier("m")}) == 2
+
+
+def test_what_a_class_says_itself_stands():
+    assert repr(Told(one=1)) == "one"
+    assert Told(one=1) == 2
+    with pytest.raises(TypeError, match="positional"):
+        Told(1)
+
+
+def test_nothing_is_set_afterwards():
+    mass = Mass("m")
+    with pytest.raises(FrozenInstanceError, match="value"):
+        mass.value = 2.0
+    with pytest.raises(FrozenInstanceError, match="value"):
+        del mass.value
+    with pytest.raises(FrozenInstanceError, match="another"):
+        mass.another = 2.0
+    assert replace(mass, value=2.0) == Mass("m", 2.0)
+    assert [each.name for each in fields(Heavier)] == ["name", "value", "note", "table", "more"]
+
+
+def test_copies_are_equal():
+    mass = Heavier("m", 2.0, more=3)
+    assert copy.deepcopy(mass) == mass == pickle.loads(pickle.dumps(mass))
+
+
+FULL = "dataclass(frozen=True)"
+
+
+def test_every_value_of_the_package_is_made_by_it():
+    """But for those whose `==` is identity, which nothing shared could say better."""
+    own = []
+    for path in sorted(Path(rotorid.__file__).parent.rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        classes = (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+        decorators = ((kind, ast.unparse(d)) for kind in classes for d in kind.decorator_list)
+        own += [
+            (path.name, kind.name) for kind, text in decorators if text == "dataclass(frozen=True)"
+        ]
+    assert not own, "take rotorid.core.values"
+
+
+def test_the_methods_are_shared():
+    """The reason why it stands: a `dataclass` writes and compiles its own for each class."""
+    for name in ("__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__"):
+        assert getattr(Mass, name) is getattr(Empty, name)
+        assert getattr(Plain, name) is not getattr(Empty, name)
+
+
+# -------------------------------------------------------------------------------------------------
+# Tails of distributions and where they end.
+
+
+@pytest.mark.parametrize(("first", "second"), [(1, 7), (2, 9), (2, 518), (8, 30)])
+@pytest.mark.parametrize("chance", [0.4, 1e-3, 1e-9])
+def test_a_limit_is_exceeded_with_its_chance(first: int, second: int, chance: float) -> None:
+    assert f_tail(f_limit(chance, first, second), first, second) == pytest.approx(chance, rel=1e-9)
