@@ -24,7 +24,7 @@ from rotorid.answer.identify import identify
 from rotorid.data.observation import Observation, bind
 from rotorid.data.record import PeriodicRecord
 from rotorid.demo.paper import demo_plan
-from rotorid.likelihood.fit import Fit, answered, located
+from rotorid.likelihood.fit import Fit, Fitting, answered
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.solver import STAGES
 from rotorid.likelihood.unknowns import Nuisances
@@ -76,7 +76,7 @@ def median_time(work: Callable[[int], object], repeats: int) -> float:
 def by_scipy(model: Model, record: PeriodicRecord, knowledge: Knowledge) -> tuple[float, int]:
     """Return cost and evaluations of scipy on the same residual, stage after stage."""
     prepared = prepare(model, knowledge, (), False, {})
-    problem = prepared.problem([bind(model, record)])
+    problem = prepared.of([bind(model, record)])
     layout = prepared.layout
     x, free = layout.start.copy(), layout.free
     # Unbalance starts from zero: its scale is that of what the model declares.
@@ -102,7 +102,7 @@ def by_scipy(model: Model, record: PeriodicRecord, knowledge: Knowledge) -> tupl
 
 def minimum(model: Model, records: Sequence[Observation], knowledge: Knowledge) -> Fit:
     """Return the minimum with its deviations, without a word of what it means."""
-    steps = located(model, records, knowledge, Nuisances(), covariance="white")
+    steps = Fitting(model, knowledge, Nuisances(), covariance="white").located(records)
     return answered(deque(steps, maxlen=1).pop().fit)
 
 
@@ -208,8 +208,8 @@ def large() -> None:
         start = start_of(model, seed, 0.1)
         known = Knowledge(start=start)
         found = minimum(model, [bind(model, records[seed])], known)
-        p_value = found.inference.expectation.p_value(found.solution.point.cost)
-        statuses.append((found.solution.converged, p_value, found.solution.iterations))
+        solution = found.solution
+        statuses.append((solution.converged, found.inference.p_value, solution.iterations))
 
     taken = median_time(work, 3)
     begin = time.perf_counter()

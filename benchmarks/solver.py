@@ -43,7 +43,7 @@ def problem_of(case: Case, start: dict[str, float]) -> Problem:
     records = bind_all(case.model, case.records)
     nuisances = unknowns_of(records, Nuisances())
     prepared = prepare(case.model, Knowledge(fixed=case.fixed, start=told), nuisances, False, {})
-    return prepared.problem(records)
+    return prepared.of(records)
 
 
 def count(name: str, make: Callable[[int], Case], seeds: int) -> None:
@@ -56,16 +56,16 @@ def count(name: str, make: Callable[[int], Case], seeds: int) -> None:
         begin = time.process_time()
         found = searched(problem, problem.layout.start)
         taken.append(time.process_time() - begin)
-        if found is None or not found[0].converged:
+        if found is None or not found.converged:
             lost += 1
         best = solve(true, true.layout.start, (0.0,)).point.cost
-        if found is None or found[0].point.cost > best + 1e-3:
+        if found is None or found.point.cost > best + 1e-3:
             missed.append(seed)
-        if found is None or not found[0].converged:
+        if found is None or not found.converged:
             continue
-        solution, inference = found
         begin = time.process_time()
-        solution, inference, doubt = questioned(problem, problem.layout.start, solution, inference)
+        start = problem.layout.start
+        solution, inference, doubt = questioned(problem, start, found, found.inference)
         asked.append(time.process_time() - begin)
         if doubt or inference.linear.null.shape[1]:
             doubtful += 1

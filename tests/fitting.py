@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from rotorid.data.observation import Observation
-from rotorid.likelihood.fit import CovarianceChoice, Fit, answered, located
+from rotorid.likelihood.fit import CovarianceChoice, Fit, Fitting, answered
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models import Model
@@ -19,5 +19,5 @@ def fit(
     covariance: CovarianceChoice = "auto",
 ) -> Fit:
     """Return the minimum with its deviations."""
-    steps = located(model, records, knowledge, nuisances, covariance=covariance)
+    steps = Fitting(model, knowledge, nuisances, covariance=covariance).located(records)
     return answered(deque(steps, maxlen=1).pop().fit)

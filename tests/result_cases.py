@@ -19,10 +19,8 @@ import rotorid as rid
 from rotorid import Drive
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.observation import bind_all
-from rotorid.likelihood.assembly import assemble
-from rotorid.likelihood.inference import Inference, infer
+from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.preparation import prepare
-from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import Solution, solve
 from rotorid.results.critical import critical_speeds
 from rotorid.results.machine import machine_of
@@ -222,13 +220,10 @@ def minimum_from_the_truth(case: Case) -> tuple[Solution, Inference]:
     start = {name: case.truth[name] for name in case.start}
     knowledge = rid.MaximumLikelihood(fixed=case.known, start=start).knowledge(case.model)
     prepared = prepare(case.model, knowledge, (), base=False, guess=start)
-    (observation,) = bind_all(case.model, [case.record])
-    likelihood = assemble(prepared.layout, observation, 0)
-    held = (prepared.exact, prepared.known, prepared.bounds)
-    problem = Problem(prepared.layout, (likelihood,), *held)
+    problem = prepared.of(bind_all(case.model, [case.record]))
     solution = solve(problem, prepared.layout.start, (0.0,))
     assert solution.converged
-    return solution, infer(solution.point)
+    return solution, solution.inference
 
 
 def errors_at_the_minimum(case: Case) -> dict[str, float]:

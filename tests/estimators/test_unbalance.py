@@ -5,7 +5,7 @@ import pytest
 from bank import JEFFCOTT, THREE_MASS
 
 import rotorid as rid
-from rotorid.answer.unbalance import unbalance_of
+from rotorid.answer.unbalance import with_unbalance
 
 
 def made(name: str, deviation: float) -> tuple[rid.Model, rid.Estimate]:
@@ -18,7 +18,7 @@ def made(name: str, deviation: float) -> tuple[rid.Model, rid.Estimate]:
 
 def test_planes_of_the_three_mass_rotor():
     model, estimate = made("three-mass", 1e-3)
-    static, couple = unbalance_of(model, estimate)
+    static, couple = with_unbalance(model, estimate).unbalance
     value = {v.name: v.value for v in estimate.parameters}
     assert (static.plane, static.unit) == ("x2, y2", "kg m")
     assert (couple.plane, couple.unit) == ("theta_x, theta_y", "kg m^2")
@@ -46,7 +46,10 @@ def test_what_does_not_grow_as_the_square_of_the_speed_is_no_unbalance(more):
     plain, estimate = made("jeffcott", 1e-3)
     added = (rid.Value("bx", "m", 5e-3), rid.Value("by", "m", 2e-3))
     wider = estimate.with_(parameters=(*estimate.parameters, *added), covariance=np.zeros((0, 0)))
-    (found,), (wanted,) = unbalance_of(model, wider), unbalance_of(plain, estimate)
+    (found,), (wanted,) = (
+        with_unbalance(model, wider).unbalance,
+        with_unbalance(plain, estimate).unbalance,
+    )
     assert found.amount == pytest.approx(wanted.amount, rel=1e-9)
     assert found.angle_rad == pytest.approx(wanted.angle_rad, rel=1e-9)
 
@@ -56,7 +59,7 @@ def test_what_grows_otherwise_leaves_no_rounding():
     model = rid.models.parse_model(text.replace("Omega^2", "Omega"))
     values = tuple(rid.Value(p.name, p.unit, p.nominal, 1e-3) for p in model.parameters)
     estimate = rid.Estimate("jeffcott", "ml", "ok", values, covariance=np.eye(len(values)))
-    assert unbalance_of(model, estimate) == ()
+    assert with_unbalance(model, estimate).unbalance == ()
 
 
 def test_deviations_are_those_of_draws():
@@ -66,7 +69,7 @@ def test_deviations_are_those_of_draws():
     draws = value * (1 + 1e-3 * rng.standard_normal((20000, len(value))))
     names = list(model.parameter_names)
     m, xi, zeta = (draws[:, names.index(n)] for n in ("m", "xi", "zeta"))
-    static = unbalance_of(model, estimate)[0]
+    static = with_unbalance(model, estimate).unbalance[0]
     amounts = m * (xi + 1j * zeta)
     assert static.std == pytest.approx(np.abs(amounts).std(), rel=0.03)
     assert static.angle_std_rad == pytest.approx(np.angle(amounts).std(), rel=0.03)
@@ -76,7 +79,7 @@ def test_deviations_are_those_of_draws():
 @pytest.mark.parametrize("method", ["batch", "ml"])
 def test_both_methods_state_the_same(problem, method):
     found = rid.identify(problem.model, problem.records, method).unbalance
-    exact = unbalance_of(problem.model, truth_of(problem))
+    exact = with_unbalance(problem.model, truth_of(problem)).unbalance
     assert [u.plane for u in found] == [u.plane for u in exact]
     for one, other in zip(found, exact, strict=True):
         assert one.amount == pytest.approx(other.amount, rel=1e-6)
@@ -92,13 +95,16 @@ def truth_of(problem) -> rid.Estimate:
 def test_what_is_not_told_has_no_unbalance():
     model, estimate = made("three-mass", 1e-3)
     unknown = tuple(rid.Value(v.name, v.unit, np.nan) for v in estimate.parameters)
-    assert unbalance_of(model, estimate.with_(parameters=unknown, status="not_converged")) == ()
-    assert unbalance_of(model, estimate.with_(parameters=estimate.parameters[1:])) == ()
+    assert (
+        with_unbalance(model, estimate.with_(parameters=unknown, status="not_converged")).unbalance
+        == ()
+    )
+    assert with_unbalance(model, estimate.with_(parameters=estimate.parameters[1:])).unbalance == ()
     bare = estimate.with_(covariance=np.full((13, 13), np.nan), status="not_identifiable")
-    assert unbalance_of(model, bare)[0].std is None
+    assert with_unbalance(model, bare).unbalance[0].std is None
     emps = rid.load_model("emps")
     values = tuple(rid.Value(p.name, p.unit, p.nominal, 1.0) for p in emps.parameters)
-    assert unbalance_of(emps, rid.Estimate("emps", "ls", "ok", values)) == ()
+    assert with_unbalance(emps, rid.Estimate("emps", "ls", "ok", values)).unbalance == ()
 
 
 def test_a_load_of_one_axis_stands_alone():
@@ -112,7 +118,7 @@ m = { unit = "kg" }
 k = { unit = "N/m" }
 u = { unit = "kg m" }""")
     values = [rid.Value("m", "kg", 2.0), rid.Value("k", "N/m", 1e4), rid.Value("u", "kg m", 3e-5)]
-    (only,) = unbalance_of(model, rid.Estimate("m", "ml", "ok", tuple(values)))
+    (only,) = with_unbalance(model, rid.Estimate("m", "ml", "ok", tuple(values))).unbalance
     assert only.plane == "x"
     assert only.amount == pytest.approx(3e-5)
     assert only.angle_rad == pytest.approx(-np.pi / 2)

@@ -9,7 +9,7 @@ from linear_machines import estimate_of
 
 import rotorid as rid
 from rotorid import parse_model
-from rotorid.answer.unbalance import unbalance_of, unbalance_untold
+from rotorid.answer.unbalance import with_unbalance
 from rotorid.likelihood.rivals_terms import find_candidates
 from rotorid.models.structure import find_structure, force_balance
 
@@ -61,7 +61,10 @@ def summed(into: int, other: int, share: str = "1"):
 def answers(model: rid.Model) -> dict:
     """Return what is read from the equations as forces: planes, corrections, terms that lack."""
     estimate = estimate_of(model)
-    planes = {u.plane: u.amount * np.exp(1j * u.angle_rad) for u in unbalance_of(model, estimate)}
+    planes = {
+        u.plane: u.amount * np.exp(1j * u.angle_rad)
+        for u in with_unbalance(model, estimate).unbalance
+    }
     found = rid.balance(estimate, PLANES[model.name], "6000 rpm")
     masses = [c.unbalance_kg_m * np.exp(1j * c.angle_rad) for c in found.corrections]
     return planes | {"masses": np.array(masses), "rotor": found.rotor_mass, "share": found.share}
@@ -97,7 +100,7 @@ def test_a_result_by_base_parameters_tells_the_same(name):
     for each in (model, rewritten(model, times(1, "-2"))):
         base = each.base_values([each.nominal[n] for n in each.parameter_names])
         values = [rid.Value(n, "1", float(v)) for n, v in zip(each.base.names, base, strict=True)]
-        told.append(unbalance_of(each, rid.Estimate(name, "ls", "ok", tuple(values))))
+        told.append(with_unbalance(each, rid.Estimate(name, "ls", "ok", tuple(values))).unbalance)
     assert [u.plane for u in told[0]] == [u.plane for u in told[1]]
     assert [u.amount for u in told[1]] == pytest.approx([u.amount for u in told[0]], rel=1e-9)
     assert told[0]
@@ -116,8 +119,8 @@ def test_sums_of_equations_are_refused_with_a_cure(name, change, told):
     with pytest.raises(rid.InputError, match=f"{told}.*write that equation as the force on x"):
         rid.balance(estimate_of(model), PLANES[name][:1], "6000 rpm")
     if name == "jeffcott":
-        assert unbalance_of(model, estimate_of(model)) == ()
-        assert told in unbalance_untold(model, estimate_of(model))[0].found
+        assert with_unbalance(model, estimate_of(model)).unbalance == ()
+        assert told in with_unbalance(model, estimate_of(model)).notes[0].found
 
 
 def test_what_an_input_does_needs_no_coordinate():

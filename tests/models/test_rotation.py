@@ -5,7 +5,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import parse_model
-from rotorid.answer.unbalance import unbalance_of
+from rotorid.answer.unbalance import with_unbalance
 from rotorid.results.machine import machine_of
 
 FILE = """
@@ -32,7 +32,9 @@ def load_of(model: rid.Model, speed: float) -> complex:
 def unbalance_at(model: rid.Model) -> complex:
     values = tuple(rid.Value(p.name, p.unit, p.nominal, 1e-9) for p in model.parameters)
     spread = 1e-18 * np.eye(len(values))
-    (found,) = unbalance_of(model, rid.Estimate("m", "ml", "ok", values, covariance=spread))
+    (found,) = with_unbalance(
+        model, rid.Estimate("m", "ml", "ok", values, covariance=spread)
+    ).unbalance
     return found.amount * np.exp(1j * found.angle_rad)
 
 

@@ -7,11 +7,35 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rotorid.answer.contents import Value
+from rotorid.answer.estimate import Estimate
 from rotorid.core.linalg import column_lengths
 from rotorid.core.values import Booleans, Floats
 from rotorid.models import Model
 
 RANK_TOLERANCE = 1e-9
+
+
+def base_of(model: Model, estimate: Estimate, *, physical: bool) -> tuple[Floats, Floats] | None:
+    """Return the base parameters at an estimate, and their slopes by each free value of it.
+
+    From its physical parameters or its base ones; None where it lacks one.
+    """
+    found = {value.name: value.value for value in estimate.parameters}
+    names = model.parameter_names if physical else model.base.names
+    values = np.array([found.get(name, np.nan) for name in names])
+    if not np.isfinite(values).all():
+        return None
+    free = [value.name for value in estimate.free]
+    slopes = np.array([[name == other for other in free] for name in names], dtype=float)
+    slopes = slopes.reshape(len(names), len(free))
+    if physical:
+        return model.base_values(values), model.base_jacobian(values) @ slopes
+    return values, slopes
+
+
+def deviation(slopes: Floats, covariance: Floats) -> float:
+    """Return the deviation of a sum of values."""
+    return float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
 
 
 def base_from_physical(
@@ -48,14 +72,14 @@ def physical_fit(model: Model, base: Floats, covariance: Floats) -> tuple[Floats
     if not known.any():
         return np.full(count, np.nan), np.zeros((count, 0)), np.zeros(count, dtype=bool)
     start = physical_start(model, base)
-    whitener = _Whitener(base[known], covariance[np.ix_(known, known)])
+    whitener = _whitener(base[known], covariance[np.ix_(known, known)])
     size = np.where(start != 0, np.abs(start), 1.0)
 
     def residual(scaled: Floats) -> Floats:
-        return whitener((model.base_values(scaled * size) - base)[known])
+        return np.asarray(whitener @ (model.base_values(scaled * size) - base)[known])
 
     def jacobian(scaled: Floats) -> Floats:
-        return whitener(model.base_jacobian(scaled * size)[known] * size)
+        return np.asarray(whitener @ (model.base_jacobian(scaled * size)[known] * size))
 
     # All parameters move, those too that stay undetermined: held at a start that contradicts
     # the base they would pull at the others.
@@ -88,20 +112,14 @@ def _gauss_newton(
     return x
 
 
-class _Whitener:
-    """``C^-1/2 x``, in units of each base parameter; a floor keeps C positive."""
-
-    def __init__(self, base: Floats, covariance: Floats) -> None:
-        std = np.sqrt(np.diag(covariance).clip(0))
-        floor = 1e-9 * np.where(base != 0, np.abs(base), np.abs(base).max() or 1.0)
-        self.scale = np.maximum(std, floor)
-        correlation = covariance / np.outer(self.scale, self.scale)
-        np.fill_diagonal(correlation, 1.0)
-        size, directions = np.linalg.eigh(correlation)
-        self.factor = directions.T / np.sqrt(np.maximum(size, 1e-12))[:, None]
-
-    def __call__(self, x: Floats) -> Floats:
-        return np.asarray(self.factor @ (x.T / self.scale).T)
+def _whitener(base: Floats, covariance: Floats) -> Floats:
+    """Return ``C^-1/2``; a floor keeps C positive."""
+    floor = 1e-9 * np.where(base != 0, np.abs(base), np.abs(base).max() or 1.0)
+    scale = np.maximum(np.sqrt(np.diag(covariance).clip(0)), floor)
+    correlation = covariance / np.outer(scale, scale)
+    np.fill_diagonal(correlation, 1.0)
+    size, directions = np.linalg.eigh(correlation)
+    return np.asarray(directions.T / np.sqrt(np.maximum(size, 1e-12))[:, None] / scale)
 
 
 def physical_start(model: Model, base: Floats) -> Floats:

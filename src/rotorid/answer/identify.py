@@ -12,7 +12,7 @@ import numpy as np
 from rotorid.answer.contents import Provenance, Value
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import of_data
-from rotorid.answer.unbalance import unbalance_of, unbalance_untold
+from rotorid.answer.unbalance import with_unbalance
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.notes import Note
 from rotorid.data.lines import PhasorClock
@@ -106,14 +106,13 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     silent = [c for c in checks if c.about == NO_SCATTER and c.severity != "passes" and not c.on]
     if silent:
         estimate = without_deviations(estimate)
-    told = (*of_data(checks, estimate.status), *unbalance_untold(model, estimate))
+    told = of_data(checks, estimate.status)
     # What a result must hold of its model to be used without the model's file.
     text = Provenance(model=model.file_text, held=model.held) if model.file_text else None
-    return (
-        estimate.with_(notes=(*checks, *estimate.notes))
-        .with_notes(*told)
-        .with_(unbalance=unbalance_of(model, estimate), provenance=estimate.provenance or text)
+    estimate = estimate.with_(
+        notes=(*checks, *estimate.notes), provenance=estimate.provenance or text
     )
+    return with_unbalance(model, estimate.with_notes(*told))
 
 
 def _checks(data: Data) -> tuple[Note, ...]:

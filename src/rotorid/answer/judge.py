@@ -98,20 +98,17 @@ def _place(note: Note) -> int:
 
 def of_data(checks: Sequence[Note], status: Status) -> list[Note]:
     """Return what the data, before any model, say against an answer of a status."""
-    grave = [c for c in checks if c.severity == "warns"]
-    against = [
-        Note(c.about, "rejects", f"the data say otherwise: {c}", on=c.on)
-        for c in grave
-        if c.about in CONTRADICTING - SILENT
-    ]
-    silent = [
+    found = [
         Note(
             c.about,
             "rejects" if c.about in CONTRADICTING else "doubts",
-            f"before any suspect, see to {c}",
+            f"{'before any suspect, see to' if c.about in SILENT else 'the data say otherwise:'} "
+            f"{c}",
             on=c.on,
         )
-        for c in grave
-        if c.about in SILENT
+        for c in sorted(checks, key=lambda c: c.about not in SILENT)
+        if c.severity == "warns" and c.about in CONTRADICTING | SILENT
     ]
-    return against if judge((*against, *silent), status) == "ok" else [*silent, *against]
+    if judge(found, status) != "ok":
+        return found
+    return [note for note in found if note.about not in SILENT]

@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from rotorid.answer.contents import DOUBTFUL, Value
+from rotorid.answer.derived import base_of, deviation
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import judge
 from rotorid.core.distributions import Expectation
@@ -51,7 +52,8 @@ ROUNDING = 1e-9
 
 
 def _negative(about: str, size: float, std: float, text: str, *on: str) -> Iterator[Note]:
-    """Judge a quantity that should not be negative: `size` below zero, by `std`."""
+    """Judge a quantity that should not be negative, and zero hardly: its size, by `std`."""
+    size = size or -1e-300
     if size < -SURE * std:
         beside = " and ".join(on)
         cure = f"see the suspects and the signs, units and columns of the channels beside {beside}"
@@ -61,21 +63,21 @@ def _negative(about: str, size: float, std: float, text: str, *on: str) -> Itera
         yield Note(about, "doubts", near, on=on)
 
 
-def _std(slopes: Floats, covariance: Floats) -> float:
-    return float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
-
-
 def physical(model: Model, estimate: Estimate) -> list[Note]:
     fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
     free = [v for v in estimate.parameters if not v.fixed]
     if not all(np.isfinite([v.value, v.std if v.std is not None else 0.0]).all() for v in free):
         return []
     told = [*_signs(model, (*estimate.parameters, *estimate.derived)), *_one_scale(model, free)]
-    reduced = model.substitute(fixed)
-    found = _base(reduced, free, estimate.covariance)
-    if found is None:
+    reduced, names = model.substitute(fixed), {v.name for v in free}
+    physical, covariance = {*reduced.parameter_names} == names, np.nan_to_num(estimate.covariance)
+    found = base_of(reduced, estimate, physical=physical)
+    if found is None or len(covariance) != found[1].shape[1]:
         return told
-    base, covariance = found
+    if not physical and {*reduced.base.names} != names:
+        return told
+    base, slopes = found
+    covariance = slopes @ covariance @ slopes.T
     told += _positive_sums(reduced, base, covariance)
     if reduced.linear is not None and judge(told) == "ok":  # one reason is enough
         # Of a balance of inertias noise says nothing that a user could act on.
@@ -113,25 +115,7 @@ def _signs(model: Model, values: Sequence[Value]) -> Iterator[Note]:
     for v in {v.name: v for v in reversed(values)}.values():
         if v.name in positive and np.isfinite(v.value) and not v.fixed:
             text = f"{v.name} = {v.value:.6g} {v.unit}, which the model declares positive"
-            size = v.value if v.value else -1e-300
-            yield from _negative("positive", size, float(v.std or 0.0), text, v.name)
-
-
-def _base(
-    reduced: Model, free: Sequence[Value], covariance: Floats
-) -> tuple[Floats, Floats] | None:
-    names, count = [v.name for v in free], len(free)
-    physical = {*reduced.parameter_names} == {*names}
-    named = reduced.parameter_names if physical else reduced.base.names
-    if len(covariance) < count or {*named} != {*names}:
-        return None
-    order = [names.index(name) for name in named]
-    values = np.array([free[k].value for k in order])
-    own = np.nan_to_num(covariance[:count, :count])[np.ix_(order, order)]
-    if not physical:
-        return values, own
-    slopes = reduced.base_jacobian(values)
-    return reduced.base_values(values), slopes @ own @ slopes.T
+            yield from _negative("positive", v.value, float(v.std or 0.0), text, v.name)
 
 
 def _positive_sums(reduced: Model, base: Floats, covariance: Floats) -> Iterator[Note]:
@@ -142,7 +126,7 @@ def _positive_sums(reduced: Model, base: Floats, covariance: Floats) -> Iterator
         if (gathered >= 0).all() and (used[:, ~positive] == 0).all():
             text = f"{name} = {base[index]:.6g} {unit}, a sum of positive parameters"
             std = float(np.sqrt(max(covariance[index, index], 0.0)))
-            yield from _negative("positive", float(base[index]) or -1e-300, std, text, name)
+            yield from _negative("positive", float(base[index]), std, text, name)
 
 
 def _parts(reduced: Model, linear: LinearForm) -> tuple[Floats, Floats]:
@@ -188,7 +172,7 @@ def _inertia(
     lowest = vectors[:, 0] / scale
     if values[0] < -ROUNDING:
         slopes = np.einsum("i,bij,j->b", lowest, mass, lowest)
-        std = _std(slopes, covariance)
+        std = deviation(slopes, covariance)
         where = reduced.coordinates[int(np.abs(vectors[:, 0]).argmax())]
         yield from _negative(
             "inertia", float(values[0]), std, f"a negative inertia of {where}", where
@@ -211,7 +195,7 @@ def _polar(
         )
         size, terms = float(slopes @ base), float(np.abs(slopes * base).sum())
         if size < -ROUNDING * terms:
-            std = _std(slopes, covariance)
+            std = deviation(slopes, covariance)
             polar = abs(turning[i, j] - turning[j, i]) / 2
             text = (
                 f"a polar inertia of {polar:.4g} about {a}, {b}, above the sum of the transverse "
@@ -222,7 +206,7 @@ def _polar(
             slopes = sign * (gyroscopic[:, i, j] - gyroscopic[:, j, i]) / 2
             backwards = float(slopes @ base)
             # Of a sum of inertias the sign may be either.
-            if np.count_nonzero(slopes) == 1 and backwards > SURE * _std(slopes, covariance):
+            if np.count_nonzero(slopes) == 1 and backwards > SURE * deviation(slopes, covariance):
                 text = (
                     f"a polar inertia of {-backwards:.4g} about {a}, {b}, against the sense of "
                     "rotation: physically impossible"

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rotorid.answer.contents import Prediction
+from rotorid.answer.derived import base_of
 from rotorid.answer.estimate import Estimate, check_units
 from rotorid.core.errors import InputError
-from rotorid.core.values import Floats
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
-from rotorid.likelihood.unknowns import Unknown, own_values, unknowns_of
+from rotorid.likelihood.unknowns import Nuisances, own_parameters, unknowns_of
 from rotorid.linear.by_samples import filtered_records
 from rotorid.linear.regression import Predicted, Regression, SampledRegression, relative_errors
 from rotorid.models import Model
-from rotorid.models.constraints import own_in_si
 
 
 def predict(
@@ -86,9 +85,11 @@ def predict_lines(
     bound = bind_all(model, records)
     filtered = filtered_records(bound)
     if filtered or model.linear is None:
-        reduced, base = base_of(model, estimate)
+        reduced = model.substitute({v.name: v.value for v in estimate.parameters if v.fixed})
+        found = base_of(reduced, estimate, physical=False)
+        assert found is not None  # all values are there
         equations = SampledRegression if filtered else Regression
-        return [equations(replace(r, model=reduced)).predicted(base) for r in bound]
+        return [equations(replace(r, model=reduced)).predicted(found[0]) for r in bound]
     return by_likelihood(bound, _at_estimate(model, estimate, bound, first).records)
 
 
@@ -112,29 +113,12 @@ def missing_values(
     return [name for name in model.substitute(fixed).base.names if name not in found]
 
 
-def _own_values(
-    model: Model, values: Mapping[str, float], records: Sequence[Observation], first: int
-) -> list[Unknown]:
-    """Return the parameters that records have to themselves: as they state them, or as found."""
-    given = [own_in_si(record) for record in records]
-    found: list[Unknown] = []
-    for index, parameter in enumerate(model.parameters):
-        name = parameter.name
-        own = {}
-        for k, stated in enumerate(given):
-            if name in stated:
-                own[k] = stated[name][0], 0.0
-            elif f"{name}[{first + k}]" in values:
-                own[k] = values[f"{name}[{first + k}]"], 0.0
-        found += own_values(index, parameter, own, len(records))
-    return found
-
-
 def _at_estimate(
     model: Model, estimate: Estimate, records: Sequence[Observation], first: int
 ) -> Point:
     values = {v.name: v.value for v in (*estimate.parameters, *estimate.nuisance)}
-    for record in records:
+    numbered, names = list[Observation](), model.parameter_names
+    for number, record in enumerate(records, first):
         if not record.lines.phase_known:
             raise InputError(
                 "a rotor angle of unknown phase",
@@ -142,30 +126,25 @@ def _at_estimate(
                 "give the phase, or a keyphasor or angle column",
                 file=record.lines.source,
             )
-    own = _own_values(model, values, records, first)
-    told = {*values, *(name for n in own for name in n.on)}
-    base = not {*model.parameter_names} <= told
+        found = {n: values[f"{n}[{number}]"] for n in names if f"{n}[{number}]" in values}
+        numbered.append(replace(record, own={**found, **record.own}))
+    own = own_parameters(numbered, Nuisances())
+    base = not {*names} <= values.keys() | {name for n in own for name in n.on}
     # The phase of a record is its own, and says nothing of another's.
-    nuisances = [
+    shared = [
         n
         for n in unknowns_of(records)
         if {u.name for u in n.scalars} <= values.keys() and n.record is None
     ]
     # Parameters of the estimate's single records are in `own`, under the numbers of these ones.
-    single = {f"{n}[{k}]" for n in model.parameter_names for k in range(len(values))}
-    of_all = [v for v in estimate.parameters if v.name not in single]
-    held = {v.name: v.value for v in of_all if v.fixed}
-    known = {v.name for v in of_all} | {u.name for n in nuisances for u in n.scalars}
-    start = {name: value for name, value in values.items() if name in known and name not in held}
-    prepared = prepare(model, Knowledge(fixed=held, start=start), [*own, *nuisances], base, {})
-    return prepared.problem(records).at(prepared.layout.start)
-
-
-def base_of(model: Model, estimate: Estimate) -> tuple[Model, Floats]:
-    """Return the model with what was fixed substituted, and the base parameters of an estimate."""
-    found = {value.name: value.value for value in estimate.parameters}
-    reduced = model.substitute({v.name: v.value for v in estimate.parameters if v.fixed})
-    return reduced, np.array([found[name] for name in reduced.base.names], dtype=float)
+    single = {f"{n}[{k}]" for n in names for k in range(len(values))}
+    held = {v.name: v.value for v in estimate.parameters if v.fixed and v.name not in single}
+    known = {v.name for v in estimate.parameters} - single | {
+        u.name for n in shared for u in n.scalars
+    }
+    start = {name: values[name] for name in known - held.keys()}
+    prepared = prepare(model, Knowledge(fixed=held, start=start), [*own, *shared], base, {})
+    return prepared.of(records).at(prepared.layout.start)
 
 
 def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) -> None:

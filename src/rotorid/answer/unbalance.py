@@ -7,43 +7,46 @@ from functools import cache
 import numpy as np
 
 from rotorid.answer.contents import Unbalance
+from rotorid.answer.derived import base_of, deviation
 from rotorid.answer.estimate import Estimate
 from rotorid.core.notes import Note
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes
 from rotorid.models import Model
 from rotorid.models.expressions import Expression, symbol
 from rotorid.models.linear_form import rotation_line, speed_factor
 from rotorid.models.model import fact
-from rotorid.models.structure import ForceBalance, force_balance
+from rotorid.models.structure import force_balance
 
 SPEEDS = (1.0, 2.0, 3.0, 4.0)  # rad/s: tell a square from other powers up to the cube
 TURNING = symbol("phi")
 ALIKE = 1e-9  # of the amount: two rows hold one unbalance, a quarter turn apart
 
 
-def unbalance_of(model: Model, estimate: Estimate) -> tuple[Unbalance, ...]:
-    """Return the unbalance of each plane with its deviations; nothing where it is not told.
+def with_unbalance(model: Model, estimate: Estimate) -> Estimate:
+    """Return an estimate with the unbalance of each plane, and what keeps one from being told.
 
     A load of one row is Re(U Omega^2 exp(i phi)); x and y of one plane have U and -i U.
     """
-    told = _base_of(model, estimate)
-    if told is None:
-        return ()
+    typed, told = _columns(model), base_of(model, estimate, physical=estimate.method == "ml")
+    if told is None or not typed.any() or len(model.texts) != len(model.coordinates):
+        return estimate
     base, jacobian = told
-    columns, _ = _forces(model, base)
-    amounts = columns @ base
-    answers = columns @ jacobian
-    return tuple(
+    coefficients, known = model.coefficients
+    inertia = np.zeros((len(model.texts), len(model.coordinates)))
+    for signal, factor in enumerate(model.motion_factors):
+        if factor is not None and factor[1] == 2:
+            size = speed_factor(factor[2], SPEEDS[0])
+            inertia[:, factor[0]] += size * (coefficients[signal] @ base + known[signal])
+    balance = force_balance(model, inertia)
+    columns = balance.forces(typed)
+    lost = [(c, fault) for c, fault in balance.faults.items() if columns[c].any()]
+    columns[[c for c, _ in lost]] = 0.0
+    amounts, answers = columns @ base, columns @ jacobian
+    planes = tuple(
         _plane(model, rows, complex(amounts[rows[0]]), answers[rows[0]], estimate)
         for rows in _planes(amounts)
     )
-
-
-def unbalance_untold(model: Model, estimate: Estimate) -> tuple[Note, ...]:
-    """Return what keeps an unbalance from being told in g mm: equations."""
-    told = _base_of(model, estimate)
-    faults = {} if told is None else _forces(model, told[0])[1]
-    return tuple(
+    notes = (
         Note(
             "unbalance",
             "remarks",
@@ -52,47 +55,9 @@ def unbalance_untold(model: Model, estimate: Estimate) -> tuple[Note, ...]:
             f"write that equation as the force on {model.coordinates[c]}",
             on=(model.coordinates[c],),
         )
-        for c, fault in faults.items()
+        for c, fault in lost
     )
-
-
-def _forces(model: Model, base: Floats) -> tuple[Complexes, dict[int, str]]:
-    """Return U / base parameter of each coordinate, and those that are loaded and not told."""
-    typed = _columns(model)
-    if not typed.any() or len(model.texts) != len(model.coordinates):
-        return np.zeros((len(model.coordinates), len(base)), dtype=complex), {}
-    balance = _balance_of(model, base)
-    columns = balance.forces(typed)
-    lost = {c: fault for c, fault in balance.faults.items() if columns[c].any()}
-    columns[list(lost)] = 0.0
-    return columns, lost
-
-
-def _balance_of(model: Model, base: Floats) -> ForceBalance:
-    coefficients, known = model.coefficients
-    inertia = np.zeros((len(model.texts), len(model.coordinates)))
-    for signal, factor in enumerate(model.motion_factors):
-        if factor is not None and factor[1] == 2:
-            size = speed_factor(factor[2], SPEEDS[0])
-            inertia[:, factor[0]] += size * (coefficients[signal] @ base + known[signal])
-    return force_balance(model, inertia)
-
-
-def _base_of(model: Model, estimate: Estimate) -> tuple[Floats, Floats] | None:
-    """Return the base parameters, and what they change by with each free one of the estimate."""
-    value = {v.name: v.value for v in estimate.parameters}
-    free = [v.name for v in estimate.free]
-    names = model.parameter_names if estimate.method == "ml" else model.base.names
-    if not set(names) <= set(value):
-        return None
-    values = np.array([value[name] for name in names])
-    if not np.isfinite(values).all():
-        return None
-    pick = np.array([[name == other for other in free] for name in names], dtype=float)
-    pick = pick.reshape(len(names), len(free))
-    if estimate.method != "ml":
-        return values, pick
-    return model.base_values(values), model.base_jacobian(values) @ pick
+    return estimate.with_(unbalance=planes).with_notes(*notes)
 
 
 @fact
@@ -146,12 +111,9 @@ def _plane(
     names = [model.coordinates[row] for row in rows]
     unit = "kg m^2" if model.units[names[0]] == "rad" else "kg m"
     along = np.exp(-1j * np.angle(amount)) * answer  # real: amount; imaginary: angle
-    deviations: tuple[float | None, float | None] = (None, None)
+    std: list[float] | list[None] = [None, None]
     covariance = estimate.covariance
     if len(covariance) == len(answer) and np.isfinite(covariance).all():
         parts = (along.real, along.imag / abs(amount))
-        first, second = (float(np.sqrt(max(p @ covariance @ p, 0.0))) for p in parts)
-        deviations = first, second
-    return Unbalance(
-        ", ".join(names), unit, abs(amount), float(np.angle(amount)), deviations[0], deviations[1]
-    )
+        std = [deviation(part, covariance) for part in parts]
+    return Unbalance(", ".join(names), unit, abs(amount), float(np.angle(amount)), *std)

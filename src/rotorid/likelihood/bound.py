@@ -21,7 +21,6 @@ from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.other_answers import other_answers
 from rotorid.likelihood.preparation import Knowledge, prepare
-from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.response import simulated
 from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.summary import summarize
@@ -206,13 +205,13 @@ def predict_accuracy(
         simulated(prepared.layout, record, unknowns, number)
         for number, record in enumerate(records)
     )
-    problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+    problem = replace(prepared, likelihoods=likelihoods)
     solution = Solution(problem.at(unknowns), True, 0)
     inference = infer(solution.point)
     mirrors = Mirrors.of(problem, records, unknowns)
     doubt = other_answers(mirrors, solution, inference)
     signs = tuple(mirrors.notes(solution, inference))
-    fit = Fit(prepared, solution, inference, records, doubt, signs=signs)
+    fit = Fit(solution, inference, records, doubt, signs=signs)
     estimate = summarize(model, fit)
     return estimate.with_(
         method="bound",

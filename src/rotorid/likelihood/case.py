@@ -19,10 +19,8 @@ from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
-from rotorid.likelihood.layout import physical_factors
-from rotorid.likelihood.preparation import Prepared, generic
+from rotorid.likelihood.preparation import generic
 from rotorid.likelihood.problem import Point, Problem, inside, outside
-from rotorid.likelihood.relations import Monomials, Relations
 from rotorid.likelihood.solver import STAGES, evaluated, few_steps, solve
 from rotorid.likelihood.starts import moved, thinned
 from rotorid.likelihood.symmetric_answers import CLOSE
@@ -51,7 +49,7 @@ Way = Literal["near", "far", "both", "start"]
 class Case:
     """What was estimated: unknowns and relations, records, and where that led."""
 
-    prepared: Prepared
+    prepared: Problem
     records: tuple[Observation, ...]
     unknowns: Floats  # where it is; of a case with other records the minimum of nothing
     expected: float = 0.0  # cost that noise alone leaves of these records
@@ -64,7 +62,7 @@ class Case:
     def problem(self) -> Problem:
         before = self.found or self.like
         alike = () if before is None else before.problem.likelihoods
-        return self.prepared.problem(self.records, alike)
+        return self.prepared.of(self.records, alike)
 
     @cached_property
     def point(self) -> Point:
@@ -101,7 +99,8 @@ class Case:
             nuisances=(*layout.nuisances, *added),
         )
         exact, relations, bounds = (
-            _widened(r, len(scalars)) for r in (every.exact, every.known.relations, every.bounds)
+            replace(r, unknowns=len(wider.unknowns))
+            for r in (every.exact, every.known.relations, every.bounds)
         )
         known = every.known.within(wider, relations, generic(wider, exact))
         prepared = replace(every, layout=wider, exact=exact, known=known, bounds=bounds)
@@ -122,7 +121,7 @@ class Case:
         layout = replace(layout, unknowns=scalars)
         return self.prepared_as(replace(self.prepared, layout=layout, known=known))
 
-    def prepared_as(self, prepared: Prepared) -> Case:
+    def prepared_as(self, prepared: Problem) -> Case:
         return replace(self, prepared=prepared, found=None, like=self.point)
 
     def reading(self, change: Callable[[Records], Records]) -> Case:
@@ -135,9 +134,7 @@ class Case:
 
     def on_model(self, whole: Model) -> Case:
         """Return the case with a model of the same parameters and other coordinates."""
-        layout = replace(
-            self.prepared.layout, model=whole, monomial_factors=physical_factors(whole)
-        )
+        layout = replace(self.prepared.layout, model=whole)
         other = self.reading(lambda records: [moved(record, whole) for record in records])
         return replace(other, prepared=replace(self.prepared, layout=layout))
 
@@ -198,21 +195,14 @@ class Case:
         return found
 
 
-def _widened(relations: Relations, added: int) -> Relations:
-    old = relations.monomials
-    count = old.unknowns + added
-    factors = np.where(old.factors == old.unknowns, count, old.factors)
-    return replace(relations, monomials=Monomials(factors, count))
-
-
 def _screened(problem: Problem, start: Floats) -> float:
     """Return the cost after a few steps at each stage of a screening, at the bounds if beyond.
 
     All forces upside down are a rotor of negative mass: only its bounds tell it from the right one.
     """
     point = few_steps(problem, start, COARSE, STEPS)
-    if point is None or not len(outside(problem.bounds, point.unknowns)):
-        return np.inf if point is None else point.cost
+    if not len(outside(problem.bounds, point.unknowns)):
+        return point.cost
     size = np.abs(point.unknowns[problem.layout.free])
     within = inside(problem, point.unknowns, np.where(size > 0, size, 1.0))
     held = None if within is None else evaluated(problem, within, COARSE[-1])

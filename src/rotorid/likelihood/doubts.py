@@ -38,20 +38,19 @@ from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.case import Case, Slopes
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.doubts_angle import against_angle, creeping
-from rotorid.likelihood.effects import Drives, Turns, of_kind
+from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_records import SPEEDS, is_response, is_table
 from rotorid.likelihood.rivals_terms import parts_between
-from rotorid.likelihood.summary import physical_at
 from rotorid.likelihood.unknowns import (
     TAKEN_AS_EXACT,
     Plausible,
     Scalar,
     Unknown,
-    unknowns_of,
+    force_scale,
 )
 from rotorid.models import Model
 from rotorid.models.modal import eigenmodes
@@ -71,7 +70,7 @@ class Asked:
 
     @property
     def layout(self) -> Layout:
-        return self.fit.prepared.layout
+        return self.fit.layout
 
     @property
     def records(self) -> tuple[Observation, ...]:
@@ -86,16 +85,14 @@ class Asked:
     def determined(self) -> bool:
         return self.fit.solution.converged and not self.fit.inference.linear.null.shape[1]
 
-    @cached_property
+    @property
     def case(self) -> Case:
-        fit, at = self.fit, self.point.unknowns
-        return Case(fit.prepared, fit.records, at, values=physical_at(fit), found=self.point)
+        return self.fit.case
 
     @cached_property
     def scales(self) -> list[Unknown]:
         """The unknowns that multiply all forces."""
-        every = unknowns_of(self.records)
-        return [u for u in every if _scales_all(of_kind(Drives, u.effects))]
+        return force_scale(self.records, None)
 
     @cached_property
     def exact(self) -> list[tuple[Plausible, list[Unknown]]]:
@@ -194,10 +191,6 @@ def taken_as_exact(asked: Asked) -> Iterable[Note]:
     return notes
 
 
-def _scales_all(effects: Iterable[Drives]) -> bool:
-    return any(effect.part == "force" for effect in effects)
-
-
 def _angle_notes(asked: Asked) -> Iterator[Note]:
     """Say where the stated uncertainty of the rotor angle is most of that of a parameter.
 
@@ -231,7 +224,7 @@ def _scale_notes(asked: Asked, column: Floats) -> Iterator[Note]:
     layout, point = asked.layout, asked.point
     channels = [c for record in asked.records for c in record.inputs]
     read = [c.name for c in channels if c.law is not None or c.drive is not None]
-    if not read or _scales_all(effect for effect, _ in layout.acting(Drives)):
+    if not read or any(effect.part == "force" for effect, _ in layout.acting(Drives)):
         return
     found, left = point.linear.taken(column), point.linear.rest(column)
     if not np.isfinite(found).all() or left @ left > TAKEN_OVER * (column @ column):

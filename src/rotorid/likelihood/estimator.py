@@ -12,17 +12,16 @@ from typing import Literal
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import EFFORT
-from rotorid.core.errors import InputError, NotConvergedError
+from rotorid.core.errors import NotConvergedError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.watch import Pace, watch, words
 from rotorid.data.measured_modes import Mode, in_units_of
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.doubts import doubted
-from rotorid.likelihood.fit import Fit, Rough, Step, answered, approached, located
+from rotorid.likelihood.fit import CovarianceChoice, Fitting, Step
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.rivals import Causes
-from rotorid.likelihood.starts import FINER, NEGLIGIBLE, ROUGH, SHARE, reduced, shift_by_reduction
 from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.linear.by_samples import refuse_filtered
@@ -31,14 +30,8 @@ from rotorid.models.constraints import Bounds, Constraint, bounds_in_si, constra
 
 DONE = "done"
 """What the last step says."""
-DOUBTING = "asking what may be wrong"
-"""What comes last."""
 TRYING = "trying possible mistakes"
 """What that is where the data reject the model."""
-
-
-def _nothing() -> None:
-    """Return no answer."""
 
 
 @frozen
@@ -68,7 +61,7 @@ class Progress:
     done: int = 0
     of: int | None = None
     left: float | None = None
-    answer: Callable[[], Estimate | None] = field(default=_nothing, repr=False, compare=False)
+    answer: Callable[[], Estimate | None] = field(default=lambda: None, repr=False, compare=False)
 
     @cached_property
     def best(self) -> Estimate | None:
@@ -84,32 +77,10 @@ class Progress:
 
 
 class Search(Iterator[Progress]):
-    r"""The steps of an estimate: each is taken when it is asked for.
+    """The steps of an estimate: each is taken when it is asked for.
 
     Whoever has seen enough asks for no more, and takes the best answer so far: after a
     ``KeyboardInterrupt`` too, which passes through.
-
-    Examples
-    --------
-    >>> import numpy as np, rotorid as rid
-    >>> model = rid.parse_model('''
-    ... title = "a free mass"
-    ... equations = ["m*x\'\' = F_x"]
-    ... coordinates = { x = "m" }
-    ... inputs = { F_x = "N" }
-    ... parameters = { m = { unit = "kg", nominal = 3.0 } }''')
-    >>> angle = np.pi * np.arange(4000) / 100.0
-    >>> motion = np.column_stack([-3.0 * np.pi**2 * np.cos(angle), 0.75 * np.cos(angle)])
-    >>> noise = np.random.default_rng(1).normal(scale=0.01, size=motion.shape)
-    >>> channels = [rid.Channel("F_x"), rid.Channel("x")]
-    >>> record = rid.Record(channels, motion + noise, sample_rate=100.0)
-    >>> search = rid.MaximumLikelihood().search(model, [rid.average(record, 0.5, harmonics=[1])])
-    >>> next(search)
-    <Progress: trying further starts, 1 of 12>
-    >>> search.best.status, round(search.best.value("m"), 2)
-    ('not_converged', 4.0)
-    >>> search.finish().status
-    'ok'
     """
 
     def __init__(self, steps: Iterator[Progress]) -> None:
@@ -263,24 +234,17 @@ class MaximumLikelihood(Nuisances):
     bounds: Bounds = field(default_factory=dict)
     modes: tuple[Mode, ...] = ()
     base: bool = False
-    covariance: Literal["auto", "white", "correlated"] = "auto"
+    covariance: CovarianceChoice = "auto"
     neighbours: int | None = None
     effort: Literal["full", "quick"] = "full"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.covariance not in ("auto", "white", "correlated"):
-            raise InputError(
-                f"covariance {self.covariance!r}",
-                "auto, white or correlated",
-                "choose one of the three; auto looks at the periods",
-            )
-        if self.effort not in ("full", "quick"):
-            raise InputError(
-                f"effort {self.effort!r}",
-                "full or quick",
-                "choose one of the two; quick ends at the first minimum",
-            )
+        for key, choices, cure in (
+            ("covariance", ("auto", "white", "correlated"), "auto looks at the periods"),
+            ("effort", ("full", "quick"), "quick ends at the first minimum"),
+        ):
+            require_names([getattr(self, key)], choices, f"{key} {{}}", f"choose one; {cure}")
         for name in ("constraints", "modes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
 
@@ -292,9 +256,9 @@ class MaximumLikelihood(Nuisances):
         InputError
             For a text that is no quantity of its parameter's unit.
         """
-        pairs = self.known.items()
-        values = in_si({name: pair[0] for name, pair in pairs}, model)
-        deviations = in_si({name: pair[1] for name, pair in pairs}, model)
+        values, deviations = (
+            in_si({name: pair[k] for name, pair in self.known.items()}, model) for k in (0, 1)
+        )
         return Knowledge(
             in_si(self.fixed, model),
             {name: (value, deviations[name]) for name, value in values.items()},
@@ -335,7 +299,7 @@ class MaximumLikelihood(Nuisances):
             As `estimate`, here or at a step.
         """
         model.require_linear()
-        _check_each(model, self.each)
+        require_names(self.each, model.parameter_names, "each of {}", place="each")
         knowledge = self.knowledge(model)
         bound = bind_all(model, records) if records or not self.modes else ()
         refuse_filtered(bound, "ml")
@@ -344,73 +308,9 @@ class MaximumLikelihood(Nuisances):
     def _answers(
         self, model: Model, bound: Sequence[Observation], knowledge: Knowledge
     ) -> Iterator[Progress]:
+        fitting = Fitting(model, knowledge, self, self.base, self.covariance, self.neighbours)
         try:
-            steps = self._fitted(model, bound, knowledge)
-            yield from answers(model, steps, quick=self.effort == "quick")
+            yield from answers(model, fitting.steps(bound), quick=self.effort == "quick")
         except NotConvergedError as error:
             none = nothing_found(model, bound, knowledge.fixed, str(error))
             yield Progress(DONE, answer=lambda: none)
-
-    def _fitted(
-        self, model: Model, bound: Sequence[Observation], knowledge: Knowledge
-    ) -> Iterator[Step]:
-        """Fit; where the model is reduced, until the whole one would not move the estimate.
-
-        The last step has the answer.
-        """
-
-        def found(records: Sequence[Observation], rough: Rough | None = None) -> Iterator[Step]:
-            return located(
-                records[0].model if records else model,
-                records,
-                knowledge,
-                self,
-                base=self.base,
-                covariance=self.covariance,
-                neighbours=self.neighbours,
-                rough=rough,
-            )
-
-        records: Sequence[Observation] = bound
-        if bound and not self.base:
-            known = {name: pair[0] for name, pair in knowledge.known.items()}
-            values = {**known, **knowledge.start, **knowledge.fixed}
-            records = reduced(bound, values, knowledge.modes, ROUGH)
-        if not records or records[0].model is model:
-            for step in found(bound):
-                yield step
-            yield Step(answered(step.fit), DOUBTING)
-            return
-        share = SHARE
-        rough = approached(records, knowledge, self, partial(reduced, bound, share=share))
-        while True:
-            records = reduced(bound, values if rough is None else rough.values, share=share)
-            for step in found(records, rough):
-                yield step
-            at = step.fit
-            whole = records[0].model is model
-            if whole or _stands(at):
-                answer = answered(at)
-                if whole or answer.solution is at.solution or _stands(answer):
-                    yield Step(answer, DOUBTING)
-                    return
-                at = answer
-            rough = Rough.of(at, rough)
-            share *= FINER
-
-
-def _stands(found: Fit) -> bool:
-    """Tell whether the whole rotor would not move what was found with a reduced one."""
-    covariance = found.inference.covariance
-    return shift_by_reduction(found.solution.point, covariance, found.records) <= NEGLIGIBLE
-
-
-def _check_each(model: Model, each: Sequence[str]) -> None:
-    for name in each:
-        if name not in model.parameter_names:
-            raise InputError(
-                f"each of {name!r}",
-                f"a parameter of the model: {', '.join(model.parameter_names)}",
-                "take a name from there",
-                place="each",
-            )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field, replace
-from typing import Literal
+from functools import cached_property, partial
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,16 +17,27 @@ from rotorid.core.notes import Note
 from rotorid.core.values import Floats
 from rotorid.core.watch import watch
 from rotorid.data.observation import Observation
+from rotorid.likelihood.case import Case
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.expected_cost import by_equation_errors
-from rotorid.likelihood.inference import Inference, SharedNoise, infer, shared_noise
-from rotorid.likelihood.layout import Layout, physical_factors
+from rotorid.likelihood.inference import Inference, SharedNoise, shared_noise
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.other_answers import Doubt, questioned
-from rotorid.likelihood.preparation import Knowledge, Prepared, prepare
-from rotorid.likelihood.problem import Lowest, Problem, outside
+from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.problem import Problem, outside
 from rotorid.likelihood.rivals import Plain, by_shown_speed, plainly
 from rotorid.likelihood.solver import Solution, settle, solve
-from rotorid.likelihood.starts import WAYS, Minimum, explained, search, thinned
+from rotorid.likelihood.starts import (
+    FINER,
+    NEGLIGIBLE,
+    ROUGH,
+    SHARE,
+    WAYS,
+    reduced,
+    search,
+    shift_by_reduction,
+    thinned,
+)
 from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.estimators import Batch
@@ -36,9 +49,8 @@ CovarianceChoice = Literal["auto", "white", "correlated"]
 
 @frozen
 class Fit:
-    prepared: Prepared
     solution: Solution
-    inference: Inference
+    inference: Inference  # that of the solution, or what was made of it
     records: tuple[Observation, ...]  # with the covariance that was chosen
     doubt: Doubt = field(default_factory=Doubt)  # why the minimum may not be the answer
     creeps: tuple[Creep | None, ...] = ()  # how the rotation of each record moves against its angle
@@ -51,15 +63,43 @@ class Fit:
         return self.solution.point.problem
 
     @property
+    def layout(self) -> Layout:
+        return self.problem.layout
+
+    @property
     def covariance(self) -> Floats:
-        layout, free = self.prepared.layout, self.prepared.layout.free
+        layout, free = self.layout, self.layout.free
         covariance = np.zeros((len(layout.unknowns), len(layout.unknowns)))
         covariance[np.ix_(free, free)] = self.inference.covariance
         return covariance
 
+    @property
+    def std(self) -> Floats:
+        """Deviation of every unknown: 0 where fixed, NaN where the records do not determine it."""
+        layout, inference = self.layout, self.inference
+        std = np.zeros(len(layout.unknowns))
+        std[layout.free] = np.where(inference.linear.undetermined, np.nan, inference.std)
+        return std
+
+    @cached_property
+    def case(self) -> Case:
+        """What was estimated, for what else may be asked of it.
+
+        Its values are of the model that was fitted, NaN where base parameters leave them open.
+        """
+        layout, point = self.layout, self.solution.point
+        if layout.base:
+            values = physical_start(layout.model, point.unknowns[: layout.parameters])
+        else:
+            values = point.unknowns[layout.of_record(0).held]
+        expected = self.inference.expectation.mean
+        return Case(self.problem, self.records, point.unknowns, expected, values, point)
+
 
 SEARCHING = "trying further starts"
 """What comes next while the minimum is looked for."""
+DOUBTING = "asking what may be wrong"
+"""What comes last."""
 FEW = 120
 """Lines on which a rotor of few shapes is found: six times as many as it has unknowns, usually."""
 NEAR = 500
@@ -73,62 +113,23 @@ class Rough:
     """The minimum of a simpler problem in the same unknowns, near which that of the whole is."""
 
     problem: Problem  # the simpler one: ways from other starts are led by it too
-    trail: tuple[Floats, ...]  # sequence of array: of the way to its minimum
-    lowest: Lowest  # its minimum
-    unknowns: Floats  # (unknown,): A better one that was found since
+    found: Solution
+    unknowns: Floats  # (unknown,): its minimum, or what is nearer to that of the whole
 
     @classmethod
-    def of(cls, found: Fit, before: Rough | None) -> Rough:
-        mine, solution = found.problem, found.solution
+    def of(cls, fit: Fit, before: Rough | None) -> Rough:
+        unknowns, index = fit.solution.point.unknowns, fit.layout.index
         if before is None:
-            lowest = Lowest(solution.point.unknowns, solution.point.cost)
-            return cls(mine.sketch or mine, solution.trail, lowest, solution.point.unknowns)
-        index, unknowns = found.prepared.layout.index, before.unknowns.copy()
-        for k, unknown in enumerate(before.problem.layout.unknowns):
-            unknowns[k] = solution.point.unknowns[index[unknown.name]]
-        return replace(before, unknowns=unknowns)
+            return cls(fit.problem.sketch or fit.problem, fit.solution, unknowns)
+        return replace(before, unknowns=unknowns[[index[name] for name in before.names]])
+
+    @property
+    def names(self) -> list[str]:
+        return [unknown.name for unknown in self.problem.layout.unknowns]
 
     @property
     def values(self) -> dict[str, float]:
-        names = (u.name for u in self.problem.layout.unknowns)
-        return dict(zip(names, self.unknowns.tolist(), strict=True))
-
-    def leads(self, layout: Layout) -> bool:
-        """Tell whether the unknowns are the same still."""
-        mine = self.problem.layout.unknowns
-        return [u.name for u in mine] == [u.name for u in layout.unknowns]
-
-
-def approached(
-    records: Sequence[Observation],
-    knowledge: Knowledge,
-    nuisances: Nuisances,
-    shapes: Callable[[Mapping[str, float]], Sequence[Observation]],
-) -> Rough | None:
-    """Follow the homotopy once with few shapes on few lines; None where it leads nowhere.
-
-    `shapes` binds all lines to a model with those at the minimum; the last steps take these.
-    """
-    _refuse_silence(records)
-    model, asked = records[0].model, unknowns_of(records, nuisances)
-    guess = starting_values(model, records, knowledge, base=False)
-    watch("finding a rotor of fewer shapes")
-
-    def posed(chosen: Sequence[Observation], few: int) -> Problem:
-        chosen = thinned(chosen, few, periodic=True) or chosen
-        prepared = prepare(chosen[0].model, knowledge, asked, False, guess)
-        return replace(_problem(prepared, chosen), sketch=None, tolerance=ROUGHLY)
-
-    try:
-        found = solve(problem := posed(records, FEW), problem.layout.start)
-        if not found.converged:
-            return None
-        lowest = Lowest(found.point.unknowns, found.point.cost)
-        rough = Rough(problem, found.trail, lowest, found.point.unknowns)
-        nearer = settle(posed(shapes(rough.values), NEAR), rough.unknowns)
-    except np.linalg.LinAlgError:
-        return None
-    return replace(rough, unknowns=nearer.point.unknowns) if nearer.converged else rough
+        return dict(zip(self.names, self.unknowns.tolist(), strict=True))
 
 
 @frozen
@@ -148,45 +149,108 @@ class Step:
         return self.fit if self.refine is None else answered(self.refine(self.fit), ask=False)
 
 
-def located(
-    model: Model,
-    records: Sequence[Observation],
-    knowledge: Knowledge,
-    nuisances: Nuisances,
-    *,
-    base: bool = False,
-    covariance: CovarianceChoice = "auto",
-    neighbours: int | None = None,
-    rough: Rough | None = None,
-) -> Iterator[Step]:
-    """Look for the minimum, from that of a simpler problem where there is one.
+@frozen
+class Fitting:
+    """How the minimum is looked for, and in what model."""
 
-    Each step holds the best so far, the last one the minimum.
-    """
-    _refuse_silence(records)
-    guess = starting_values(model, records, knowledge, base)
-    prepared = prepare(model, knowledge, unknowns_of(records, nuisances), base, guess)
+    model: Model
+    knowledge: Knowledge
+    nuisances: Nuisances
+    base: bool = False
+    covariance: CovarianceChoice = "auto"
+    neighbours: int | None = None
 
-    def refined(found: Fit) -> Fit:
-        if covariance == "auto" and found.plain is None:
-            chosen = _chosen(found.solution, found.records, neighbours)
+    def steps(self, bound: Sequence[Observation]) -> Iterator[Step]:
+        """Yield the best so far, the last with the answer.
+
+        Where the model is reduced, until the whole one would not move the estimate.
+        """
+        records, rough, share = bound, None, SHARE
+        if bound and not self.base:
+            known = {name: pair[0] for name, pair in self.knowledge.known.items()}
+            values = {**known, **self.knowledge.start, **self.knowledge.fixed}
+            records = reduced(bound, values, self.knowledge.modes, ROUGH)
+        if records and records[0].model is not self.model:
+            rough = self.approached(records, partial(reduced, bound, share=share))
+            records = reduced(bound, values if rough is None else rough.values, share=share)
+        while True:
+            at = yield from self.located(records, rough)
+            whole = not records or records[0].model is self.model
+            if whole or _stands(at):
+                answer = answered(at)
+                if whole or answer.solution is at.solution or _stands(answer):
+                    yield Step(answer, DOUBTING)
+                    return
+                at = answer
+            rough = Rough.of(at, rough)
+            share *= FINER
+            records = reduced(bound, rough.values, share=share)
+
+    def prepared(self, records: Sequence[Observation]) -> Problem:
+        _refuse_silence(records)
+        model = records[0].model if records else self.model
+        guess = starting_values(model, records, self.knowledge, self.base)
+        unknowns = unknowns_of(records, self.nuisances)
+        return prepare(model, self.knowledge, unknowns, self.base, guess)
+
+    def approached(
+        self,
+        records: Sequence[Observation],
+        shapes: Callable[[Mapping[str, float]], Sequence[Observation]],
+    ) -> Rough | None:
+        """Follow the homotopy once with few shapes on few lines; None where it leads nowhere.
+
+        `shapes` binds all lines to a model with those at the minimum; the last steps take these.
+        """
+        watch("finding a rotor of fewer shapes")
+
+        def posed(chosen: Sequence[Observation], few: int) -> Problem:
+            chosen = thinned(chosen, few, periodic=True) or chosen
+            return replace(self.prepared(chosen).of(chosen), tolerance=ROUGHLY)
+
+        try:
+            problem = posed(records, FEW)
+            found = solve(problem, problem.layout.start)
+            if not found.converged:
+                return None
+            rough = Rough(problem, found, found.point.unknowns)
+            nearer = settle(posed(shapes(rough.values), NEAR), rough.unknowns)
+        except np.linalg.LinAlgError:
+            return None
+        return replace(rough, unknowns=nearer.point.unknowns) if nearer.converged else rough
+
+    def located(
+        self, records: Sequence[Observation], rough: Rough | None = None
+    ) -> Generator[Step, None, Fit]:
+        """Look for the minimum, from that of a simpler problem where there is one."""
+        if self.covariance == "correlated":
+            records = [_correlated(record, self.neighbours) for record in records]
+        for step in _globally(self.prepared(records), records, rough):
+            yield replace(step, refine=self.refined)
+        found = self.refined(step.fit)
+        yield Step(found, refine=lambda found: found)
+        return found
+
+    def refined(self, found: Fit) -> Fit:
+        """Choose the covariance by what is left at a minimum, and let rotor angles creep."""
+        if self.covariance == "auto" and found.plain is None:
+            chosen = _chosen(found.solution, found.records, self.neighbours)
             if any(new is not old for new, old in zip(chosen, found.records, strict=True)):
-                again = _solve(prepared, chosen, found.solution, found.solution.point.unknowns)
-                found = Fit(prepared, *again, tuple(chosen))
-        solution, known = found.solution, found.records
-        crept = creeps(solution.point, known)
+                again = _again(found.problem, chosen, found.solution)
+                found = Fit(again, again.inference, tuple(chosen))
+        crept = creeps(found.solution.point, found.records)
         if not any(c is not None and c.creeps for c in crept):
             return replace(found, creeps=crept)
-        loose = [_less_sure(record, c) for record, c in zip(known, crept, strict=True)]
-        wider = prepare(model, knowledge, unknowns_of(loose, nuisances), base, guess)
-        again = _solve(wider, loose, solution, _carried(wider, solution))
-        return Fit(wider, *again, tuple(loose), creeps=crept, plain=found.plain)
+        loose = tuple(_less_sure(r, c) for r, c in zip(found.records, crept, strict=True))
+        wider = self.prepared(loose)
+        again = _again(wider, loose, found.solution)
+        return Fit(again, again.inference, loose, creeps=crept, plain=found.plain)
 
-    if covariance == "correlated":
-        records = [_correlated(record, neighbours) for record in records]
-    for step in _globally(prepared, records, rough):
-        yield replace(step, refine=refined)
-    yield Step(refined(step.fit), refine=lambda found: found)
+
+def _stands(found: Fit) -> bool:
+    """Tell whether the whole rotor would not move what was found with a reduced one."""
+    covariance = found.inference.covariance
+    return shift_by_reduction(found.solution.point, covariance, found.records) <= NEGLIGIBLE
 
 
 def answered(found: Fit, *, ask: bool = True) -> Fit:
@@ -195,15 +259,15 @@ def answered(found: Fit, *, ask: bool = True) -> Fit:
     mirrors = Mirrors.of(found.problem, found.records, solution.point.unknowns)
     turned = mirrors.best(solution) if found.plain is None else solution
     if turned is not solution:
-        solution, inference = turned, infer(turned.point)
+        solution, inference = turned, turned.inference
     # Where noise does not explain the cost, the model is wrong, and its leads come first.
-    if ask and solution.converged and explained(solution, inference):
-        start, problem = found.prepared.layout.start, solution.point.problem
+    if ask and solution.converged and inference.explained:
+        start, problem = found.layout.start, solution.point.problem
         solution, inference, doubt = questioned(problem, start, solution, inference, mirrors)
     inference = by_equation_errors(inference, solution.point, found.records)
     inference = _by_misfit(solution, inference)
     common = None
-    if solution.converged and explained(solution, inference):
+    if solution.converged and inference.explained:
         common = shared_noise(solution.point, inference, found.records)
     if common is not None:
         inference = replace(inference, covariance=common.covariance)
@@ -219,17 +283,9 @@ def _by_misfit(solution: Solution, inference: Inference) -> Inference:
     """
     unsure = any(at.problem.noise.shrunk > 0 for at in solution.point.records)
     mean = inference.expectation.mean
-    if not unsure or not 0 < mean < solution.point.cost:
+    if not unsure or not 0 < mean < inference.cost:
         return inference
-    return replace(inference, covariance=inference.covariance * (solution.point.cost / mean))
-
-
-def _carried(prepared: Prepared, solution: Solution) -> Floats:
-    """Return the start of further unknowns, and the minimum found of those that were there."""
-    start, layout = prepared.layout.start.copy(), solution.point.problem.layout
-    for unknown, value in zip(layout.unknowns, solution.point.unknowns, strict=True):
-        start[prepared.layout.index[unknown.name]] = value
-    return start
+    return replace(inference, covariance=inference.covariance * (inference.cost / mean))
 
 
 def _less_sure(record: Observation, creep: Creep | None) -> Observation:
@@ -255,45 +311,47 @@ def _refuse_silence(records: Sequence[Observation]) -> None:
 
 
 def _globally(
-    prepared: Prepared, records: Sequence[Observation], rough: Rough | None
+    prepared: Problem, records: Sequence[Observation], rough: Rough | None
 ) -> Iterator[Step]:
     """Look for the minimum from the start, and from others where there is reason.
 
     And for mistakes that are plain before thousands of lines are searched.
     """
 
-    def fitted(found: Minimum, plain: Plain | None = None) -> Fit:
-        return Fit(prepared, *found, tuple(records), plain=plain)
+    def step(found: Solution, *said: Any, plain: Plain | None = None) -> Step:
+        return Step(Fit(found, found.inference, tuple(records), plain=plain), *said)
 
-    problem, ends = _problem(prepared, records), list[Minimum]()
-    if rough is not None and rough.leads(prepared.layout):
-        problem = replace(problem, sketch=rough.problem, lowest=rough.lowest)
-        ends += _near(problem, rough)
-        for end in ends:
-            yield Step(fitted(end), SEARCHING)
-            if explained(*end):
+    problem, ends = _problem(prepared, records), list[Solution]()
+    if rough is not None and rough.names == [u.name for u in prepared.layout.unknowns]:
+        problem = replace(problem, sketch=rough.problem, lowest=rough.found.point)
+        with suppress(np.linalg.LinAlgError):
+            near = replace(settle(problem, rough.unknowns), trail=rough.found.trail)
+            explained = near.inference.explained
+            ends.append(near)
+            yield step(near, SEARCHING)
+            if explained:
                 return
     if problem.sketch is not None:
         watch("looking for gross mistakes on few lines")
-    found: Minimum | None = by_shown_speed(prepared, records, problem)
+    found = by_shown_speed(prepared, records, problem)
     plain = plainly(prepared, records, problem) if found is None else None
     if plain is not None:
-        yield Step(fitted((plain.solution, plain.inference), plain))
+        yield step(plain.solution, plain=plain)
         return
     start = _in_order(problem, prepared.layout.start, records)
     if found is None:
         for number, found in enumerate(search(problem, start), 1):
-            yield Step(fitted(found), SEARCHING, min(number, WAYS), WAYS)
-    if found is None or not (found[0].converged and explained(*found)):
+            yield step(found, SEARCHING, min(number, WAYS), WAYS)
+    if found is None or not (found.converged and found.inference.explained):
         for other in _in_other_places(problem, start, records):
             found = other or found
             if found is not None:
-                yield Step(fitted(found), "trying hidden parts in other places")
+                yield step(found, "trying hidden parts in other places")
     ends += [found] if found is not None else []
     if not ends:
         raise NotConvergedError("no minimum was found from this start; give a nearer one")
-    best = min(ends, key=lambda end: (not end[0].converged, end[0].point.cost))
-    yield Step(fitted(best), "weighing the noise")
+    best = min(ends, key=lambda end: (not end.converged, end.point.cost))
+    yield step(best, "weighing the noise")
 
 
 def _in_order(problem: Problem, start: Floats, records: Sequence[Observation]) -> Floats:
@@ -306,7 +364,7 @@ def _in_order(problem: Problem, start: Floats, records: Sequence[Observation]) -
 
 def _in_other_places(
     problem: Problem, start: Floats, records: Sequence[Observation]
-) -> Iterator[Minimum | None]:
+) -> Iterator[Solution | None]:
     """Yield None after each way, and the answer from a start with hidden parts in other places.
 
     Fixed values and bounds that tell the places shut a start with the parts in the wrong ones off.
@@ -318,37 +376,26 @@ def _in_other_places(
         for lowest in search(problem, moved):
             found = lowest
             yield None
-        if found is not None and found[0].converged and explained(*found):
+        if found is not None and found.converged and found.inference.explained:
             yield found
             return
 
 
-def _near(problem: Problem, rough: Rough) -> list[Minimum]:
-    try:
-        found = settle(problem, rough.unknowns)
-        found = replace(found, trail=rough.trail)
-        return [(found, infer(found.point))]
-    except np.linalg.LinAlgError:
-        return []
+def _problem(prepared: Problem, records: Sequence[Observation]) -> Problem:
+    problem, fewer = prepared.of(records), thinned(records)
+    return problem if fewer is None else replace(problem, sketch=prepared.of(fewer))
 
 
-def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:
-    problem, fewer = prepared.problem(records), thinned(records)
-    return problem if fewer is None else replace(problem, sketch=prepared.problem(fewer))
-
-
-def _solve(
-    prepared: Prepared, records: Sequence[Observation], before: Solution, start: Floats
-) -> tuple[Solution, Inference]:
-    """Minimize again from near the minimum, with other noise or further unknowns."""
-    problem, old = _problem(prepared, records), before.point.problem
-    same = len(old.layout.unknowns) == len(prepared.layout.unknowns)
+def _again(prepared: Problem, records: Sequence[Observation], before: Solution) -> Solution:
+    """Minimize again from near a minimum, with other noise or further unknowns."""
+    problem, old, layout = _problem(prepared, records), before.point.problem, prepared.layout
+    start = layout.start.copy()
+    start[[layout.index[u.name] for u in old.layout.unknowns]] = before.point.unknowns
+    same = len(old.layout.unknowns) == len(layout.unknowns)
     if old.lowest is not None and same:
         problem = replace(problem, sketch=old.sketch, lowest=old.lowest)
     solution = settle(problem, start)
-    if same:
-        solution = replace(solution, trail=before.trail)
-    return solution, infer(solution.point)
+    return replace(solution, trail=before.trail) if same else solution
 
 
 def _correlated(record: Observation, neighbours: int | None) -> Observation:
@@ -383,42 +430,29 @@ def starting_values(
 
     What only loads hold, the unbalance, is left to start from zero.
     """
-    told = {*knowledge.fixed, *knowledge.known, *knowledge.start}
-    physical = model.nominal
-    loads = {
-        model.parameter_names[i]
-        for i in Layout(model, (), physical_factors(model), False).load_only()
-    }
+    nominal = model.nominal
     if base:
-        held = {n: v for n, v in knowledge.fixed.items() if n in model.parameter_names}
-        return _base_guess(model.substitute(held), records, knowledge, physical)
-    if not set(model.parameter_names) - loads <= told:
+        model = model.substitute(knowledge.held(model))
+        names = model.base.names
+        if {*names} <= knowledge.start.keys():
+            return {}
         found = _batch(model, records)
-        if found is not None:
-            values = physical_start(*found)
-            for parameter, value in zip(model.parameters, values, strict=True):
-                if np.isfinite(value) and (value > 0 or not parameter.positive):
-                    physical[parameter.name] = float(value)
-    return {name: value for name, value in physical.items() if name not in loads}
-
-
-def _base_guess(
-    model: Model,
-    records: Sequence[Observation],
-    knowledge: Knowledge,
-    physical: Mapping[str, float],
-) -> dict[str, float]:
-    if set(model.base.names) <= set(knowledge.start):
-        return {}
-    found = _batch(model, records)
+        if found is None:
+            known = {**nominal, **knowledge.start}
+            found = model.base_values([known.get(name, np.nan) for name in model.parameter_names])
+        return dict(zip(names, found.tolist(), strict=True))
+    loads = {model.parameter_names[i] for i in Layout(model, ()).load_only()}
+    told = {*loads, *knowledge.fixed, *knowledge.known, *knowledge.start}
+    found = None if {*model.parameter_names} <= told else _batch(model, records)
     if found is not None:
-        return dict(zip(model.base.names, found[1].tolist(), strict=True))
-    known = {**physical, **{n: v for n, v in knowledge.start.items() if n in model.parameter_names}}
-    values = [known.get(name, np.nan) for name in model.parameter_names]
-    return dict(zip(model.base.names, model.base_values(values).tolist(), strict=True))
+        values = physical_start(model, found)
+        for parameter, value in zip(model.parameters, values.tolist(), strict=True):
+            if np.isfinite(value) and (value > 0 or not parameter.positive):
+                nominal[parameter.name] = value
+    return {name: value for name, value in nominal.items() if name not in loads}
 
 
-def _batch(model: Model, records: Sequence[Observation]) -> tuple[Model, Floats] | None:
+def _batch(model: Model, records: Sequence[Observation]) -> Floats | None:
     """Return the base parameters by batch, or None where it does not apply."""
     if any(channel.drive is not None for record in records for channel in record.channels):
         return None
@@ -426,4 +460,4 @@ def _batch(model: Model, records: Sequence[Observation]) -> tuple[Model, Floats]
         _, solution = Batch().solve(model, records)
     except InputError:
         return None
-    return (model, solution.values) if np.isfinite(solution.values).all() else None
+    return solution.values if np.isfinite(solution.values).all() else None

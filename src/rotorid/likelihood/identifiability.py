@@ -62,7 +62,7 @@ class Combination:
 
 def open_combinations(fit: Fit) -> list[Combination]:
     """Return the directions that the records leave open, few members each."""
-    linear, layout = fit.inference.linear, fit.prepared.layout
+    linear, layout = fit.inference.linear, fit.layout
     if not linear.null.shape[1]:
         return []
     free = layout.free
@@ -153,7 +153,7 @@ def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> li
     Each member but the first of its combination gives one quantity that the move along all open
     directions leaves as it is.
     """
-    layout, unknowns, covariance = fit.prepared.layout, fit.solution.point.unknowns, fit.covariance
+    layout, unknowns, covariance = fit.layout, fit.solution.point.unknowns, fit.covariance
     firsts = {c.names[0] for c in combinations}
     found = []
     for name in dict.fromkeys(n for c in combinations for n in c.names if n not in firsts):
@@ -188,7 +188,7 @@ def _power_text(powers: dict[str, Fraction]) -> str:
 
 def _left_open(fit: Fit, record: Observation, number: int) -> int:
     """Return how many directions would stay open with one more record like this."""
-    linear, layout = fit.inference.linear, fit.prepared.layout
+    linear, layout = fit.inference.linear, fit.layout
     unknowns = fit.solution.point.unknowns
     nothing = int(linear.null.shape[1])
     try:  # an answer astray says nothing of other records
@@ -249,7 +249,7 @@ def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     modes = fit.problem.known.modes
     if fit.records or not len(modes):
         return []
-    unknowns = fit.prepared.layout.unknowns
+    unknowns = fit.layout.unknowns
     held = [
         {unknowns[i].name: v for i, v in each.pencil.held.items()} for each in modes.configurations
     ]
@@ -259,21 +259,21 @@ def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
         said = " and ".join(dict.fromkeys(f"{each[name]:g}" for each in held))
         found.append(
             f"natural frequencies with {name} as it is in service: all that were measured are "
-            f"with {name} = {said} {unknowns[fit.prepared.layout.index[name]].unit}"
+            f"with {name} = {said} {unknowns[fit.layout.index[name]].unit}"
         )
-    missing = len(fit.prepared.layout.free) - len(fit.problem.known)
+    missing = len(fit.layout.free) - len(fit.problem.known)
     if missing > 0:
         found.append(
             f"at least {missing} more measured in [[modes]], frequencies or damping ratios: "
-            f"{len(fit.problem.known)} for {len(fit.prepared.layout.free)} unknowns are too few"
+            f"{len(fit.problem.known)} for {len(fit.layout.free)} unknowns are too few"
         )
     return found
 
 
 def _total_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     """Try the sum of the masses, which a scale tells, as an exact constraint."""
-    unknowns, free = fit.prepared.layout.unknowns, fit.prepared.layout.free
-    weighed = _weighed(fit.prepared.layout.model)
+    unknowns, free = fit.layout.unknowns, fit.layout.free
+    weighed = _weighed(fit.layout.model)
     masses = [k for k, i in enumerate(free) if unknowns[i].name in weighed]
     if len(masses) < 2 or any(u.name in weighed and u.fixed for u in unknowns):
         return []
@@ -346,7 +346,7 @@ def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
 def _sensors(fit: Fit) -> list[tuple[str, int]]:
     if not fit.records:
         return []
-    record, model = fit.records[0], fit.prepared.layout.model
+    record, model = fit.records[0], fit.layout.model
     single = [s.terms[0] for s in record.direct if len(s.terms) == 1]
     read = {model.coordinates[term.coordinate] for term in single}
     return [

@@ -1,19 +1,8 @@
 """Covariance, null space and expected cost at a minimum.
 
-C is estimated with n complex degrees of freedom, so V is too, and neither is J chi-squared nor
-the inverse information the covariance. Line by line, ``e^H V^-1 e`` is Hotelling's T^2 of the
-t dimensions that the parameters leave free: 2 n t / (n - t + 1) times an F variable with 2 t and
-2 (n - t + 1) degrees of freedom, or half as many on a real line.
-
-A deviation is known no better than the noise of the lines that tell its parameter. With h_k the
-share of line k in its square, it has nu degrees of freedom,
-
-    1 / nu = sum_k h_k^2 / (2 (n - t + 1))
-
-(Satterthwaite), and the error over it is Student's t: damping, which few lines tell, left its 95 %
-in 7.5 % of records of ten periods. So each is widened until 1.96 of it hold what they should. Where
-one size of the noise is shared by many lines, as of whole records, nothing is widened: it is known
-far better than by one line, and the weights hold what it adds.
+How few periods widen deviations and what noise leaves of J stands in docs/maximum-likelihood.md,
+section 2. Where one size of the noise is shared by many lines, as of whole records, nothing is
+widened: it is known far better than by one line, and the weights hold what it adds.
 
 Deviations and coherences tell the noise of each response, and nothing of what several have in
 common: a force that nobody measured moves all accelerometers of a test. Each line then tells less
@@ -44,6 +33,8 @@ from rotorid.likelihood.problem import Point
 
 TAIL, NORMAL = 0.025, 1.959964
 """Chance beyond either end of an interval, and the deviations to there of a normal distribution."""
+SUSPICIOUS = 1e-6
+"""Below this p-value a minimum may be a local one."""
 
 
 def shared_variance(mean: Floats, left: Floats, at: Evaluation) -> Floats:
@@ -89,8 +80,18 @@ class RecordCost:
 class Inference:
     covariance: Floats  # (free, free): along the directions that the record determines
     linear: Linearized  # the problem there, with what it does not determine
-    expectation: Expectation
+    cost: float
+    expectation: Expectation  # of the cost
     records: tuple[RecordCost, ...]
+
+    @property
+    def p_value(self) -> float:
+        return self.expectation.p_value(self.cost)
+
+    @property
+    def explained(self) -> bool:
+        """Whether noise alone explains the cost."""
+        return self.p_value >= SUSPICIOUS
 
     @property
     def std(self) -> Floats:
@@ -159,7 +160,8 @@ def infer(point: Point) -> Inference:
         covariance = root @ root.T  # exact relations stay exact
     mean = float(sum(cost.means.sum() for cost in costs) + rest.sum())
     variance = sum(cost.variance for cost in costs) + max(2 * float(rest.sum()), 0.0)
-    return Inference(covariance, linear, Expectation(max(mean, 0.0), variance, dof), costs)
+    expectation = Expectation(max(mean, 0.0), variance, dof)
+    return Inference(covariance, linear, point.cost, expectation, costs)
 
 
 APART = frozenset({"stated", "coherence"})

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import E, Effect, Reads, Replaces
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
+from rotorid.models.model import fact
 
 
 @frozen
@@ -23,10 +23,7 @@ class Layout:
 
     model: Model  # with what is fixed left in (physical) or put in (base)
     unknowns: tuple[Scalar, ...]  # parameters, then those of the nuisances in order
-    # the unknowns whose product each monomial of the model is; ``None`` where another monomial
-    # stands for it
-    monomial_factors: tuple[tuple[int, ...] | None, ...]
-    base: bool  # the parameters are the base ones
+    base: bool = False  # the parameters are the base ones
     # those of parameters that differ between records (`Own`) first
     nuisances: tuple[Unknown, ...] = ()
     # of the layout of one record: parameters that it has to itself, and their unknowns
@@ -74,12 +71,16 @@ class Layout:
     def of_record(self, number: int) -> Layout:
         """Return the layout with the parameters that a record has to itself in their places."""
         own = {effect.parameter: at for record, effect, at in self.replaced if record == number}
-        factors = self.monomial_factors
-        if own:
-            factors = tuple(
-                None if f is None else tuple(sorted(own.get(i, i) for i in f)) for f in factors
-            )
-        return replace(self, monomial_factors=factors, own=own, record=number)
+        return replace(self, own=own, record=number)
+
+    @cached_property
+    def monomial_factors(self) -> tuple[tuple[int, ...] | None, ...]:
+        """The unknowns whose product each monomial of the model is.
+
+        None where another monomial stands for it.
+        """
+        factors, own = _factors(self.model, self.base), self.own
+        return tuple(f and tuple(sorted(own.get(i, i) for i in f)) for f in factors)
 
     def observed(self, record: Observation) -> Observation:
         """Return a record with rows of their own for the sensors that read unknown shares."""
@@ -121,26 +122,12 @@ class Layout:
         return self.parameters + len(self.replaced)
 
 
-def physical_factors(model: Model) -> tuple[tuple[int, ...], ...]:
-    parameters = np.arange(len(model.parameters))
-    return tuple(tuple(np.repeat(parameters, powers).tolist()) for powers in model.monomials)
-
-
-def base_factors(model: Model) -> tuple[tuple[int, ...] | None, ...]:
-    """Return each monomial as a base parameter, nothing (merged into another), or one."""
-    kept = {monomial: base for base, monomial in enumerate(model.base.kept)}
-    factors: list[tuple[int, ...] | None] = []
-    for monomial, powers in enumerate(model.monomials):
-        if not powers.any():
-            factors.append(())
-        else:
-            factors.append((kept[monomial],) if monomial in kept else None)
-    for term in model.input_terms:
-        if model.monomials[term.monomial].any():
-            held = model.parameter_names[int(model.monomials[term.monomial].argmax())]
-            raise InputError(
-                f"{held}, which multiplies an input",
-                "inputs with known factors, where base parameters are asked for",
-                "fix its value, or estimate the physical parameters",
-            )
-    return tuple(factors)
+@fact
+def _factors(model: Model, base: bool) -> list[tuple[int, ...] | None]:
+    """Return each monomial in parameters; in base ones it may be merged into another."""
+    if not base:
+        return [tuple(np.repeat(np.arange(len(m)), m).tolist()) for m in model.monomials]
+    kept = {monomial: (number,) for number, monomial in enumerate(model.base.kept)}
+    constant = {int(m): () for m in np.flatnonzero(~model.monomials.any(axis=1))}
+    factors: dict[int, tuple[int, ...]] = {**kept, **constant}
+    return [factors.get(m) for m in range(len(model.monomials))]

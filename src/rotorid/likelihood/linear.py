@@ -115,6 +115,14 @@ class Linearized:
         """Which unknowns are not determined, (free,)."""
         return np.asarray((np.abs(self.null) > OPEN).any(axis=1))
 
+    def left_open(self, slopes: Floats) -> Booleans:
+        """Return which quantities, of slopes (quantity, free), are not determined."""
+        scaled = slopes * self.scale
+        largest = np.abs(scaled).max(axis=1, initial=0.0, keepdims=True)
+        scaled = scaled / np.where(largest > 0, largest, 1.0)  # squares of what is far off overflow
+        unit = scaled / column_lengths(scaled.T)[:, None]
+        return np.asarray((np.abs(unit @ self.null) > OPEN).any(axis=1))
+
     @property
     def condition_number(self) -> float:
         """Of the scaled Jacobian, over the directions that are determined."""

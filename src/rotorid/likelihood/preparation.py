@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.measured_modes import Mode
-from rotorid.data.observation import Observation
-from rotorid.likelihood.assembly import assemble
-from rotorid.likelihood.cost import Likelihood
-from rotorid.likelihood.effects import Replaces, of_kind
-from rotorid.likelihood.layout import Layout, base_factors, physical_factors
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.mode_rows import modal_rows
 from rotorid.likelihood.problem import Known, Problem, retract
-from rotorid.likelihood.relations import Polynomial, Relations
+from rotorid.likelihood.relations import Limit, Polynomial, Relation, Relations
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
-from rotorid.models.constraints import Constraint, constraint_polynomial, eliminate
+from rotorid.models.constraints import Constraint, base_row, constraint_polynomial
 
 GENERIC = 0.2
 """Relative change of the unknowns after which natural frequencies that coincide do so always."""
@@ -53,35 +49,9 @@ class Knowledge:
     bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
     modes: tuple[Mode, ...] = ()  # measured natural frequencies
 
-
-@frozen
-class Limit:
-    expression: str
-    way: float  # 1 of a lower bound, -1 of an upper one
-    value: float  # SI
-
-    def __str__(self) -> str:
-        return f"{self.expression} {'>=' if self.way > 0 else '<='} {self.value:g}"
-
-
-@frozen
-class Prepared:
-    """Unknowns and the relations among them; what was put into the model is in `substituted`."""
-
-    layout: Layout
-    exact: Relations
-    known: Known
-    bounds: Relations
-    limits: tuple[Limit, ...]  # what each of the bounds was stated as
-    substituted: Mapping[str, float] = field(default_factory=dict)
-
-    def problem(self, records: Sequence[Observation], alike: Sequence[Likelihood] = ()) -> Problem:
-        """Return the likelihoods of records with what is known; `alike`: of the same records."""
-        likelihoods = tuple(
-            assemble(self.layout, record, number, like)
-            for number, (record, like) in enumerate(zip_longest(records, alike))
-        )
-        return Problem(self.layout, likelihoods, self.exact, self.known, self.bounds)
+    def held(self, model: Model) -> dict[str, float]:
+        """Return the fixed values of parameters."""
+        return {n: float(v) for n, v in self.fixed.items() if n in model.parameter_names}
 
 
 def prepare(
@@ -90,56 +60,65 @@ def prepare(
     nuisances: Sequence[Unknown],
     base: bool,
     guess: Mapping[str, float],
-) -> Prepared:
-    """Lay out the unknowns and write what is known as relations."""
-    extra = [unknown for nuisance in nuisances for unknown in nuisance.scalars]
-    _check_names(model, extra, knowledge, base)
-    held: dict[str, float] = {}
-    own = {
-        unknown.scalars[0].name: effect.parameter
-        for unknown in nuisances
-        for effect in of_kind(Replaces, unknown.effects)
-    }
-    if base:
-        if own:
-            raise InputError(
-                f"{next(iter(own))}, a parameter that differs between records",
-                "the same parameters in every record, where base parameters are asked for",
-                "estimate the physical parameters, or each record by itself",
-            )
-        held = {n: v for n, v in knowledge.fixed.items() if n in model.parameter_names}
-        model = model.substitute(held)
-        names = zip(model.base.names, model.base.units, strict=True)
-        parameters = [Scalar(n, unit, guess.get(n, np.nan), nuisance=False) for n, unit in names]
-        factors: Sequence[tuple[int, ...] | None] = base_factors(model)
-    else:
-        parameters = [
-            Scalar(p.name, p.unit, guess.get(p.name, np.nan), nuisance=False, positive=p.positive)
-            for p in model.parameters
-        ]
-        factors = physical_factors(model)
-    informed = [_informed(unknown, knowledge) for unknown in parameters]
-    for unknown in extra:
-        here = own.get(unknown.name)
-        if here is not None and unknown.std is None:
-            unknown = replace(informed[here], name=unknown.name)
-        informed.append(_informed(unknown, knowledge))
-    layout = Layout(model, tuple(informed), tuple(factors), base, tuple(nuisances))
-    layout = _started(replace(layout, unknowns=_without_idle(layout)))
-    exact, known = _relations(layout, knowledge)
-    bounds, limits = _bounds(layout, knowledge)
-    _check_relations(layout, exact)
-    _refuse_contradicted(layout, known, bounds)
-    modes = modal_rows(layout, knowledge.modes, generic(layout, exact))
-    return Prepared(layout, exact, Known(known, modes), bounds, limits, held)
-
-
-def _without_idle(layout: Layout) -> tuple[Scalar, ...]:
-    """Hold the common unknowns that no record uses, so that nothing depends on them."""
-    return tuple(
-        replace(u, start=1.0, std=0.0) if i in layout.idle else u
-        for i, u in enumerate(layout.unknowns)
+) -> Problem:
+    """Lay out the unknowns and write what is known as relations; no records are in it yet."""
+    held = knowledge.held(model) if base else {}
+    layout = Layout(model, (), base, tuple(nuisances))
+    _check(layout, knowledge)
+    layout = replace(layout, model=model.substitute(held))
+    layout = replace(layout, unknowns=_unknowns(layout, knowledge, guess))
+    stated = [*_known(layout, knowledge)]
+    exact, weighed, bounds = (
+        Relations(tuple(rows), len(layout.unknowns))
+        for rows in (
+            [row for row in stated if not row.std],
+            [row for row in stated if row.std],
+            _bounds(layout, knowledge),
+        )
     )
+    _check_relations(layout, exact)
+    _refuse_contradicted(layout, weighed, bounds)
+    modes = modal_rows(layout, knowledge.modes, generic(layout, exact))
+    return Problem(layout, exact, Known(weighed, modes), bounds, substituted=held)
+
+
+def _unknowns(
+    layout: Layout, knowledge: Knowledge, guess: Mapping[str, float]
+) -> tuple[Scalar, ...]:
+    """Return all unknowns with their starts: zero for an unbalance of which nothing is said."""
+    base, parameters = layout.model.base, layout.model.parameters
+    named: list[tuple[str, str, bool]] = [(p.name, p.unit, p.positive) for p in parameters]
+    if layout.base:
+        named = [(*each, False) for each in zip(base.names, base.units, strict=True)]
+    scalars = [Scalar(n, u, guess.get(n, np.nan), None, np.nan, False, p) for n, u, p in named]
+    scalars += [scalar for nuisance in layout.nuisances for scalar in nuisance.scalars]
+    loads, own = layout.load_only(), {at: effect.parameter for _, effect, at in layout.replaced}
+    found: list[Scalar] = []
+    for i, scalar in enumerate(scalars):
+        if i in own and scalar.std is None:
+            scalar = replace(found[own[i]], name=scalar.name)
+        scalar = _informed(scalar, knowledge)
+        unsaid = i in loads and np.isnan(scalar.start)
+        found.append(replace(scalar, start=0.0) if unsaid else scalar)
+    for i in layout.idle:  # no record uses it, and nothing may depend on it
+        found[i] = replace(found[i], start=1.0, std=0.0)
+    missing = [u.name for u in found if np.isnan(u.start)]
+    if missing:
+        raise InputError(
+            f"no start of {', '.join(missing)}",
+            "a starting value of every parameter, where some coordinates are not measured",
+            "give start (in the experiment file) or nominal (in the model file)",
+            place=f"parameters.{missing[0]}",
+        )
+    wrong = [u.name for u in found if u.positive and not u.fixed and u.start <= 0]
+    if wrong:
+        raise InputError(
+            f"a start of {wrong[0]} that is not positive",
+            "a positive number, as the model declares",
+            "start above 0, or take positive out of the model",
+            place=f"parameters.{wrong[0]}",
+        )
+    return tuple(found)
 
 
 def _informed(unknown: Scalar, knowledge: Knowledge) -> Scalar:
@@ -154,101 +133,74 @@ def _informed(unknown: Scalar, knowledge: Knowledge) -> Scalar:
     return unknown
 
 
-def _started(layout: Layout) -> Layout:
-    """Put the unbalance to zero where nothing else is said, and ask for the starts that lack."""
-    loads = layout.load_only()
-    unknowns = tuple(
-        replace(u, start=0.0) if i in loads and np.isnan(u.start) else u
-        for i, u in enumerate(layout.unknowns)
-    )
-    missing = [u.name for u in unknowns if np.isnan(u.start)]
-    if missing:
-        raise InputError(
-            f"no start of {', '.join(missing)}",
-            "a starting value of every parameter, where some coordinates are not measured",
-            "give start (in the experiment file) or nominal (in the model file)",
-            place=f"parameters.{missing[0]}",
-        )
-    wrong = [u.name for u in unknowns if u.positive and not u.fixed and u.start <= 0]
-    if wrong:
-        raise InputError(
-            f"a start of {wrong[0]} that is not positive",
-            "a positive number, as the model declares",
-            "start above 0, or take positive out of the model",
-            place=f"parameters.{wrong[0]}",
-        )
-    return replace(layout, unknowns=unknowns)
-
-
-def _check_names(model: Model, extra: Sequence[Scalar], knowledge: Knowledge, base: bool) -> None:
-    parameters = model.parameter_names
-    names = {*parameters, *(unknown.name for unknown in extra)}
+def _check(layout: Layout, knowledge: Knowledge) -> None:
+    """Refuse names that are none, values that say nothing, and what base parameters cannot use."""
+    parameters = layout.model.parameter_names
+    extra = (scalar.name for nuisance in layout.nuisances for scalar in nuisance.scalars)
+    names = sorted({*parameters, *extra})
     for key in ("fixed", "known", "start"):
-        for name, value in getattr(knowledge, key).items():
-            if name not in names and not (base and key == "start"):  # names of base parameters
-                raise InputError(
-                    f"{name!r} in {key}",
-                    f"one of {', '.join(sorted(names))}",
-                    "take a name from there",
-                    place=key,
-                )
+        given: Mapping[str, Any] = getattr(knowledge, key)
+        if not (layout.base and key == "start"):  # names of base parameters
+            require_names(given, names, f"{{}} in {key}", place=key)
+        for name, value in given.items():
             numbers = np.atleast_1d(np.asarray(value, dtype=float))
+            known, std = key == "known", float(numbers[-1])
+            said = None
             if not np.isfinite(numbers).all():
-                raise InputError(
-                    f"{value} for {name}",
-                    "finite numbers",
-                    "give numbers, or leave the name out",
-                    place=key,
-                )
-            if key == "known" and (len(numbers) != 2 or numbers[1] <= 0):
-                raise InputError(
-                    f"{value} for {name}",
-                    "a value and a deviation of more than 0",
-                    "give both, or fix the value",
-                    place=key,
-                )
-            if key == "known" and numbers[1] < EXACT * abs(numbers[0]):
-                raise InputError(
-                    f"a deviation of {numbers[1]:g} of {name} = {numbers[0]:g}",
+                said = f"{value} for {name}", "finite numbers", "give numbers, or leave it out"
+            elif known and (len(numbers) != 2 or std <= 0):
+                expected = "a value and a deviation of more than 0"
+                said = f"{value} for {name}", expected, "give both, or fix the value"
+            elif known and std < EXACT * abs(numbers[0]):
+                said = (
+                    f"a deviation of {std:g} of {name} = {numbers[0]:g}",
                     f"more than {EXACT:g} of the value: less is lost in rounding",
                     f"write fixed in place of value and std of {name}, if it is exact",
-                    place=key,
                 )
-    twice = set(knowledge.fixed) & set(knowledge.known)
+            if said:
+                raise InputError(*said, place=key)
+    twice = sorted(knowledge.fixed.keys() & knowledge.known.keys())
     if twice:
-        raise InputError(
-            f"{sorted(twice)[0]} both fixed and with a deviation", "one of them", "drop one"
-        )
-    if base and knowledge.known.keys() & set(parameters):
-        raise InputError(
-            f"a deviation of {sorted(knowledge.known.keys() & set(parameters))[0]}",
-            "fixed values, where base parameters are asked for",
-            "estimate the physical parameters",
-        )
-
-
-def _relations(layout: Layout, knowledge: Knowledge) -> tuple[Relations, Relations]:
-    count = len(layout.unknowns)
-    exact: list[tuple[Polynomial, float, str]] = []
-    known: list[tuple[Polynomial, float, str]] = []
-    for i, unknown in enumerate(layout.unknowns):
-        if unknown.std is not None and unknown.std > 0:
-            known.append(({(i,): 1.0, (): -unknown.prior}, unknown.std, unknown.name))
+        raise InputError(f"{twice[0]} both fixed and with a deviation", "one of them", "drop one")
     if layout.base:
-        return _base_relations(layout, knowledge), Relations.build(known, count)
+        _refuse_physical(layout, knowledge)
+
+
+def _refuse_physical(layout: Layout, knowledge: Knowledge) -> None:
+    """Refuse what is known of physical parameters and base parameters cannot use."""
+    asked = "where base parameters are asked for"
+    if layout.replaced:
+        raise InputError(
+            f"{layout.nuisances[0].term}, a parameter that differs between records",
+            f"the same parameters in every record, {asked}",
+            "estimate the physical parameters, or each record by itself",
+        )
+    known = sorted(knowledge.known.keys() & {*layout.model.parameter_names})
+    if known:
+        cure = "estimate the physical parameters"
+        raise InputError(f"a deviation of {known[0]}", f"fixed values, {asked}", cure)
+    if knowledge.bounds:
+        raise InputError("bounds", f"none, {asked}", "drop them")
+
+
+def _known(layout: Layout, knowledge: Knowledge) -> Iterator[Relation]:
+    """Yield what is known beforehand but for bounds: exactly, or with a deviation."""
+    for i, unknown in enumerate(layout.unknowns):
+        if unknown.std:
+            yield Relation({(i,): 1.0, (): -unknown.prior}, unknown.name, unknown.std)
     for constraint in knowledge.constraints:
         value, std = constraint.in_si
-        text = f"{constraint.expression} = {value:g}"
-        for polynomial in _polynomials(layout, constraint):
-            if std > 0:
-                known.append((polynomial, std, text))
-            else:
-                exact.append((polynomial, 1.0, text))
-    return Relations.build(exact, count), Relations.build(known, count)
+        for polynomial in _polynomials(layout, constraint, knowledge.fixed):
+            yield Relation(polynomial, f"{constraint.expression} = {value:g}", std)
 
 
-def _polynomials(layout: Layout, constraint: Constraint) -> list[Polynomial]:
+def _polynomials(
+    layout: Layout, constraint: Constraint, fixed: Mapping[str, float]
+) -> list[Polynomial]:
     """Return a constraint, or that of each record where every one has a value to itself."""
+    if layout.base:
+        row, value = base_row(layout.model, constraint, fixed)
+        return [{(): -value} | {(i,): x for i, x in enumerate(row.tolist()) if x}]
     polynomial = {
         tuple(i for i, power in enumerate(powers) for _ in range(power)): coefficient
         for powers, coefficient in constraint_polynomial(layout.model, constraint).items()
@@ -264,41 +216,17 @@ def _polynomials(layout: Layout, constraint: Constraint) -> list[Polynomial]:
     return found
 
 
-def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
-    """Return the constraints, linear in the base parameters, that `eliminate` solves."""
-    count, size = len(layout.unknowns), layout.parameters
-    elimination = eliminate(layout.model, knowledge.constraints, knowledge.fixed)
-    unit = np.eye(elimination.basis.shape[1])
-    kept = [int((elimination.basis == row).all(axis=1).argmax()) for row in unit]
-    gone = [i for i in range(size) if i not in kept]
-    rows: list[tuple[Polynomial, float, str]] = []
-    for i in gone:
-        polynomial = {(i,): 1.0, (): -float(elimination.origin[i])}
-        for j, coefficient in zip(kept, elimination.basis[i], strict=True):
-            if coefficient:
-                polynomial[j,] = -float(coefficient)
-        rows.append((polynomial, 1.0, layout.unknowns[i].name))
-    return Relations.build(rows, count)
-
-
-def _bounds(layout: Layout, knowledge: Knowledge) -> tuple[Relations, tuple[Limit, ...]]:
-    count = len(layout.unknowns)
-    rows: list[tuple[Polynomial, Limit]] = []
+def _bounds(layout: Layout, knowledge: Knowledge) -> Iterator[Relation]:
     for i, unknown in enumerate(layout.unknowns):
         if unknown.positive and not unknown.fixed:
-            rows.append(({(i,): 1.0, (): 0.0}, Limit(unknown.name, 1.0, 0.0)))
-    if layout.base and knowledge.bounds:
-        raise InputError("bounds", "none, where base parameters are asked for", "drop them")
+            yield Relation({(i,): 1.0, (): 0.0}, Limit(unknown.name, 1.0, 0.0))
     for expression, (lower, upper) in knowledge.bounds.items():
         _refuse_empty(expression, lower, upper, layout)
         for limit, way in ((lower, 1.0), (upper, -1.0)):
-            if limit is None:
-                continue
-            for polynomial in _polynomials(layout, Constraint(expression, limit)):
+            constraint = Constraint(expression, limit or 0.0)
+            for polynomial in [] if limit is None else _polynomials(layout, constraint, {}):
                 signed = {powers: way * c for powers, c in polynomial.items()}
-                rows.append((signed, Limit(expression, way, limit)))
-    relations = Relations.build([(row, 1.0, str(limit)) for row, limit in rows], count)
-    return relations, tuple(limit for _, limit in rows)
+                yield Relation(signed, Limit(expression, way, constraint.in_si[0]))
 
 
 def _refuse_empty(
@@ -346,16 +274,17 @@ def _refuse_contradicted(layout: Layout, known: Relations, bounds: Relations) ->
     anywhere = np.where(told != 0, told, 1.0)  # where no derivative is zero by chance
     fixed = np.array([u.fixed for u in unknowns])
     stated = np.array([u.std is not None for u in unknowns])  # with a deviation or without
-    for relations, most in ((known, CONTRADICTED), (bounds, 0.0)):
+    for relations, off, most in (
+        (known, np.abs(known.values(told)), CONTRADICTED),
+        (bounds, -bounds.values(told), 0.0),
+    ):
         held_by = relations.jacobian(anywhere) != 0
-        values = relations.values(told)
-        for row, members in enumerate(held_by):
-            outside = relations is bounds and stated[members].all() and members.sum() == 1
-            off = abs(values[row]) if relations is known else -values[row]
-            if off > most and (outside or fixed[members].all()):
-                at = np.flatnonzero(members)
+        for row in np.flatnonzero(off > most):
+            at = np.flatnonzero(held_by[row])
+            outside = relations is bounds and stated[at].all() and len(at) == 1
+            if outside or fixed[at].all():
                 listed = ", ".join(f"{unknowns[i].name} = {told[i]:g}" for i in at)
-                way = "fixed" if fixed[members].all() else "known with a deviation"
+                way = "fixed" if fixed[at].all() else "known with a deviation"
                 raise InputError(
                     f"{listed}, {way}, which {relations.texts[row]} contradicts",
                     "values within their bounds, and constraints that fixed values keep",

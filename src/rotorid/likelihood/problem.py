@@ -6,7 +6,7 @@ relations and within bounds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise, zip_longest
@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
+from rotorid.data.observation import Observation
+from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.linear import RANK, Linearized, tangent_basis
 from rotorid.likelihood.mode_rows import ModalRows, modal_rows
-from rotorid.likelihood.relations import Relations
+from rotorid.likelihood.relations import Relation, Relations
 
 Number = TypeVar("Number", np.float64, np.int64)
 
@@ -54,12 +56,12 @@ class Known:
         modes = self.modes.jacobian(unknowns, relaxation)
         return np.concatenate([self.relations.jacobian(unknowns), modes])
 
-    def joined(self, other: Relations) -> Known:
-        return replace(self, relations=self.relations.joined(other))
+    def joined(self, rows: Iterable[Relation]) -> Known:
+        return replace(self, relations=self.relations.joined(rows))
 
     def without(self, text: str) -> Known:
-        kept = np.flatnonzero([t != text for t in self.relations.texts])
-        return Known(self.relations.subset(kept), self.modes.of_mode(text, others=True))
+        kept = self.relations.where(lambda row: row.stated != text)
+        return Known(kept, self.modes.of_mode(text, others=True))
 
     def within(self, layout: Layout, relations: Relations, generic: Floats) -> Known:
         """Return the rows over the unknowns of a wider layout."""
@@ -71,15 +73,26 @@ class Problem:
     """Minimize the sum of the records' costs and of the squared rows of what is known."""
 
     layout: Layout
-    likelihoods: tuple[Likelihood, ...]  # one per record
     exact: Relations  # h = 0
     known: Known  # h of deviation one, and measured modes
     bounds: Relations  # h >= 0
+    likelihoods: tuple[Likelihood, ...] = ()  # one per record
+    # what was put into the model, where base parameters are asked for
+    substituted: Mapping[str, float] = field(default_factory=dict)
     # the same with few of the lines, or of the shapes, for the way to the minimum
     sketch: Problem | None = None
-    lowest: Lowest | None = None  # the minimum of the sketch, where it is known
+    lowest: Point | None = None  # the minimum of the sketch, where it is known
     # share of the cost left to gain at which the search for the minimum ends
     tolerance: float = 1e-10
+
+    def of(self, records: Sequence[Observation], alike: Sequence[Likelihood] = ()) -> Problem:
+        """Return the problem of some records; `alike`: likelihoods of the same ones."""
+        likelihoods = tuple(
+            assemble(self.layout, record, number, like)
+            for number, (record, like) in enumerate(zip_longest(records, alike))
+        )
+        kept = self.layout, self.exact, self.known, self.bounds
+        return Problem(*kept, likelihoods, self.substituted)
 
     def at(self, unknowns: Floats, relaxation: float = 0.0, like: Point | None = None) -> Point:
         """Evaluate at all unknowns, shape (unknown,); `like`: where the same rotor was, perhaps."""
@@ -139,14 +152,6 @@ class Problem:
             for likelihood in self.likelihoods
         )
         return round(lines) + len(self.known)
-
-
-@frozen
-class Lowest:
-    """The minimum of a problem, and what it costs."""
-
-    unknowns: Floats
-    cost: float
 
 
 @frozen
@@ -369,9 +374,7 @@ def inside(problem: Problem, unknowns: Floats, scale: Floats) -> Floats | None:
     held: list[int] = []
     x: Floats | None = unknowns
     for _ in range(len(problem.bounds) + 1):
-        relations = problem.exact
-        if held:
-            relations = relations.joined(problem.bounds.subset(np.array(held)))
+        relations = problem.exact.joined(problem.bounds.rows[i] for i in held)
         x = retract(unknowns, problem.layout.free, relations, scale) if len(relations) else unknowns
         if x is None:
             return None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -72,46 +73,62 @@ Polynomial = Mapping[tuple[int, ...], float]
 
 
 @frozen
+class Limit:
+    """A bound as it was stated."""
+
+    expression: str
+    way: float  # 1 of a lower bound, -1 of an upper one
+    value: float  # SI
+
+    def __str__(self) -> str:
+        return f"{self.expression} {'>=' if self.way > 0 else '<='} {self.value:g}"
+
+
+@frozen
+class Relation:
+    """A polynomial, what it was stated as, for messages, and its deviation: 0 of one that holds."""
+
+    polynomial: Polynomial
+    stated: str | Limit
+    std: float = 0.0
+
+
+@frozen
 class Relations:
     """Polynomials ``h(x)``: relations h = 0, residuals h of deviation one, or bounds h >= 0."""
 
-    monomials: Monomials
-    matrix: Floats  # (relation, monomial)
-    texts: tuple[str, ...]  # for messages
+    rows: tuple[Relation, ...]
+    unknowns: int
 
-    @classmethod
-    def build(
-        cls, polynomials: Sequence[tuple[Polynomial, float, str]], unknowns: int
-    ) -> Relations:
-        distinct = sorted(
-            {m for polynomial, _, _ in polynomials for m in polynomial},
-            key=lambda product: [product.count(i) for i in range(unknowns)],
-        )
-        where = {m: i for i, m in enumerate(distinct)}
-        matrix = np.zeros((len(polynomials), len(distinct)))
-        for row, (polynomial, divisor, _) in enumerate(polynomials):
-            for monomial, coefficient in polynomial.items():
-                matrix[row, where[monomial]] += coefficient / divisor
-        texts = tuple(text for _, _, text in polynomials)
-        return cls(Monomials.of(distinct, unknowns), matrix, texts)
+    @cached_property
+    def _products(self) -> list[tuple[int, ...]]:
+        return sorted({product for row in self.rows for product in row.polynomial})
+
+    @cached_property
+    def monomials(self) -> Monomials:
+        return Monomials.of(self._products, self.unknowns)
+
+    @cached_property
+    def matrix(self) -> Floats:
+        """Coefficients, shape (relation, monomial)."""
+        rows = [
+            [row.polynomial.get(product, 0.0) / (row.std or 1.0) for product in self._products]
+            for row in self.rows
+        ]
+        return np.array(rows).reshape(len(self.rows), len(self._products))
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        return tuple(str(row.stated) for row in self.rows)
 
     def __len__(self) -> int:
-        return len(self.matrix)
+        return len(self.rows)
 
-    def subset(self, which: Integers) -> Relations:
-        return Relations(self.monomials, self.matrix[which], tuple(self.texts[i] for i in which))
+    def joined(self, rows: Iterable[Relation]) -> Relations:
+        return replace(self, rows=(*self.rows, *rows))
 
-    def joined(self, other: Relations) -> Relations:
-        one, further = self.monomials.factors, other.monomials.factors
-        count, longest = len(one) + len(further), max(one.shape[1], further.shape[1])
-        factors = np.full((count, longest), self.monomials.unknowns)
-        factors[: len(one), : one.shape[1]] = one
-        factors[len(one) :, : further.shape[1]] = further
-        matrix = np.zeros((len(self) + len(other), count))
-        matrix[: len(self), : len(one)] = self.matrix
-        matrix[len(self) :, len(one) :] = other.matrix
-        table = Monomials(factors, self.monomials.unknowns)
-        return Relations(table, matrix, self.texts + other.texts)
+    def where(self, chosen: Callable[[Relation], bool]) -> Relations:
+        return replace(self, rows=tuple(filter(chosen, self.rows)))
 
     def values(self, x: Floats) -> Floats:
         if not len(self):  # most problems have none, and each point asks
@@ -120,15 +137,13 @@ class Relations:
 
     def jacobian(self, x: Floats) -> Floats:
         if not len(self):
-            return np.zeros((0, self.monomials.unknowns))
+            return np.zeros((0, self.unknowns))
         return np.asarray(self.matrix @ self.monomials.jacobian(x))
 
     def linear_in(self) -> list[int]:
         """Return the unknowns on which no relation depends but linearly, each by itself."""
-        unknowns = self.monomials.unknowns
-        products = [row[row < unknowns] for row in self.monomials.factors]
-        entangled = {int(i) for row in products if len(row) > 1 for i in row}
-        return [i for i in range(unknowns) if i not in entangled]
+        entangled = {i for product in self._products if len(product) > 1 for i in product}
+        return [i for i in range(self.unknowns) if i not in entangled]
 
     def sizes(self, x: Floats) -> Floats:
         """Return the size of each relation's terms, shape (relation,); rounding scales with it."""

@@ -36,13 +36,12 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood import rivals_channels, rivals_records, rivals_stated, rivals_terms
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes, Way
 from rotorid.likelihood.effects import Entry, of_kind
-from rotorid.likelihood.inference import Inference, infer
-from rotorid.likelihood.preparation import Prepared
+from rotorid.likelihood.inference import infer
 from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.rivals_records import shown_speed
 from rotorid.likelihood.rivals_terms import BENDING
 from rotorid.likelihood.solver import HOPELESS, Solution, solve
-from rotorid.likelihood.starts import FEW, PLAIN_LINES, explained, searched
+from rotorid.likelihood.starts import FEW, PLAIN_LINES, searched
 from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.drawing import PLANES
@@ -483,12 +482,11 @@ class Plain:
     """Where the search ended on few lines, what explains the records, and what does not."""
 
     solution: Solution
-    inference: Inference
     rivals: tuple[Rival, ...] = ()
     tried: frozenset[str] = frozenset()
 
 
-def plainly(prepared: Prepared, records: Sequence[Observation], problem: Problem) -> Plain | None:
+def plainly(prepared: Problem, records: Sequence[Observation], problem: Problem) -> Plain | None:
     """Return what is plainly wrong with records of many lines; None where nothing is.
 
     The unknowns are those of the records without the mistake, the unbalance the best with it.
@@ -522,7 +520,7 @@ def _without_a_mistake(case: Case, mistakes: Sequence[Rival]) -> list[tuple[Riva
 def _searched(few: Case, problem: Problem) -> Point | None:
     """Return where the best of all ways on few lines leads on more; None where one is not bad."""
     found = searched(few.problem, few.prepared.layout.start)
-    there = few.at(found[0].point) if found is not None and found[0].converged else None
+    there = few.at(found.point) if found is not None and found.converged else None
     if there is None or not there.costs(HOPELESS):
         return None
     try:
@@ -535,15 +533,14 @@ def _on_all_lines(problem: Problem, point: Point, rivals: tuple[Rival, ...] = ()
     """Return what a minimum on few lines is on all; None where noise explains it there."""
     try:
         found = Solution(problem.best_at(point.unknowns), converged=True, iterations=0)
-        inference = infer(found.point)
+        return None if found.inference.explained else Plain(found, rivals)
     except np.linalg.LinAlgError:
         return None
-    return None if explained(found, inference) else Plain(found, inference, rivals)
 
 
 def by_shown_speed(
-    prepared: Prepared, records: Sequence[Observation], problem: Problem
-) -> tuple[Solution, Inference] | None:
+    prepared: Problem, records: Sequence[Observation], problem: Problem
+) -> Solution | None:
     """Return what the records are at the speed stated, the rotor that they show at their own.
 
     Its unbalance is the best at the speed stated. None where the records show no other speed, or
@@ -555,9 +552,9 @@ def by_shown_speed(
     case = Case(prepared, tuple(records), prepared.layout.start)
     point = speed.change(case.on_lines(FEW)).minimized("start")
     try:
-        if point is None or not explained(Solution(point, True, 0), infer(point)):
+        if point is None or not infer(point).explained:
             return None
     except np.linalg.LinAlgError:
         return None
     there = _on_all_lines(problem, point)
-    return None if there is None else (there.solution, there.inference)
+    return None if there is None else there.solution

@@ -21,8 +21,8 @@ from rotorid.core.values import Complexes
 from rotorid.data.measured_modes import Mode, number
 from rotorid.likelihood.case import Case, Kind, Rival, rivals
 from rotorid.likelihood.mode_rows import ModalRows
-from rotorid.likelihood.preparation import Limit
 from rotorid.likelihood.problem import Known, Point
+from rotorid.likelihood.relations import Limit
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import amount
 
@@ -41,7 +41,9 @@ def _held_bounds(case: Case) -> dict[Limit, int]:
     """Return the bounds that are active, and where they stand among the bounds."""
     found: dict[Limit, int] = {}
     for row in bounds_held(case.point.problem, case.point.unknowns):
-        found.setdefault(case.prepared.limits[row], row)
+        limit = case.prepared.bounds.rows[row].stated
+        assert isinstance(limit, Limit)
+        found.setdefault(limit, row)
     return found
 
 
@@ -65,12 +67,7 @@ def _all_bounds(case: Case) -> Iterator[Rival]:
 def _without(case: Case, held: Mapping[Limit, int]) -> Rival:
     """Return the rival that bounds are too narrow, and what the first of them bounds then is."""
     every, (limit, row) = case.prepared, next(iter(held.items()))
-    kept = [i for i, other in enumerate(every.limits) if other not in held]
-    looser = replace(
-        every,
-        bounds=every.bounds.subset(np.array(kept, dtype=np.int64)),
-        limits=tuple(every.limits[i] for i in kept),
-    )
+    looser = replace(every, bounds=every.bounds.where(lambda row: row.stated not in held))
     at = every.layout.index.get(limit.expression)
     unit = "" if at is None else every.layout.unknowns[at].unit
 

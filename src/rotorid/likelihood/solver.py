@@ -20,14 +20,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.likelihood.problem import Point, Problem, Tangent, inside, outside, retract, tangent
-from rotorid.likelihood.relations import Polynomial, Relations
+from rotorid.likelihood.inference import Inference, infer
+from rotorid.likelihood.problem import (
+    Point,
+    Problem,
+    Tangent,
+    inside,
+    outside,
+    retract,
+    tangent,
+)
+from rotorid.likelihood.relations import Relation
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
 """The homotopy: sigma of each stage, in units of the mean force."""
@@ -59,20 +68,36 @@ class Solution:
     # sequence of array: unknowns at the end of each stage before the last
     trail: tuple[Floats, ...] = ()
 
+    @cached_property
+    def inference(self) -> Inference:
+        return infer(self.point)
+
 
 class _Walk:
-    def __init__(self, problem: Problem, unknowns: Floats, bounded: bool) -> None:
-        self.problem, self.unknowns, self.bounded = problem, unknowns, bounded
+    """A way from the nearest point that keeps the relations, on few lines where there are some."""
+
+    def __init__(self, problem: Problem, start: Floats, bounded: bool) -> None:
+        size = np.abs(start[problem.layout.free])
+        scale = np.maximum(size, 1e-12 * size.max(initial=0.0))
+        x = _kept(problem, start, np.where(scale > 0, scale, 1.0), bounded)
+        if x is None and bounded:
+            raise np.linalg.LinAlgError("no point near keeps the bounds")
+        self.problem, self.bounded = anchored(problem.sketch or problem, start), bounded
+        self.unknowns = start if x is None else x
         self.iterations, self.effort = 0, EFFORT
 
-    def descend(self, relaxation: float, tolerance: float, limit: int) -> tuple[Point, bool]:
+    def descend(
+        self, relaxation: float, tolerance: float = 1e-2, limit: int = 30
+    ) -> tuple[Point, bool]:
+        """Go down one stage; return where that led, and whether it is the minimum."""
         point, radius = self.problem.best_at(self.unknowns, relaxation), np.inf
         floor = 1e-14 if relaxation > 0 else 1.0
         for _ in range(limit):
-            where = self._tangent(point)
+            self.iterations += 1
+            where = tangent(point, self.bounded)
             if where.decrease <= tolerance * max(point.cost, floor):
                 return point, True
-            trial, radius = self._forward(point, where, radius, relaxation)
+            trial, radius = self._forward(point, where, radius)
             if trial is None:
                 # No step helps: rounding, if what was left to gain is next to nothing.
                 least = 0.0 if relaxation > 0 else ARRIVED
@@ -81,13 +106,7 @@ class _Walk:
             self.unknowns = point.unknowns
         return point, False
 
-    def _tangent(self, point: Point) -> Tangent:
-        self.iterations += 1
-        return tangent(point, self.bounded)
-
-    def _forward(
-        self, point: Point, where: Tangent, radius: float, relaxation: float
-    ) -> tuple[Point | None, float]:
+    def _forward(self, point: Point, where: Tangent, radius: float) -> tuple[Point | None, float]:
         """Return a point with a lower cost, and the radius to try next."""
         for attempt in range(25):
             along = where.step(radius)
@@ -96,51 +115,96 @@ class _Walk:
             length = float(np.linalg.norm(along))
             if length == 0:  # the bounds leave no way
                 return None, radius
-            trial = self._stepped(point, where, along, relaxation)
+            trial = _stepped(point, where, along, self.bounded)
             for _ in range(BENDS):
                 if trial is None or trial.cost < point.cost:
                     break
-                trial = self._corrected(trial, point, relaxation)
+                self.iterations += 1
+                moved = _across(trial, point, self.bounded)
+                leads_down = moved is not None and moved.cost < max(point.cost, 0.5 * trial.cost)
+                trial = moved if leads_down else None
             if trial is not None and trial.cost < point.cost:
                 return trial, 4 * length if attempt == 0 else length
             radius = length / 4
         return None, radius
 
-    def _corrected(self, trial: Point, point: Point, relaxation: float) -> Point | None:
-        """Step back to the floor of the valley, square to the way; None where it leads up."""
+    def ended(
+        self, problem: Problem, relaxation: float, brief: bool, near: bool
+    ) -> tuple[Point, bool] | None:
+        """Go through the last stage; return its end and whether it converged there."""
+        self._hurry(brief)
+        converged = None if near else self._astray(problem, relaxation)
+        self.problem = problem
+        self._hurry(brief)
         try:
-            moved = self.across(trial, point, relaxation)
+            if converged is None:
+                point, converged = self.descend(relaxation, problem.tolerance, LIMIT)
+                if brief and not converged and not _hopeless(point):
+                    self.effort = EFFORT  # a bent valley, not another mountain
+                    point, converged = self.descend(relaxation, problem.tolerance, LIMIT)
+                return point, converged
         except np.linalg.LinAlgError:
-            return None
-        if moved is None or moved.cost >= max(point.cost, 0.5 * trial.cost):
-            return None
-        return moved
+            converged = False
+        last = evaluated(problem, self.unknowns, relaxation)
+        return None if last is None else (last, converged)
 
-    def across(self, trial: Point, point: Point, relaxation: float = 0.0) -> Point | None:
-        free, there = self.problem.layout.free, self._tangent(trial)
+    def _hurry(self, brief: bool) -> None:
+        if brief:
+            self.effort = self.iterations + BRIEF
+
+    def _astray(self, problem: Problem, relaxation: float) -> bool | None:
+        """Tell whether the sketch converges at a hopeless cost; None: all lines are to be asked."""
+        if problem.sketch is None:
+            return None
+        self.problem = problem.sketch
+        with suppress(np.linalg.LinAlgError):
+            point, converged = self.descend(relaxation)
+            if _hopeless(point, problem.lowest):
+                point, converged = self.descend(relaxation, 1e-10, LIMIT)
+                return converged if _hopeless(point, problem.lowest) else None
+        return None
+
+
+def _stepped(point: Point, where: Tangent, along: Floats, bounded: bool) -> Point | None:
+    """Evaluate a step away, back on the relations; None where there is no finite cost."""
+    problem, aimed = point.problem, point.unknowns.copy()
+    aimed[problem.layout.free] += where.spread(along)
+    target = _kept(problem, aimed, where.scale, bounded)
+    return None if target is None else evaluated(problem, target, point.relaxation)
+
+
+def _across(trial: Point, point: Point, bounded: bool = False) -> Point | None:
+    """Step back to the floor of the valley, square to the way from a point to a trial."""
+    free = point.problem.layout.free
+    with suppress(np.linalg.LinAlgError):
+        there = tangent(trial, bounded)
         across = there.across(trial.unknowns[free] - point.unknowns[free])
-        return self._stepped(trial, there, across, relaxation)
-
-    def _stepped(
-        self, point: Point, where: Tangent, along: Floats, relaxation: float
-    ) -> Point | None:
-        """Evaluate a step away, back on the relations; None where there is no finite cost."""
-        problem, free = self.problem, self.problem.layout.free
-        aimed = point.unknowns.copy()
-        aimed[free] += where.spread(along)
-        target = _kept(problem, aimed, where.scale, self.bounded)
-        return None if target is None else evaluated(problem, target, relaxation)
+        return _stepped(trial, there, across, bounded)
+    return None
 
 
 def evaluated(problem: Problem, unknowns: Floats, relaxation: float = 0.0) -> Point | None:
     if not np.abs(unknowns).max(initial=0.0) < 1e150:
         return None
-    try:
-        with np.errstate(all="ignore"):
-            point = problem.best_at(unknowns, relaxation)
-            return point if np.isfinite(point.cost) else None
-    except np.linalg.LinAlgError:
-        return None
+    with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+        point = problem.best_at(unknowns, relaxation)
+        return point if np.isfinite(point.cost) else None
+    return None
+
+
+def _kept(problem: Problem, unknowns: Floats, scale: Floats, bounded: bool) -> Floats | None:
+    """Return the nearest point that keeps the exact relations and, if `bounded`, the bounds."""
+    if bounded:
+        return inside(problem, unknowns, scale)
+    if len(problem.exact):
+        return retract(unknowns, problem.layout.free, problem.exact, scale)
+    return unknowns
+
+
+def _hopeless(point: Point, above: Point | None = None) -> bool:
+    """Tell whether a cost is hopeless, `above` that of the minimum on few lines."""
+    least = 0.0 if above is None else above.cost
+    return point.cost >= HOPELESS * (len(point.residual) + least)
 
 
 def solve(
@@ -160,27 +224,26 @@ def solve(
     point on the way has a finite cost, or that no point near keeps the bounds.
     """
     with np.errstate(all="ignore"):  # what overflows on the way is refused there
-        candidates = _within(problem, start, stages, bounded, brief=brief)
-        best = _lowest(candidates)
+        ends = _ends(problem, start, stages, bounded, brief=brief)
         there = evaluated(problem, start, stages[-1])
-        if there is not None and (best is None or there.cost < best.point.cost):
-            again = _within(problem, start, stages[-1:], bounded, brief=brief)
-            best = _lowest([*candidates, *again])
-    if best is None:
-        raise np.linalg.LinAlgError("no way from this start")
-    return best
+        if there is not None and all(there.cost < end.point.cost for end in ends):
+            ends += _ends(problem, start, stages[-1:], bounded, brief=brief)
+    return _lowest(ends)
 
 
 def settle(problem: Problem, near: Floats) -> Solution:
     """Return the minimum near a point, on all lines from the first step: few would lead away."""
     with np.errstate(all="ignore"):
-        best = _lowest(_within(problem, near, STAGES[-1:], False, near=True))
-    if best is None:
-        raise np.linalg.LinAlgError("no way from this point")
-    return best
+        return _lowest(_ends(problem, near, STAGES[-1:], False, near=True))
 
 
-def _within(
+def _lowest(ends: Sequence[Solution]) -> Solution:
+    if not ends:
+        raise np.linalg.LinAlgError("no way from this start")
+    return min(ends, key=lambda end: end.point.cost)
+
+
+def _ends(
     problem: Problem,
     start: Floats,
     stages: Sequence[float],
@@ -190,27 +253,52 @@ def _within(
     near: bool = False,
 ) -> list[Solution]:
     """Descend freely; where that ends outside, again from its end and from the start inside."""
-    descended = partial(_descended, problem, brief=brief, near=near)
-    found = None if bounded else descended(start, stages, False)
-    if found is not None and not len(outside(problem.bounds, found.point.unknowns)):
-        return [found]
     ways = [(start, stages)]
-    if found is not None:
-        ways.append((found.point.unknowns, stages[-1:]))
-        if brief and _hopeless(found.point):  # bounds only add to that
-            del ways[0]
-    inner = [descended(x, way, True) for x, way in ways]
-    return [solution for solution in inner if solution is not None]
+    if not bounded:
+        found = _descended(problem, start, stages, False, brief=brief, near=near)
+        if found is not None and not len(outside(problem.bounds, found.point.unknowns)):
+            return [found]
+        if found is not None:
+            ways.append((found.point.unknowns, stages[-1:]))
+            if brief and _hopeless(found.point):  # bounds only add to that
+                del ways[0]
+    inner = [_descended(problem, *way, True, brief=brief, near=near) for way in ways]
+    return [end for end in inner if end is not None]
 
 
-def few_steps(problem: Problem, start: Floats, stages: Sequence[float], steps: int) -> Point | None:
-    """Return where a few steps at each stage lead, bounds left aside; None where nowhere."""
-    walk, point = _walk(problem, start, bounded=False), None
-    if walk is None:
+def _descended(
+    problem: Problem,
+    start: Floats,
+    stages: Sequence[float],
+    bounded: bool,
+    known: Sequence[Floats] = (),
+    *,
+    brief: bool = False,
+    near: bool = False,
+) -> Solution | None:
+    """Go through the stages; None for no finite cost, or where a stage ends as the known way's."""
+    try:
+        walk = _Walk(problem, start, bounded)
+    except np.linalg.LinAlgError:
         return None
-    for relaxation in stages:
-        point, _ = walk.descend(relaxation, tolerance=1e-2, limit=steps)
-    return point
+    trail: list[Floats] = []
+    for stage, relaxation in enumerate(stages[:-1]):
+        with suppress(np.linalg.LinAlgError):
+            walk.descend(relaxation)
+        trail.append(walk.unknowns)
+        if stage < len(known) and _same(problem, walk.unknowns, known[stage]):
+            return None
+    ended = walk.ended(problem, stages[-1], brief, near)
+    if ended is None:
+        return None
+    active = bounds_held(problem, ended[0].unknowns) if bounded else ()
+    return Solution(*ended, walk.iterations, active, tuple(trail))
+
+
+def few_steps(problem: Problem, start: Floats, stages: Sequence[float], steps: int) -> Point:
+    """Return where a few steps at each stage lead, bounds left aside."""
+    walk = _Walk(problem, start, bounded=False)
+    return [walk.descend(relaxation, limit=steps)[0] for relaxation in stages][-1]
 
 
 def beside(point: Point, change: Floats) -> Point | None:
@@ -218,26 +306,15 @@ def beside(point: Point, change: Floats) -> Point | None:
 
     Gauss-Newton steps square to the change, so that what the change moves stays moved.
     """
-    problem, free = point.problem, point.problem.layout.free
-    walk = _Walk(problem, point.unknowns, bounded=False)
-    aimed = point.unknowns.copy()
-    aimed[free] += change
+    problem, aimed = point.problem, point.unknowns.copy()
+    aimed[problem.layout.free] += change
     trial = evaluated(problem, aimed)
     for _ in range(BENDS):
-        if trial is None:
-            return None
-        try:
-            moved = walk.across(trial, point)
-        except np.linalg.LinAlgError:
-            return None
-        if moved is None or moved.cost > trial.cost - 1e-3:
+        moved = None if trial is None else _across(trial, point)
+        if trial is None or moved is None or moved.cost > trial.cost - 1e-3:
             break
         trial = moved
     return trial
-
-
-def _lowest(candidates: Sequence[Solution]) -> Solution | None:
-    return min(candidates, key=lambda c: c.point.cost, default=None)
 
 
 def elsewhere(
@@ -265,19 +342,11 @@ def _idle(
     sketch, lowest = problem.sketch, problem.lowest
     assert sketch is not None
     assert lowest is not None
-    try:
-        found = _descended(sketch, start, stages, False, known, brief=True)
-    except np.linalg.LinAlgError:
-        return False
-    if found is None or found.point.cost > _hopeless_cost(found.point, problem):
+    found = _descended(sketch, start, stages, False, known, brief=True)
+    if found is None or _hopeless(found.point, lowest):
         return True
     near = found.point.cost <= lowest.cost * (1 + 2 * sketch.tolerance) + 1e-3
     return near and _same(problem, found.point.unknowns, lowest.unknowns)
-
-
-def _hopeless_cost(point: Point, problem: Problem) -> float:
-    floor = 0.0 if problem.lowest is None else problem.lowest.cost
-    return HOPELESS * (len(point.residual) + floor)
 
 
 def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: bool = False) -> bool:
@@ -288,103 +357,10 @@ def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: boo
     if not known or any(len(outside(problem.bounds, point)) for point in known):
         return False
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
-        walk = _walk(problem, start, bounded)
-        if walk is None:
-            return False
-        walk.descend(STAGES[0], tolerance=1e-2, limit=30)
+        walk = _Walk(problem, start, bounded)
+        walk.descend(STAGES[0])
         return _same(problem, walk.unknowns, known[0])
     return False
-
-
-def _walk(problem: Problem, start: Floats, bounded: bool) -> _Walk | None:
-    free = problem.layout.free
-    scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))
-    scale = np.where(scale > 0, scale, 1.0)
-    x = _kept(problem, start, scale, bounded)
-    if x is None and bounded:
-        return None
-    return _Walk(anchored(problem.sketch or problem, start), start if x is None else x, bounded)
-
-
-def _kept(problem: Problem, unknowns: Floats, scale: Floats, bounded: bool) -> Floats | None:
-    """Return the nearest point that keeps the exact relations and, if `bounded`, the bounds."""
-    if bounded:
-        return inside(problem, unknowns, scale)
-    if len(problem.exact):
-        return retract(unknowns, problem.layout.free, problem.exact, scale)
-    return unknowns
-
-
-def _descended(
-    problem: Problem,
-    start: Floats,
-    stages: Sequence[float],
-    bounded: bool,
-    known: Sequence[Floats] = (),
-    *,
-    brief: bool = False,
-    near: bool = False,
-) -> Solution | None:
-    """Go through the stages; None for no finite cost, or where a stage ends as the known way's."""
-    walk = _walk(problem, start, bounded)
-    if walk is None:
-        return None
-    trail: list[Floats] = []
-    for stage, relaxation in enumerate(stages[:-1]):
-        with suppress(np.linalg.LinAlgError):
-            walk.descend(relaxation, tolerance=1e-2, limit=30)
-        trail.append(walk.unknowns)
-        if stage < len(known) and _same(problem, walk.unknowns, known[stage]):
-            return None
-    ended = _ended(problem, walk, stages[-1], brief, near)
-    if ended is None:
-        return None
-    point, converged = ended
-    active = bounds_held(problem, point.unknowns) if bounded else ()
-    return Solution(point, converged, walk.iterations, active, tuple(trail))
-
-
-def _ended(
-    problem: Problem, walk: _Walk, relaxation: float, brief: bool, near: bool
-) -> tuple[Point, bool] | None:
-    """Go through the last stage; return its end and whether it converged there."""
-    if brief:
-        walk.effort = walk.iterations + BRIEF
-    converged = None if near else _astray(problem, walk, relaxation)
-    walk.problem = problem
-    if brief:
-        walk.effort = walk.iterations + BRIEF
-    try:
-        if converged is None:
-            point, converged = walk.descend(relaxation, problem.tolerance, limit=LIMIT)
-            if brief and not converged and not _hopeless(point):
-                walk.effort = EFFORT  # a bent valley, not another mountain
-                point, converged = walk.descend(relaxation, problem.tolerance, limit=LIMIT)
-            return point, converged
-    except np.linalg.LinAlgError:
-        converged = False
-    last = evaluated(problem, walk.unknowns, relaxation)
-    return None if last is None else (last, converged)
-
-
-def _hopeless(point: Point) -> bool:
-    return point.cost >= HOPELESS * len(point.residual)
-
-
-def _astray(problem: Problem, walk: _Walk, relaxation: float) -> bool | None:
-    """Tell whether the sketch converges at a hopeless cost; None: all lines are to be asked."""
-    if problem.sketch is None:
-        return None
-    walk.problem = problem.sketch
-    try:
-        point, converged = walk.descend(relaxation, tolerance=1e-2, limit=30)
-        hopeless = _hopeless_cost(point, problem)
-        if point.cost <= hopeless:
-            return None
-        point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
-    except np.linalg.LinAlgError:
-        return None
-    return converged if point.cost > hopeless else None
 
 
 def _same(problem: Problem, one: Floats, other: Floats) -> bool:
@@ -413,20 +389,17 @@ def anchored(problem: Problem, start: Floats) -> Problem:
     While errors are granted to the equations in units of force, the cost would fall with the
     forces themselves: without an anchor, all gains, masses and stiffnesses go to zero together.
     """
-    layout, rows = problem.layout, list[tuple[Polynomial, float, str]]()
-    for index in layout.free:
-        unknown = layout.unknowns[index]
-        if unknown.anchored and start[index]:
-            polynomial = {(int(index),): 1.0, (): -float(start[index])}
-            rows.append((polynomial, ANCHOR * abs(float(start[index])), unknown.name))
+    unknowns, values = problem.layout.unknowns, start.tolist()
+    moved = [i for i in problem.layout.free.tolist() if values[i]]
+    rows = [
+        Relation({(i,): 1.0, (): -values[i]}, unknowns[i].name, ANCHOR * abs(values[i]))
+        for i in moved
+        if unknowns[i].anchored
+    ]
     if scale_is_open(problem, start):
-        moved = [i for i in layout.free if start[i]]
-        common = {(int(m),): 1 / float(start[m]) for m in moved}
-        rows.append((common | {(): -float(len(moved))}, HELD_SCALE, "scale"))
-    if not rows:
-        return problem
-    held = Relations.build(rows, len(layout.unknowns))
-    return replace(problem, known=problem.known.joined(held))
+        common = {(i,): 1 / values[i] for i in moved}
+        rows.append(Relation(common | {(): -float(len(moved))}, "scale", HELD_SCALE))
+    return replace(problem, known=problem.known.joined(rows)) if rows else problem
 
 
 def scale_is_open(problem: Problem, start: Floats) -> bool:

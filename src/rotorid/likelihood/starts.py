@@ -8,21 +8,18 @@ forces on the kept coordinates then differ by, whitened, is a change of the resi
 estimate like any other: to first order by ``-C J^T dr``.
 
 The homotopy from the given start finds the minimum of nearly every record that informs all
-unknowns, and its cost says so. Where it does not (the iteration ended nowhere, or at a cost that
-noise does not explain), the next ways are taken: the start with the bounds kept all the way, then
-starts spread about the given one, and from each the homotopy. A cost that noise does not explain
-is believed, and put down to the model or to the data, once two different starts have led to it;
-where a mass has vanished on the way, only once all ways have been tried; and where unknowns are
-open that the start would tell, never: a mass that is hidden behind its spring, say, may vanish with
-it, and their ratio is all that is left. There a further way keeps every unknown within a factor of
-ten of its start, until it is settled.
+unknowns, and its cost says so. Where it does not, further ways are taken. A cost that noise does
+not explain is believed, and put down to the model or to the data, once two different starts have
+led to it; where a mass has vanished on the way, only once all ways have been tried; and where
+unknowns are open that the start would tell, never (docs/maximum-likelihood.md, section 1).
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +32,7 @@ from rotorid.data.observation import Observation, bind, combined
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, outside
-from rotorid.likelihood.relations import Polynomial, Relations
+from rotorid.likelihood.relations import Relation
 from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
 from rotorid.models import Model
 from rotorid.models.rotor.fem import Banded
@@ -67,25 +64,13 @@ def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
     if not isinstance(clock, SampledClock) or (lines.transient is None and not periodic):
         return record
     chosen = _chosen(record, few)
-    fewer = changed(clock, harmonics=clock.harmonics[chosen])
-    covariance = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
-    samples = lines.samples
+    clock = changed(clock, harmonics=clock.harmonics[chosen])
+    names, samples = ("frequency", "speed", "mean", "multiplicity"), lines.samples
+    changes: dict[str, Any] = {name: getattr(lines, name)[chosen] for name in names}
+    changes["covariance"] = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
     if samples is not None:
-        samples = replace(samples, lines_kept=samples.lines_kept[chosen])
-    return record.with_lines(
-        replace(
-            lines,
-            frequency=lines.frequency[chosen],
-            speed=lines.speed[chosen],
-            mean=lines.mean[chosen],
-            covariance=covariance,
-            multiplicity=lines.multiplicity[chosen],
-            clock=fewer,
-            samples=samples,
-            scatter=None,
-            beside=None,
-        )
-    )
+        changes["samples"] = replace(samples, lines_kept=samples.lines_kept[chosen])
+    return record.with_lines(replace(lines, clock=clock, scatter=None, beside=None, **changes))
 
 
 def _chosen(record: Observation, few: int) -> Integers:
@@ -192,8 +177,6 @@ def _force(record: Observation, values: Floats, chosen: Integers, motion: Comple
 
 FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
 """A homotopy from further off and in smaller steps: for starts a thousand times off."""
-SUSPICIOUS = 1e-6
-"""Below this p-value a minimum may be a local one."""
 STARTS = 8
 """Further starts. Of random rotors from +-60 % one of two leads to the minimum at worst: 8 fail
 together in less than 1 in 200 of the few that fail at first."""
@@ -248,61 +231,52 @@ def _ways(problem: Problem, start: Floats) -> Iterator[_Way]:
             yield _Way(0, start, FINE_STAGES)
 
 
-def _and_held(ways: Iterator[_Way], start: Floats, astray: Callable[[], bool]) -> Iterator[_Way]:
-    """Yield ways, and one with each unknown held near its start once one has led astray."""
-    held = False
-    for way in ways:
-        yield way
-        if astray() and not held:
-            held = True
-            yield _Way(0, start, held=True)
-
-
-Minimum = tuple[Solution, Inference]
-
-
-def search(problem: Problem, start: Floats) -> Iterator[Minimum]:
-    """Yield the lowest minimum so far after each way, and what it tells; the last is the answer.
+def search(problem: Problem, start: Floats) -> Iterator[Solution]:
+    """Yield the lowest minimum so far after each way; the last is the answer.
 
     Nothing where no way leads anywhere.
     """
-    best: Minimum | None = None
-    costs: list[tuple[int, float]] = []
-    lost: list[tuple[int, float]] = []
-    opened: list[tuple[int, float]] = []
+    best: Solution | None = None
     first: Solution | None = None
-    for way in _and_held(_ways(problem, start), start, lambda: bool(lost or opened)):
-        if first is not None and _known(problem, way, first):
-            costs.append((way.number, first.point.cost))
-            if best is not None and _agreed(costs, best):
+    # where ways ended, by the numbers of their starts, and the costs
+    arrived, lost, opened = (list[tuple[int, float]]() for _ in range(3))
+    ways = deque(_ways(problem, start))
+    while ways:
+        way = ways.popleft()
+        if best is not None and first is not None and _known(problem, way, first):
+            arrived.append((way.number, first.point.cost))
+            if _agreed(arrived, best):
                 break
             continue
         try:
-            solution = _gone(problem, way)
-            found = solution, infer(solution.point)
+            found = _gone(problem, way)
+            inference = found.inference
         except np.linalg.LinAlgError:  # the way led where the equations lose their meaning
             continue
-        if best is None or solution.point.cost < best[0].point.cost:
+        if best is None or found.point.cost < best.point.cost:
             best = found
-        if solution.converged:
-            if _opened(problem, start, found[1]):
-                opened.append((way.number, solution.point.cost))
-            elif vanished(problem, start, solution):
-                lost.append((way.number, solution.point.cost))
+        if found.converged:
+            ends = arrived
+            if _opened(problem, start, inference):
+                ends = opened
+            elif vanished(problem, start, found):
+                ends = lost
             else:
-                costs.append((way.number, solution.point.cost))
-                first = first or solution
-        arrived = explained(*best) or _agreed(costs, best) or _agreed(opened, best)
-        if best[0].converged and arrived:
+                first = first or found
+            if ends is not arrived and not lost and not opened:
+                ways.appendleft(_Way(0, start, held=True))
+            ends.append((way.number, found.point.cost))
+        agreed = _agreed(arrived, best) or _agreed(opened, best)
+        if best.converged and (best.inference.explained or agreed):
             break
         yield best
-    if best is not None and not explained(*best) and not _agreed(costs + lost, best):
-        best = replace(best[0], converged=False), best[1]
-    if best is not None:
-        yield best
+    if best is None:
+        return
+    explained = best.inference.explained
+    yield best if explained or _agreed([*arrived, *lost], best) else replace(best, converged=False)
 
 
-def searched(problem: Problem, start: Floats) -> Minimum | None:
+def searched(problem: Problem, start: Floats) -> Solution | None:
     """Return the lowest minimum of all ways; None where none leads anywhere."""
     ends = deque(search(problem, start), maxlen=1)
     return ends.pop() if ends else None
@@ -317,14 +291,13 @@ def _gone(problem: Problem, way: _Way) -> Solution:
 
 def _within(problem: Problem, start: Floats) -> Problem:
     layout, linear = problem.layout, set(problem.affine.tolist())
-    rows: list[tuple[Polynomial, float, str]] = []
-    for i in layout.free.tolist():
-        unknown = layout.unknowns[i]
-        if start[i] == 0 or i in linear or unknown.nuisance:
-            continue
-        rows.append(({(i,): 1 / start[i], (): -1 / WITHIN}, 1.0, unknown.name))
-        rows.append(({(i,): -1 / start[i], (): WITHIN}, 1.0, unknown.name))
-    bounds = problem.bounds.joined(Relations.build(rows, len(start)))
+    rows = [
+        Relation({(i,): way / start[i], (): -way * limit}, layout.unknowns[i].name)
+        for i in layout.free.tolist()
+        if start[i] != 0 and i not in linear and not layout.unknowns[i].nuisance
+        for way, limit in ((1.0, 1 / WITHIN), (-1.0, WITHIN))
+    ]
+    bounds = problem.bounds.joined(rows)
     sketch = None if problem.sketch is None else replace(problem.sketch, bounds=bounds)
     return replace(problem, bounds=bounds, sketch=sketch)
 
@@ -356,17 +329,8 @@ def _known(problem: Problem, way: _Way, first: Solution) -> bool:
     return joins(problem, way.start, first.trail, way.bounded)
 
 
-def explained(solution: Solution, inference: Inference) -> bool:
-    """Tell whether noise alone explains the cost."""
-    return inference.expectation.p_value(solution.point.cost) >= SUSPICIOUS
-
-
-def _agreed(costs: list[tuple[int, float]], best: Minimum) -> bool:
-    """Tell whether different starts led to the lowest cost."""
-    most = _as_low(best[0].point.cost, best[1].expectation.mean)
-    return len({number for number, cost in costs if cost <= most}) > 1
-
-
-def _as_low(lowest: float, expected: float) -> float:
-    """Return the highest cost that is the lowest one, to rounding."""
-    return lowest * (1 + max(AGREE, ALIKE / max(expected, 1.0))) + 1e-3
+def _agreed(ends: Sequence[tuple[int, float]], best: Solution) -> bool:
+    """Tell whether different starts led to the lowest cost, to rounding."""
+    lowest, expected = best.point.cost, best.inference.expectation.mean
+    most = lowest * (1 + max(AGREE, ALIKE / max(expected, 1.0))) + 1e-3
+    return len({number for number, cost in ends if cost <= most}) > 1

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from rotorid.answer.contents import DOUBTFUL, Alternative, LineMisfit, Misfit, Value
-from rotorid.answer.derived import base_from_physical, physical_from_base, physical_start
+from rotorid.answer.derived import base_from_physical, physical_from_base
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.machine_checks import REJECTED
 from rotorid.core.notes import Note, remarks
-from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
-from rotorid.likelihood.case import Case
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.identifiability import (
     determined_combinations,
@@ -30,70 +29,60 @@ from rotorid.models import Model
 
 
 def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
-    layout, inference, point = fit.prepared.layout, fit.inference, fit.solution.point
-    records = fit.records
-    cost, expectation = point.cost, inference.expectation
-    p_value = expectation.p_value(cost)
-    inflation = float(np.sqrt(max(1.0, cost / expectation.mean))) if expectation.mean > 0 else 1.0
-    values, held = _values(fit, inflation), _held(model, fit)
+    layout, inference, point = fit.layout, fit.inference, fit.solution.point
+    expectation = inference.expectation
     # Where a search failed, nothing follows of what the records determine.
-    arrived = fit.solution.converged
-    combinations = open_combinations(fit) if arrived else []
-    cures = find_cures(fit, combinations)
+    combinations = open_combinations(fit) if fit.solution.converged else []
     notes = (
         *causes,
         *(Note("units", "doubts", fault) for fault in model.unit_faults),
-        *_notes(fit, p_value),
+        *_notes(fit),
         *(Note(OPEN, "open", str(found), on=found.names) for found in combinations),
-        *(Note(OPEN, "open", cure=cure) for cure in cures),
+        *(Note(OPEN, "open", cure=cure) for cure in find_cures(fit, combinations)),
     )
-    count = layout.named
-    kept = [v for i, v in enumerate(values[:count]) if i not in layout.idle]
+    values, units, held = _values(fit), model.parameter_units, fit.problem.substituted
     return Estimate(
         model=model.name,
         method="ml",
         status=judge(notes),
-        parameters=(*kept, *held),
-        nuisance=tuple(v for v in values[count:] if not v.fixed),
-        derived=(
-            *_derived(model, fit),
-            *determined_combinations(fit, combinations),
+        parameters=(
+            *(v for i, v in enumerate(values[: layout.named]) if i not in layout.idle),
+            *(Value(name, units[name], value, 0.0, 0.0, True) for name, value in held.items()),
         ),
+        nuisance=tuple(v for v in values[layout.named :] if not v.fixed),
+        derived=(*_derived(model, fit), *determined_combinations(fit, combinations)),
         covariance=inference.covariance,
-        misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
-        prediction=relative_errors(by_likelihood(records, point.records)),
-        lines_hz=_lines(records),
-        periods=min((r.lines.periods for r in records), default=0),
+        misfit=Misfit(inference.cost, expectation.mean, expectation.dof, inference.p_value),
+        prediction=relative_errors(by_likelihood(fit.records, point.records)),
         notes=notes,
         condition_number=inference.linear.condition_number,
         line_misfit=tuple(_line_misfits(fit)),
         modes=mode_fits(fit.problem.known.modes, point.unknowns, layout.free, inference.covariance),
-        alternatives=tuple(_alternatives(fit)),
+        alternatives=tuple(
+            Alternative(
+                other.cost,
+                tuple((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free),
+            )
+            for other in fit.doubt.alternatives
+        ),
+        **_seen(fit.records),
     )
 
 
-def _values(fit: Fit, inflation: float) -> list[Value]:
-    unknowns, std = fit.prepared.layout.unknowns, _deviations(fit)
+def _seen(records: Sequence[Observation]) -> dict[str, Any]:
+    return {
+        "lines_hz": tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
+        "periods": min((r.lines.periods for r in records), default=0),
+    }
+
+
+def _values(fit: Fit) -> list[Value]:
+    unknowns, std, inference = fit.layout.unknowns, fit.std, fit.inference
+    mean = inference.expectation.mean
+    inflation = float(np.sqrt(max(1.0, inference.cost / mean))) if mean > 0 else 1.0
     values = np.where(np.isfinite(std), fit.solution.point.unknowns, np.nan)
     rows = zip(unknowns, values.tolist(), std.tolist(), (std * inflation).tolist(), strict=True)
     return [Value(u.name, u.unit, x, s, wider, u.fixed) for u, x, s, wider in rows]
-
-
-def _held(model: Model, fit: Fit) -> list[Value]:
-    units = model.parameter_units
-    held = fit.prepared.substituted.items()
-    return [Value(name, units[name], value, 0.0, 0.0, True) for name, value in held]
-
-
-def _alternatives(fit: Fit) -> Iterator[Alternative]:
-    layout = fit.prepared.layout
-    for other in fit.doubt.alternatives:
-        named = ((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free)
-        yield Alternative(other.cost, tuple(named))
-
-
-def _lines(records: Sequence[Observation]) -> tuple[float, ...]:
-    return tuple(sorted({float(f) for r in records for f in r.lines.frequency}))
 
 
 def nothing_found(
@@ -102,66 +91,30 @@ def nothing_found(
     """Return the result of an iteration that ended nowhere: no values, and why."""
     told = remarks("record", (w for r in records for w in r.lines.warnings))
     notes = (*told, Note("search", "unfinished", message))
+    known = {name: (value, 0.0, 0.0, True) for name, value in fixed.items()}
+    open_ = (np.nan, np.nan, np.nan)
+    parameters = (Value(p.name, p.unit, *known.get(p.name, open_)) for p in model.parameters)
     return Estimate(
-        model=model.name,
-        method="ml",
-        status=judge(notes),
-        parameters=tuple(
-            Value(p.name, p.unit, fixed[p.name], 0.0, 0.0, True)
-            if p.name in fixed
-            else Value(p.name, p.unit, np.nan, np.nan, np.nan)
-            for p in model.parameters
-        ),
-        lines_hz=_lines(records),
-        periods=min((r.lines.periods for r in records), default=0),
-        notes=notes,
+        model.name, "ml", judge(notes), tuple(parameters), notes=notes, **_seen(records)
     )
 
 
 def trials_of(fit: Fit) -> Iterator[Tried]:
     """Look for what is wrong where the data reject the model; where they do not, nothing is."""
-    point, expected = fit.solution.point, fit.inference.expectation
-    if expected.p_value(point.cost) < REJECTED:
-        values = physical_at(fit)
-        case = Case(fit.prepared, fit.records, point.unknowns, expected.mean, values, point)
-        yield from suspected(case, fit.plain)
+    if fit.inference.p_value < REJECTED:
+        yield from suspected(fit.case, fit.plain)
 
 
-def _deviations(fit: Fit) -> Floats:
-    """Deviation of every unknown: 0 where fixed, NaN where the records do not determine it."""
-    layout, inference = fit.prepared.layout, fit.inference
-    std = np.zeros(len(layout.unknowns))
-    spread = inference.std
-    spread[inference.linear.undetermined] = np.nan
-    std[layout.free] = spread
-    return std
-
-
-def physical_at(fit: Fit) -> Floats:
-    """Return the model's parameters at the minimum, NaN where base parameters leave them open.
-
-    Of the model that was fitted: with base parameters it lacks those that were held.
-    """
-    layout, point = fit.prepared.layout, fit.solution.point
-    if not layout.base:
-        return point.unknowns[layout.of_record(0).held]
-    return physical_start(layout.model, point.unknowns[: layout.parameters])
-
-
-def _line_misfits(fit: Fit) -> list[LineMisfit]:
-    found = []
+def _line_misfits(fit: Fit) -> Iterator[LineMisfit]:
     for number, (record, at, expected) in enumerate(
         zip(fit.records, fit.solution.point.records, fit.inference.records, strict=True)
     ):
-        for hz, cost, mean in zip(
-            record.lines.frequency, at.line_costs, expected.means, strict=True
-        ):
-            found.append(LineMisfit(number, float(hz), float(cost), float(mean)))
-    return found
+        for line in zip(record.lines.frequency, at.line_costs, expected.means, strict=True):
+            yield LineMisfit(number, *map(float, line))
 
 
 def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
-    layout, inference = fit.prepared.layout, fit.inference
+    layout, inference = fit.layout, fit.inference
     if layout.base:
         inner = layout.free < layout.parameters
         if inference.linear.undetermined[inner].any():
@@ -176,28 +129,23 @@ def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
     return tuple(found.values())
 
 
-def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
+def _base_of(model: Model, fit: Fit, number: int) -> list[Value]:
     """Return the base parameters of one record, under the names of what it has to itself."""
-    layout, inference = fit.prepared.layout.of_record(number), fit.inference
-    held, free = layout.held, layout.free
+    layout, linear = fit.layout.of_record(number), fit.inference.linear
+    held = layout.held
     values, covariance = fit.solution.point.unknowns[held], fit.covariance
     names = [layout.unknowns[i].name for i in held]
     found = base_from_physical(model, values, covariance[np.ix_(held, held)], names)
     every = np.zeros((len(found), len(layout.unknowns)))
     every[:, held] = model.base_jacobian(values)
-    slopes = every[:, free] * inference.linear.scale
-    largest = np.abs(slopes).max(axis=1, initial=0.0, keepdims=True)
-    slopes = slopes / np.where(largest > 0, largest, 1.0)  # squares of what is far off overflow
-    length = np.sqrt((slopes**2).sum(axis=1, keepdims=True))
-    along = slopes / np.where(length > 0, length, 1.0) @ inference.linear.null
-    unknown = np.asarray((np.abs(along) > 1e-6).any(axis=1))
-    return tuple(
-        Value(v.name, v.unit, np.nan, np.nan) if lost else v
-        for v, lost in zip(found, unknown, strict=True)
-    )
+    lost = linear.left_open(every[:, layout.free])
+    return [
+        Value(v.name, v.unit, np.nan, np.nan) if none else v
+        for v, none in zip(found, lost, strict=True)
+    ]
 
 
-def _notes(fit: Fit, p_value: float) -> Iterator[Note]:
+def _notes(fit: Fit) -> Iterator[Note]:
     point, inference = fit.solution.point, fit.inference
     yield from remarks("record", (w for record in fit.records for w in record.lines.warnings))
     yield from _mixed(fit)
@@ -221,9 +169,9 @@ def _notes(fit: Fit, p_value: float) -> Iterator[Note]:
         )
         yield Note("modes", "doubts", text, "measure a further natural frequency")
     yield from close_modes(fit.problem.known.modes, point.unknowns)
-    yield from doubt_notes(fit.problem, fit.prepared.layout.start, fit.doubt)
+    yield from doubt_notes(fit.problem, fit.layout.start, fit.doubt)
     yield from fit.signs
-    yield from _on_misfit(fit, p_value)
+    yield from _on_misfit(fit)
 
 
 def _mixed(fit: Fit) -> Iterator[Note]:
@@ -242,32 +190,36 @@ def _mixed(fit: Fit) -> Iterator[Note]:
             yield Note("noise", "doubts", text, "record more periods")
 
 
-def _on_misfit(fit: Fit, p_value: float) -> Iterator[Note]:
-    point, expected = fit.solution.point, fit.inference.expectation.mean
+def _on_misfit(fit: Fit) -> Iterator[Note]:
+    p_value, cost, expected = (
+        fit.inference.p_value,
+        fit.inference.cost,
+        fit.inference.expectation.mean,
+    )
     kinds = {record.lines.covariance.kind for record in fit.records}
     if p_value < REJECTED:
         text = (
-            f"the data reject the model: misfit {point.cost:.4g} where {expected:.4g} is expected "
+            f"the data reject the model: misfit {cost:.4g} where {expected:.4g} is expected "
             f"(p = {p_value:.1g})"
         )
         cure = (
             "see the suspects; until the cause is found neither std nor std_inflated covers the "
             "error"
         )
-        yield Note("misfit", "rejects", text, cure, value=point.cost, unit="1")
+        yield Note("misfit", "rejects", text, cure, value=cost, unit="1")
     elif 1 - p_value < REJECTED and "references" in kinds:
         text = (
-            f"the misfit, {point.cost:.6g}, is far below the {expected:.6g} that is expected: what "
+            f"the misfit, {cost:.6g}, is far below the {expected:.6g} that is expected: what "
             "counts as noise is not all noise, as where references are late or do not hold all "
             "that was added, or where a channel is cut at a limit; until that is found the "
             "deviations are not sure"
         )
-        yield Note("misfit", "doubts", text, value=point.cost, unit="1")
+        yield Note("misfit", "doubts", text, value=cost, unit="1")
     elif p_value < DOUBTFUL:
         text = (
-            f"the model is doubtful: misfit {point.cost:.4g} where {expected:.4g} is expected "
+            f"the model is doubtful: misfit {cost:.4g} where {expected:.4g} is expected "
             f"(p = {p_value:.1g}); where that is not chance, values may be off by more than "
             "std_inflated says: record more periods, or declare gains and delays of the channels "
             "as known with a deviation"
         )
-        yield Note("misfit", "doubts", text, value=point.cost, unit="1")
+        yield Note("misfit", "doubts", text, value=cost, unit="1")

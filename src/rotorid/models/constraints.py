@@ -175,7 +175,7 @@ def eliminate(
     size = len(model.base.names)
     if not constraints:
         return Elimination(np.zeros(size), np.eye(size), tuple(range(size)))
-    rows, values = zip(*(_base_row(model, c, fixed) for c in constraints), strict=True)
+    rows, values = zip(*(base_row(model, c, fixed) for c in constraints), strict=True)
     matrix, right = np.array(rows), np.array(values)
     scale = np.abs(matrix).max(axis=1)
     matrix, right = matrix / scale[:, None], right / scale
@@ -197,9 +197,10 @@ def eliminate(
     return Elimination(origin, basis, tuple(int(i) for i in kept))
 
 
-def _base_row(
+def base_row(
     model: Model, constraint: Constraint, fixed: Mapping[str, float] | None
 ) -> tuple[Floats, float]:
+    """Return an exact constraint as ``row @ base = value``."""
     shown = f"the constraint {constraint.expression[:60]!r}"
     value, std = constraint.in_si
     if std > 0:

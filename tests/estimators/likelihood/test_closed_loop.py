@@ -14,10 +14,8 @@ from fitting import fit
 
 from rotorid import Constraint, Lines, MaximumLikelihood, average, identify
 from rotorid.data.observation import bind
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import Knowledge
-from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import solve
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.rig.file import parse_rig
@@ -91,7 +89,7 @@ class Figures:
         std = np.sqrt(np.diag(inference.covariance))
         self.costs.append(solution.point.cost)
         self.means.append(inference.expectation.mean)
-        self.p_values.append(inference.expectation.p_value(solution.point.cost))
+        self.p_values.append(inference.p_value)
         self.scaled.append(error / std)
         correlation = inference.covariance / np.outer(std, std)
         self.distances.append(error / std @ np.linalg.solve(correlation, error / std))
@@ -149,14 +147,8 @@ def test_statistics_of_the_three_covariances(demo):
             continue
         whole = correlated_covariance(record.spectra)
         alone = LineCovariance(whole.matrices * np.eye(12), whole.dof, whole.kind)
-        prepared = fitted.prepared
-        problem = Problem(
-            prepared.layout,
-            (assemble(prepared.layout, bind(model, Lines.of_periods(record, alone))),),
-            prepared.exact,
-            prepared.known,
-            prepared.bounds,
-        )
+        prepared = fitted.problem
+        problem = prepared.of([bind(model, Lines.of_periods(record, alone))])
         solution = solve(problem, prepared.layout.start)
         found["diagonal"].add(solution, infer(solution.point), demo.values)
     for name, figures in found.items():

@@ -11,7 +11,7 @@ from rotorid.data.observation import bind
 from rotorid.likelihood import cost
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Likelihood
-from rotorid.likelihood.layout import Layout, physical_factors
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.unknowns import Nuisances, Scalar, unknowns_of
 from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
 
@@ -23,7 +23,7 @@ def layout_of(record: PeriodicRecord, nuisances: Nuisances | None = None) -> Lay
     parameters = [Scalar(p.name, p.unit, p.nominal or 0.0) for p in model.parameters]
     extra = unknowns_of([bind(model, record)], nuisances or Nuisances())
     unknowns = (*parameters, *(unknown for nuisance in extra for unknown in nuisance.scalars))
-    return Layout(model, unknowns, physical_factors(model), False, extra)
+    return Layout(model, unknowns, nuisances=extra)
 
 
 def likelihood(record: PeriodicRecord) -> Likelihood:

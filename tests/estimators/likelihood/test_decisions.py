@@ -7,6 +7,7 @@ import pytest
 
 from rotorid.likelihood import doubts as verdict
 from rotorid.likelihood import starts as search
+from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.whitening import find_scales
 
@@ -33,10 +34,8 @@ def closed_loop(coherence: float, periods: int) -> verdict.Asked:
 
 @pytest.mark.parametrize(("chance", "explained"), [(0.9e-6, False), (1.1e-6, True)])
 def test_a_cost_that_chance_does_not_give_is_looked_at_again(chance: float, explained: bool):
-    solution = SimpleNamespace(point=SimpleNamespace(cost=1.0))
     expectation = SimpleNamespace(p_value=lambda cost: chance)
-    found = search.explained(solution, SimpleNamespace(expectation=expectation))
-    assert found == explained
+    assert Inference(np.eye(1), None, 1.0, expectation, ()).explained == explained
 
 
 @pytest.mark.parametrize(("share", "gone"), [(0.9e-9, True), (1.1e-9, False)])

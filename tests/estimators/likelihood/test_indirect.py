@@ -17,7 +17,7 @@ from rotorid import (
 )
 from rotorid.data.observation import bind
 from rotorid.likelihood.assembly import assemble
-from rotorid.likelihood.layout import Layout, physical_factors
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.unknowns import Scalar
 
 
@@ -83,7 +83,7 @@ def test_gradient_with_indirect_sensors_agrees_with_differences(demo, bearings, 
     lines = replace(Lines.of_periods(record), transient=transient)
     model = demo.model
     unknowns = tuple(Scalar(p.name, p.unit, p.nominal or 0.0) for p in model.parameters)
-    kernel = assemble(Layout(model, unknowns, physical_factors(model), False), bind(model, lines))
+    kernel = assemble(Layout(model, unknowns), bind(model, lines))
     x = demo.values * (1 + 0.1 * rng.uniform(-1, 1, 13))
     at = kernel.evaluate(x)
     gradient = 2 * at.jacobian().T @ at.residual

@@ -80,7 +80,7 @@ def test_the_drop_is_what_a_refit_without_the_line_gains(demo, record):
     bad = bind(demo.model, shaken(record, 3, 2e-8))
     found = fit(demo.model, [bad], Knowledge(), Nuisances())
     point = found.solution.point
-    case = Case(found.prepared, found.records, point.unknowns, found=point)
+    case = Case(found.problem, found.records, point.unknowns, found=point)
     drops = {line: drop for drop, _, line in line_leads._drops(case)}
     assert sorted(drops) == [0, 1, 2, 4, 5]  # not the rotation's, 140 Hz
     worst = max(drops, key=lambda k: drops[k])
@@ -126,7 +126,7 @@ def test_lines_of_the_rotation_are_no_odd_ones():
     at.jacobian = lambda: np.zeros((24, 0))
     known = SimpleNamespace(jacobian=lambda *at: np.zeros((0, 0)))
     layout = SimpleNamespace(free=np.zeros(0, dtype=int), unknowns=())
-    problem = SimpleNamespace(layout=layout, exact=Relations.build([], 0), known=known)
+    problem = SimpleNamespace(layout=layout, exact=Relations((), 0), known=known)
     none = np.zeros(0)
     point = Point(problem, none, [at], none)
     case = SimpleNamespace(records=[SimpleNamespace(lines=lines)], point=point)

@@ -8,7 +8,7 @@ import pytest
 import rotorid as rid
 from rotorid import Lines
 from rotorid.likelihood.assembly import every_load, load_lines, phase_steps
-from rotorid.likelihood.layout import Layout, physical_factors
+from rotorid.likelihood.layout import Layout
 from rotorid.models.expressions import Expression, number, product, symbol
 
 MODEL = """
@@ -25,7 +25,7 @@ def test_a_load_that_periods_do_not_repeat_is_averaged_over_all_of_them():
     channels = (rid.Channel("F"), rid.Channel("x"))
     record = rid.Record(channels, np.zeros((500, 2)), 1000.0)
     periods = rid.average(record, 10.0, harmonics=[1, 2])
-    layout = Layout(model, (), physical_factors(model), False)
+    layout = Layout(model, ())
     lines = Lines.of_periods(periods)
     columns, orders = load_lines(every_load(layout), lines, np.ones(1), False)
     np.testing.assert_array_equal(orders, [0.0])
@@ -68,7 +68,7 @@ def test_a_phase_turns_a_load_of_any_order(load):
         "parameters = {", 'parameters = { b = { unit = "s" },'
     )
     model = rid.parse_model(text)
-    loads = every_load(Layout(model, (), physical_factors(model), False))
+    loads = every_load(Layout(model, ()))
     channels = (rid.Channel("F"), rid.Channel("x"))
 
     def columns(phase, unknown):

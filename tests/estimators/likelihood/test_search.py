@@ -125,5 +125,5 @@ def interrupting(when: str) -> Callable[..., None]:
 
 
 def test_any_other_effort_is_refused() -> None:
-    with pytest.raises(InputError, match="effort 'some'; expected full or quick"):
+    with pytest.raises(InputError, match="effort 'some'; expected one of full, quick"):
         rid.MaximumLikelihood(effort="some")

@@ -33,7 +33,7 @@ def problem_of(case: Case) -> Problem:
     known = Knowledge(fixed=case.fixed, start=start)
     records = bind_all(case.model, case.records)
     prepared = prepare(case.model, known, unknowns_of(records, Nuisances()), False, {})
-    return prepared.problem(records)
+    return prepared.of(records)
 
 
 def from_truth(case: Case) -> Solution:
@@ -97,7 +97,7 @@ def test_two_ways_to_a_mass_of_nothing_do_not_agree(monkeypatch):
     monkeypatch.setattr(search_module, "solve", lambda *way: next(ways, right))
     found = search_module.searched(problem, problem.layout.start)
     assert found is not None
-    assert found[0].point.cost == pytest.approx(right.point.cost)
+    assert found.point.cost == pytest.approx(right.point.cost)
 
 
 def test_a_small_mass_is_one():
@@ -115,7 +115,7 @@ def test_a_small_mass_is_one():
 def test_rounding_may_hide_a_thirtieth_of_a_deviation(monkeypatch, gain, arrived):
     right = from_truth(rotor_case(SETTINGS["8 sensors, noise x 10"], 2))
     walk = solver_module._Walk(right.point.problem, right.point.unknowns, bounded=False)
-    monkeypatch.setattr(walk, "_tangent", lambda point: SimpleNamespace(decrease=gain))
+    monkeypatch.setattr(solver_module, "tangent", lambda *at: SimpleNamespace(decrease=gain))
     monkeypatch.setattr(walk, "_forward", lambda *step: (None, 1.0))
     assert walk.descend(0.0, tolerance=1e-10, limit=5)[1] is arrived
     assert not walk.descend(0.1, tolerance=1e-10, limit=5)[1]
@@ -153,4 +153,8 @@ def test_easy_cases_take_one_way():
     ],
 )
 def test_two_ways_led_to_the_same_cost(lowest, expected, other, same):
-    assert (other <= search_module._as_low(lowest, expected)) == same
+    best = SimpleNamespace(
+        point=SimpleNamespace(cost=lowest),
+        inference=SimpleNamespace(expectation=SimpleNamespace(mean=expected)),
+    )
+    assert search_module._agreed([(0, lowest), (1, other)], best) == same

@@ -9,74 +9,91 @@ import numpy as np
 import pytest
 
 from rotorid.likelihood import solver
+from rotorid.likelihood.relations import Relations
 
 
-class Stairs(solver._Walk):
-    """A way down by even steps, so many to the minimum; the bends cost no Jacobian."""
+class Stairs:
+    """A problem with a way down by even steps, so many to the minimum."""
 
     def __init__(self, steps: int, cost: float = 1e6, residuals: int = 1) -> None:
         self.steps, self.height, self.residuals = steps, cost, residuals
         self.granted: list[float] = []
-        problem = SimpleNamespace(sketch=None, tolerance=1e-10, best_at=self.best_at)
-        super().__init__(problem, np.zeros(1), bounded=False)
+        self.layout = SimpleNamespace(free=np.arange(1))
+        self.sketch, self.tolerance, self.exact = None, 1e-10, ()
 
     def best_at(self, unknowns, relaxation=0.0):
         self.granted.append(relaxation)
-        cost = self.height - 1e-3 * unknowns[0]
-        return SimpleNamespace(cost=cost, unknowns=unknowns, residual=np.zeros(self.residuals))
+        cost, none = self.height - 1e-3 * unknowns[0], np.zeros(self.residuals)
+        return SimpleNamespace(cost=cost, unknowns=unknowns, residual=none, problem=self)
 
-    def _tangent(self, point):
-        self.iterations += 1
-        on_the_way = point.unknowns[0] < self.steps
-        return SimpleNamespace(decrease=1e3 * on_the_way, step=lambda radius: np.ones(1))
+    def gradient(self, point, bounded=False):
+        down = 1e3 * (point.unknowns[0] < self.steps)
+        return SimpleNamespace(decrease=down, step=lambda radius: np.ones(1))
 
-    def _stepped(self, point, where, along, relaxation):
-        return self.best_at(point.unknowns + 1, relaxation)
+    def stepped(self, point, *step):
+        return self.best_at(point.unknowns + 1)
 
 
-def test_a_homotopy_grants_each_stage_a_tenth_of_the_last_and_none_in_the_end(monkeypatch) -> None:
-    walk = Stairs(0)
-    monkeypatch.setattr(solver, "_walk", lambda *start: walk)
-    found = solver._descended(walk.problem, np.zeros(1), solver.STAGES, False)
-    assert walk.granted == [10.0, 1.0, 0.1, 0.01, 0.0]
+@pytest.fixture
+def walk_down(monkeypatch):
+    """Return a function that makes a way down stairs."""
+
+    def made(*stairs, **more):
+        problem = Stairs(*stairs, **more)
+        monkeypatch.setattr(solver, "anchored", lambda problem, start: problem)
+        monkeypatch.setattr(solver, "tangent", problem.gradient)
+        monkeypatch.setattr(solver, "_stepped", problem.stepped)
+        return solver._Walk(problem, np.zeros(1), bounded=False)
+
+    return made
+
+
+def test_a_homotopy_grants_each_stage_a_tenth_of_the_last_and_none_in_the_end(walk_down) -> None:
+    problem = walk_down(0).problem
+    found = solver._descended(problem, np.zeros(1), solver.STAGES, False)
+    assert problem.granted == [10.0, 1.0, 0.1, 0.01, 0.0]
     assert len(found.trail) == 4
 
 
 @pytest.mark.parametrize(("steps", "arrived"), [(199, True), (200, False)])
-def test_the_last_stage_has_two_hundred_steps(steps: int, arrived: bool) -> None:
-    walk = Stairs(steps)
-    point, converged = solver._ended(walk.problem, walk, 0.0, brief=False, near=True)
+def test_the_last_stage_has_two_hundred_steps(walk_down, steps: int, arrived: bool) -> None:
+    walk = walk_down(steps)
+    point, converged = walk.ended(walk.problem, 0.0, brief=False, near=True)
     assert converged == arrived
     assert point.unknowns[0] == steps
 
 
-@pytest.mark.parametrize(("spent", "goes_on"), [(1000, True), (1001, False)])
-def test_a_way_has_a_thousand_jacobians(spent: int, goes_on: bool) -> None:
-    walk = Stairs(10)
+@pytest.mark.parametrize(("spent", "goes_on"), [(999, True), (1000, False)])
+def test_a_way_has_a_thousand_jacobians(walk_down, spent: int, goes_on: bool) -> None:
+    walk = walk_down(10)
     walk.iterations = spent
-    point = walk.best_at(np.zeros(1))
-    trial, _ = walk._forward(point, SimpleNamespace(step=lambda radius: np.ones(1)), np.inf, 0.0)
-    assert (trial is not None) == goes_on
+    walk.descend(0.0, tolerance=1e-10, limit=1)
+    assert (walk.unknowns[0] > 0) == goes_on
 
 
 @pytest.mark.parametrize(("each", "spent"), [(9.9, 101), (10.1, 61)])
-def test_a_brief_way_is_left_after_sixty_jacobians_where_it_is_hopeless(each, spent) -> None:
+def test_a_brief_way_is_left_after_sixty_jacobians_where_it_is_hopeless(
+    walk_down, each, spent
+) -> None:
     """So many per residual; one that is not goes on, here to its minimum."""
-    walk = Stairs(99, cost=100 * each, residuals=100)
-    _, converged = solver._ended(walk.problem, walk, 0.0, brief=True, near=True)
+    walk = walk_down(99, cost=100 * each, residuals=100)
+    _, converged = walk.ended(walk.problem, 0.0, brief=True, near=True)
     assert converged == (each < 10)
     assert walk.iterations == spent
 
 
 @pytest.mark.parametrize(("bends", "at_once"), [(4, True), (5, False)])
-def test_four_steps_lead_back_to_the_floor_of_a_valley(monkeypatch, bends, at_once) -> None:
-    walk = Stairs(10)
-    heights = iter([*np.arange(20.0, 20.0 - bends, -1)[1:], 9.0])
-    monkeypatch.setattr(walk, "_stepped", lambda *step: SimpleNamespace(cost=20.0))
-    monkeypatch.setattr(walk, "_corrected", lambda *step: SimpleNamespace(cost=next(heights, 30.0)))
+def test_four_steps_lead_back_to_the_floor_of_a_valley(
+    walk_down, monkeypatch, bends, at_once
+) -> None:
+    walk = walk_down(10)
+    heights = [SimpleNamespace(cost=9.0 * 2.5**k) for k in range(bends + 1)]
+    monkeypatch.setattr(solver, "_stepped", lambda *step: heights[-1])
+    lower = iter(heights[-2::-1])
+    monkeypatch.setattr(solver, "_across", lambda *step: next(lower))
     point = SimpleNamespace(cost=10.0, unknowns=np.zeros(1))
     where = SimpleNamespace(step=lambda radius: np.ones(1))
-    trial, radius = walk._forward(point, where, np.inf, 0.0)
+    trial, radius = walk._forward(point, where, np.inf)
     assert trial is not None
     assert (radius == 4.0) == at_once  # a step that is good at once makes the next one longer
 
@@ -108,7 +125,7 @@ def test_gains_are_held_to_their_start_and_a_scale_that_nothing_tells_firmly(mon
         SimpleNamespace(name="gain", anchored=True),
         SimpleNamespace(name="mass", anchored=False),
     ]
-    nothing = SimpleNamespace(joined=lambda relations: relations)
+    nothing = SimpleNamespace(joined=lambda rows: Relations(tuple(rows), 2))
     problem = Held(SimpleNamespace(free=np.arange(2), unknowns=unknowns), nothing)
     monkeypatch.setattr(solver, "scale_is_open", lambda *at: open_)
     start = np.array([-2.0, 50.0])

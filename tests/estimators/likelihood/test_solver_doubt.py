@@ -23,10 +23,8 @@ from rotor_bank import Structure as Tower
 from rotorid import InputError, MaximumLikelihood, Plan, identify, predict_accuracy
 from rotorid.data.observation import bind_all
 from rotorid.likelihood import other_answers as information
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import Knowledge, prepare
-from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.starts import searched
 from rotorid.likelihood.unknowns import Nuisances
@@ -127,8 +125,7 @@ def test_lightly_damped_from_ten_percent_off(make, modes):
 def problem_of(case, record):
     """Return the problem of a record of a case, and its truth."""
     ready = prepare(case.model, Knowledge(case.fixed, start=case.truth), (), False, {})
-    likelihood = assemble(ready.layout, bind_all(case.model, [record])[0], 0)
-    problem = Problem(ready.layout, (likelihood,), ready.exact, ready.known, ready.bounds)
+    problem = ready.of(bind_all(case.model, [record]))
     return problem, np.array([case.truth[u.name] for u in ready.layout.unknowns])
 
 
@@ -193,14 +190,13 @@ def test_a_lower_minimum_becomes_the_answer():
     """A search that ended at the higher of two minima is set right by the further starts."""
     case = rotor_case(ADVERSE["standstill, equal forces"], 6)
     ready = prepare(case.model, Knowledge(case.fixed, start=case.start), (), False, {})
-    likelihood = assemble(ready.layout, bind_all(case.model, case.records)[0], 0)
-    problem = Problem(ready.layout, (likelihood,), ready.exact, ready.known, ready.bounds)
+    problem = ready.of(bind_all(case.model, case.records)[:1])
     start = ready.layout.start
-    solution, inference = searched(problem, start)
-    lowest, _, doubt = information.questioned(problem, start, solution, inference)
+    found = searched(problem, start)
+    lowest, _, doubt = information.questioned(problem, start, found, found.inference)
     assert doubt.alternatives
     higher = Solution(max(doubt.alternatives, key=lambda p: p.cost), True, 0)
-    again, _, doubt = information.questioned(problem, start, higher, infer(higher.point))
+    again, _, doubt = information.questioned(problem, start, higher, higher.inference)
     assert again.point.cost < higher.point.cost - 1e-3
     assert again.point.cost == pytest.approx(lowest.point.cost, abs=1e-3)
     assert all(other.cost >= again.point.cost for other in doubt.alternatives)

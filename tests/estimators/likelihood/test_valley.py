@@ -19,13 +19,14 @@ from rotorid.likelihood.starts import searched
 
 def problem_of(case):
     ready = prepare(case.model, Knowledge(case.fixed, start=case.start), (), False, {})
-    return ready.problem(bind_all(case.model, case.records)[:1])
+    return ready.of(bind_all(case.model, case.records)[:1])
 
 
 def explored(name, seed):
     """Return names, the minimum and its valley."""
     problem = problem_of(rotor_case(SETTINGS[name], seed))
-    solution, inference = searched(problem, problem.layout.start)
+    solution = searched(problem, problem.layout.start)
+    inference = solution.inference
     found = valley.explore(solution.point, inference, ~inference.linear.undetermined)
     names = [problem.layout.unknowns[i].name for i in problem.layout.free]
     return dict(zip(names, found.wider, strict=True)), solution, found
@@ -49,7 +50,8 @@ def test_a_lower_floor_is_found_and_followed():
     """From beside the minimum the valley leads to it, and the answer is the minimum."""
     case = rotor_case(SETTINGS["4 sensors, noise x 10"], 4)
     problem = problem_of(case)
-    solution, inference = searched(problem, problem.layout.start)
+    solution = searched(problem, problem.layout.start)
+    inference = solution.inference
     size, along = np.linalg.eigh(
         inference.covariance / np.outer(inference.linear.scale, inference.linear.scale)
     )
