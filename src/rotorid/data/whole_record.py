@@ -31,7 +31,7 @@ from rotorid.signals.checks.registry import check_whole
 from rotorid.signals.checks.rotation import shown_rotation
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
-from rotorid.signals.spectrum import transfer_of_recording
+from rotorid.signals.spectrum import lines_within, transfer_of_recording
 
 TRANSIENT = 2
 """R: J / dof 1.6 to 5 with 0, 1.00 with 2, the same with 3."""
@@ -89,23 +89,7 @@ class _Whole:
         return DrivenMotion(self.every, driven, self.rotation, self.place)
 
     def within(self, band: tuple[float, float]) -> Integers:
-        """Return the numbers of the lines in a band."""
-        low, high = band
-        nyquist = self.record.sample_rate / 2
-        if not 0 <= low < high <= nyquist * (1 + 1e-9):
-            raise InputError(
-                f"the band {low:g} to {high:g} Hz",
-                f"0 Hz to {nyquist:g} Hz, half the sample rate, the lower end first",
-                "give the band in which the machine was excited",
-            )
-        first, last = np.ceil(low / self.spacing - 1e-6), np.floor(high / self.spacing + 1e-6)
-        if last < first:
-            raise InputError(
-                f"no line between {low:g} and {high:g} Hz, lines are {self.spacing:g} Hz apart",
-                "at least one line",
-                "widen the band, or record longer",
-            )
-        return np.arange(first, last + 1).astype(np.int64)
+        return lines_within(band, self.record.sample_rate, len(self.record.samples))
 
     def lines(self, kept: Integers, covariance: LineCovariance) -> Lines:
         record, count, samples = self.record, len(self.record.samples), None

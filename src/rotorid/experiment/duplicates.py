@@ -33,8 +33,8 @@ from rotorid.data.table_lines import SAME, multiple_of
 from rotorid.experiment.channels import Entries, columns_of
 from rotorid.experiment.read import is_reference
 from rotorid.experiment.schema import ModeEntry, RecordEntry
-from rotorid.io.columns import RecordBlocks
 from rotorid.models import Model
+from rotorid.signals.average import RecordBlocks
 
 Words = npt.NDArray[np.uint64]
 

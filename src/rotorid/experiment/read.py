@@ -27,10 +27,10 @@ from rotorid.experiment.schema import RecordEntry, RecordKeys
 from rotorid.force.laws import Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
 from rotorid.io import Source, read_record
-from rotorid.io.columns import RecordBlocks, open_blocks
+from rotorid.io.columns import open_blocks
 from rotorid.models import Model
 from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
-from rotorid.signals.average import average, average_blocks
+from rotorid.signals.average import RecordBlocks, average, average_blocks
 from rotorid.signals.checks.periods import detect_settling
 from rotorid.signals.checks.rotation import rotation_warnings
 

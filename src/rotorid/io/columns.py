@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.io.clock import RecordClock, on_grid, weigh_clock
 from rotorid.io.table import Column, ColumnFile, Stored, open_tables
+from rotorid.signals.average import RecordBlocks
 
 _TIME, _MASK = "time", "mask"
 
@@ -371,24 +372,6 @@ WORTH = 64_000_000
 
 ROWS = 1 << 16
 """Samples of a block, of each channel."""
-
-
-@frozen
-class RecordBlocks:
-    """What a `Record` says of itself, and its samples in blocks."""
-
-    channels: tuple[Channel, ...]
-    sample_rate: float  # Hz
-    # rad/s, and the rotor angle in rad at the file's first sample
-    speed: float
-    phase: float
-    source: str
-    # returns an iterator over blocks of samples in SI, shape (sample, channel)
-    read: Callable[[], Iterator[Floats]]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(channel.name for channel in self.channels)
 
 
 def open_blocks(

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from rotorid.core.errors import InputError, naming
+from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady, changed
 from rotorid.data.record import Channel, PeriodicRecord, Record, check_samples
 from rotorid.signals.checks.periods import ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
-from rotorid.signals.spectrum import line_spectra, transfer_of_recording
+from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording
 
 KEYS = frozenset({"fundamental", "period_samples", "harmonics", "band", "skip"})
 """What an error of this module is about, by the place that it names."""
@@ -70,23 +71,27 @@ def average(
     """
     hertz = None if fundamental is None else quantity(fundamental, "Hz")
     ends = None if band is None else (quantity(band[0], "Hz"), quantity(band[1], "Hz"))
-    rate, channels = record.sample_rate, record.channels
     with naming(record.source):
-        size = _period_size(rate, hertz, period_samples)
-        lines = _lines_of(rate, size, harmonics, ends)
-        first = _first_sample(rate, quantity(skip, "s"), record.start)
-        left = max(len(record.samples) - first, 0)
-        _check_length(left, size)
-        used = slice(first, first + left // size * size)
+        sums = _begun(record, hertz, period_samples, harmonics, ends)
+        size, first = (
+            sums.size,
+            _first_sample(record.sample_rate, quantity(skip, "s"), record.start),
+        )
+        whole = _whole_periods(max(len(record.samples) - first, 0), size)
+        used = slice(first, first + whole * size)
         kept, warnings = _kept_periods(record, used, size)
-        samples = record.samples[used].reshape(-1, size, len(channels))
-        sums = PeriodSums(size, len(channels), lines)
-        sums.add(samples if isinstance(kept, slice) else samples[kept])
-        _check_nyquist(channels, size, lines)
+        samples = record.samples[used].reshape(whole, size, -1)
+        sums.add(samples if kept.all() else samples[kept])
+    even = Steady(first, (whole, size), record.sample_rate, record.start)
+    time: Steady | Floats = even
+    angle: Steady | Floats = replace(even, slope=record.speed)
+    if record.angle is not None:
+        angle = record.angle[used].reshape(whole, size)
+    if not kept.all():
+        time, angle = ((c() if isinstance(c, Steady) else c)[kept] for c in (time, angle))
     found = sums.periods(
-        channels,
-        rate,
-        *_course(record, first, (len(samples), size), kept),
+        time,
+        angle,
         speed=record.speed,
         phase_known=record.phase_known,
         phase_std=record.phase_std,
@@ -96,7 +101,7 @@ def average(
     rise = ramps(record, found)
     if rise.any():
         flat = without_ramps(record, found, rise)
-        again = average(flat, period_samples=size, harmonics=lines.tolist(), skip=skip)
+        again = average(flat, period_samples=size, harmonics=sums.lines.tolist(), skip=skip)
         return changed(again, checks=(*again.checks, *ramp_notes(again, rise)))
     seen = check_record(record, found, excerpt=_excerpt(record, first, size))
     return changed(found, checks=(*seen, *check_periods(found)))
@@ -117,12 +122,10 @@ def _excerpt(record: Record, first: int, size: int) -> Record:
     return replace(record, samples=samples, angle=None, valid=None)
 
 
-def _kept_periods(
-    record: Record, used: slice, size: int
-) -> tuple[slice | Booleans, tuple[str, ...]]:
+def _kept_periods(record: Record, used: slice, size: int) -> tuple[Booleans, tuple[str, ...]]:
     """Return the periods without a masked sample, and what is said of the others."""
-    if record.valid is None or record.valid[used].all():
-        return slice(None), ()
+    if record.valid is None:
+        return np.ones((used.stop - used.start) // size, dtype=bool), ()
     kept: Booleans = np.all(record.valid[used].reshape(-1, size), axis=1)
     left = int(kept.sum())
     if left < 2:
@@ -132,39 +135,29 @@ def _kept_periods(
             "record longer, or leave out less",
         )
     told = f"{len(kept) - left} of {len(kept)} periods hold samples that are masked: left out"
-    return kept, (told,)
+    return kept, () if left == len(kept) else (told,)
 
 
-def _course(
-    record: Record, first: int, shape: tuple[int, int], kept: slice | Booleans
-) -> tuple[Steady | Floats, Steady | Floats]:
-    time = Steady(first, shape, record.sample_rate, record.start)
-    angle = replace(time, slope=record.speed) if record.angle is None else record.angle
-    if not isinstance(angle, Steady):
-        angle = angle[first : first + shape[0] * shape[1]].reshape(shape)
-    if isinstance(kept, slice):
-        return time, angle
-    return time()[kept], (angle() if isinstance(angle, Steady) else angle)[kept]
+@frozen
+class RecordBlocks:
+    """What a `Record` says of itself, and its samples in blocks."""
 
-
-class _Blocks(Protocol):
-    """A record whose samples come in blocks, shape (sample, channel)."""
+    channels: tuple[Channel, ...]
+    sample_rate: float  # Hz
+    # rad/s, and the rotor angle in rad at the file's first sample
+    speed: float
+    phase: float
+    source: str
+    # returns an iterator over blocks of samples in SI, shape (sample, channel)
+    read: Callable[[], Iterator[Floats]]
 
     @property
-    def channels(self) -> tuple[Channel, ...]: ...
-    @property
-    def sample_rate(self) -> float: ...
-    @property
-    def speed(self) -> float: ...
-    @property
-    def phase(self) -> float: ...  # rotor angle in rad at the first sample
-    @property
-    def source(self) -> str: ...
-    def read(self) -> Iterator[Floats]: ...
+    def names(self) -> tuple[str, ...]:
+        return tuple(channel.name for channel in self.channels)
 
 
 def average_blocks(
-    blocks: _Blocks,
+    blocks: RecordBlocks,
     fundamental: float | None = None,
     *,
     period_samples: int | None = None,
@@ -174,38 +167,38 @@ def average_blocks(
     phase_known: bool = True,
 ) -> PeriodicRecord:
     """As `average`, of a record while it is read: what is kept grows with periods x lines only."""
-    rate, channels = blocks.sample_rate, blocks.channels
+    rate = blocks.sample_rate
     with naming(blocks.source):
-        size = _period_size(rate, fundamental, period_samples)
-        sums = PeriodSums(size, len(channels), _lines_of(rate, size, harmonics, band))
+        sums = _begun(blocks, fundamental, period_samples, harmonics, band)
         first = _first_sample(rate, skip)
-        _check_nyquist(channels, size, sums.lines)
-    looked_at = _Excerpt()
-    for periods in _whole_periods(blocks, first, size):
+    # Channels are looked at in blocks 0, 1, 3, 7 and so on, and in the last.
+    excerpt: list[Floats] = []
+    for number, periods in enumerate(_periods_of(blocks, first, sums.size)):
         sums.add(periods)
-        looked_at.add(periods)
+        if number & (number - 1) and len(excerpt) > 1:
+            excerpt.pop()
+        few = max(1, 2048 // sums.size)
+        excerpt.append(periods[:few].reshape(-1, len(blocks.channels)).copy())
     with naming(blocks.source):
-        _check_length(sums.count * size, size)
-    time = Steady(first, (sums.count, size), rate)
+        _whole_periods(sums.count * sums.size, sums.size)
+    time = Steady(first, (sums.count, sums.size), rate)
     found = sums.periods(
-        channels,
-        rate,
         time,
         replace(time, offset=blocks.phase, slope=blocks.speed),
         speed=blocks.speed,
         phase_known=phase_known,
         source=blocks.source,
     )
-    return changed(found, checks=check_record(Record(channels, looked_at.samples(), rate), found))
+    seen = check_record(Record(blocks.channels, np.concatenate(excerpt), rate), found)
+    return changed(found, checks=(*seen, *check_periods(found)))
 
 
-def _whole_periods(blocks: _Blocks, first: int, size: int) -> Iterator[Floats]:
-    names = [channel.name for channel in blocks.channels]
-    passed, rest = 0, np.empty((0, len(names)))
+def _periods_of(blocks: RecordBlocks, first: int, size: int) -> Iterator[Floats]:
+    passed, rest = 0, np.empty((0, len(blocks.channels)))
     for block in blocks.read():
         begin = min(max(first - passed, 0), len(block))
         used = block[begin:]
-        check_samples(names, used, blocks.source, first=passed + begin)
+        check_samples(blocks.names, used, blocks.source, first=passed + begin)
         passed += len(block)
         joined = np.concatenate([rest, used]) if len(rest) else used
         whole = len(joined) // size
@@ -214,31 +207,39 @@ def _whole_periods(blocks: _Blocks, first: int, size: int) -> Iterator[Floats]:
         rest = joined[whole * size :].copy()
 
 
-class _Excerpt:
-    """Periods from here and there in a record: of its blocks 0, 1, 3, 7 and so on, and the last."""
-
-    def __init__(self) -> None:
-        self.number, self.parts, self.last = 0, list[Floats](), np.empty((0, 0))
-
-    def add(self, periods: Floats) -> None:
-        few = max(1, 2048 // periods.shape[1])
-        part = periods[:few].reshape(-1, periods.shape[2])
-        if self.number & (self.number + 1) == 0:
-            self.parts.append(part.copy())
-            self.last = np.empty((0, periods.shape[2]))
-        else:
-            self.last = part.copy()
-        self.number += 1
-
-    def samples(self) -> Floats:
-        return np.concatenate([*self.parts, self.last])
+def _begun(
+    source: Record | RecordBlocks,
+    fundamental: float | None,
+    period_samples: int | None,
+    harmonics: Sequence[int] | None,
+    band: tuple[float, float] | None,
+) -> PeriodSums:
+    """Return the sums of no period yet, or refuse the period or the lines."""
+    rate, channels = source.sample_rate, source.channels
+    size = _period_size(rate, fundamental, period_samples)
+    lines = _lines_of(rate, size, harmonics, band)
+    corrected = [c.name for c in channels if c.hold or c.delay or c.delay_std]
+    if corrected and 2 * lines[-1] == size:  # its phase is not in the samples
+        raise InputError(
+            f"the Nyquist line with the hold or delay of {corrected[0]}",
+            "lines below the Nyquist frequency",
+            "leave that line out",
+            place="harmonics",
+        )
+    return PeriodSums(channels, rate, size, lines)
 
 
 def _period_size(rate: float, fundamental: float | None, samples: int | None) -> int:
     key = "period_samples" if fundamental is None else "fundamental"
-    if fundamental is None and samples is not None:
-        exact, source = float(samples), ""
-    elif fundamental is not None and samples is None:
+    if (fundamental is None) == (samples is None):
+        raise InputError(
+            "neither or both of fundamental and period_samples",
+            "one of them",
+            "give the fundamental frequency or the samples of a period",
+            place=key,
+        )
+    exact, source = float(samples or 0), ""
+    if fundamental is not None:
         if not 0 < fundamental < math.inf:
             raise InputError(
                 f"a fundamental of {fundamental} Hz",
@@ -247,13 +248,6 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
                 place=key,
             )
         exact, source = rate / fundamental, f" ({rate:g} / {fundamental:g} Hz)"
-    else:
-        raise InputError(
-            "neither or both of fundamental and period_samples",
-            "one of them",
-            "give the fundamental frequency or the samples of a period",
-            place=key,
-        )
     size = round(exact) if math.isfinite(exact) else 0
     if not math.isfinite(exact) or abs(exact - size) > 1e-6 * abs(exact):
         raise InputError(
@@ -270,18 +264,17 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
 def _lines_of(
     rate: float, size: int, harmonics: Sequence[int] | None, band: tuple[float, float] | None
 ) -> Integers:
-    key = "band" if harmonics is None else "harmonics"
-    if band is None and harmonics is not None:
-        chosen, shown = harmonics, f"the harmonics {list(harmonics)}"
-    elif band is not None and harmonics is None:
-        chosen, shown = _within(rate, size, band), f"the band {band[0]:g} to {band[1]:g} Hz"
-    else:
+    if (band is None) == (harmonics is None):
         raise InputError(
             "neither or both of harmonics and band",
             "one of them",
             "say which lines to keep",
-            place=key,
+            place="band" if harmonics is None else "harmonics",
         )
+    if band is not None:
+        return lines_within(band, rate, size)
+    chosen = harmonics or ()
+    shown, key = f"the harmonics {list(chosen)}", "harmonics"
     if not len(chosen):
         raise InputError(f"no line in {shown}", "at least one line", "widen it", place=key)
     lines = sorted({int(k) for k in chosen if 0 <= k <= size // 2 and k == int(k)})
@@ -293,25 +286,6 @@ def _lines_of(
             place=key,
         )
     return np.array(lines, dtype=np.int64)
-
-
-def _within(rate: float, size: int, band: tuple[float, float]) -> range:
-    (low, high), spacing = band, rate / size
-    if not high <= (size // 2 + 1e-6) * spacing:
-        raise InputError(
-            f"a band up to {high:g} Hz",
-            f"lines up to {rate / 2:g} Hz, half the sample rate",
-            "lower its upper end",
-            place="band",
-        )
-    if not 0 <= low <= high:
-        raise InputError(
-            f"the band {low:g} to {high:g} Hz",
-            "0 Hz or more, the lower end first",
-            "put the lower end first",
-            place="band",
-        )
-    return range(math.ceil(low / spacing - 1e-6), math.floor(high / spacing + 1e-6) + 1)
 
 
 def _first_sample(rate: float, skip: float, start: float = 0.0) -> int:
@@ -326,28 +300,16 @@ def _first_sample(rate: float, skip: float, start: float = 0.0) -> int:
     return max(0, math.ceil((skip - start) * rate - 1e-6))
 
 
-def _check_length(left: int, size: int) -> None:
+def _whole_periods(left: int, size: int) -> int:
     if left < 2 * size:
         raise InputError(
             f"{left} samples after skip, {left // size} whole periods",
             f"at least two periods of {size} samples",
             "record longer, skip less, or set fundamental to the repetition frequency",
         )
+    return left // size
 
 
-def _check_nyquist(channels: Sequence[Channel], size: int, lines: Integers) -> None:
-    """Refuse a correction of the Nyquist line, whose phase is not in the samples."""
-    corrected = [c.name for c in channels if c.hold or c.delay or c.delay_std]
-    if corrected and 2 * lines[-1] == size:
-        raise InputError(
-            f"the Nyquist line with the hold or delay of {corrected[0]}",
-            "lines below the Nyquist frequency",
-            "leave that line out",
-            place="harmonics",
-        )
-
-
-_FEW_LINES = 20  # up to which sums with sines cost less than a fast transform of every sample
 _CACHED = 1 << 17  # numbers that are worked on at once: a megabyte stays in the cache
 _LEAST = 8  # periods worked on at once, so that merging their means costs little
 
@@ -360,26 +322,25 @@ class PeriodSums:
     large mean (Chan, Golub and LeVeque 1983), and sums of parts add in any order.
     """
 
-    # samples of a period, channels
-    size: int
-    channels: int
+    channels: tuple[Channel, ...]
+    sample_rate: float
+    size: int  # samples of a period
     lines: Integers  # (line,): the multiples of the fundamental to keep
     count: int = 0
 
     def __post_init__(self) -> None:
+        shape = self.size, len(self.channels)
         self._centre: Floats | None = None
         self._spectra: list[Complexes] = []
-        self._sum = np.zeros((self.size, self.channels))
-        self._squares = np.zeros((self.size, self.channels))
-        self._apart = np.empty((0, self.size, self.channels))
-        self._folds = _folds(self.lines, self.size) if len(self.lines) <= _FEW_LINES else None
+        self._sum, self._squares = np.zeros(shape), np.zeros(shape)
+        self._apart = np.empty((0, *shape))
 
     def add(self, periods: Floats) -> None:
-        step = max(_LEAST, _CACHED // (self.size * self.channels))
+        step = max(_LEAST, _CACHED // self._sum.size)
         for begin in range(0, len(periods), step):
             part = periods[begin : begin + step]
             self._add_moments(part)
-            self._spectra.append(self._lines_of(part))
+            self._spectra.append(line_spectra(part, self.lines))
         self.count += len(periods)
 
     def _add_moments(self, part: Floats) -> None:
@@ -390,17 +351,6 @@ class PeriodSums:
         apart = np.subtract(part, self._centre, out=self._apart[: len(part)])
         self._sum += apart.sum(axis=0)
         self._squares += np.square(apart, out=apart).sum(axis=0)
-
-    def _lines_of(self, part: Floats) -> Complexes:
-        if self._folds is None:
-            return line_spectra(part, self.lines)
-        lines = np.empty((len(part), len(self.lines), self.channels), dtype=np.complex128)
-        half = self.size // 2
-        for places, waves, join in self._folds:
-            folded = part if join is None else join(part[:, :half], part[:, half:])
-            sums = np.matmul(waves.T, folded)
-            lines.real[:, places], lines.imag[:, places] = np.split(sums, 2, axis=1)
-        return lines
 
     @property
     def mean(self) -> Floats:
@@ -419,19 +369,13 @@ class PeriodSums:
         """The lines of the periods, shape (period, line, channel)."""
         return np.concatenate(self._spectra)
 
-    def periods(
-        self,
-        channels: tuple[Channel, ...],
-        rate: float,
-        time: Steady | Floats,
-        angle: Steady | Floats,
-        **told: Any,
-    ) -> PeriodicRecord:
+    def periods(self, time: Steady | Floats, angle: Steady | Floats, **told: Any) -> PeriodicRecord:
         """Return what the sums are of, with hold, delay and dynamics of its channels undone."""
-        transfer = transfer_of_recording(channels, self.lines * rate / self.size, rate)
+        frequency = self.lines * self.sample_rate / self.size
+        transfer = transfer_of_recording(self.channels, frequency, self.sample_rate)
         return PeriodicRecord(
-            channels=channels,
-            sample_rate=rate,
+            channels=self.channels,
+            sample_rate=self.sample_rate,
             harmonics=self.lines,
             spectra=self.spectra * transfer,
             variance=self.variance,
@@ -440,24 +384,3 @@ class PeriodSums:
             angle=angle,
             **told,
         )
-
-
-def _folds(lines: Integers, size: int) -> list[tuple[Integers, Floats, np.ufunc | None]]:
-    """Return places of lines, their cosines and sines, X = mean x exp(-i wt), and how they fold.
-
-    The second half of a period repeats the first on even lines, and is its opposite on odd ones: of
-    the sum or the difference of both halves it takes half the products. A period of an odd number
-    of samples stays whole.
-    """
-    signs = np.zeros_like(lines) if size % 2 else np.where(lines % 2, -1, 1)
-    joins: dict[int, np.ufunc | None] = {-1: np.subtract, 0: None, 1: np.add}
-    folds = []
-    for sign in sorted(set(signs.tolist())):
-        places = np.flatnonzero(signs == sign)
-        # From whole numbers, so that the sine of the Nyquist line is nothing.
-        turns = np.multiply.outer(lines[places], np.arange(size)) % size
-        angle = 2 * np.pi * turns / size
-        sine = np.where(2 * turns % size == 0, 0.0, np.sin(angle))
-        waves = np.concatenate([np.cos(angle), -sine])[:, : size // 2 if sign else size] / size
-        folds.append((places, np.ascontiguousarray(waves.T), joins[sign]))
-    return folds

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from rotorid.core.errors import InputError
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.record import Channel
 
@@ -16,6 +17,27 @@ def line_spectra(samples: ArrayLike, harmonics: ArrayLike) -> Complexes:
     """Return the lines of signals, the line filter: ``X_k = mean_n(x_n exp(-2 pi i k n / N))``."""
     spectrum = np.fft.rfft(np.asarray(samples, dtype=float), axis=-2, norm="forward")
     return np.asarray(spectrum[..., np.asarray(harmonics), :])
+
+
+def lines_within(band: tuple[float, float], sample_rate: float, samples: int) -> Integers:
+    """Return the numbers of the lines in a band, in Hz, both ends included."""
+    low, high, spacing = *band, sample_rate / samples
+    if not 0 <= low <= high <= sample_rate / 2 * (1 + 1e-9):
+        raise InputError(
+            f"the band {low:g} to {high:g} Hz",
+            f"0 Hz to {sample_rate / 2:g} Hz, half the sample rate, the lower end first",
+            "give the band in which the machine was excited",
+            place="band",
+        )
+    found = np.arange(np.ceil(low / spacing - 1e-6), np.floor(high / spacing + 1e-6) + 1)
+    if not len(found):
+        raise InputError(
+            f"no line between {low:g} and {high:g} Hz, lines are {spacing:g} Hz apart",
+            "at least one line",
+            "widen the band, or record longer",
+            place="band",
+        )
+    return found.astype(np.int64)
 
 
 def synthesize(lines: ArrayLike, harmonics: ArrayLike, samples: int) -> Floats:

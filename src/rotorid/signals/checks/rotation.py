@@ -22,7 +22,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady, unread
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import sensors_of
-from rotorid.signals.checks.registry import Seen, first_used, period_check, record_check
+from rotorid.signals.checks.registry import NO_SCATTER, Seen, first_used, period_check, record_check
 from rotorid.signals.spectrum import top_of
 
 _FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
@@ -376,7 +376,8 @@ def check_wander(periods: PeriodicRecord) -> list[Note]:
     if not periods.speed or not len(on) or len(others) < 2 or periods.periods < 4:
         return []
     variance = periods.spectra.var(axis=0, ddof=1)
-    usual = median(variance[others], axis=0)
+    level = np.sqrt((np.abs(periods.mean_spectrum) ** 2).mean(axis=0))
+    usual = np.maximum(median(variance[others], axis=0), (NO_SCATTER * level) ** 2)
     ratio = variance[on[0]] / np.where(usual > 0, usual, np.inf)
     worst = int(np.argmax(ratio))
     if ratio[worst] < WANDER:
