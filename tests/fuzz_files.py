@@ -477,7 +477,9 @@ class Format:
     commands: Sequence[tuple[int, tuple[str, ...], tuple[str, ...]]] = field(
         default_factory=lambda: _RECORD_COMMANDS
     )
-    share: float = 1.0  # of the files that are asked for: an answer of some takes long
+    # Of the files that are asked for: an answer of some takes long. What a child reads takes most,
+    # by whatever package, and is told in the same way: ten formats with a third each are one.
+    share: float = 1.0
 
     def files(self, damaged: bytes) -> dict[str, bytes]:
         """Return what stands in the folder: a good model and experiment, and the damaged file."""
@@ -594,29 +596,30 @@ def _formats() -> list[Format]:
                commands=_RESULT_COMMANDS),
         Format("hdf5", "run.h5", lambda: (_hdf5(), _hdf5(chunks=(16,), compression="gzip"),
                _hdf5(libver="latest", chunks=(16,), maxshape=(None,), shuffle=True),
-               record(writers.write_hdf5, "run.h5")), odd=_odd_hdf5, commands=_drafted("run.h5")),
+               record(writers.write_hdf5, "run.h5")), odd=_odd_hdf5, commands=_drafted("run.h5"),
+               share=0.3),
         Format("mat4", "run.mat", lambda: (_mat(format="4"),), odd=_odd_mat,
-               commands=_drafted("run.mat")),
+               commands=_drafted("run.mat"), share=0.3),
         Format("mat5", "run.mat", lambda: (_mat(), record(writers.write_mat5, "run.mat")),
-               odd=_odd_mat, commands=_drafted("run.mat")),
+               odd=_odd_mat, commands=_drafted("run.mat"), share=0.3),
         Format("mat5-packed", "run.mat", lambda: (_mat(do_compression=True),),
-               mutations.damaged_inside, odd=_odd_mat, commands=_drafted("run.mat")),
+               mutations.damaged_inside, odd=_odd_mat, commands=_drafted("run.mat"), share=0.3),
         Format("mat73", "run.mat", lambda: (record(writers.write_mat73, "run.mat"),),
-               commands=_drafted("run.mat")),
+               commands=_drafted("run.mat"), share=0.3),
         Format("parquet", "run.parquet", lambda: (record(writers.write_parquet, "run.parquet"),),
-               odd=_odd_parquet, commands=_drafted("run.parquet")),
+               odd=_odd_parquet, commands=_drafted("run.parquet"), share=0.3),
         Format("tdms", "run.tdms", lambda: (record(writers.write_tdms, "run.tdms"),),
-               odd=_odd_tdms, commands=_drafted("run.tdms")),
+               odd=_odd_tdms, commands=_drafted("run.tdms"), share=0.3),
         Format("uff", "run.uff", lambda: (_universal(0), _responses()), text,
-               commands=_drafted("run.uff")),
+               commands=_drafted("run.uff"), share=0.3),
         Format("uff-binary", "run.uff", lambda: (_universal(1), _responses(1)),
-               commands=_drafted("run.uff")),
+               commands=_drafted("run.uff"), share=0.3),
         Format("responses", "run.uff", lambda: (_responses(),), text, experiment=RESPONSES,
                commands=_EXPERIMENT_COMMANDS, share=0.2),
         Format("responses-binary", "run.uff", lambda: (_responses(1),), experiment=RESPONSES,
                commands=_EXPERIMENT_COMMANDS, share=0.2),
         Format("mdf", "run.mf4", lambda: (record(writers.write_mdf, "run.mf4"),), odd=_odd_mdf,
-               commands=_drafted("run.mf4")),
+               commands=_drafted("run.mf4"), share=0.3),
     ]  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Run damaged files of every format, or the corpus, and print the counts and what was found.
 
     python tests/fuzz_run.py --each 1000                 every format
+    python tests/fuzz_run.py --each 900 --seed 1 --own 100    a hundred of them of the commit
     python tests/fuzz_run.py --each 50 csv mat5          some
     python tests/fuzz_run.py --seed 123 --only mat5:17   one case again
     python tests/fuzz_run.py --corpus out.json hdf5      the cases of the corpus, of these words
@@ -117,6 +118,7 @@ def main() -> int:
     parser.add_argument("formats", nargs="*", help=f"{', '.join(FORMATS)}; or words of the corpus")
     parser.add_argument("--each", type=int, default=50, help="files of every format")
     parser.add_argument("--seed", type=int, help="in place of that of the commit")
+    parser.add_argument("--own", type=int, default=0, help="so many more, of the commit's seed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", metavar="FORMAT:NUMBER", help="one case")
     parser.add_argument("--corpus", type=Path, help="run the corpus, and write its outcomes there")
@@ -125,8 +127,11 @@ def main() -> int:
     asked = parser.parse_args()
     if asked.corpus:
         return run_corpus(asked.corpus, asked.formats, asked.case, asked.workers)
-    seed, origin = seed_of_commit() if asked.seed is None else (asked.seed, "as asked")
-    print(f"--seed {seed} ({origin})")
+    own, origin = seed_of_commit()
+    seed = own if asked.seed is None else asked.seed
+    print(f"--seed {own} ({origin})" if seed == own else f"--seed {seed} (as asked)")
+    if asked.own:
+        print(f"--seed {own} ({origin}) from number {asked.each} on")
     if asked.only:
         name, _, number = asked.only.partition(":")
         case = FORMATS[name].case(seed, int(number))
@@ -138,9 +143,11 @@ def main() -> int:
             return 0
         return any(o.faults for o in run([lambda: case], 1))
     chosen = [FORMATS[name] for name in asked.formats or FORMATS]
-    counts = {f.name: max(1, round(asked.each * f.share)) for f in chosen}
     builds = [
-        partial(f.case, seed, n) for n in range(asked.each) for f in chosen if n < counts[f.name]
+        partial(f.case, seed if n < asked.each else own, n)
+        for n in range(asked.each + asked.own)
+        for f in chosen
+        if n % (1 / f.share) < 1
     ]
     warm = [case for f in chosen for case in f.whole()]
     return any(o.faults for o in run(builds, asked.workers, warm))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from source_trees import nodes
 
 import rotorid as rid
 
@@ -146,34 +147,21 @@ LONGER = {
 
 def test_functions_fit_a_screen() -> None:
     found = {}
-    for path in sorted((ROOT / "src" / "rotorid").rglob("*.py")):
-        module = ".".join(path.relative_to(ROOT / "src" / "rotorid").with_suffix("").parts)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                continue
-            body = node.body[bool(ast.get_docstring(node)) and len(node.body) > 1 :]
-            lines = (body[-1].end_lineno or 0) - body[0].lineno + 1
-            if lines > SCREEN:
-                found[f"{module}.{node.name}"] = lines
+    for file, node in nodes(ast.FunctionDef):
+        body = node.body[bool(ast.get_docstring(node)) and len(node.body) > 1 :]
+        lines = (body[-1].end_lineno or 0) - body[0].lineno + 1
+        if lines > SCREEN:
+            found[f"{file.removesuffix('.py').replace('/', '.')}.{node.name}"] = lines
     assert found.keys() == LONGER.keys(), found
 
 
 def test_a_class_name_means_one_thing() -> None:
-    names = [
-        node.name
-        for path in sorted((ROOT / "src" / "rotorid").rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
-    ]
+    names = [node.name for _, node in nodes(ast.ClassDef) if not node.name.startswith("_")]
     assert len(set(names)) == len(names), {name for name in names if names.count(name) > 1}
 
 
 def test_cures_say_what_to_do() -> None:
     """No message ends in "correct it": whoever could do that would have done it."""
     empty = re.compile(r"\bcorrect (?:it|its|them|the|this|what)\b")
-    found = []
-    for path in sorted((ROOT / "src" / "rotorid").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Constant) and empty.search(str(node.value)):
-                found.append(f"{path.name}, {node.lineno}: {node.value}")
-    assert not found
+    texts = ((file, node) for file, node in nodes(ast.Constant) if isinstance(node.value, str))
+    assert not [f"{file}, {n.lineno}: {n.value}" for file, n in texts if empty.search(n.value)]

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from source_trees import nodes
 from working_folder import make
 
-import rotorid
 from rotorid import InputError, ReadError, cli
 from rotorid.core.distributions import f_limit, f_tail
 from rotorid.core.errors import CELL, LINE, PART, SENTENCE, one_line, printable, shortened
@@ -415,19 +415,13 @@ def test_copies_are_equal():
     assert copy.deepcopy(mass) == mass == pickle.loads(pickle.dumps(mass))
 
 
-FULL = "dataclass(frozen=True)"
-
-
 def test_every_value_of_the_package_is_made_by_it():
     """But for those whose `==` is identity, which nothing shared could say better."""
-    own = []
-    for path in sorted(Path(rotorid.__file__).parent.rglob("*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        classes = (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
-        decorators = ((kind, ast.unparse(d)) for kind in classes for d in kind.decorator_list)
-        own += [
-            (path.name, kind.name) for kind, text in decorators if text == "dataclass(frozen=True)"
-        ]
+    own = [
+        (file, kind.name)
+        for file, kind in nodes(ast.ClassDef)
+        if "dataclass(frozen=True)" in map(ast.unparse, kind.decorator_list)
+    ]
     assert not own, "take rotorid.core.values"
 
 

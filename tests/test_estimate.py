@@ -95,7 +95,7 @@ def estimates(draw):
     )
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(estimate=estimates())
 def test_writing_then_reading_is_the_identity(estimate, tmp_path_factory):
     path = tmp_path_factory.mktemp("estimate") / "result.json"

@@ -7,9 +7,8 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-
-SOURCE = Path(__file__).parents[1] / "src" / "rotorid"
-MODULES = sorted(SOURCE.rglob("*.py"))
+from source_trees import FILES as MODULES
+from source_trees import SOURCE, tree_of
 
 # The order in which parts build on one another: a module imports from its own part and from those
 # above it in this list. A part is a package, or a module where a package spans several.
@@ -66,11 +65,6 @@ def name_of(path: Path) -> str:
 
 def part_of(module: str) -> str:
     return module.split(".")[0]
-
-
-@cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def imports(path: Path, *, late: bool = True) -> set[str]:

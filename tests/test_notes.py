@@ -4,34 +4,17 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
-from functools import cache
-from pathlib import Path
 from typing import get_args
 
 import pytest
+from source_trees import nodes
 
-import rotorid
 from rotorid import Note
 from rotorid.answer.judge import Status, judge, ordered
 from rotorid.core.notes import Severity, worst
 
-SOURCE = Path(rotorid.__file__).parent
 TAKES_APART = {"startswith", "endswith", "partition", "rpartition", "removeprefix", "removesuffix"}
 MESSAGE = re.compile(r"\b(terms?|warnings?|notes?|suspects?|remarks?|said|cures?)\b")
-
-
-@cache
-def every_node() -> list[tuple[str, ast.AST]]:
-    return [
-        (file.relative_to(SOURCE).as_posix(), node)
-        for file in sorted(SOURCE.rglob("*.py"))
-        for node in ast.walk(ast.parse(file.read_text("utf-8")))
-    ]
-
-
-def nodes(kind: type[ast.AST]) -> Iterator[tuple[str, ast.AST]]:
-    return ((file, node) for file, node in every_node() if isinstance(node, kind))
 
 
 def test_a_note_reads_as_subject_finding_and_cure() -> None:
