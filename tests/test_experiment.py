@@ -10,7 +10,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.experiment.channels import dynamics_of
+from rotorid.experiment.read import dynamics_of
 from rotorid.experiment.schema import DynamicsEntry
 
 MODEL = rid.load_model("jeffcott")

@@ -13,8 +13,7 @@ from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.experiment import Experiment, load_experiment
-from rotorid.experiment.channels import Recording
-from rotorid.experiment.read import measured, periods_of, reference_name
+from rotorid.experiment.read import Recording, measured, periods_of, reference_name
 from rotorid.force.laws import Linear
 from rotorid.io.columns import Source
 from rotorid.report.machines import sensitivity_page, sensitivity_report

@@ -30,8 +30,7 @@ from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.table_lines import SAME, multiple_of
-from rotorid.experiment.channels import Entries, columns_of
-from rotorid.experiment.read import is_reference
+from rotorid.experiment.read import Entries, columns_of, is_reference
 from rotorid.experiment.schema import ModeEntry, RecordEntry
 from rotorid.models import Model
 from rotorid.signals.average import RecordBlocks

@@ -18,7 +18,6 @@ from rotorid.core.watch import counting
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
 from rotorid.data.record import Record
-from rotorid.experiment.channels import Recording, shared_currents
 from rotorid.experiment.duplicates import (
     Overlaps,
     alike,
@@ -31,6 +30,7 @@ from rotorid.experiment.duplicates import (
 )
 from rotorid.experiment.priors import Priors, build_estimator, default_method, own_values
 from rotorid.experiment.read import (
+    Recording,
     averaged,
     check_shared,
     filtered_of,
@@ -40,6 +40,7 @@ from rotorid.experiment.read import (
     plan_record,
     read_table,
     said_of,
+    shared_currents,
 )
 from rotorid.experiment.schema import (
     OPEN,

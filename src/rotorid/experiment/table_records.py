@@ -15,7 +15,7 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.table_lines import phasor_lines, response_lines
-from rotorid.experiment.channels import Entries, Recording, reading_factor
+from rotorid.experiment.read import Entries, Recording, reading_factor
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import formats, open_tables
 from rotorid.io.columns import check_magnitude, check_stated, largest_of
