@@ -11,7 +11,7 @@ import pytest
 
 from rotorid import ReadError
 from rotorid.cli import run
-from rotorid.io import mdf, open_table
+from rotorid.io import formats, open_table
 
 pytest.importorskip("asammdf")
 
@@ -247,7 +247,7 @@ def test_a_group_of_many_channels_is_unpacked_once(
         made.save(tmp_path / "run.mf4", compression=2)
     unpacked, load = [], MDF4._load_data
     monkeypatch.setattr(MDF4, "_load_data", lambda *a, **k: (unpacked.append(0), load(*a, **k))[1])
-    with mdf.open_mdf(str(tmp_path / "run.mf4")) as file:
+    with formats.open_mdf(str(tmp_path / "run.mf4")) as file:
         parts = list(file.read([f"c{k}" for k in range(50)]))
     found = {name: column for part in parts for name, column in part.items()}
     for k in range(50):

@@ -13,7 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator
 from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.frozen import frozen
-from rotorid.core.toml import parse_table, parse_toml, read_bytes, read_toml
+from rotorid.core.toml import parse_table, parse_toml, read_bytes, read_toml, table_within
 from rotorid.core.watch import counting
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
@@ -425,18 +425,14 @@ def _inspected(
 
 def _draft_records(path: Path) -> list[DraftRecord] | None:
     """Return the records of a file that leaves something open, None where it does not."""
-    try:
-        data = read_bytes(path)
-        entries = parse_table(data).get("records", [])
-    except ReadError:  # told where the file is read in earnest
+    data = read_bytes(path)
+    entries = table_within(data).get("records")
+    tables = entries if isinstance(entries, list) else []
+    keys = [one.keys() if isinstance(one, dict) else set() for one in tables]
+    if not keys or not all(one & {"file", "files"} for one in keys):
         return None
-    if not isinstance(entries, list) or not entries:
-        return None
-    periodic = [
-        isinstance(e, dict) and ("fundamental" in e or "period_samples" in e) for e in entries
-    ]
-    named = all(isinstance(e, dict) and ("file" in e or "files" in e) for e in entries)
-    if not named or (f'"{OPEN}"'.encode() not in data and all(periodic)):
+    periodic = all(one & {"fundamental", "period_samples"} for one in keys)
+    if periodic and f'"{OPEN}"'.encode() not in data:
         return None
     return parse_toml(data, DraftFile, file=str(path)).records
 

@@ -386,7 +386,7 @@ FORMATS = {
     ".parquet": Format("formats.open_parquet", "pyarrow.parquet", "Parquet data"),
     ".tdms": Format("formats.open_tdms", "nptdms", "TDMS data"),
     **dict.fromkeys((".uff", ".unv"), UNIVERSAL),
-    **dict.fromkeys((".mf4", ".mdf"), Format("mdf.open_mdf", "asammdf", "MDF data")),
+    **dict.fromkeys((".mf4", ".mdf"), Format("formats.open_mdf", "asammdf", "MDF data")),
 }
 READERS = (*TEXTS, *FORMATS)
 """Endings of files of columns."""
