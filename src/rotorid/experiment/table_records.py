@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.table_lines import phasor_lines, response_lines
-from rotorid.experiment.read import Entries, Recording, reading_factor
+from rotorid.experiment.read import Recording, reading_factor
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import formats, open_tables
 from rotorid.io.columns import check_magnitude, check_stated, largest_of
@@ -126,33 +125,53 @@ def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:
         )
 
 
+@frozen
+class _Read:
+    """A channel of a table in SI: a phasor or a response by speed or frequency, and its noise."""
+
+    input: str | None
+    channel: Channel
+    axis: Floats
+    values: Complexes
+    std: Floats | None
+    coherence: Floats | None
+
+
+def _of_table(plan: Recording, model: Model, rows: Columns, axis: Floats | None) -> list[_Read]:
+    """Return the channels of a table: a row per frequency, or per speed, if that is no column."""
+    found, channels = list[_Read](), plan.of_table
+    for name, one in plan.channels.items():
+        place, channel, coherence = f"channels.{name}", channels[name], None
+        unit = channel.unit if one.input is None else f"({channel.unit})/({model.units[one.input]})"
+        values = complex_column(rows, name, one, unit)
+        axis = np.full(len(values), plan.entry.speed.value) if axis is None else axis
+        check_lengths(axis, values, place)
+        if one.coherence is not None:
+            coherence = rows.si(one.coherence, "1", "1", f"{place}.coherence")
+            check_lengths(axis, coherence, f"{place}.coherence")
+        std = std_column(rows, name, one, unit, values)
+        found.append(_Read(one.input, channel, axis, values, std, coherence))
+    return found
+
+
 def read_phasors(plan: Recording, model: Model) -> list[Lines]:
     entry, entries = plan.entry, plan.channels
     table = open_tables(plan.paths, header_row=entry.header_row)
-    rows = Columns(table, entry.overrule)
+    rows, speed = Columns(table, entry.overrule), None
     with naming(table.file):
-        channels = plan.of_table
-        units = {name: channels[name].unit for name in entries}
-        read = [complex_column(rows, name, one, units[name]) for name, one in entries.items()]
-        speed = np.full(len(read[0]), entry.speed.value)
         if entry.speed.column is not None:
             speed = rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
-        for one, values in zip(entries, read, strict=True):
-            check_lengths(speed, values, f"channels.{one}")
-        phasors = np.column_stack(read)
-        stated = [
-            std_column(rows, name, one, units[name], values)
-            for (name, one), values in zip(entries.items(), read, strict=True)
-        ]
-        std = _common(list(entries), stated)
+        found = _of_table(plan, model, rows, speed)
+        phasors = np.column_stack([one.values for one in found])
+        std = _common(list(entries), [one.std for one in found])
         probes = [k for k, name in enumerate(entries) if name not in model.inputs]
         names, known = [list(entries)[k] for k in probes], None if std is None else std[:, probes]
         checks = [
             *check_probes(names, phasors[:, probes], known),
             *(c for name, one in entries.items() for c in _phases(rows, name, one)),
         ]
-        listed = list(channels.values())
-        return [phasor_lines(listed, speed, phasors, std, source=table.file, checks=checks)]
+        channels, source = [one.channel for one in found], table.file
+        return [phasor_lines(channels, found[0].axis, phasors, std, source=source, checks=checks)]
 
 
 def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Note]:
@@ -178,22 +197,9 @@ def _common(names: list[str], std: list[Floats | None]) -> Floats | None:
     return np.column_stack([one for one in std if one is not None])
 
 
-@frozen
-class _Response:
-    """One response in SI, with what is told of its noise."""
-
-    input: str
-    channel: Channel
-    frequency: Floats
-    values: Complexes
-    std: Floats | None = None
-    coherence: Floats | None = None
-
-
 def read_responses(plan: Recording, model: Model) -> list[Lines]:
     """Read frequency responses; those to one input, on one grid of frequencies, share lines."""
     entry, entries, paths = plan.entry, plan.channels, plan.paths
-    channels = plan.of_table
     stored = [name for name, one in entries.items() if one.column is not None]
     if stored and len(stored) < len(entries):
         raise InputError(
@@ -204,73 +210,40 @@ def read_responses(plan: Recording, model: Model) -> list[Lines]:
         )
     with naming(", ".join(map(str, paths))):
         if stored:
-            found = _of_universal(paths, entry, entries, channels, model)
+            found = _of_universal(plan, model)
+        elif entry.frequency is None:
+            raise InputError(
+                "no frequency",
+                "the column of the frequencies of the rows",
+                'write frequency = { column = "f", unit = "Hz" }',
+                place="frequency",
+            )
         else:
-            table = open_tables(paths, header_row=entry.header_row)
-            found = _of_table(table, entry, entries, channels, model)
-        return [_lines(group, entry, model, entry.paths[0]) for group in _groups(found, entry)]
+            rows = Columns(open_tables(paths, header_row=entry.header_row), entry.overrule)
+            hertz = rows.si(entry.frequency.column, entry.frequency.unit, "Hz", "frequency")
+            found = _of_table(plan, model, rows, hertz)
+        return [_lines(group, entry, model, entry.paths[0]) for group in _groups(found)]
 
 
-def _of_table(
-    table: ColumnFile,
-    entry: RecordEntry,
-    entries: Entries,
-    channels: Mapping[str, Channel],
-    model: Model,
-) -> list[_Response]:
-    """Return the responses of a table: a row per frequency."""
-    rows = Columns(table, entry.overrule)
-    if entry.frequency is None:
-        raise InputError(
-            "no frequency",
-            "the column of the frequencies of the rows",
-            'write frequency = { column = "f", unit = "Hz" }',
-            place="frequency",
-        )
-    hertz = rows.si(entry.frequency.column, entry.frequency.unit, "Hz", "frequency")
-    found = []
-    for name, one in entries.items():
-        assert one.input is not None  # checked with the channels
-        place = f"channels.{name}"
-        unit = f"({channels[name].unit})/({model.units[one.input]})"
-        values = complex_column(rows, name, one, unit)
-        check_lengths(hertz, values, place)
-        coherence = None
-        if one.coherence is not None:
-            coherence = rows.si(one.coherence, "1", "1", f"{place}.coherence")
-            check_lengths(hertz, coherence, f"{place}.coherence")
-        std = std_column(rows, name, one, unit, values)
-        found.append(_Response(one.input, channels[name], hertz, values, std, coherence))
-    return found
-
-
-def _of_universal(
-    paths: Sequence[Path],
-    entry: RecordEntry,
-    entries: Entries,
-    channels: Mapping[str, Channel],
-    model: Model,
-) -> list[_Response]:
+def _of_universal(plan: Recording, model: Model) -> list[_Read]:
     """Return the responses of universal files, by node and direction."""
     stored: dict[str, StoredResponse] = {}
-    for path in paths:
+    for path in plan.paths:
         stored |= formats.read_responses(path)
-    found = []
-    for name, one in entries.items():
-        assert one.input is not None  # checked with the channels
-        assert one.column is not None
-        place = f"channels.{name}"
-        if one.column not in stored:
+    found, channels = list[_Read](), plan.of_table
+    for name, one in plan.channels.items():
+        place, channel, std = f"channels.{name}", channels[name], None
+        data = stored.get(one.column or "")
+        if data is None:
             raise InputError(
-                f"no response {one.column[:60]!r}",
+                f"no response {one.column!r:.62}",
                 f"one of {', '.join(list(stored)[:12])}{' ..' if len(stored) > 12 else ''}",
                 "name node and direction of the response, then of the force",
                 place=f"{place}.column",
             )
-        data = stored[one.column]
         _check_derivative(data.derivative, name, one)
         unit = one.unit or data.unit
-        if one.unit and data.unit and not entry.overrule:
+        if one.unit and data.unit and not plan.entry.overrule:
             check_stated(one.unit, data.unit, f"{place}.unit")
         if unit is None:
             raise InputError(
@@ -280,14 +253,11 @@ def _of_universal(
         check_magnitude(largest_of(np.abs(data.values)), abs(factor), place)
         with np.errstate(invalid="ignore"):  # what is not finite is told with its line
             values = np.asarray(data.values * factor, dtype=np.complex128)
-        std = None
         if one.std is not None:
-            expected = f"({channels[name].unit})/({model.units[one.input]})"
+            expected = f"({channel.unit})/({model.units[one.input or '']})"
             std = np.full(len(values), to_si(one.std, expected, place=f"{place}.std"))
         values = values.conj() if one.lag else values
-        found.append(
-            _Response(one.input, channels[name], data.frequency, values, std, data.coherence)
-        )
+        found.append(_Read(one.input, channel, data.frequency, values, std, data.coherence))
     return found
 
 
@@ -306,9 +276,9 @@ def _check_derivative(found: str | None, name: str, entry: ChannelEntry) -> None
     )
 
 
-def _groups(found: Sequence[_Response], entry: RecordEntry) -> list[list[_Response]]:
+def _groups(found: Sequence[_Read]) -> list[list[_Read]]:
     """Return the responses that share an input, a grid of frequencies and a kind of noise."""
-    groups: dict[tuple[str, bytes, bool], list[_Response]] = {}
+    groups: dict[tuple[str | None, bytes, bool], list[_Read]] = {}
     for one in found:
         if one.std is None and one.coherence is None:
             raise InputError(
@@ -317,13 +287,13 @@ def _groups(found: Sequence[_Response], entry: RecordEntry) -> list[list[_Respon
                 "write coherence beside it, with averages in the record; or std",
                 place=f"channels.{one.channel.name}",
             )
-        grid = np.round(one.frequency, 9).tobytes()
+        grid = np.round(one.axis, 9).tobytes()
         groups.setdefault((one.input, grid, one.std is None), []).append(one)
     return list(groups.values())
 
 
-def _lines(group: Sequence[_Response], entry: RecordEntry, model: Model, source: str) -> Lines:
-    driven, hertz = group[0].input, group[0].frequency
+def _lines(group: Sequence[_Read], entry: RecordEntry, model: Model, source: str) -> Lines:
+    driven, hertz = group[0].input or "", group[0].axis
     low, high = (0.0, np.inf) if entry.band is None else entry.band
     kept = np.flatnonzero((hertz >= low) & (hertz <= high))[:: entry.every]
     if not len(kept):
