@@ -257,7 +257,7 @@ CHANNELS = {
     "angle without scale": (
         r'speed = "[^"]*"',
         'angle = { column = "x1" }',
-        "records.0.angle: found neither unit nor lines",
+        "records.0.angle: found column alone; expected the unit",
     ),
 }
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from hashlib import blake2b
 from itertools import combinations
 from pathlib import Path
@@ -30,8 +31,8 @@ from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.table_lines import SAME, multiple_of
-from rotorid.experiment.read import Entries, columns_of, is_reference
-from rotorid.experiment.schema import ModeEntry, RecordEntry
+from rotorid.experiment.read import Entries, Recording, columns_of, is_reference
+from rotorid.experiment.schema import ExperimentFile, ModeEntry, RecordEntry
 from rotorid.models import Model
 from rotorid.signals.average import RecordBlocks
 
@@ -169,29 +170,33 @@ _DIGITS = 1e-6  # by which a frequency or a speed may differ and be the same
 _COMPARED = 60  # records of which each is held against each: 1800 pairs take a second
 
 
-def check_records(
-    records: Sequence[RecordEntry],
-    channels: Sequence[Entries],
-    inputs: Collection[str],
-    folder: Path,
-) -> None:
+def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -> None:
+    """Refuse what an experiment file says twice, or too little to tell records apart."""
+    _check_records(plans, model.inputs)
+    check_modes(file.modes)
+    if file.estimator.runout:
+        check_told(file.records)
+
+
+def _check_records(plans: Sequence[Recording], inputs: Collection[str]) -> None:
     """Refuse records that take the same samples of the same file.
 
     Two may share a file where they take other times, lines, or sensors of it.
     """
+    records = [plan.entry for plan in plans]
     by_file: dict[Path, list[int]] = {}
-    for number, record in enumerate(records):
-        paths = {_resolved(folder / name) for name in record.paths}
+    for number, plan in enumerate(plans):
+        paths = {_resolved(path) for path in plan.paths}
         for path in paths:
             by_file.setdefault(path, []).append(number)
-        if record.quiet is not None and _resolved(folder / record.quiet) in paths:
+        if plan.entry.quiet is not None and _resolved(plan.folder / plan.entry.quiet) in paths:
             raise InputError(
                 "the record itself",
                 "one without excitation, which tells the noise",
                 "name another file, or leave quiet out",
                 place=f"records.{number}.quiet",
             )
-    sensors = [_sensors(entries, inputs) for entries in channels]
+    sensors = [_sensors(plan.channels, inputs) for plan in plans]
     for path, numbers in by_file.items():
         for first, second in combinations(numbers, 2):
             if _overlap(records[first], records[second]) and sensors[first] & sensors[second]:
@@ -229,8 +234,8 @@ class _Taken:
 class Overlaps:
     """Finds samples that two records share, wherever they begin in each: excerpts of one run."""
 
-    def __init__(self, records: Sequence[RecordEntry], inputs: Collection[str]) -> None:
-        self.records, self.inputs = records, inputs
+    def __init__(self, records: Sequence[RecordEntry], model: Model, file: str) -> None:
+        self.records, self.model, self.inputs, self.file = records, model, model.inputs, file
         self.taken: dict[int, _Taken] = {}
         self.waves: list[Wave] = []
 
@@ -242,7 +247,24 @@ class Overlaps:
         several = len(self.records) > 1
         return lambda samples: printer.add(samples[:, columns]) if several else None
 
-    def check(self) -> None:
+    def turns(self, number: int, record: Record) -> None:
+        """Hold the rotation in a record against that in those before it."""
+        wave = wave_of(number, self.records[number], record, self.model)
+        if wave is not None:
+            self.waves.append(wave)
+            check_rotation(self.waves, self.file)
+
+    def checked(self, found: Sequence[Measured]) -> list[Measured]:
+        """Return what was read, no two of it the same; of what may be, it is told."""
+        self._check_samples()
+        check_tables(found, self.inputs)
+        told = alike(found, self.inputs)
+        return [
+            replace(one, warnings=(*one.warnings, told[number])) if number in told else one
+            for number, one in enumerate(found)
+        ]
+
+    def _check_samples(self) -> None:
         by_sensors: dict[tuple[str, ...], dict[int, Prints]] = {}
         for number, taken in self.taken.items():
             by_sensors.setdefault(taken.sensors, {})[number] = taken.printer.prints()

@@ -18,16 +18,7 @@ from rotorid.core.watch import counting
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
 from rotorid.data.record import Record
-from rotorid.experiment.duplicates import (
-    Overlaps,
-    alike,
-    check_modes,
-    check_records,
-    check_rotation,
-    check_tables,
-    check_told,
-    wave_of,
-)
+from rotorid.experiment.duplicates import Overlaps, check_file
 from rotorid.experiment.priors import Priors, build_estimator, default_method, own_values
 from rotorid.experiment.read import (
     Recording,
@@ -162,9 +153,8 @@ class Experiment:
     def _observed(self, *, currents: bool) -> list[Measured]:
         """Read every record: cut into periods, as the lines of the whole, or filtered."""
         found: list[Measured] = []
-        seen = Overlaps(self.entry.records, self.model.inputs)
+        seen = Overlaps(self.entry.records, self.model, self.file)
         for number, plan in enumerate(counting(self.channels, "reading records")):
-            own = own_values(plan.entry.parameters, self.model, f"records.{number}.parameters")
             told = shared_currents(plan)
             try:
                 several = self._one(number, plan, seen, currents=currents)
@@ -177,12 +167,8 @@ class Experiment:
                 ) from None
             for one in several:
                 said = replace(one, warnings=(*one.warnings, *told)) if told else one
-                found.append(said.with_parameters(**own) if own else said)
-        seen.check()
-        check_tables(found, self.model.inputs)
-        for number, text in alike(found, self.model.inputs).items():
-            found[number] = replace(found[number], warnings=(*found[number].warnings, text))
-        return found
+                found.append(said.with_parameters(**plan.own) if plan.own else said)
+        return seen.checked(found)
 
     def _one(
         self, number: int, plan: Recording, seen: Overlaps, *, currents: bool
@@ -199,9 +185,7 @@ class Experiment:
             return [phasors(record, entry.revolutions, skip=entry.skip or 0.0)]
         if entry.cutoff is not None:
             return [filtered_of(record, entry)]
-        if (wave := wave_of(number, entry, record, self.model)) is not None:
-            seen.waves.append(wave)
-            check_rotation(seen.waves, self.file)
+        seen.turns(number, record)
         return [lines_of(plan, record, self.model, currents=currents)]
 
     @cached_property
@@ -325,24 +309,21 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     where = path.parent if folder is None else Path(folder)
     model = _model(entry.model, path)
     with naming(str(path)):
-        channels = []
+        plans = []
         check_shared(entry.records, entry.channels)
         for number, record in enumerate(entry.records):
             _check_lines(record, model, f"records.{number}.band")
-            channels.append(plan_record(record, entry.channels, model, where, f"records.{number}"))
-            own_values(record.parameters, model, f"records.{number}.parameters")
-        check_records(entry.records, [plan.channels for plan in channels], model.inputs, where)
-        check_modes(entry.modes)
-        priors = Priors.of(entry, model)
-        if entry.estimator.runout:
-            check_told(entry.records)
+            plan = plan_record(record, entry.channels, model, where, f"records.{number}")
+            own = own_values(record.parameters, model, f"records.{number}.parameters")
+            plans.append(replace(plan, own=own))
+        check_file(entry, plans, model)
         return Experiment(
             file=str(path),
             folder=where,
             entry=entry,
             model=model,
-            channels=tuple(channels),
-            priors=priors,
+            channels=tuple(plans),
+            priors=Priors.of(entry, model),
         )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,8 @@ class Recording:
     sources: Mapping[str, Source]
     # of inputs: the columns that they are made of by name, the displacement by coordinates
     laws: Mapping[str, ForceReading]
+    # parameters that it has to itself: value and deviation, SI
+    own: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def paths(self) -> list[Path]:

@@ -39,7 +39,8 @@ def _one_of(*kinds: str, beside: str = "", expected: str, cure: str) -> Any:
     def check(entry: Schema) -> Schema:
         given = entry.model_fields_set - set(beside.split())
         if given not in sets:
-            raise InputError(" and ".join(sorted(given)) or "nothing", expected, cure)
+            found = " and ".join(sorted(given)) + (" alone" if len(given) == 1 else "")
+            raise InputError(found or "nothing", expected, cure)
         return entry
 
     return model_validator(mode="after")(check)
