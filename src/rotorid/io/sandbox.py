@@ -241,16 +241,16 @@ def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
         return ["array", value.dtype.str, *value.shape]
     if isinstance(value, Mapping):
         return ["dict", *([_plain(k, arrays), _plain(v, arrays)] for k, v in value.items())]
-    kind = type(value)
     if isinstance(value, list | tuple):
         return ["list", *(_plain(each, arrays) for each in value)]
+    kind = type(value)
     if isinstance(value, InputError):
-        parts = value.found, value.expected, value.cure, value.file, value.place
-        return ["error", kind.__module__, kind.__name__, *parts]
-    if not is_dataclass(value):
+        held = vars(value)
+    elif is_dataclass(value):
+        held = {part.name: getattr(value, part.name) for part in fields(value)}
+    else:
         raise TypeError(f"no plain layout of {kind.__name__}")
-    held = (_plain(getattr(value, part.name), arrays) for part in fields(value))
-    return ["object", kind.__module__, kind.__name__, *held]
+    return ["object", kind.__module__, kind.__name__, _plain(held, arrays)]
 
 
 def _received(stream: IO[bytes]) -> Any:
@@ -277,17 +277,13 @@ def _built(plain: Any, stream: IO[bytes]) -> Any:
         return [_built(each, stream) for each in parts]
     if kind == "dict":
         return {_built(key, stream): _built(value, stream) for key, value in parts}
-    module, name, *held = parts
-    if not module.startswith("rotorid."):
-        raise TypeError(f"{module}.{name} from a child")
+    module, name, held = parts
+    if kind != "object" or not module.startswith("rotorid."):
+        raise TypeError(f"{kind} {module}.{name} from a child")
     found: Any = getattr(import_module(module), name)
-    if kind == "error" and issubclass(found, InputError):
-        *said, file, place = held
-        return found(*said, file=file, place=place)
-    if kind == "object" and isinstance(found, type) and is_dataclass(found):
-        names = [part.name for part in fields(found)]
-        return found(**{n: _built(v, stream) for n, v in zip(names, held, strict=True)})
-    raise TypeError(f"{kind} {module}.{name} from a child")
+    if not (isinstance(found, type) and (is_dataclass(found) or issubclass(found, InputError))):
+        raise TypeError(f"{module}.{name} from a child")
+    return found(**_built(held, stream))
 
 
 def _array(kind: str, *shape: int, stream: IO[bytes]) -> np.ndarray:
