@@ -15,6 +15,7 @@ from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import parse_table, parse_toml, read_bytes, read_toml, table_within
 from rotorid.core.watch import counting
+from rotorid.data.lines import Lines
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
 from rotorid.data.record import Record
@@ -29,7 +30,6 @@ from rotorid.experiment.read import (
     measured,
     period_of,
     plan_record,
-    read_table,
     said_of,
     shared_currents,
 )
@@ -176,7 +176,7 @@ class Experiment:
         """Read one record by its kind; responses to several inputs are several."""
         entry = plan.entry
         if entry.channel_kind != "samples":
-            return read_table(plan, self.model)
+            return _read_table(plan, self.model)
         if entry.periodic and not entry.is_cut:
             return [averaged(plan, partial(seen.begin, number), currents=currents)]
         record = measured(plan, currents=currents)
@@ -345,6 +345,15 @@ def _model(name: str, experiment: Path) -> Model:
         raise error if error.file else error.at(file=str(experiment), place="model") from None
 
 
+def _read_table(plan: Recording, model: Model) -> Sequence[Lines]:
+    """Read a record that is a table; responses to several inputs are several."""
+    from rotorid.experiment import table_records  # which few records need
+
+    if plan.entry.kind == "phasors":
+        return table_records.read_phasors(plan, model)
+    return table_records.read_responses(plan, model)
+
+
 def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], str]:
     """Inspect every record of an experiment file; say why it was read as a draft, if it was.
 
@@ -383,7 +392,7 @@ def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection
     one = plan.channels[number]
     entry = one.entry
     if entry.channel_kind != "samples":
-        for lines in read_table(one, plan.model):
+        for lines in _read_table(one, plan.model):
             named = lines.source or ", ".join(entry.paths)
             yield inspect_lines(replace(lines, source=named))
         return

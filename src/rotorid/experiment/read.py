@@ -604,16 +604,6 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
     return found
 
 
-def read_table(plan: Recording, model: Model) -> Sequence[Lines]:
-    """Read a record that is a table; responses to several inputs are several."""
-    from rotorid.experiment import table_records  # which few records need
-
-    read = (
-        table_records.read_phasors if plan.entry.kind == "phasors" else table_records.read_responses
-    )
-    return read(plan, model)
-
-
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
     """Cut a record into periods; drop its transient where the file does not say what to skip."""
     periods = _settled(lambda skip: average(record, skip=skip, **_chosen(entry)), entry)
