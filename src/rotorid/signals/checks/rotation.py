@@ -49,63 +49,36 @@ class Synchronism:
 def synchronism(periods: PeriodicRecord) -> Synchronism:
     """Compare the rotor angle with the periods.
 
-    Notes
-    -----
     The columns of the unbalance are averaged and filtered as the data are, from the measured
     angle, so they lose the same part. What remains is the answer of the rotor to the part that
     leaks, which is not periodic: an error of about the leakage times the amplification there.
     """
-    angle, time = unread(periods, "angle"), unread(periods, "time")
-    if isinstance(angle, Steady) and isinstance(time, Steady):
-        turns, length, bend, sizes = _of_one_speed(periods, angle.slope)
+    omega0, size = 2 * np.pi * periods.fundamental, periods.samples
+    angle = unread(periods, "angle")
+    if isinstance(angle, Steady) and isinstance(unread(periods, "time"), Steady):
+        turns, drift = angle.in_period / (2 * np.pi), 0.0
+        length = (periods.periods * size - 1) / periods.sample_rate
+        once = np.exp(1j * angle.in_period * np.arange(periods.periods)).mean()
+        mean = once * np.exp(1j * angle.head(1)[0])
     else:
-        turns, length, bend, sizes = _measured(periods)
+        phi, time = periods.angle.reshape(-1), periods.time.reshape(-1)
+        some = slice(None, None, max(1, len(time) // _FITTED))
+        place, beyond = time[some] - time.mean(), phi[some] - phi.mean()
+        speed = np.polynomial.polynomial.polyfit(place, beyond, 2)
+        length = float(time[-1] - time[0])
+        turns, drift = float(speed[1] / omega0), 2 * float(speed[2]) * length
+        step = max(1, _BLOCK // size)
+        parts = (periods.angle[k : k + step] for k in range(0, periods.periods, step))
+        mean = sum(np.exp(1j * part).sum(axis=0) for part in parts) / periods.periods
     nearest = round(turns)
-    *kept, own = sizes
+    sizes = np.abs(np.fft.fft(mean, norm="forward"))
     return Synchronism(
         turns=turns,
-        slip=(turns - nearest) * 2 * np.pi * periods.fundamental * length,
-        drift=2 * bend * length,
-        loss=float(1 - own),
-        leakage=np.where(periods.harmonics == nearest, 0.0, kept),
+        slip=(turns - nearest) * omega0 * length,
+        drift=drift,
+        loss=float(1 - sizes[nearest % size]),
+        leakage=np.where(periods.harmonics == nearest, 0.0, sizes[periods.harmonics]),
     )
-
-
-_Turning = tuple[float, float, float, Floats]
-"""Turns per period, length of the record, half its acceleration, and the size of the rotation on
-the kept lines and, last, on its own."""
-
-
-def _of_one_speed(periods: PeriodicRecord, speed: float) -> _Turning:
-    """For a constant speed: the sums over periods and over samples are apart."""
-    omega0, count = 2 * np.pi * periods.fundamental, periods.periods
-    turns = speed / omega0
-    gains = speed - omega0 * np.array([*periods.harmonics, round(turns)])
-    place = np.arange(periods.samples) / periods.sample_rate
-    begin = np.arange(count) / periods.fundamental
-    means = [np.exp(1j * np.multiply.outer(t, gains)).mean(axis=0) for t in (begin, place)]
-    length = (count * periods.samples - 1) / periods.sample_rate
-    return turns, length, 0.0, np.abs(means[0] * means[1])
-
-
-def _measured(periods: PeriodicRecord) -> _Turning:
-    angle, time = periods.angle.reshape(-1), periods.time.reshape(-1)
-    omega0 = 2 * np.pi * periods.fundamental
-    some = slice(None, None, max(1, len(time) // _FITTED))
-    middle, centre = time.mean(), angle.mean()
-    speed = np.polynomial.polynomial.polyfit(time[some] - middle, angle[some] - centre, 2)
-    turns = float(speed[1] / omega0)
-    orders = np.array([*periods.harmonics, round(turns)])
-    within = 2 * np.pi * np.multiply.outer(np.arange(periods.samples), orders) / periods.samples
-    waves = np.exp(-1j * within)
-    starts = np.exp(-1j * omega0 * np.multiply.outer(periods.time[:, 0], orders))
-    sums = np.zeros(len(orders), dtype=complex)
-    step = max(1, _BLOCK // periods.samples)
-    for begin in range(0, periods.periods, step):
-        part = slice(begin, begin + step)
-        sums += (starts[part] * (np.exp(1j * periods.angle[part]) @ waves)).sum(axis=0)
-    length = float(time[-1] - time[0])
-    return turns, length, float(speed[2]), np.abs(sums / len(time))
 
 
 def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
