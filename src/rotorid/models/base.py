@@ -120,9 +120,9 @@ def _relations(
 
     So many points are looked at as the independent signals that show ask for, and no more.
     """
-    spent, rank = 0, min(4, len(signals))
+    rank = min(4, len(signals))
     if not signals:
-        return {}, spent
+        return {}, 0
     nodes, samples = sum(map(_nodes, signals)), _samples(signals)
     rows: list[list[Real]] = []
     while True:
@@ -148,19 +148,23 @@ def _eliminated(
 ) -> dict[Expression, Combination]:
     """Return the dependent signals in terms of the others, by Gauss and Jordan."""
     relations: dict[Expression, Combination] = {}
-    size = [max(abs(row[j]) for row in rows) for j in range(len(signals))]
+    size = [max(map(abs, column)) for column in zip(*rows, strict=True)]
     pivots: list[int] = []
     for j, signal in enumerate(signals):
-        left = range(len(pivots), len(rows))
-        best = max(left, key=lambda i: abs(rows[i][j]), default=None)
+        first = len(pivots)
+        best = max(range(first, len(rows)), key=lambda i: abs(rows[i][j]), default=None)
         if best is None:
             break  # too few points: the rest counts as independent
         if abs(rows[best][j]) <= TOLERANCE * size[j]:
-            ratios = [_near(row[j]) for row in rows[: len(pivots)]]
+            ratios = [_near(row[j]) for row in rows[:first]]
             relations[signal] = {signals[p]: c for p, c in zip(pivots, ratios, strict=True) if c}
             continue
-        rows[left[0]], rows[best] = rows[best], rows[left[0]]
-        _eliminate(rows, left[0], j)
+        rows[first], rows[best] = rows[best], rows[first]
+        head = [value / rows[first][j] for value in rows[first]]
+        rows = [
+            head if i == first else [a - row[j] * b for a, b in zip(row, head, strict=True)]
+            for i, row in enumerate(rows)
+        ]
         pivots.append(j)
     return relations
 
@@ -169,13 +173,6 @@ def _near(value: Real) -> Fraction:
     """Return the simple fraction that a number is, else the number in double precision."""
     simple = simple_fraction(value)
     return Fraction(repr(float(value))) if simple is None else simple
-
-
-def _eliminate(rows: list[list[Real]], pivot: int, column: int) -> None:
-    head = [value / rows[pivot][column] for value in rows[pivot]]
-    for i, row in enumerate(rows):
-        factor = row[column]
-        rows[i] = head if i == pivot else [a - factor * b for a, b in zip(row, head, strict=True)]
 
 
 def _samples(signals: Sequence[Expression]) -> Iterator[list[Real]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -96,21 +96,16 @@ def constraints_in_si(constraints: Sequence[Constraint], model: Model) -> tuple[
 
 def bounds_in_si(bounds: Bounds, model: Model) -> dict[str, tuple[float | None, float | None]]:
     """Return bounds in SI: numbers as they are, texts with the unit of the expression."""
-    found = {}
-    for expression, ends in bounds.items():
-        low, high = _numbers(expression, ends, model, "bounds of")
-        found[expression] = (low, high)
-    return found
+    return {text: _numbers(text, ends, model, "bounds of") for text, ends in bounds.items()}
 
 
-def _numbers(expression: str, given: Iterable[Any], model: Model, what: str) -> list[Any]:
+def _numbers(expression: str, given: tuple[Any, Any], model: Model, what: str) -> tuple[Any, Any]:
     place = f"{what} {expression[:60]!r}"
-    return [
-        quantity(one, unit_of_expression(expression, model, place), place=place)
-        if isinstance(one, str)
-        else one
-        for one in given
-    ]
+    if not any(isinstance(one, str) for one in given):
+        return given
+    unit = unit_of_expression(expression, model, place)
+    low, high = (quantity(x, unit, place=place) if isinstance(x, str) else x for x in given)
+    return low, high
 
 
 def unit_of_expression(expression: str, model: Model, place: str) -> str:
@@ -118,11 +113,7 @@ def unit_of_expression(expression: str, model: Model, place: str) -> str:
     with naming(place=place):
         terms = constraint_polynomial(model, Constraint(expression, 0.0))
     units = [parameter.unit for parameter in model.parameters]
-    found = {
-        multiply_units([(unit, power) for unit, power in zip(units, powers, strict=True)])
-        for powers in terms
-        if any(powers)
-    }
+    found = {multiply_units(list(zip(units, p, strict=True))) for p in terms if any(p)}
     if not found:
         raise InputError(
             repr(expression[:60]),

@@ -204,7 +204,6 @@ def linear_combination(text: str, names: Sequence[str], *, place: str = "") -> d
     return {names[t.coordinate]: t.coefficient for t in terms}
 
 
-_SAME = {"abs"}
 _NUMBER = Dimension()
 
 
@@ -222,12 +221,9 @@ def product_dimensions(
             symbols[name + dots] = symbols[name] * second**-order
     symbols |= {"t": second, "Omega": second**-1, "phi": _NUMBER}
     parameters = [dimension_of(unit) for unit in parameter_units]
-    monomials = {m: _monomial(m, parameters) for m in {p.monomial for p in products}}
+    monomials = {m: _times(zip(parameters, m, strict=True)) for m in {p.monomial for p in products}}
     signals = {s: _signal_dimension(s, symbols) for s in {p.signal for p in products}}
-    return [
-        None if (signal := signals[p.signal]) is None else monomials[p.monomial] * signal
-        for p in products
-    ]
+    return [_times([(monomials[p.monomial], 1), (signals[p.signal], 1)]) for p in products]
 
 
 def unit_faults(
@@ -249,9 +245,12 @@ def unit_faults(
             yield f"equation {row + 1} adds terms in {shown}: check it"
 
 
-def _monomial(monomial: Monomial, parameters: list[Dimension]) -> Dimension:
+def _times(powers: Iterable[tuple[Dimension | None, int | Fraction]]) -> Dimension | None:
+    """Return the product of powers; ``None`` where one of them cannot be told."""
     total = _NUMBER
-    for power, unit in zip(monomial, parameters, strict=True):
+    for unit, power in powers:
+        if unit is None:
+            return None
         if power:
             total = total * unit**power
     return total
@@ -264,14 +263,8 @@ def _signal_dimension(signal: Expression, symbols: Mapping[str, Dimension]) -> D
     if not signal.free_symbols:
         return _NUMBER
     if signal.kind in ("product", "power"):
-        total = _NUMBER
-        for base, exponent in signal.factors:
-            unit = _signal_dimension(base, symbols)
-            if unit is None:
-                return None
-            total = total * unit**exponent
-        return total
+        return _times((_signal_dimension(base, symbols), n) for base, n in signal.factors)
     inner = [_signal_dimension(part, symbols) for part in signal.parts]
     if signal.kind == "sum":
         return inner[0] if len(set(inner)) == 1 else None
-    return inner[0] if signal.kind in _SAME else _NUMBER
+    return inner[0] if signal.kind == "abs" else _NUMBER

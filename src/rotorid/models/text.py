@@ -15,6 +15,7 @@ for other reasons (``sin^2 + cos^2 = 1``) are for `base` to find, by their value
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from typing import NamedTuple
@@ -169,13 +170,11 @@ class _Algebra:
                 total[powers] = found
             else:
                 del total[powers]
-        if len(total) > MAX_TERMS:
-            raise _too_many()
+        _check_count(len(total))
 
     def times(self, one: Polynomial, other: Polynomial) -> Polynomial:
         pairs = len(one) * len(other)
-        if pairs > MAX_TERMS:
-            raise _too_many()
+        _check_count(pairs)
         self.work.spend(PRODUCT * pairs)
         total: Polynomial = {}
         for first, c in one.items():
@@ -512,7 +511,7 @@ def _power_of_number(value: Fraction, exponent: Fraction) -> Polynomial:
         return {NUMBER: value ** int(exponent)}
     total, roots = Fraction(1), {}
     for part, sign in ((value.numerator, 1), (value.denominator, -1)):
-        for prime, count in _factors(part):
+        for prime, count in _factors(part).items():
             power = sign * count * exponent
             _check_power(Fraction(prime), int(power // 1))
             total *= Fraction(prime) ** int(power // 1)
@@ -521,16 +520,15 @@ def _power_of_number(value: Fraction, exponent: Fraction) -> Polynomial:
     return {frozenset(roots.items()): total}
 
 
-def _factors(value: int) -> list[tuple[int, int]]:
+def _factors(value: int) -> dict[int, int]:
     """Return small factors and how often they are there; what is left counts as a prime."""
-    found, factor = [], 2
-    while value > 1:
-        count = 0
+    found: dict[int, int] = Counter()
+    for factor in range(2, _PRIMES + 1):
         while value % factor == 0:
-            value, count = value // factor, count + 1
-        if count:
-            found.append((factor, count))
-        factor = factor + 1 if factor < _PRIMES and factor**2 <= value else value
+            value //= factor
+            found[factor] += 1
+    if value > 1:
+        found[value] += 1
     return found
 
 
@@ -545,6 +543,11 @@ def _value_of(value: Expression) -> Real:
             "check divisors and roots",
         )
     return found[0]
+
+
+def _check_count(terms: int) -> None:
+    if terms > MAX_TERMS:
+        raise ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
 
 
 def _check_digits(value: Fraction) -> None:
@@ -562,10 +565,6 @@ def _check_power(base: Fraction, exponent: int) -> None:
     for part in (abs(base.numerator), base.denominator):
         if part > 1 and part.bit_length() * abs(exponent) > _BITS:
             _check_digits(Fraction(1 << _BITS))
-
-
-def _too_many() -> ModelError:
-    return ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
 
 
 def _too_deep() -> ModelError:
