@@ -261,7 +261,7 @@ def test_a_bias_that_no_deviation_covers_is_turned_away(
     sure: float, status: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The lower cut-off moves this mass by 3.5 deviations; six are no answer."""
-    monkeypatch.setattr("rotorid.linear.by_samples.SURE", sure)
+    monkeypatch.setattr("rotorid.linear.estimators.SURE", sure)
     record = axis(np.random.default_rng(0), position_noise=2e-5)
     assert rid.identify(AXIS, rid.filtered(record, 100.0), "ls").status == status
 

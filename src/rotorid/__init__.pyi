@@ -43,7 +43,7 @@ from .models import load_model as load_model
 from .models import parse_model as parse_model
 from .models import shipped_models as shipped_models
 from .models.constraints import Constraint as Constraint
-from .models.rotor.ross import from_ross as from_ross
+from .models.rotor.rotor_model import from_ross as from_ross
 from .results.balancing import balance as balance
 from .results.balancing import centring as centring
 from .results.critical import campbell as campbell

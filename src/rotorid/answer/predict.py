@@ -16,7 +16,7 @@ from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.unknowns import Nuisances, own_parameters, unknowns_of
-from rotorid.linear.by_samples import filtered_records
+from rotorid.linear.estimators import filtered_records
 from rotorid.linear.regression import Predicted, Regression, SampledRegression, relative_errors
 from rotorid.models import Model
 

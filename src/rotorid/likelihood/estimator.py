@@ -24,7 +24,7 @@ from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.rivals import Causes
 from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances
-from rotorid.linear.by_samples import refuse_filtered
+from rotorid.linear.estimators import refuse_filtered
 from rotorid.models import Model
 from rotorid.models.constraints import Bounds, Constraint, bounds_in_si, constraints_in_si, in_si
 

@@ -405,12 +405,8 @@ class _Minimum:
         return replace(self, solution=lower, inference=infer(lower.point))
 
     @cached_property
-    def stated(self) -> Floats:
-        return self.inference.std
-
-    @cached_property
     def told(self) -> Booleans:
-        return ~self.inference.linear.undetermined & (self.stated > 0)
+        return ~self.inference.linear.undetermined & (self.inference.std > 0)
 
     @cached_property
     def value(self) -> Floats:
@@ -426,12 +422,12 @@ class _Minimum:
         (about,) = self.about(0)
         expected = predicted_deviations(self.problem, about)
         wide = expected > LOOSE * np.abs(about[self.problem.layout.free])
-        return self.rigid & (wide | (self.stated > LOOSE * self.value))
+        return self.rigid & (wide | (self.inference.std > LOOSE * self.value))
 
     @cached_property
     def valley(self) -> Valley:
         if not self.loose.any():
-            return Valley(np.ones(len(self.stated)), self.solution.point)
+            return Valley(np.ones(len(self.inference.std)), self.solution.point)
         return explore(self.solution.point, self.inference, self.told)
 
     def minima(self) -> list[Solution]:
@@ -462,7 +458,7 @@ class _Minimum:
         predicted, taken = informed_by_noise(self.solution.point)
         # A resonance beside a line may well be seen sharper than from the measured forces alone.
         slight = self.rigid & (predicted < SLIGHT * self.value)
-        taken = taken | (predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * self.stated)
+        taken = taken | (predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * self.inference.std)
         if not self.loose.any():
             return replace(other, noise=self._names(self.told & taken))
         bent = self.rigid & (self.valley.wider > ENDLESS)
@@ -475,11 +471,11 @@ class _Minimum:
 
     def taken_about(self) -> Booleans:
         """Tell which deviations no plausible machine would give with these forces."""
-        taken = np.ones(len(self.stated), dtype=bool)
+        taken = np.ones(len(self.inference.std), dtype=bool)
         for x in self.about(AROUND):
             # A resonance that happens to lie beside a line informs more than those of all others.
             value = np.abs(x[self.problem.layout.free])
-            least = np.maximum(TAKEN_ABOUT * self.stated, LOOSE * value)
+            least = np.maximum(TAKEN_ABOUT * self.inference.std, LOOSE * value)
             taken &= predicted_deviations(self.problem, x) > least
         return taken
 

@@ -5,13 +5,11 @@ area A, second moment I, shear coefficient kappa has ``Phi = 12 E I / (kappa G A
 plane its coordinates are displacement and slope at its left and right node; the slope is theta_y
 in the plane of x and -theta_x in that of y.
 
-A rotor on fewer coordinates: on some lines the whole rotor is solved, at the values at hand, for a
-force on each coordinate that is kept: those that are driven, read, or hold an unbalance. The shapes
-found, of both planes together, span the space in which the rotor moves; their singular values say
-how many of them count. A rotor projected on that space from both sides answers as the whole one at
-these values, and near them but for the square of the difference, as the shapes are those of its
-readings too (a reduced basis: Quarteroni, Manzoni and Negri 2016). Whether it is near enough is
-told at the estimate, where shapes are taken again.
+A rotor on fewer coordinates is projected, from both sides, on the shapes in which it moves on some
+lines, for a force on each coordinate that is kept: those that are driven, read, or hold an
+unbalance. It answers as the whole one at the values at hand, and near them but for the square of
+the difference (a reduced basis: Quarteroni, Manzoni and Negri 2016; docs/rotors.md). Whether it is
+near enough is told at the estimate, where shapes are taken again.
 """
 
 from __future__ import annotations
@@ -365,13 +363,8 @@ class Banded:
 
     def at(self, omega: float, speed: float) -> Complexes:
         """Return the bands of Z on one line, rows and columns in units of `size`."""
-        lags = (1j if p.structural else 1.0 for p in self.pieces)
-        weights = np.array(
-            [
-                (1j * omega) ** p.order * speed**p.power * lag
-                for p, lag in zip(self.pieces, lags, strict=True)
-            ]
-        )
+        lines = [(1j * omega) ** p.order * speed**p.power for p in self.pieces]
+        weights = np.where([p.structural for p in self.pieces], 1j, 1.0) * lines
         bands = np.tensordot(weights, self.bands, 1) * self.size
         for k, band in enumerate(bands, start=-self.width):  # row - column
             band[max(-k, 0) : len(band) - max(k, 0)] *= self.size[max(k, 0) : len(band) + min(k, 0)]

@@ -5,8 +5,8 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from rotorid.models import symmetry
-from rotorid.models.symmetry import Link, Web
+from rotorid.likelihood import symmetric_answers as symmetry
+from rotorid.likelihood.symmetric_answers import Link, Web
 
 
 def brute_turns(web, count):
