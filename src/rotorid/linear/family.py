@@ -289,10 +289,9 @@ class LeastSquaresProblem(Posed):
         """
         parted = np.zeros((2, len(self.names)))
         for gain, residual in zip(solution.gains, residuals, strict=True):
-            middle = len(residual) // 2
-            for half, part in enumerate((residual[:middle], residual[middle:])):
-                change = part.mean(axis=0) - residual.mean(axis=0)
-                parted[half] -= np.einsum("fkr,kr->f", gain, change).real
+            answers = -np.einsum("fkr,pkr->pf", gain, residual).real
+            halves = np.split(answers, [len(answers) // 2])
+            parted += [half.mean(axis=0) - answers.mean(axis=0) for half in halves]
         return parted
 
     def _fitted(

@@ -18,7 +18,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
-from typing import NamedTuple
 
 from rotorid.core.errors import ModelError, nearest
 from rotorid.models.expressions import (
@@ -57,10 +56,10 @@ _POINTS = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1000, 1), (-1000, -1))
 """Scale and sign of the points at which a divisor is held against zero."""
 _PRIMES = 1_000  # numbers below are taken out of a root
 _TOKEN = re.compile(
-    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    r"|(?P<name>[^\W\d]\w*'{0,2})|(?P<sign>\*\*|[-+*/^()=])"
+    r"[ \t\f\r\n]*(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<name>[^\W\d]\w*'{0,2})|(?P<sign>\*\*|[-+*/^()=])|(?P<end>\Z)|(?P<none>.))",
+    re.DOTALL,
 )
-_SPACE = re.compile(r"[ \t\f\r\n]*")
 
 Powers = frozenset[tuple[Expression, int | Fraction]]
 Polynomial = dict[Powers, Fraction]
@@ -354,22 +353,16 @@ class _Algebra:
         return found
 
 
-class _Token(NamedTuple):
-    kind: str
-    text: str
-    place: int
-
-
 class _Reader(_Algebra):
-    """One text, token by token."""
+    """One text, token by token: `kind`, `word` and `place` are of the next one."""
 
     def __init__(
         self, text: str, names: frozenset[str], linear: frozenset[str], work: Work
     ) -> None:
         super().__init__(linear, work)
         self.text, self.names, self.nesting, self.equation = text, names, 0, False
-        self.last = _Token("end", "", 0)
-        self.next = self._token(0)
+        self.place = self.end = 0
+        self._look()
 
     def whole(self, equation: bool) -> Polynomial:
         self.equation = equation
@@ -377,33 +370,30 @@ class _Reader(_Algebra):
         if equation:
             self.needs("=")
             self.add(found, self.sum(), -1)
-        if self.next.kind != "end":
-            raise self.unexpected(self.next)
+        if self.kind != "end":
+            raise self.unexpected()
         return found
 
-    def _token(self, place: int) -> _Token:
-        space = _SPACE.match(self.text, place)
-        place = space.end() if space else place
-        if place == len(self.text):
-            return _Token("end", "", self.last.place)
-        match = _TOKEN.match(self.text, place)
-        if match is None:
-            return _Token("none", self.text[place], place)
-        return _Token(str(match.lastgroup), match.group(), place)
+    def _look(self) -> None:
+        match = _TOKEN.match(self.text, self.end)
+        assert match is not None
+        self.kind = str(match.lastgroup)
+        self.word, self.end = match[self.kind], match.end()
+        self.place = match.start(self.kind) if self.word else self.place
 
     def taken(self) -> str:
         self.work.spend(1)
-        self.last = self.next
-        self.next = self._token(self.last.place + len(self.last.text))
-        return self.last.text
+        word = self.word
+        self._look()
+        return word
 
     def accepts(self, *signs: str) -> str:
         """Take the next token where it is one of these signs."""
-        return self.taken() if self.next.text in signs else ""
+        return self.taken() if self.word in signs else ""
 
     def needs(self, sign: str) -> None:
         if not self.accepts(sign):
-            raise self.unexpected(self.next)
+            raise self.unexpected()
 
     def sum(self) -> Polynomial:
         total = dict(self.product())
@@ -441,11 +431,11 @@ class _Reader(_Algebra):
         return self.power(base, exponent.get(NUMBER, Fraction(0)))
 
     def atom(self) -> Polynomial:
-        if self.next.kind == "number":
+        if self.kind == "number":
             return _number(self.taken())
-        if self.next.kind == "name":
+        if self.kind == "name":
             name = self.taken()
-            if not name.endswith("'") and self.next.text == "(":
+            if not name.endswith("'") and self.word == "(":
                 return self.function(name)
             if name != "pi" and name not in self.names:
                 cure = "declare it in the model file, or write the name that is"
@@ -482,17 +472,16 @@ class _Reader(_Algebra):
         self.nesting -= 1
         return found
 
-    def unexpected(self, token: _Token) -> ModelError:
+    def unexpected(self) -> ModelError:
         cure = "write a name or a number there, or take out what does not belong"
-        if token.kind in ("name", "number") or token.text == "(":
+        if self.kind in ("name", "number") or self.word == "(":
             cure = "write an operator before it: * for a product"
         expected = "an equation: expression = expression" if self.equation else "an expression"
         return ModelError(
-            f"{repr(token.text[:40]) if token.text else 'the end of the text'} "
-            f"in {self.text[:60]!r}",
+            f"{repr(self.word[:40]) if self.word else 'the end of the text'} in {self.text[:60]!r}",
             f"{expected} of names, numbers, + - * / ^ and ( )",
             cure,
-            place=f"column {token.place - self.text.rfind(chr(10), 0, token.place)}",
+            place=f"column {self.place - self.text.rfind(chr(10), 0, self.place)}",
         )
 
 
