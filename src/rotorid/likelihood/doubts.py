@@ -1,24 +1,20 @@
 """Doubts about an answer: a catalogue of functions that yield notes.
 
-Runout, the rotor angle, gains and delays of channels: what is not asked for is known exactly, and
-deviations leave it out. What errors of a plausible size do to the residual says how far they may
-move a parameter before the warning of a doubtful model tells (`Linear.unseen`).
+Runout, the rotor angle, gains and delays of channels, and parts of the shaft that the model lacks:
+what is not asked for is known exactly, and deviations leave it out. What errors of a plausible size
+do to the residual says how far they may move a parameter before the warning of a doubtful model
+tells (`Linear.unseen`).
 
-The damping of a rotor that is lightly damped is told by the lines on which it resonates. Under
-control the noise of the loop changes there from line to line, since the rotor hardly lets the
-controller move it, and a window of tens of lines takes the mean of it: what few lines tell then
-scatters by more than its deviation, and neither misfit nor halves show it.
-
-Where masses stand at a few places, what lies between them was shared out by hand: a sleeve, a nut,
-a thicker stretch of shaft. Sensors at the bearings alone, below the higher modes, hardly see such a
-part: other masses, lengths and stiffnesses take its place, and the cost does not rise.
+In a closed loop the noise changes from line to line where a rotor of little damping resonates, and
+a window of tens of lines takes the mean of it: what few lines tell scatters by more than its
+deviation, and neither misfit nor halves show it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -31,12 +27,11 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import dimension_of
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Floats
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.case import Case, Slopes
-from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
@@ -47,7 +42,6 @@ from rotorid.likelihood.rivals_records import SPEEDS, is_response, is_table
 from rotorid.likelihood.rivals_terms import parts_between
 from rotorid.likelihood.unknowns import (
     TAKEN_AS_EXACT,
-    Plausible,
     Scalar,
     Unknown,
     force_scale,
@@ -88,33 +82,6 @@ class Asked:
     @property
     def case(self) -> Case:
         return self.fit.case
-
-    @cached_property
-    def scales(self) -> list[Unknown]:
-        """The unknowns that multiply all forces."""
-        return force_scale(self.records, None)
-
-    @cached_property
-    def exact(self) -> list[tuple[Plausible, list[Unknown]]]:
-        """What may be wrong by how much where nobody asks for it, and its unknowns."""
-        return [(plausible, kind(self.records, None)) for kind, plausible in TAKEN_AS_EXACT]
-
-    @cached_property
-    def parts(self) -> list[Unknown]:
-        """Masses between two places of the shaft, which the model may lack."""
-        model, structure = self.case.model, self.case.structure
-        if structure is None or not self.records:
-            return []
-        return parts_between(structure, [model.units[name] for name in model.coordinates])
-
-    @cached_property
-    def slopes(self) -> Slopes:
-        """The derivative of the residual by all of these, evaluated once."""
-        exact = (unknown for _, unknowns in self.exact for unknown in unknowns)
-        return Slopes.of(self.case, [*self.scales, *exact, *self.parts])
-
-    def by(self, *unknowns: Unknown) -> Floats:
-        return self.slopes.by(*(s.name for unknown in unknowns for s in unknown.scalars))
 
     def moved_unseen(self, effect: Floats) -> tuple[str, float]:
         """Return which parameter errors may move most unseen, and by how many deviations.
@@ -170,25 +137,41 @@ FOLLOWS = 0.5
 
 
 @doubt("ok")
-def taken_as_exact(asked: Asked) -> Iterable[Note]:
+def taken_as_exact(asked: Asked) -> list[Note]:
     """Say what is taken as exact, where a plausible error of it is beyond deviations and unseen."""
-    told = list(_scale_notes(asked, asked.by(*asked.scales)[:, 0]))
+    case, records = asked.case, asked.records
+    scales = force_scale(records, None)
+    exact = [(plausible, kind(records, None)) for kind, plausible in TAKEN_AS_EXACT]
+    parts = _parts(case)
+    every = (unknown for _, unknowns in exact for unknown in unknowns)
+    slopes = Slopes.of(case, [*scales, *every, *parts])
+    told = list(_scale_notes(asked, slopes.by(*(u.term for u in scales))[:, 0]))
     notes = [*told, *_angle_notes(asked)]
-    for plausible, unknowns in asked.exact:
-        scalars = [scalar for unknown in unknowns for scalar in unknown.scalars]
-        meant = np.array([scalar.unit == plausible.unit for scalar in scalars], dtype=bool)
-        effect = asked.by(*unknowns)[:, meant] * plausible.size
+    for plausible, unknowns in exact:
+        names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
+        effect = slopes.by(*names) * plausible.size
         if told and plausible.in_scale:  # beside a scale common to all inputs, or to all sensors
-            inputs = {c.name for record in asked.records for c in record.inputs}
+            inputs = {c.name for record in records for c in record.inputs}
             driven = np.array([bool(inputs & gain.on) for gain in unknowns])
             for group in (driven, ~driven):
                 effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
         name, size = asked.moved_unseen(effect)
         if size > MATTERS:
-            figure = f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
-            text = f"{plausible.text} would shift {name} by {figure} std unseen"
+            text = f"{plausible.text} would shift {name} by {_figure(size)} std unseen"
             notes.append(Note(plausible.about, "says", text, plausible.cure, value=size, unit="1"))
-    return notes
+    return [*notes, *_part_left_out(asked, {part.name: slopes.by(part.name) for part in parts})]
+
+
+def _parts(case: Case) -> list[Unknown]:
+    """Return masses between two places of the shaft, which the model may lack."""
+    model, structure = case.model, case.structure
+    if structure is None or not case.records:
+        return []
+    return parts_between(structure, [model.units[name] for name in model.coordinates])
+
+
+def _figure(size: float) -> str:
+    return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
 
 
 def _angle_notes(asked: Asked) -> Iterator[Note]:
@@ -264,19 +247,22 @@ BEYOND = 5.0
 """Deviations by which it moves a parameter unseen, above which it is told: beyond chance."""
 
 
-@doubt("ok")
-def part_left_out(asked: Asked) -> Iterator[Note]:
-    """Say how far a part between two places of the shaft may move the answer unseen."""
+def _part_left_out(asked: Asked, columns: Mapping[str, Floats]) -> Iterator[Note]:
+    """Say how far a part between two places of the shaft may move the answer unseen.
+
+    Where masses stand at a few places, what lies between them was shared out by hand. `columns`
+    are those of a part of 1 kg each.
+    """
     model, structure = asked.case.model, asked.case.structure
-    if structure is None or not asked.parts:
+    if structure is None or not columns:
         return
     size = PART * structure.mass([model.units[name] for name in model.coordinates])
-    moved = [(*asked.moved_unseen(size * asked.by(part)), part.name) for part in asked.parts]
+    moved = [(*asked.moved_unseen(size * column), name) for name, column in columns.items()]
     worst, deviations, name = max(moved, key=lambda each: each[1])
     if deviations > BEYOND:
         text = (
             f"assumed complete: a missing {name} of 1 % of all ({size:.2g} kg) would shift {worst} "
-            f"by {deviations:.2g} std unseen; lines about higher modes or a sensor there "
+            f"by {_figure(deviations)} std unseen; lines about higher modes or a sensor there "
             "show it"
         )
         yield Note("model", "says", text)
@@ -325,10 +311,7 @@ def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -
     """
     if not records or any(r.lines.periods < parts * LEAST_PERIODS for r in records):
         return None
-    columns = [
-        _changes(record, at, parts) + _turned(point, number, record, parts)
-        for number, (record, at) in enumerate(zip(records, point.records, strict=True))
-    ]
+    columns = [_changes(point, number, record, parts) for number, record in enumerate(records)]
     changes = np.concatenate([*columns, np.zeros((len(point.known), parts))])
     return point.linear.steps(changes).T
 
@@ -363,39 +346,34 @@ def answers_of_windows(
     return np.array([at.steps(at.residual) for at in linear]), np.where(lost, 0.0, std)
 
 
-def _changes(record: Observation, at: Evaluation, parts: int) -> Floats:
-    """Return the change of the whitened residual in each part, (real equation, part)."""
-    scatter: Complexes | None = record.lines.scatter
+def _changes(point: Point, number: int, record: Observation, parts: int) -> Floats:
+    """Return the change of the whitened residual in each part, (real equation, part).
+
+    Where the rotation is not synchronous with the periods its loads turn from part to part, as the
+    data do if the speed is the one stated.
+    """
+    at, scatter, clock = point.records[number], record.lines.scatter, record.lines.clock
+    whole = at.problem
     assert scatter is not None
-    every = at.period_residual(scatter[:, :, at.problem.order])
+    every = at.period_residual(scatter[:, :, whole.order])
     mean = every.mean(axis=0)
     means = [part.mean(axis=0) - mean for part in np.array_split(every, parts)]
-    return at.stacked(np.stack(means, axis=2))
-
-
-def _turned(point: Point, number: int, record: Observation, parts: int) -> Floats:
-    """Return the change that the loads make in each part, (real equation, part).
-
-    Where the rotation is not synchronous with the periods they turn from part to part, as the data
-    do if the speed is the one stated.
-    """
-    at, clock = point.records[number], record.lines.clock
-    changes = np.zeros((len(at.residual), parts))
+    changes = at.stacked(np.stack(means, axis=2))
     if not isinstance(clock, SampledClock) or len(clock.grid(timed=False)[0]) == 1:
         return changes
-    whole = at.problem
+    turned = np.zeros_like(changes)
     for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):
         shorter = replace(clock, time=clock.time[part], angle=clock.angle[part])
         lines = replace(record.lines, clock=shorter)
         own = assemble(point.problem.layout, record.with_lines(lines), number)
         if own.load.shape != whole.load.shape:
-            return np.zeros_like(changes)
+            return changes
         moved = np.tensordot(at.state.phase, own.load - whole.load, 1) @ at.load_factors
         read = own.calibration.at(at.unknowns).readings - at.state.readings
         rows = -(at.plain @ read[:, :, None])[:, :, 0]
         rows[:, : whole.rows] += moved
-        changes[:, k] = at.whiten(rows[:, :, None])[:, 0]
-    return changes
+        turned[:, k] = at.whiten(rows[:, :, None])[:, 0]
+    return changes + turned
 
 
 FAR = 30.0

@@ -1,20 +1,17 @@
 """Whether the unbalance keeps to the stated rotor angle.
 
 A speed that changes by a ten-thousandth while a record is taken turns its unbalance away from the
-angle and back by some degrees: no line stands out, both halves turn by as much, and the unbalance
-comes out turned by what is left. But the load along the angle errors of low order,
+angle and back by some degrees, and both halves by as much. The load along the angle errors
 
     phi(t) + sum_n a_n P_n(s),   s = -1 .. 1 over the record, P_n of Legendre,
 
-explains the residual, with what the unknowns can take over taken out: a_n is by least squares.
-Unknowns move by what they take over of it, and of a_0, which no data tell: the angle is as it was
-given where the record begins, so that a_0 = - sum_n a_n P_n(-1).
+explains the residual, with what the unknowns take over taken out: a_n is by least squares. Unknowns
+move by what they take over of it, and of a_0, which no data tell: the angle is as it was given
+where the record begins, so that a_0 = - sum_n a_n P_n(-1).
 
-Where the rotation stands on a line that is excited, no spectrum shows a speed that is off by less
-than a line of the whole record. But the load of the unbalance then turns slowly against the angle
-that was given, and so does the residual of each period along the derivative d by the phase:
-``a_p = d' (r_p - r) / |d|^2``. A speed that is off gives a_p a slope; samples lost between the mark
-and the columns, a step.
+Where the rotation stands on a line that is excited, the residual of each period moves along its
+derivative d by the phase: ``a_p = d' (r_p - r) / |d|^2``. A speed that is off gives a_p a slope,
+samples lost between the mark and the columns a step.
 """
 
 from __future__ import annotations
@@ -50,28 +47,21 @@ STEP = 1e-3
 PLACES = np.linspace(-1.0, 1.0, 201)
 
 
-@frozen
-class Straying:
-    angles: Floats  # (order,): a_n in rad
-    chance: float  # with which noise alone gives as much
-    moved: float  # deviations by which a value moves at most where the straying is taken out
-
-
-def straying(point: Point, records: Sequence[Observation]) -> Iterator[tuple[int, Straying]]:
-    """Yield number and straying of the records that were taken whole, where an unbalance shows."""
+def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note]:
+    """Judge whether the rotation of whole records keeps to its angle, where it matters."""
     layout, std = point.problem.layout, np.linalg.norm(point.linear.root, axis=1)
     held = np.isin(layout.free, layout.held) & (std > 0)
-    for number, record in enumerate(records):
-        columns = _turned(point.records[number], record)
+    for at, rows, record in zip(point.records, point.rows, records, strict=True):
+        columns = _turned(at, record)
         if not columns.size:
             continue
         every = np.zeros((len(point.residual), columns.shape[1]))
-        every[point.rows[number]] = columns
+        every[rows] = columns
         explained, angles = point.linear.score(every[:, 1:])
         chance = float(scipy.special.chdtrc(len(ORDERS), explained))
         whole = np.concatenate([[-_angle(angles, np.array([-1.0]))[0]], angles])
         moved = np.abs(point.linear.taken(every @ whole)[held] / std[held])
-        yield number, Straying(angles, chance, float(moved.max(initial=0.0)))
+        yield from _strays(record, angles, chance, float(moved.max(initial=0.0)))
 
 
 def _angle(angles: Floats, place: Floats) -> Floats:
@@ -99,34 +89,29 @@ def _turned(at: Evaluation, record: Observation) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note]:
-    """Judge whether the rotation of whole records keeps to its angle, where it matters."""
-    for number, found in straying(point, records):
-        size = float(np.ptp(_angle(found.angles, PLACES)))
-        if found.chance >= TOLD or found.moved <= MOVED or size > LARGEST:
-            continue
-        text = _told(records[number], found)
-        yield Note(ANGLE, "rejects" if found.chance < REJECTED else "doubts", text)
-
-
-def _told(record: Observation, found: Straying) -> str:
-    clock = record.lines.clock
+def _strays(record: Observation, angles: Floats, chance: float, moved: float) -> Iterator[Note]:
+    """Tell the a_n, (order,), in rad, that noise gives by a chance and that move a value."""
+    angle, clock = _angle(angles, PLACES), record.lines.clock
+    size = float(np.ptp(angle))
+    if chance >= TOLD or moved <= MOVED or size > LARGEST:
+        return
     assert isinstance(clock, SampledClock)
-    seconds = float(np.ptp(clock.period))
-    angle = _angle(found.angles, PLACES)
-    rate = np.gradient(angle, seconds / (len(PLACES) - 1)) * 30 / np.pi
-    said = (
-        f"the unbalance strays from its angle by {np.degrees(np.ptp(angle)):.3g} degrees within "
-        f"the record, which moves a value by {found.moved:.2g} deviations"
+    text = (
+        f"the unbalance strays from its angle by {np.degrees(size):.3g} degrees within "
+        f"the record, which moves a value by {moved:.2g} deviations"
     )
     if clock.speed.ndim:
-        return f"{said}: check the mark of the angle, its lines and its column"
-    stated = float(clock.speed) * 30 / np.pi
-    return (
-        f"{said}: the speed runs from {stated + rate[1]:.7g} to {stated + rate[-2]:.7g} rpm, not "
-        f"at {stated:.7g}; record a mark (encoder or keyphasor), or use a part in which it is "
-        "steady, and state the speed of that part to the last digit"
-    )
+        text += ": check the mark of the angle, its lines and its column"
+    else:
+        seconds = float(np.ptp(clock.period))
+        rate = np.gradient(angle, seconds / (len(PLACES) - 1)) * 30 / np.pi
+        stated = float(clock.speed) * 30 / np.pi
+        text += (
+            f": the speed runs from {stated + rate[1]:.7g} to {stated + rate[-2]:.7g} rpm, not "
+            f"at {stated:.7g}; record a mark (encoder or keyphasor), or use a part in which it is "
+            "steady, and state the speed of that part to the last digit"
+        )
+    yield Note(ANGLE, "rejects" if chance < REJECTED else "doubts", text)
 
 
 CREEPS = 3.5
@@ -192,13 +177,11 @@ def _creep(at: Evaluation, record: Observation) -> Creep | None:
     moving = record.lines.frequency[:, None] > 0
     turned = at.whitened_loads(np.where(moving, 1j * at.loads, 0))  # by the phase: a quarter on
     size = float(turned @ turned)
-    if not size > 0:
+    given = _given(periodic) if size > 0 else None
+    if given is None:
         return None
     every = at.period_residual(scatter[:, :, at.problem.order])
     each = at.stacked(np.moveaxis(every - every.mean(axis=0), 0, 2))
-    given = _given(periodic)
-    if given is None:
-        return None
     angles = -(turned @ each) / size - given
     middle = periodic.middle * periodic.fundamental
     return _fitted(angles, float(np.sqrt(len(angles) / size)), middle)
@@ -230,12 +213,12 @@ def _fitted(angles: Floats, std: float, middle: float) -> Creep:
     place = np.arange(count) - (count - 1) / 2
     size = float(place @ place)
     slope = float(place @ angles) / size
-    rest = angles - slope * place
     # A step behind p periods, less its mean and slope; its size is what is left of it.
-    steps = (np.arange(count) >= np.arange(1, count)[:, None]).astype(float)
-    steps -= steps.mean(axis=1, keepdims=True)
+    steps = np.tri(count, k=-1)[:, :-1].T
+    steps = steps - steps.mean(axis=1, keepdims=True)
     steps -= np.outer(steps @ place / size, place)
     length = np.sqrt((steps**2).sum(axis=1))
+    rest = angles - slope * place
     found = steps @ rest / length
     best = int(np.argmax(np.abs(found)))
     left = rest - found[best] * steps[best] / length[best]

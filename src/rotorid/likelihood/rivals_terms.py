@@ -38,6 +38,8 @@ BENDING = 4
 of the second, bends it, and what it bends by is accelerated in turn."""
 
 
+UNITS_AT = ("N/m", "kg", "N s/m", "kg m"), ("N m/rad", "kg m^2", "N m s/rad", "kg m^2")
+"""Of a stiffness, a mass, a damping and a load at a displacement, and at a tilt."""
 K, K_SPEED, D, D_SPEED, M = (0, 0), (0, 1), (1, 0), (1, 1), (2, 0)
 """Matrices by the derivative that they multiply, and by the power of the speed."""
 
@@ -51,28 +53,37 @@ def find_candidates(
     x/y asymmetry of each; and for each pair of coordinates stiffness and cross-coupling to ground,
     mass, gyroscopic moment, and a load that turns with the rotor. `still`: no rotor turns.
     """
-    found: list[Unknown] = []
+    bending = [_bending(structure, units)] if structure.pairs and not structure.springs else []
+    return [
+        *(_term(structure, *each) for each in _of_parts(structure, still)),
+        *bending,
+        *_to_ground(structure, units, still),
+        *parts_between(structure, units),
+    ]
+
+
+Matrices = Mapping[tuple[int, int], Floats]
+
+
+def _of_parts(structure: Structure, still: bool) -> Iterator[tuple[str, str, Matrices]]:
+    """Yield name, unit and matrices of damping and asymmetry of springs and masses."""
     springs, masses = structure.springs, structure.masses
     several = [(", ".join(n for n, _ in springs), _sum(springs))] if len(springs) > 1 else []
     for name, matrix in (*springs, *several):
-        found.append(_term(structure, f"damping {name}", "s", {D: matrix}))
+        yield f"damping {name}", "s", {D: matrix}
         if not still:  # in the rotating frame: C (q' - Omega J q)
-            turning = {K_SPEED: -matrix @ structure.turn(), D: matrix}
-            found.append(_term(structure, f"rotating damping {name}", "s", turning))
+            turning = -matrix @ structure.turn()
+            yield f"rotating damping {name}", "s", {K_SPEED: turning, D: matrix}
     for name, matrix in masses:
-        found.append(_term(structure, f"damping {name}", "1/s", {D: matrix}))
+        yield f"damping {name}", "1/s", {D: matrix}
     for kind, energies in ((K, springs), (M, masses)):
         for name, matrix in energies:
             parts = coupled(matrix)
             for part in parts[1:]:
                 block = np.zeros_like(matrix)
                 block[np.ix_(part, part)] = matrix[np.ix_(part, part)]
-                where = structure.coordinates[part[0]]
-                text = f"asymmetry {name}" + (f" at {where}" if len(parts) > 2 else "")
-                found.append(_term(structure, text, "1", {kind: block}))
-    bending = [_bending(structure, units)] if structure.pairs and not springs else []
-    ground = _to_ground(structure, units, still)
-    return [*found, *bending, *ground, *parts_between(structure, units)]
+                where = f" at {structure.coordinates[part[0]]}" if len(parts) > 2 else ""
+                yield f"asymmetry {name}{where}", "1", {kind: block}
 
 
 def _bending(structure: Structure, units: Sequence[str]) -> Unknown:
@@ -98,43 +109,35 @@ def _bending(structure: Structure, units: Sequence[str]) -> Unknown:
             for r, c in np.argwhere(matrix)
         ]
     unit = "m/N" if units[structure.pairs[0][0]] == "m" else "rad/(N m)"
-    return replace(_missing(BENDS, unit, entries), cure=STIFFEN)
+    # Its unknowns have units of their own.
+    return replace(_missing(BENDS, unit, entries), cure=STIFFEN, size=lambda v: float(v[0]))
 
 
 def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
     return np.asarray(np.sum([matrix for _, matrix in parts], axis=0))
 
 
-def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> list[Unknown]:
-    """Return what may act at one place: each pair of coordinates, or each that has no partner."""
+def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> Iterator[Unknown]:
+    """Yield what may act at one place: each pair of coordinates, or each that has no partner."""
     n = len(structure.coordinates)
-    found = []
     for group in (*structure.pairs, *((k,) for k in structure.lone)):
         if structure.balance.faults.keys() & {*group}:  # no equation tells the forces there
             continue
         names = ", ".join(structure.coordinates[k] for k in sorted(group))
-        stiff, mass, rate, load = _units_at(units[group[0]])
+        stiff, mass, rate, load = UNITS_AT[units[group[0]] == "rad"]
         one = np.zeros((n, n))
         one[list(group), list(group)] = 1.0
-        found.append(_term(structure, f"stiffness to ground {names}", stiff, {K: one}))
-        found.append(_term(structure, f"mass at {names}", mass, {M: one}))
+        yield _term(structure, f"stiffness to ground {names}", stiff, {K: one})
+        yield _term(structure, f"mass at {names}", mass, {M: one})
         if not still:
-            found.append(_load(structure, f"load at {names}", load, group))
+            yield _load(structure, f"load at {names}", load, group)
         if len(group) == 2:
             cross = np.zeros((n, n))
             cross[group[0], group[1]], cross[group[1], group[0]] = 1.0, -1.0
-            name = f"cross-coupling to ground {names}"
-            found.append(_term(structure, name, stiff, {K: cross}))
+            yield _term(structure, f"cross-coupling to ground {names}", stiff, {K: cross})
             if not still:
-                found.append(_term(structure, f"gyroscopic {names}", mass, {D_SPEED: cross}))
-            found.append(_term(structure, f"damping to ground {names}", rate, {D: one}))
-    return found
-
-
-def _units_at(unit: str) -> tuple[str, str, str, str]:
-    if unit == "rad":
-        return "N m/rad", "kg m^2", "N m s/rad", "kg m^2"
-    return "N/m", "kg", "N s/m", "kg m"
+                yield _term(structure, f"gyroscopic {names}", mass, {D_SPEED: cross})
+            yield _term(structure, f"damping to ground {names}", rate, {D: one})
 
 
 def parts_between(structure: Structure, units: Sequence[str]) -> list[Unknown]:
@@ -142,20 +145,14 @@ def parts_between(structure: Structure, units: Sequence[str]) -> list[Unknown]:
 
     None of a drawing, in which the shaft between two places bends.
     """
-    n, found = len(structure.coordinates), list[Unknown]()
-    if structure.slopes:
-        return found
-    unknown = structure.balance.faults.keys()
+    found, unknown = list[Unknown](), structure.balance.faults.keys()
     places = [p for p in structure.pairs if units[p[0]] == "m" and not unknown & {*p}]
-    for one, other in combinations(places, 2):
-        heavy = np.zeros((n, n))
-        for a, b in zip(one, other, strict=True):
-            half = np.zeros(n)
-            half[[a, b]] = 0.5
-            heavy += np.outer(half, half)
+    for one, other in combinations(places, 2) if not structure.slopes else ():
+        half = np.zeros((2, len(structure.coordinates)))  # the mean of both, in x and in y
+        half[[0, 1], one] = half[[0, 1], other] = 0.5
         names = (structure.coordinates[min(one)], structure.coordinates[min(other)])
         text = f"mass between {names[0]} and {names[1]}"
-        found.append(_term(structure, text, "kg", {M: heavy}))
+        found.append(_term(structure, text, "kg", {M: half.T @ half}))
     return found
 
 
@@ -170,30 +167,24 @@ def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> U
         for k, c in enumerate(group)
         for part, signal in enumerate(signals)
     ]
-    return _missing(name, unit, loads=loads)
+    return _missing(name, unit, loads)
 
 
-def _term(
-    structure: Structure, name: str, unit: str, matrices: Mapping[tuple[int, int], Floats]
-) -> Unknown:
-    entries = []
-    for (order, power), matrix in sorted(matrices.items()):
-        rows = structure.in_rows(matrix)
-        found = ((int(r), int(c), float(rows[r, c])) for r, c in np.argwhere(rows))
-        entries += [Entry(r, c, order, size, power) for r, c, size in found]
+def _term(structure: Structure, name: str, unit: str, matrices: Matrices) -> Unknown:
+    entries = [
+        Entry(int(r), int(c), order, float(rows[r, c]), power)
+        for (order, power), matrix in sorted(matrices.items())
+        for rows in [structure.in_rows(matrix)]
+        for r, c in np.argwhere(rows)
+    ]
     return _missing(name, unit, entries)
 
 
-def _missing(
-    name: str, unit: str, entries: Sequence[Entry] = (), loads: Sequence[RowLoad] = ()
-) -> Unknown:
-    numbers = [entry.unknown for entry in entries] + [load.unknown for load in loads]
-    count = 1 + max(numbers, default=0)
+def _missing(name: str, unit: str, effects: Sequence[Entry | RowLoad]) -> Unknown:
+    count = 1 + max((effect.unknown for effect in effects), default=0)
     names = [name] if count == 1 else [f"{name} ({i})" for i in range(count)]
     scalars = tuple(Scalar(each, unit, 0.0, additive=True) for each in names)
-    missing = Unknown(scalars, frozenset(), (*entries, *loads), name)
-    # Unknowns of entries have units of their own.
-    return replace(missing, size=lambda values: float(values[0])) if entries else missing
+    return Unknown(scalars, frozenset(), tuple(effects), name)
 
 
 def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) -> Iterator[Unknown]:
@@ -216,35 +207,28 @@ def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) ->
         cure = "divide the sections there, and give the short ones a parameter: stiffness"
         groups.append((f"stiffness joint {number}, {number + 1}", cure, (node - 1, node)))
     for name, cure, elements in groups:
-        yield replace(_elastic(structure, name, elastic_pieces(rotor, elements), known), cure=cure)
+        matrices = _elastic(elastic_pieces(rotor, elements), known, len(structure.coordinates))
+        yield replace(_term(structure, name, "1", matrices), cure=cure)
 
 
-def _elastic(
-    structure: Structure, name: str, pieces: tuple[Piece, ...], known: dict[str, float]
-) -> Unknown:
-    """Return the stiffness of some elements, and their damping, as a term."""
-    n = len(structure.coordinates)
-    matrices = {at: np.zeros((n, n)) for at in (K, K_SPEED, D)}
+def _elastic(pieces: tuple[Piece, ...], known: Mapping[str, float], size: int) -> Matrices:
+    """Return the stiffness of some elements, and their damping."""
+    matrices = {at: np.zeros((size, size)) for at in (K, K_SPEED, D)}
     for piece in pieces:
-        if piece.structural:
-            continue
-        size = piece.value(known)
-        at = D if piece.order else K_SPEED if piece.power else K
-        matrices[at] += size * piece.matrix.toarray()
-    return _term(structure, name, "1", matrices)
+        if not piece.structural:
+            at = D if piece.order else K_SPEED if piece.power else K
+            matrices[at] += piece.value(known) * piece.matrix.toarray()
+    return matrices
 
 
 def levers(structure: Structure, model: RotorModel) -> Iterator[Unknown]:
     """Yield each actuator beside the place where it is drawn."""
+    rows = structure.balance.rows
     for number, (name, actuator) in enumerate(model.rotor.actuators.items()):
         first = PLANES * model.rotor.node(actuator.at)
-        pushed = {first: 1.0, first + 1: -1.0}  # theta_y is the slope of x, theta_x that of -y
-        arms = {
-            int(structure.balance.rows[row]): (
-                int(structure.balance.rows[structure.slopes[row]]),
-                share,
-            )
-            for row, share in pushed.items()
+        arms = {  # theta_y is the slope of x, theta_x that of -y
+            int(rows[row]): (int(rows[structure.slopes[row]]), share)
+            for row, share in ((first, 1.0), (first + 1, -1.0))
         }
         inputs = model.inputs[2 * number : 2 * number + 2]
         scalar = Scalar(f"plane[{', '.join(inputs)}]", "m", 0.0, additive=True)

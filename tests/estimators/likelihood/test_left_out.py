@@ -81,17 +81,12 @@ def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told
         effects.append(effect[0, 0])
         return "k1", moved
 
-    part = SimpleNamespace(name="mass between x1 and x2", unknown=None)
     structure = SimpleNamespace(mass=lambda units: 40.0)
     model = SimpleNamespace(coordinates=(), units={})
-    asked = SimpleNamespace(
-        moved_unseen=unseen,
-        case=SimpleNamespace(model=model, structure=structure),
-        parts=[part],
-        by=lambda unknown: np.ones((3, 1)),
-    )
-
-    assert len(list(left_out.part_left_out(asked))) == told
+    case = SimpleNamespace(model=model, structure=structure)
+    asked = SimpleNamespace(moved_unseen=unseen, case=case)
+    columns = {"mass between x1 and x2": np.ones((3, 1))}
+    assert len(list(left_out._part_left_out(asked, columns))) == told
     assert effects == pytest.approx([0.4])  # kg
 
 

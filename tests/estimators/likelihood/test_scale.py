@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import Batch, Constraint, InputError, MaximumLikelihood, identify
+from rotorid import Batch, Constraint, InputError, MaximumLikelihood, identify, parse_model
+from rotorid.data.record import Drive
+from rotorid.testing import add_noise, line_record
 
 FOLLOWING = "m1, m2, m3, I_t, I_p, k1, k2"
 
@@ -71,3 +73,31 @@ def test_a_scale_is_a_share():
     with pytest.raises(InputError, match=r"force_scale_std: found 1\.5; expected a share"):
         MaximumLikelihood(force_scale_std=1.5)
     assert not hasattr(Batch(), "force_scale_std")
+
+
+@pytest.mark.parametrize(("held", "follows"), [(0.49, "m, k"), (0.51, "m")])
+def test_what_follows_the_scale_by_half_is_named(held, follows):
+    """A part of the stiffness is held: 1 % of the scale is 0.51 or 0.49 % of the rest."""
+    model = parse_model(HELD)
+    values = model.values({"m": 2.0, "k": 2e5, "h": held * 2e5})
+    forces = np.array([[3 - 4j], [5], [4 + 1j], [-3j]])
+    lines = {"harmonics": [1, 2, 5, 9], "fundamental": 5.0, "sample_rate": 2000.0, "periods": 60}
+    clean = line_record(model, values, forces, **lines)
+    force, motion = clean.channels
+    driven = replace(clean, channels=(replace(force, drive=Drive(1.0, 0.0, {"x": 1.0})), motion))
+    record = add_noise(driven, {"F": 1e-4, "x": 1e-10}, np.random.default_rng(7))
+    found = identify(model, record, MaximumLikelihood(fixed={"h": held * 2e5}))
+    (note,) = [c for c in found.checks if c.about == "force scale"]
+    assert f" shifts {follows} by 1 %" in note.found
+
+
+HELD = """
+title = "a mass on a spring of which a part is known"
+equations = ["m*x'' + k*x - h*x = F"]
+coordinates = { x = "m" }
+inputs = { F = "N" }
+[parameters]
+m = { unit = "kg", nominal = 2.0 }
+k = { unit = "N/m", nominal = 2e5 }
+h = { unit = "N/m", nominal = 1e5 }
+"""

@@ -10,8 +10,7 @@ from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 
 import rotorid as rid
 from rotorid.data.observation import bind_all
-from rotorid.likelihood import doubts_angle as straying
-from rotorid.likelihood.doubts_angle import Straying, against_angle
+from rotorid.likelihood.doubts_angle import _strays
 
 
 @pytest.fixture(scope="module")
@@ -91,15 +90,12 @@ def test_the_speeds_of_a_drift_are_told(record: rid.Record) -> None:
 )
 def test_what_is_told_and_what_is_sure(
     record: rid.Record,
-    monkeypatch: pytest.MonkeyPatch,
     chance: float,
     moved: float,
     size: float,
     faults: int,
     doubts: int,
 ) -> None:
-    found = Straying(np.array([size, 0.0, 0.0]), chance, moved)
-    monkeypatch.setattr(straying, "straying", lambda *_: [(0, found)])
-    lines = rid.spectra(record, (2.0, 20.0), references=["r_x", "r_y"])
-    judged = list(against_angle(None, bind_all(MODEL, [lines])))
+    (bound,) = bind_all(MODEL, [rid.spectra(record, (2.0, 20.0), references=["r_x", "r_y"])])
+    judged = list(_strays(bound, np.array([size, 0.0, 0.0]), chance, moved))
     assert (len(rejecting(judged)), len(doubting(judged))) == (faults, doubts)
