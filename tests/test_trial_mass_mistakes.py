@@ -8,8 +8,8 @@ import pytest
 from coast_down import RPM, coast, identify, write
 from test_own_parameters import MODEL, TRIAL, text
 
+from rotorid.likelihood import rivals_model as trial_leads
 from rotorid.likelihood import rivals_records
-from rotorid.likelihood import rivals_stated as trial_leads
 from rotorid.likelihood.effects import Replaces
 from rotorid.likelihood.unknowns import Scalar, Unknown, phase
 

@@ -10,7 +10,7 @@ from linear_machines import estimate_of
 import rotorid as rid
 from rotorid import parse_model
 from rotorid.answer.unbalance import with_unbalance
-from rotorid.likelihood.rivals_terms import find_candidates
+from rotorid.likelihood.rivals_model import find_candidates
 from rotorid.models.structure import find_structure, force_balance
 
 PLANES = {

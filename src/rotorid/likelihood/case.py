@@ -160,10 +160,7 @@ class Case:
         return min((p for p in ends if p is not None), key=lambda p: p.cost, default=None)
 
     def _descended(self, start: Floats, stages: Sequence[float]) -> Point | None:
-        """Return the minimum, or None where the way leads nowhere.
-
-        What leaves a misfit beyond all hope explains nothing: how much exactly is not found out.
-        """
+        """Return the minimum, found no better than a rival needs, or None where there is none."""
         try:
             with np.errstate(all="ignore"):
                 point = solve(self.problem, start, stages, brief=True).point
@@ -180,10 +177,7 @@ class Case:
             return np.inf
 
     def _starts(self) -> list[Floats]:
-        """Return the start, and the nominal values where it is not made of them.
-
-        A start that comes from the records is as wrong as they are.
-        """
+        """Return the start, and the nominal values: what comes from records is as wrong as they."""
         layout, found = self.prepared.layout, [self.prepared.layout.start]
         nominal = layout.start.copy()
         for name, value in ({} if layout.base else layout.model.nominal).items():
@@ -269,8 +263,8 @@ class Slopes:
     def turns(cls, case: Case, rivals: Sequence[Rival]) -> Iterator[tuple[Slopes, list[Rival]]]:
         """Yield the derivative by all unknowns that rivals add, evaluated once, and the rivals.
 
-        Unknowns that exclude others of them have a turn of their own, and those that change what
-        sensors read: with them the same residual is whitened in other rows.
+        What excludes others has a turn of its own, and what changes how sensors read: with these
+        the same residual is whitened in other rows.
         """
         turns: dict[tuple[bool, bool], list[Rival]] = {}
         for rival in rivals:

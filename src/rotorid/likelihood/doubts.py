@@ -38,14 +38,9 @@ from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
+from rotorid.likelihood.rivals_model import parts_between
 from rotorid.likelihood.rivals_records import SPEEDS, is_response, is_table
-from rotorid.likelihood.rivals_terms import parts_between
-from rotorid.likelihood.unknowns import (
-    TAKEN_AS_EXACT,
-    Scalar,
-    Unknown,
-    force_scale,
-)
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Scalar, Unknown, force_scale
 from rotorid.models import Model
 from rotorid.models.modal import eigenmodes
 from rotorid.signals.covariance import lag_one_correlation
@@ -84,10 +79,7 @@ class Asked:
         return self.fit.case
 
     def moved_unseen(self, effect: Floats) -> tuple[str, float]:
-        """Return which parameter errors may move most unseen, and by how many deviations.
-
-        `effect` is what errors of a plausible size do to the residual, shape (row, error).
-        """
+        """Return which parameter errors of an effect (row, error) move most unseen, and how far."""
         if not effect.any():
             return "", 0.0
         std, layout = self.fit.inference.std, self.layout
@@ -175,10 +167,7 @@ def _figure(size: float) -> str:
 
 
 def _angle_notes(asked: Asked) -> Iterator[Note]:
-    """Say where the stated uncertainty of the rotor angle is most of that of a parameter.
-
-    Who gave a keyphasor has asked for no unknown, and looks for where these deviations come from.
-    """
+    """Say where the stated uncertainty of the rotor angle is most of that of a parameter."""
     layout, free = asked.layout, asked.layout.free
     turning = {int(i) for _, _, at in layout.wherever(Turns) for i in at}
     turned = [k for k, i in enumerate(free) if i in turning and layout.unknowns[i].std]
@@ -200,9 +189,7 @@ def _angle_notes(asked: Asked) -> Iterator[Note]:
 def _scale_notes(asked: Asked, column: Floats) -> Iterator[Note]:
     """Say where a scale that is taken as exact is in masses and stiffnesses, and in no misfit.
 
-    A rotor with all masses, stiffnesses and dampings one per cent larger moves as before under
-    forces one per cent larger. column, shape (row,), is the derivative of the residual by the
-    scale.
+    `column`, shape (row,), is the derivative of the residual by the scale.
     """
     layout, point = asked.layout, asked.point
     channels = [c for record in asked.records for c in record.inputs]
@@ -305,9 +292,7 @@ def halves_differ(asked: Asked) -> Iterable[Note]:
 def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -> Floats | None:
     """Return how the free unknowns of each part of the periods differ, (part, free).
 
-    The change of the mean residual over the periods of a part, its loads by the rotor angle in that
-    part, taken back through the Jacobian.
-    ``None`` where a record has too few periods.
+    To first order; None where a record has too few periods.
     """
     if not records or any(r.lines.periods < parts * LEAST_PERIODS for r in records):
         return None
@@ -321,9 +306,9 @@ def answers_of_windows(
 ) -> tuple[Floats, Floats] | None:
     """Return how the free unknowns of each half of whole records differ, and how they may.
 
-    Shapes (half, free) and (free,): one step of Gauss-Newton from the answer with the lines of that
-    half alone, and the deviation that half the difference has; zero where a half does not tell it.
-    ``None`` where a record was not taken whole, or a half of it is too short to be.
+    Shapes (half, free) and (free,): one step of Gauss-Newton with the lines of that half alone, and
+    the deviation of half the difference, zero where a half does not tell it. None where a record
+    was not taken whole, or a half of it is too short to be.
     """
     cut = [record.lines.parts for record in records if record.lines.parts is not None]
     if not cut or len(cut) < len(records):
@@ -505,10 +490,7 @@ def coherence(record: Observation) -> float:
 
 @doubt()
 def told_by_few(asked: Asked) -> Iterator[Note]:
-    """Say which unknowns few lines of whole records tell, in a closed loop.
-
-    Not of the unbalance, which the line of the rotation tells.
-    """
+    """Say which unknowns, but for the unbalance, few lines of whole records in a loop tell."""
     point, records, layout = asked.point, asked.records, asked.layout
     closed = any(r.lines.parts is not None and coherence(r) > CLOSED for r in records)
     if not closed or not asked.determined:
@@ -624,10 +606,7 @@ def sensors_alike(asked: Asked) -> Iterator[Note]:
 
 @doubt()
 def lines_alike(asked: Asked) -> Iterator[Note]:
-    """Say that neighbouring lines of responses hold the same noise, as a window makes them.
-
-    Where there is a misfit, that is alike too.
-    """
+    """Say that neighbouring lines of responses hold the same noise, as a window makes them."""
     misfit = asked.fit.inference.expectation.p_value(asked.point.cost) < MISFIT
     for record, at in zip(asked.records, asked.point.records, strict=True):
         if misfit or not is_response(record) or len(at.whitened) < LEAST:

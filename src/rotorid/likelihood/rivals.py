@@ -1,23 +1,13 @@
 """Rival hypotheses where the data reject the model: tried, ranked, told.
 
-All of them are one thing: change the case, minimize again, compare the cost, tell. They differ in
-what they change, and each kind is an entry of the catalogue (`rivals_channels`, `rivals_terms`,
-`rivals_stated`, `rivals_records`). One runner tries them, before the search on a hundred lines of
-each record, after it, and where natural frequencies alone were measured.
-
-A small change adds columns D to the Jacobian J of the whitened residual r. With what J can explain
-taken out of them, D' = (1 - J J^+) D, freeing it lowers the cost by the squared length of r along
-D', to first order (a score test): no further fit is needed, so that all can be scored. The best are
-then freed in earnest. A mistake that is no small change - a sign, a swap, a unit, a speed - is
-screened: the cost after a few steps with errors granted to the equations; the best are followed to
-the minimum.
+Small changes are all scored by a test of the derivative and the best freed in earnest; mistakes
+that are none - a sign, a swap, a unit, a speed - are screened, the cost taken after a few steps
+with errors granted to the equations, and the best followed to the minimum.
 
 With a gross mistake nothing fits, and thousands of lines would be gone through from a dozen starts,
-for minutes, to say so. A hundred lines of each record tell as much: where the way to the minimum
-ends on them at several times what noise explains, single mistakes are tried on these lines first,
-and the speed that the lines themselves show before all others. Where none explains the records, and
-the cost is hopeless, the ways from other starts are gone on the few lines too, and the best of them
-alone is followed on more.
+for minutes, to say so. Where a hundred lines of each record show one, single mistakes are tried on
+these before the search, and the speed that the lines themselves show before all others; where none
+explains the records and the cost is hopeless, the ways from other starts are gone on them too.
 """
 
 from __future__ import annotations
@@ -33,20 +23,20 @@ from rotorid.answer.judge import SUSPECTS
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
-from rotorid.likelihood import rivals_channels, rivals_records, rivals_stated, rivals_terms
+from rotorid.likelihood import rivals_channels, rivals_model, rivals_records
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes, Way
 from rotorid.likelihood.effects import Entry, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.rivals_model import BENDING
 from rotorid.likelihood.rivals_records import shown_speed
-from rotorid.likelihood.rivals_terms import BENDING
 from rotorid.likelihood.solver import HOPELESS, Solution, solve
 from rotorid.likelihood.starts import FEW, PLAIN_LINES, searched
 from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.drawing import PLANES
 
-ENTRIES = (rivals_channels, rivals_records, rivals_stated, rivals_terms)
+ENTRIES = (rivals_channels, rivals_records, rivals_model)
 """The modules that fill the catalogue."""
 SMALL = ("gain", "mode", "channel", "angle", "term", "drawn", "known", "reads")
 """Stages of small changes, in the order in which they stand where the data cannot tell them."""
@@ -247,10 +237,10 @@ class RivalSearch:
         return float(min(1.0, max(0.0, drop / excess))) if excess > 0 else 0.0
 
     def screened(self) -> Tries:
-        """Screen mistakes that are no small changes, and follow the best to the minimum.
+        """Screen mistakes that are no small changes; follow what stands out at once, then the best.
 
-        Whatever stands out is followed at once, and where it explains the data the search ends with
-        those of its kind: a sensor upside down may look like its actuator upside down.
+        Where one explains the data the search ends with those of its kind: a sensor upside down
+        may look like its actuator upside down.
         """
         if not self.case.records:
             return
@@ -285,11 +275,10 @@ Places = Mapping[tuple[str, ...], int]
 
 
 def ranked(found: Sequence[Finding], expected: float, places: Places) -> list[Finding]:
-    """Order findings by the cost that is left, one for each term.
+    """Order findings by the cost that is left, one for each term, those that were tried first.
 
-    Those that were tried come first, and of those that the data cannot tell apart a bound that is
-    a little too narrow, then the ones that need no further unknown, then known values, which are no
-    new terms. A sign and a gain of one channel say the same.
+    Of those that the data cannot tell apart a bound that is a little too narrow comes first, then
+    what needs no further unknown: a sign and a gain of one channel say the same.
     """
     best: dict[str, Finding] = {}
     for finding in _in_order(found, expected, places):
@@ -405,10 +394,7 @@ def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
 
 
 def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
-    """Look for what is wrong: with what the search came upon, then on as many lines as it needs.
-
-    The last trial has what is suspected after all.
-    """
+    """Look for what is wrong: with what the search came upon, then on as many lines as it needs."""
     shown = _shown(case, plain)
     if shown.notes:
         yield Tried(0, 0, lambda: shown)
@@ -420,21 +406,14 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
 
 
 def _on_fewer_lines(case: Case) -> Case:
-    """Return a case on some of the lines of whole records, where the misfit is plain.
-
-    It shows on a few hundred lines of each record as well as on thousands, a hopeless one on a
-    hundred, and dozens of rivals are tried on them.
-    """
+    """Return a case on some of the lines of whole records, where the misfit is as plain there."""
     few = case.on_lines(PLAIN_LINES if case.costs(HOPELESS) else FEW)
     there = few.settled() if few is not case and case.costs(PLAIN) else None
     return there if there is not None and there.costs(PLAIN) else case
 
 
 def _on_whole_rotor(case: Case) -> Case:
-    """Return a case on the whole rotor where it was reduced, as there are places on that alone.
-
-    On as many lines as that bears; a rotor of more coordinates stays as it is.
-    """
+    """Return a case on the whole rotor where it was reduced, on as many lines as that bears."""
     whole = case.model.whole if isinstance(case.model, RotorModel) else None
     if whole is None or (cubed := len(whole.coordinates) ** 3) > LARGEST / FEWEST:
         return case
@@ -442,10 +421,7 @@ def _on_whole_rotor(case: Case) -> Case:
 
 
 def _shown(case: Case, plain: Plain | None) -> Causes:
-    """Return the causes among what the search came upon: a speed that lines show, a mistake.
-
-    Empty where there is none, or where a misfit is left without it.
-    """
+    """Return the causes among what the search came upon, if noise alone is left without them."""
     speed = shown_speed(case.records)
     leads = (plain.rivals if plain else ()) if speed is None else (speed,)
     if not leads:
@@ -487,10 +463,7 @@ class Plain:
 
 
 def plainly(prepared: Problem, records: Sequence[Observation], problem: Problem) -> Plain | None:
-    """Return what is plainly wrong with records of many lines; None where nothing is.
-
-    The unknowns are those of the records without the mistake, the unbalance the best with it.
-    """
+    """Return what is plainly wrong with records of many lines; None where nothing is."""
     if problem.sketch is None:
         return None
     few = Case(prepared, tuple(records), prepared.layout.start).on_lines(PLAIN_LINES)
@@ -543,8 +516,7 @@ def by_shown_speed(
 ) -> Solution | None:
     """Return what the records are at the speed stated, the rotor that they show at their own.
 
-    Its unbalance is the best at the speed stated. None where the records show no other speed, or
-    where that does not explain them, or the one stated does.
+    None where they show no other speed, where that does not explain them, or the one stated does.
     """
     speed = shown_speed(records)
     if speed is None:

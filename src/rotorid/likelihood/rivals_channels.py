@@ -142,10 +142,7 @@ def _label(case: Case, group: Sequence[str]) -> str:
 
 
 def _exact_inputs(record: Observation) -> set[str]:
-    """Return the inputs that are what they are by definition, 1 or 0: nothing is wrong with them.
-
-    They have no noise; a factor of one would be a factor of rounding.
-    """
+    """Return the inputs that are 1 or 0 by definition: a factor of one is a factor of rounding."""
     if not record.lines.passive:
         return set()
     variance = np.einsum("kii->ki", record.lines.covariance.matrices).real.max(axis=0)
@@ -223,11 +220,7 @@ def _single(case: Case) -> Iterator[Rival]:
 
 @rivals("several")
 def _several(case: Case) -> Iterator[Rival]:
-    """Yield several channels with one mistake.
-
-    Planes exchanged, and x with y everywhere; upside down planes, each axis, and all of a kind; the
-    unit of all of a kind: that of one channel is found by its factor.
-    """
+    """Yield planes exchanged or upside down, x for y, all of a kind upside down or in a unit."""
     groups = list(_groups_with_planes(case))
     for _, pairs in groups:
         yield from (_swap([(p[0], q[0]), (p[1], q[1])]) for p, q in combinations(pairs, 2))

@@ -51,10 +51,7 @@ mistakes each; the record with the mistake is among them, as the others agree.""
 
 @rivals("single")
 def _speeds(case: Case) -> Iterator[Rival]:
-    """Yield mistaken units of the speed, its direction, and speeds that the data show.
-
-    Of all records alike, and of each record that may show another.
-    """
+    """Yield mistaken speeds, and those that the data show, of all records and of single ones."""
     shown = _speeds_of_lines(case)
     every = [np.unique(record.lines.speed) for record in case.records]
     given = {k: float(speeds[0]) for k, speeds in enumerate(every) if len(speeds) == 1}
@@ -67,10 +64,7 @@ def _speeds(case: Case) -> Iterator[Rival]:
 
 
 def _speeds_of_lines(case: Case) -> dict[int, list[float]]:
-    """Return the speeds of the nearest line and of the worst, which may be the rotor's own.
-
-    Of the records that fit worst, by their numbers; of none before there is an estimate.
-    """
+    """Return, of the records that fit worst, the speeds of the nearest line and of the worst."""
     if case.values is None:
         return {}
     found, costs = {}, [at.line_costs for at in case.point.records]
@@ -331,8 +325,7 @@ ON = 1e-3
 def _line(case: Case) -> Iterator[Rival]:
     """Yield that one line of the records is wrong, if leaving it out helps enough.
 
-    Asked last, and not where something else explains the data: with a wrong speed, or without its
-    damping, a model fits all lines but one.
+    Asked last: with a wrong speed, or without its damping, a model fits all lines but one.
     """
     drop, number, line = max(_drops(case), default=(0.0, 0, 0))
     if not drop > HOLDS * (case.point.cost - case.expected):
@@ -379,10 +372,7 @@ MOST = 6
 
 @rivals("trial")
 def _exchanges(case: Case) -> Iterator[Rival]:
-    """Yield that the files of two records are exchanged, where what they state differs.
-
-    The lines change places, and what is stated of each record stays.
-    """
+    """Yield that the files of two records are exchanged, where what is stated of them differs."""
     own = [u for u in case.prepared.layout.nuisances if of_kind(Replaces, u.effects)]
     stated = {unknown.record for unknown in own if unknown.scalars[0].std is not None}
     kinds = [(record.lines.names, record.lines.passive) for record in case.records]

@@ -10,7 +10,7 @@ import rotorid as rid
 import rotorid.models
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import rivals as suspects
-from rotorid.likelihood.rivals_terms import K_SPEED, D, K, drawn_candidates
+from rotorid.likelihood.rivals_model import K_SPEED, D, K, drawn_candidates
 from rotorid.models.rotor.rotor_model import structure_of
 from rotorid.signals.spectrum import synthesize
 from rotorid.testing import add_noise, line_record

@@ -12,7 +12,7 @@ from rotorid import InputError
 from rotorid.data.measured_modes import configurations
 from rotorid.likelihood.mode_rows import GRANTED
 from rotorid.likelihood.preparation import Knowledge, prepare
-from rotorid.likelihood.rivals_stated import UNITS
+from rotorid.likelihood.rivals_model import UNITS
 from tests.differences import extrapolated
 
 CHAIN = """

@@ -8,7 +8,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import MaximumLikelihood, identify, load_model
-from rotorid.likelihood.rivals_terms import BENDS, STIFFEN, find_candidates
+from rotorid.likelihood.rivals_model import BENDS, STIFFEN, find_candidates
 from rotorid.models.structure import find_structure
 
 BETA = 2 * 0.0005 / (2 * np.pi * 175.53)  # damping ratio 0.0005 at the first bending mode
