@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -347,7 +347,10 @@ def mistake(
     kind: Kind = "mistake",
 ) -> Rival:
     """Return the rival that records were made with a mistake; `change` undoes it."""
-    undone = partial(Case.reading, change=change)
+
+    def undone(case: Case) -> Case:
+        return case.reading(change)
+
     return Rival(term, kind, undone, said, cure, value, unit, on, way="far")
 
 
