@@ -189,7 +189,7 @@ class TestRefused:
             estimate(found, coherence=np.full(3, 0.5), averages=3)
         with pytest.raises(InputError, match="a frequency that stands there twice"):
             estimate(found, frequency=np.full(len(HERTZ), 5.0), std=1.0)
-        with pytest.raises(InputError, match="line 3: 10 Hz"):
+        with pytest.raises(InputError, match="a frequency of 10 in row 3"):
             estimate(np.where(HERTZ[:, None] == 10, np.nan, found), std=1.0)
         with pytest.raises(InputError, match="one frequency"):
             estimate(found[:1], frequency=HERTZ[:1], std=1.0)

@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike
 
 from rotorid.core.distributions import gamma_tail
 from rotorid.core.errors import InputError, naming
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import MAGNITUDE, quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
@@ -48,25 +47,6 @@ PHASOR_STD = "state how far the readings scatter: the last digit of the instrume
 RESPONSE_STD = "state how far real and imaginary part scatter from one average to the next"
 
 
-@frozen
-class _Rows:
-    """Rows of a table, sorted by speed: phasors as lines, and what is stated of their noise."""
-
-    speed: Floats
-    lines: Complexes
-    std: Floats | None
-
-    def part(self, rows: Integers) -> _Rows:
-        return _Rows(
-            self.speed[rows], self.lines[rows], None if self.std is None else self.std[rows]
-        )
-
-    @property
-    def groups(self) -> Integers:
-        apart = np.diff(self.speed) > SAME_SPEED * np.abs(self.speed[1:])
-        return np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)
-
-
 def phasor_lines(
     channels: Sequence[Channel],
     speed: ArrayLike,
@@ -90,17 +70,24 @@ def phasor_lines(
     turning = np.asarray(speed, dtype=np.float64)
     given = np.asarray(phasors, dtype=np.complex128)
     with naming(source):
-        _check_phasors(channels, turning, given)
+        still = "a speed other than 0"
+        _refuse_rows("phasor", given, "speed", turning, "channel", channels, turning == 0, still)
         known = None if std is None else _deviations(std, given, PHASOR_STD)
         order = np.argsort(turning, kind="stable")
-        as_lines = np.array(np.where(turning[:, None] < 0, given.conj(), given) / 2, np.complex128)
-        rows, told = _without_doubles(_Rows(turning, as_lines, known).part(order))
-        if rows.std is None:
-            rows, covariance, said = _repeated(rows, channels)
+        as_lines: Complexes = given / 2
+        as_lines = np.asarray(np.where(turning[:, None] < 0, as_lines.conj(), as_lines))
+        rows, told = _without_doubles(turning[order], as_lines[order])
+        turning, recorded = turning[order[rows]], as_lines[order[rows]]
+        scatter, groups = _scatter(turning, recorded)
+        if known is None:
+            first = np.flatnonzero(np.diff(groups, prepend=-1))
+            turning, recorded = turning[first], (recorded - scatter)[first]
+            covariance, said = _repeated(scatter, groups, recorded, channels)
         else:
-            covariance = _diagonal(rows.std**2 / 2, KNOWN, "stated")
-            said = _doubted(rows, rows.std)
-    found = lines_at_speeds(channels, rows.speed, rows.lines, covariance, 1.0)
+            stated = known[order[rows]]
+            covariance = _diagonal(stated**2 / 2, KNOWN, "stated")
+            said = _doubted(scatter, groups, stated)
+    found = lines_at_speeds(channels, turning, recorded, covariance, 1.0)
     return replace(found, source=source, warnings=told + said, checks=tuple(checks))
 
 
@@ -148,32 +135,31 @@ def _diagonal(variance: Floats, dof: int, kind: Kind) -> LineCovariance:
     return LineCovariance(matrices.astype(np.complex128), dof, kind)
 
 
-def _check_phasors(channels: Sequence[Channel], speed: Floats, phasors: Complexes) -> None:
-    _check_shapes("phasor", phasors, "speed", speed, "channel", len(channels))
-    wrong = ~_possible(phasors, speed) | (speed == 0)
-    if wrong.any():
-        row = int(wrong.argmax())
-        still = speed[row] == 0
-        raise InputError(
-            f"{'a speed of 0' if still else 'numbers that are not finite'} in row {row + 1}",
-            f"finite numbers below {MAGNITUDE:g}, a speed other than 0",
-            "give the row a speed and a reading, or leave it out",
-        )
-
-
-def _check_shapes(
-    what: str, values: Complexes, row: str, rows: Floats, column: str, columns: int
+def _refuse_rows(
+    what: str,
+    values: Complexes,
+    row: str,
+    rows: Floats,
+    column: str,
+    columns: Sequence[Channel],
+    wrong: Booleans,
+    otherwise: str,
 ) -> None:
-    if rows.ndim != 1 or not values.size or values.shape != (len(rows), columns):
+    """Refuse a table of another shape, and rows that are `wrong` or not finite."""
+    if rows.ndim != 1 or not values.size or values.shape != (len(rows), len(columns)):
         raise InputError(
             f"{what}s of shape {values.shape} for rows of shape {rows.shape}",
-            f"a row per {row}, {columns or 'some'} {column}s",
+            f"a row per {row}, {len(columns) or 'some'} {column}s",
             f"give one {what} per {row} and {column}",
         )
-
-
-def _possible(values: Complexes, rows: Floats) -> Booleans:
-    return np.asarray((np.abs(values) < MAGNITUDE).all(axis=1) & (np.abs(rows) < MAGNITUDE))
+    possible = (np.abs(values) < MAGNITUDE).all(axis=1) & (np.abs(rows) < MAGNITUDE)
+    bad = np.flatnonzero(~possible | wrong)
+    if len(bad):
+        raise InputError(
+            f"a {row} of {rows[bad[0]]:g} in row {bad[0] + 1}, {what}s {values[bad[0]]}",
+            f"finite numbers below {MAGNITUDE:g}, {otherwise}",
+            "correct that row, or leave it out",
+        )
 
 
 def _deviations(std: ArrayLike, values: Complexes, cure: str, row: bool = True) -> Floats:
@@ -189,54 +175,54 @@ def _deviations(std: ArrayLike, values: Complexes, cure: str, row: bool = True) 
     return found
 
 
-def _without_doubles(rows: _Rows) -> tuple[_Rows, tuple[str, ...]]:
-    """Leave out rows that repeat one of the same speed to the last digit: typed twice."""
-    groups, lines = rows.groups, rows.lines
-    kept: list[int] = []
-    for row, group in enumerate(groups):
-        before = [k for k in kept if groups[k] == group]
-        if not any((lines[k] == lines[row]).all() and lines[row].any() for k in before):
-            kept.append(row)
-    left = len(groups) - len(kept)
+def _groups(speed: Floats) -> Integers:
+    """Return the number of the reading of the speed, of rows that are sorted by it."""
+    apart = np.diff(speed) > SAME_SPEED * np.abs(speed[1:])
+    return np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)
+
+
+def _without_doubles(speed: Floats, lines: Complexes) -> tuple[Integers, tuple[str, ...]]:
+    """Return the rows that do not repeat one of the same speed to the last digit: typed twice."""
+    table = np.column_stack([_groups(speed), lines.real, lines.imag])
+    first = np.unique(table, axis=0, return_index=True)[1]
+    kept = np.union1d(first, np.flatnonzero(~lines.any(axis=1)))
+    left = len(speed) - len(kept)
     if not left:
-        return rows, ()
-    out = sorted({float(s) for s in np.delete(rows.speed, kept)})
+        return kept, ()
+    out = sorted({float(s) for s in np.delete(speed, kept)})
     where = ", ".join(f"{s * 30 / np.pi:.6g}" for s in out[:3]) + (" .." if len(out) > 3 else "")
     told = (
         f"{left} row{'s' * (left > 1)} at {where} rpm, the same as another to the last digit: left "
         "out, since a reading that is written twice is one reading"
     )
-    return rows.part(np.array(kept, dtype=np.int64)), (told,)
+    return kept, (told,)
 
 
-def _scatter(rows: _Rows) -> tuple[Complexes, Integers]:
+def _scatter(speed: Floats, lines: Complexes) -> tuple[Complexes, Integers]:
     """Return the readings less the mean of their speed, and the numbers of the speeds."""
-    groups = rows.groups
+    groups = _groups(speed)
     count = np.bincount(groups)
-    mean = np.zeros((len(count), rows.lines.shape[1]), dtype=np.complex128)
-    np.add.at(mean, groups, rows.lines)
-    return rows.lines - (mean / count[:, None])[groups], groups
+    mean = np.zeros((len(count), lines.shape[1]), dtype=np.complex128)
+    np.add.at(mean, groups, lines)
+    return lines - (mean / count[:, None])[groups], groups
 
 
 def _repeated(
-    rows: _Rows, channels: Sequence[Channel]
-) -> tuple[_Rows, LineCovariance, tuple[str, ...]]:
-    """Return a row per speed, with the covariance that repeated readings show, and what is said."""
-    scatter, groups = _scatter(rows)
+    scatter: Complexes, groups: Integers, mean: Complexes, channels: Sequence[Channel]
+) -> tuple[LineCovariance, tuple[str, ...]]:
+    """Return the covariance that repeated readings show, and what is said of it."""
     count = np.bincount(groups)
     dof = len(groups) - len(count)
-    least = REPEATED * rows.lines.shape[1]
+    least = REPEATED * len(channels)
     if dof < least:
         raise InputError(
             "no std and no speed twice" if not dof else f"{dof} repeated readings and no std",
-            f"a stated deviation, or {least} repeated readings for {rows.lines.shape[1]} channels",
+            f"a stated deviation, or {least} repeated readings for {len(channels)} channels",
             "write std beside the unit of each channel (how far its amplitude scatters, in its "
             "unit), or read more speeds twice or more",
             place="std",
         )
-    first = np.flatnonzero(np.diff(groups, prepend=-1))
-    mean = (rows.lines - scatter)[first]
-    shares = [_share(scatter[:, c], mean[:, c], groups) for c in range(mean.shape[1])]
+    shares = [_share(scatter[:, c], mean[:, c], groups) for c in range(len(channels))]
     growth = np.sqrt(1 + np.array(shares) * np.abs(mean) ** 2)
     scatter = scatter / growth[groups]
     reading = np.einsum("ri,rj->ij", scatter, scatter.conj()) / dof
@@ -249,8 +235,7 @@ def _repeated(
         if shares[c] > 0
         for low, high in [np.sqrt(2 * reading[c, c].real) * np.sort(growth[:, c])[[0, -1]]]
     )
-    covariance = LineCovariance(matrices, dof, "repeated", shared=len(count))
-    return _Rows(rows.speed[first], mean, None), covariance, told
+    return LineCovariance(matrices, dof, "repeated", shared=len(count)), told
 
 
 def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
@@ -277,9 +262,8 @@ def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
     return float(grid[best]) if gamma_tail(gain / 2, 0.5) < CONSTANT else 0.0
 
 
-def _doubted(rows: _Rows, std: Floats) -> tuple[str, ...]:
-    scatter, groups = _scatter(rows)
-    dof = 2 * (len(groups) - groups[-1] - 1) * rows.lines.shape[1]
+def _doubted(scatter: Complexes, groups: Integers, std: Floats) -> tuple[str, ...]:
+    dof = 2 * (len(groups) - groups[-1] - 1) * std.shape[1]
     squares = float((np.abs(2 * scatter) ** 2 / std**2).sum())
     if not dof or gamma_tail(squares / 2, dof / 2) > CONTRADICTED:
         return ()
@@ -361,7 +345,9 @@ def response_lines(
     hertz = np.asarray(frequency, dtype=np.float64)
     found = np.asarray(responses, dtype=np.complex128)
     with naming(source):
-        _check_responses(hertz, found, len(sensors))
+        positive = "no negative frequency"
+        _refuse_rows("response", found, "frequency", hertz, "sensor", sensors, hertz < 0, positive)
+        _refuse_twice(hertz)
         order = np.argsort(hertz, kind="stable")
         order = order[hertz[order] > 0]
         told: tuple[str, ...] = ()
@@ -390,16 +376,7 @@ def response_lines(
     )
 
 
-def _check_responses(hertz: Floats, responses: Complexes, sensors: int) -> None:
-    _check_shapes("response", responses, "frequency", hertz, "sensor", sensors)
-    wrong = ~_possible(responses, hertz) | (hertz < 0)
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise InputError(
-            f"line {row + 1}: {hertz[row]:g} Hz, response {responses[row]}",
-            f"finite numbers below {MAGNITUDE:g}, no negative frequency",
-            "leave that line out, or export the responses again",
-        )
+def _refuse_twice(hertz: Floats) -> None:
     apart = np.diff(np.sort(hertz[hertz > 0]))
     if not len(apart) or not (apart > 0).all():
         raise InputError(
