@@ -110,8 +110,6 @@ _PER_SECOND = ("{unit}", "{unit}/s", "{unit}/s^2")
 
 @frozen
 class Condition:
-    """A comparison of a channel or of its derivative with a number."""
-
     text: str  # as it was given
     channel: str
     order: int  # of the derivative
@@ -348,7 +346,6 @@ def _check(record: Record, hertz: float, decimate: int) -> None:
 def _good(
     record: Record, conditions: Sequence[Condition], skip: float, until: float
 ) -> tuple[Booleans, dict[str, int]]:
-    """Return the samples that may enter the filter, and how many may not, by reason."""
     first, last = samples_between(record, skip, until)
     good = np.zeros(len(record.samples), dtype=bool)
     good[first : max(last, first)] = True
@@ -391,7 +388,6 @@ def _nothing_left(found: FilteredRecord, edge: int, told: dict[str, int]) -> Inp
 
 
 def told_of(record: Record) -> str:
-    """Return the name of a record's file, to begin a sentence on it; empty where it has none."""
     return f"{Path(record.source).name}: " if record.source else ""
 
 

@@ -50,8 +50,6 @@ class Sensor:
 
 @frozen
 class Observation:
-    """One record bound to a model."""
-
     model: Model
     lines: Lines
     inputs: tuple[Channel, ...]  # the channel of each input of the model, in order

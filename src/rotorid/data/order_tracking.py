@@ -175,7 +175,6 @@ def _rotation(record: Record) -> Floats:
 
 
 def _cut(record: Record, angle: Floats, length: int) -> _Cut | None:
-    """Cut a record into segments; None where there are too few to tell their noise."""
     fits = [_segment(record, angle, part) for part in _parts(record, angle, length)]
     group = _group(len(record.channels), length)
     if len(fits) < group:

@@ -199,7 +199,6 @@ def _without_doubles(speed: Floats, lines: Complexes) -> tuple[Integers, tuple[s
 
 
 def _scatter(speed: Floats, lines: Complexes) -> tuple[Complexes, Integers]:
-    """Return the readings less the mean of their speed, and the numbers of the speeds."""
     groups = _groups(speed)
     count = np.bincount(groups)
     mean = np.zeros((len(count), lines.shape[1]), dtype=np.complex128)
@@ -390,7 +389,6 @@ def _refuse_twice(hertz: Floats) -> None:
 def _refuse_repeated(
     sensors: Sequence[Channel], hertz: Floats, responses: Complexes, variance: Floats
 ) -> None:
-    """Refuse a response that is another one, differentiated or times a number, noise and all."""
     for i, j in combinations(range(len(sensors)), 2):
         known = multiple_of(hertz, responses[:, [i, j]].T, variance[:, [i, j]].T)
         if known is not None:

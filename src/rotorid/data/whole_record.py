@@ -48,12 +48,10 @@ class _Whole:
 
     @property
     def spacing(self) -> float:
-        """Distance of the lines in Hz."""
         return self.record.sample_rate / len(self.record.samples)
 
     @property
     def place(self) -> float:
-        """The stated speed in lines."""
         return abs(self.record.speed) / (2 * np.pi * self.spacing)
 
     @property

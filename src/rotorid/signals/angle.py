@@ -237,7 +237,6 @@ def keyphasor_angle(
 
 
 def _count_turns(times: Floats) -> tuple[Booleans, Floats]:
-    """Return which pulses count, and the number of the turn at which each of them stands."""
     spacing = np.diff(times)
     period = _rhythm(spacing)
     near = np.flatnonzero(np.abs(spacing / period - 1) < OFF_BEAT)

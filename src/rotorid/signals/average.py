@@ -123,7 +123,6 @@ def _excerpt(record: Record, first: int, size: int) -> Record:
 
 
 def _kept_periods(record: Record, used: slice, size: int) -> tuple[Booleans, tuple[str, ...]]:
-    """Return the periods without a masked sample, and what is said of the others."""
     if record.valid is None:
         return np.ones((used.stop - used.start) // size, dtype=bool), ()
     kept: Booleans = np.all(record.valid[used].reshape(-1, size), axis=1)

@@ -32,8 +32,6 @@ FLOOR = 1e-9
 
 @frozen
 class LineCovariance(Arrays):
-    """Covariance of the mean over periods of each line."""
-
     # (line, channel, channel): ``E (z_k - E z_k)(z_k - E z_k)^H``, cross terms between channels
     # kept
     matrices: Complexes
@@ -119,7 +117,6 @@ def is_correlated(residual: Complexes) -> bool:
 
 
 def choose_covariance(spectra: Complexes, residual: Complexes) -> LineCovariance:
-    """Return the covariance of mean lines by the formula that their residual asks for."""
     return correlated_covariance(spectra) if is_correlated(residual) else white_covariance(spectra)
 
 

@@ -42,7 +42,6 @@ class Distortion:
     even_excess: Floats
 
     def relative(self, channel: str) -> tuple[float, float, float]:
-        """Return odd and even distortion and noise of a channel, over its excited lines."""
         require_names([channel], self.channels, "no channel {}")
         j = self.channels.index(channel)
         odd, even, noise = (
@@ -102,7 +101,6 @@ def detect_distortion(
 
 
 def _mean(power: Floats, harmonics: Integers) -> Floats:
-    """Return the mean over some harmonics of a table that starts at the first."""
     if not harmonics.size:
         return np.full(power.shape[1], np.nan)
     return np.asarray(power[harmonics - 1].mean(axis=0))
@@ -148,19 +146,15 @@ class Judged:
 
     @property
     def verdict(self) -> str:
-        """The gravest verdict of the checks."""
         return worst(self.checks)
 
     @property
     def sentence(self) -> str:
-        """What to do, in one sentence."""
         return SENTENCES[self.verdict]
 
 
 @frozen
 class Inspection(Judged):
-    """What is in a record."""
-
     record: Record
     periods: PeriodicRecord | None  # none where the record does not repeat
     found: bool  # the period was found here, not given
@@ -303,7 +297,6 @@ def _facts(record: Record, periods: PeriodicRecord | None, c: int) -> ChannelFac
 
 
 def _distortion(periods: PeriodicRecord, c: int) -> tuple[float | None, float | None]:
-    """Return the size of odd and even lines that are not kept, over the kept ones."""
     power = np.abs(np.fft.rfft(periods.mean[:, c], norm="forward")) ** 2
     noise = float(periods.variance[:, c].mean()) / (periods.samples * periods.periods)
     lines = np.arange(len(power))
@@ -346,8 +339,6 @@ def _correlation(periods: PeriodicRecord) -> Floats | None:
 
 @frozen
 class LineFacts:
-    """What one channel of a table holds."""
-
     name: str
     unit: str
     # least and largest amplitude in SI
@@ -360,8 +351,6 @@ class LineFacts:
 
 @frozen
 class LineInspection(Judged):
-    """What is in a table."""
-
     lines: Lines
     checks: tuple[Note, ...]
     channels: tuple[LineFacts, ...]

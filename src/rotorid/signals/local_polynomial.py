@@ -54,8 +54,6 @@ CHUNK = 256
 
 @frozen
 class Local:
-    """Covariances of lines by a local polynomial."""
-
     matrices: Complexes  # (line, channel, channel)
     dof: int
     # mean share of a line's noise that the polynomial takes up, missing from its residual
@@ -74,7 +72,6 @@ def half_width(channels: int, references: int, rotating: bool, order: int) -> in
 
 
 def columns_of(references: int, rotating: bool, order: int) -> int:
-    """Return the number of columns of a window's regression."""
     return (order + 1) * (references + 1) + (2 if rotating else 0)
 
 
@@ -109,8 +106,6 @@ def local_covariance(
 
 @frozen
 class _Windows:
-    """The regression in the window around each line."""
-
     channels: Complexes
     references: Complexes
     rotation: Complexes
@@ -282,7 +277,6 @@ def _share(sums: Complexes, own: Complexes) -> Floats:
 
 
 def _design(references: Complexes, rotation: Complexes, powers: np.ndarray) -> Complexes:
-    """Return the columns of each window at length one, shape (window, line, column)."""
     driven = references[:, :, :, None] * powers[:, :, None, :]
     flat = driven.reshape(*references.shape[:2], -1)
     design = np.concatenate([flat, powers + 0j, rotation], axis=2)

@@ -23,8 +23,6 @@ _MOST = 1 << 21  # samples looked at
 
 @frozen
 class Period:
-    """A period that a record repeats."""
-
     samples: float  # its length in samples
     accuracy: float  # how far, in samples, it may be off
     correlation: float  # of the record with itself, one period later: 1 without noise
@@ -94,7 +92,6 @@ def _middle(samples: Floats) -> Floats:
 
 
 def _correlation(centred: Floats, lags: int) -> Floats:
-    """Return the correlation of what overlaps, for shifts of 0 to `lags`."""
     size = len(centred)
     padded = 1 << (size + lags).bit_length()
     spectrum = np.fft.rfft(centred, padded)

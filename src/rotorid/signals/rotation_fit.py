@@ -75,15 +75,12 @@ class AngleReadings:
 
 @frozen
 class RotationFit:
-    """A smooth rotation."""
-
     spline: BSpline  # phi in rad at times in s
     std: float  # deviation in rad of an offset common to all times
     noise: float  # deviation in rad of a reading besides its interval
 
 
 def fit_rotation(readings: AngleReadings) -> RotationFit:
-    """Fit the smoothest rotation that the readings bear."""
     used = readings.some(READINGS)
     best: tuple[float, scipy.interpolate.BSpline, float, int] | None = None
     failed = 0
@@ -223,7 +220,6 @@ def _log_chance(left: Floats, half: Floats, noise: float) -> Floats:
 
 
 def _slopes(readings: AngleReadings, spline: BSpline, noise: float) -> tuple[Floats, Floats]:
-    """Return slope and curvature of each logarithm, in units of the noise."""
     left = readings.middle - spline(readings.time)
     high, low = (left + readings.half) / noise, (left - readings.half) / noise
     chance = _log_chance(left, readings.half, noise)

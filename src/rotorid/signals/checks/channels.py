@@ -94,7 +94,6 @@ def _spread(samples: Floats) -> Floats:
 
 
 def quantum(samples: Floats) -> float:
-    """Return the step between the levels of a channel; 0 where there are no levels."""
     levels = np.sort(_spread(samples))
     spacing = np.diff(levels)
     spacing = spacing[spacing > 0]
@@ -298,8 +297,6 @@ _TRIED = 3  # rests that are measured to their ends
 
 @frozen
 class _Rest:
-    """Samples of a channel that stay within a tolerance: from `first` up to before `after`."""
-
     first: int
     after: int
     level: float
@@ -425,7 +422,6 @@ SHARE = 0.5
 
 @whole_check("lost samples")
 def check_jumps(seen: Seen) -> list[Note]:
-    """Find where all positions jump within one sample."""
     record = seen.record
     columns = [c for c in sensors_of(record.channels) if record.channels[c].unit in LENGTHS]
     if len(columns) < 2 or len(record.samples) < 4 * AROUND:

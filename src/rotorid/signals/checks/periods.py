@@ -40,8 +40,6 @@ it so once in three million."""
 
 @frozen
 class Settling:
-    """The transient at the start of a record."""
-
     periods: int  # whole periods from the start that it disturbs
     # time in s to drop: as long again, in which the transient sinks below the scatter of the mean
     drop: float
@@ -51,7 +49,6 @@ class Settling:
 
     @property
     def told(self) -> str:
-        """What a warning says of it first."""
         lasts = "period" if self.periods == 1 else f"{self.periods} periods"
         return (
             f"a transient in the first {lasts}, {self.excess:.3g} times the scatter of the later "
@@ -228,7 +225,6 @@ def _equal_pairs(rows: Complexes) -> list[tuple[int, int]]:
 
 
 def _equal(one: Complexes, other: Complexes) -> bool:
-    """Tell whether two periods differ by rounding only, beside their scatter."""
     return bool(np.linalg.norm(one - other) <= NO_SCATTER * np.linalg.norm(one))
 
 
@@ -260,7 +256,6 @@ _CURES = {
 
 @period_check("lines below noise", "every line that is used stands above its noise")
 def check_silent(periods: PeriodicRecord) -> list[Note]:
-    """Find lines that no channel holds, and channels that hold no line."""
     found = []
     deviation = np.sqrt(periods.spectra.var(axis=0, ddof=1) / periods.periods)
     freedom = 2 * (periods.periods - 1)
@@ -303,7 +298,6 @@ DISTURBED = ("lost samples", "settled")
 
 @period_check("settled", "no transient is left", "lost samples")
 def check_settled(periods: PeriodicRecord) -> list[Note]:
-    """Tell whether the start still holds a transient, with few periods too."""
     if periods.periods >= LEAST_PERIODS:
         found = detect_settling(periods)
         if not found.periods:
@@ -324,7 +318,6 @@ def check_settled(periods: PeriodicRecord) -> list[Note]:
 
 
 def _first_against_rest(spectra: Complexes) -> tuple[int | None, float]:
-    """Compare the first of a few periods with the others, channel by channel, by F."""
     count, lines, channels = spectra.shape
     rest = spectra[1:]
     within = rest.var(axis=0, ddof=1)
@@ -340,7 +333,6 @@ def _first_against_rest(spectra: Complexes) -> tuple[int | None, float]:
 
 @period_check("knock", "no period stands out", *DISTURBED)
 def check_knocks(periods: PeriodicRecord) -> list[Note]:
-    """Find single periods that are not like the others."""
     count = periods.periods
     if count < LEAST_TO_JUDGE:
         return []
@@ -543,7 +535,6 @@ _MOST = 1 << 15  # samples looked at
     lambda seen: seen.periods is not None and seen.untorn,
 )
 def check_multiple(seen: Seen) -> list[Note]:
-    """Find a fundamental that is two or three times the true one."""
     record, periods = seen.record, seen.periods
     assert periods is not None
     size = periods.samples

@@ -95,14 +95,11 @@ def _told(of: str, seen: Any) -> tuple[Note, ...]:
 
 
 def first_used(record: Record, periods: PeriodicRecord) -> int:
-    """Return the number of the sample of a record at which its periods begin."""
     return round((periods.begin - record.start) * record.sample_rate)
 
 
 @frozen
 class Seen:
-    """A record as checks see it."""
-
     record: Record
     periods: PeriodicRecord | None = None
     excerpt: Record | None = None
@@ -148,7 +145,6 @@ def check_record(
 
 
 def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
-    """Look at averaged periods: scatter, settling, knocks, drift, lost samples, clocks."""
     return _told("periods", periods)
 
 

@@ -33,8 +33,6 @@ NOTICED = 1e-3
 
 @frozen
 class Synchronism:
-    """How well the rotation fits the periods of the excitation."""
-
     turns: float  # mean revolutions per period
     # angle in rad by which the rotation gains on the nearest whole number of turns, over all
     # periods
@@ -82,7 +80,6 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
 
 
 def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
-    """Return warnings, with numbers, where the rotation does not fit the periods."""
     if periods.speed == 0:
         return ()
     found = synchronism(periods)
@@ -463,14 +460,12 @@ def _left(lines: Complexes, design: Complexes, window: Integers, place: float) -
 
 
 def _strength(lines: Complexes, near: Integers) -> Floats:
-    """Return the power of lines over that of those around, of all channels together."""
     around = np.arange(near.min() - AROUND, near.max() + AROUND + 1)
     usual = np.median(np.abs(lines[around]) ** 2, axis=0)
     return np.asarray((np.abs(lines[near]) ** 2 / np.where(usual > 0, usual, np.inf)).sum(axis=1))
 
 
 def _power_left(lines: Complexes, columns: Complexes) -> Floats:
-    """Return what columns leave of each channel, (channel,)."""
     size = np.sqrt((np.abs(columns) ** 2).sum(axis=0))
     basis, _ = np.linalg.qr(columns / np.where(size > 0, size, 1.0))
     left = lines - basis @ (basis.conj().T @ lines)

@@ -62,8 +62,6 @@ most 0.4, and that of several averages out."""
 
 @frozen
 class Shifts:
-    """Shift in time of each period."""
-
     tau: Floats  # (period,): s, positive where the period comes late
     noise: float  # its standard deviation in s, as the noise of the lines explains it
     explained: float  # part of the lines' turning that the shift explains, in units of their noise
@@ -152,7 +150,6 @@ def _turns(harmonics: Integers, angle: Floats) -> Complexes:
 
 
 def _steady_lines(periods: PeriodicRecord) -> Booleans:
-    """Return the lines that the excitation alone makes: not DC, not the rotation's orders."""
     lines = periods.harmonics > 0
     if periods.speed:
         order = np.round(periods.harmonics / periods.turns)
@@ -404,7 +401,6 @@ def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts], *, stepped: bo
 
 
 def _two_clocks(periods: PeriodicRecord, order: list[int], rates: list[float]) -> Note:
-    """Name the channels of each clock: split where the sorted rates have their widest gap."""
     cut = 1 + int(np.argmax(np.diff(rates)))
     first, second = (
         tuple(periods.names[c] for c in sorted(part)) for part in (order[:cut], order[cut:])
