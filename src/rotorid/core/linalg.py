@@ -34,8 +34,9 @@ def whole_svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
     What fewer rows than columns leave open has the singular value 0, and is not left out.
     """
     rows, columns = matrix.shape
-    padded = np.pad(matrix, ((0, max(0, columns - rows)), (0, 0)))
-    left, values, right = np.linalg.svd(padded, full_matrices=False)
+    if rows < columns:
+        matrix = np.pad(matrix, ((0, columns - rows), (0, 0)))
+    left, values, right = np.linalg.svd(matrix, full_matrices=False)
     return left[:rows], values, right
 
 

@@ -19,8 +19,9 @@ from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
+from rotorid.likelihood.mode_rows import modal_rows
 from rotorid.likelihood.preparation import generic
-from rotorid.likelihood.problem import Point, Problem, inside, outside
+from rotorid.likelihood.problem import Known, Point, Problem, inside, outside
 from rotorid.likelihood.solver import STAGES, evaluated, few_steps, solve
 from rotorid.likelihood.starts import moved, thinned
 from rotorid.likelihood.symmetric_answers import CLOSE
@@ -102,7 +103,8 @@ class Case:
             replace(r, unknowns=len(wider.unknowns))
             for r in (every.exact, every.known.relations, every.bounds)
         )
-        known = every.known.within(wider, relations, generic(wider, exact))
+        modes = modal_rows(wider, every.known.modes.modes, generic(wider, exact))
+        known = Known(relations, modes)
         prepared = replace(every, layout=wider, exact=exact, known=known, bounds=bounds)
         unknowns = np.concatenate([self.unknowns, [scalar.start for scalar in scalars]])
         return replace(self.prepared_as(prepared), unknowns=unknowns)

@@ -14,10 +14,11 @@ from rotorid.answer.derived import physical_start
 from rotorid.core.errors import InputError, NotConvergedError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.values import Floats
+from rotorid.core.values import Complexes, Floats
 from rotorid.core.watch import watch
 from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case
+from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.expected_cost import by_equation_errors
 from rotorid.likelihood.inference import Inference, SharedNoise, shared_noise
@@ -224,7 +225,7 @@ class Fitting:
     ) -> Generator[Step, None, Fit]:
         """Look for the minimum, from that of a simpler problem where there is one."""
         if self.covariance == "correlated":
-            records = [_correlated(record, self.neighbours) for record in records]
+            records = _correlated(records, self.neighbours)
         for step in _globally(self.prepared(records), records, rough):
             yield replace(step, refine=self.refined)
         found = self.refined(step.fit)
@@ -234,7 +235,7 @@ class Fitting:
     def refined(self, found: Fit) -> Fit:
         """Choose the covariance by what is left at a minimum, and let rotor angles creep."""
         if self.covariance == "auto" and found.plain is None:
-            chosen = _chosen(found.solution, found.records, self.neighbours)
+            chosen = _correlated(found.records, self.neighbours, found.solution)
             if any(new is not old for new, old in zip(chosen, found.records, strict=True)):
                 again = _again(found.problem, chosen, found.solution)
                 found = Fit(again, again.inference, tuple(chosen))
@@ -398,29 +399,27 @@ def _again(prepared: Problem, records: Sequence[Observation], before: Solution) 
     return replace(solution, trail=before.trail) if same else solution
 
 
-def _correlated(record: Observation, neighbours: int | None) -> Observation:
-    """Take the covariance from neighbouring lines of the whole record, where there are periods."""
-    scatter = record.lines.scatter
-    if scatter is None:
-        return record
-    covariance = correlated_covariance(scatter, neighbours)
-    return record.with_lines(replace(record.lines, covariance=covariance))
-
-
-def _chosen(
-    solution: Solution, records: Sequence[Observation], neighbours: int | None
+def _correlated(
+    records: Sequence[Observation], neighbours: int | None, at: Solution | None = None
 ) -> list[Observation]:
-    """Take the correlated covariance where the residual of one period resembles the next."""
-    chosen = []
-    for record, at in zip(records, solution.point.records, strict=True):
+    """Take the covariance from neighbouring lines of the whole record, where there are periods.
+
+    With a solution, only where the residual of one period resembles the next.
+    """
+    found = []
+    for number, record in enumerate(records):
         scatter = record.lines.scatter
-        correlated = False
-        if scatter is not None:
-            residual = at.period_residual(scatter[:, :, at.problem.order])
-            # Whitened rows are independent of one another: each counts as a line of its own.
-            correlated = is_correlated(residual.reshape(len(residual), -1, 1))
-        chosen.append(_correlated(record, neighbours) if correlated else record)
-    return chosen
+        if scatter is not None and (at is None or _resembles(at.point.records[number], scatter)):
+            covariance = correlated_covariance(scatter, neighbours)
+            record = record.with_lines(replace(record.lines, covariance=covariance))
+        found.append(record)
+    return found
+
+
+def _resembles(at: Evaluation, scatter: Complexes) -> bool:
+    residual = at.period_residual(scatter[:, :, at.problem.order])
+    # Whitened rows are independent of one another: each counts as a line of its own.
+    return is_correlated(residual.reshape(len(residual), -1, 1))
 
 
 def starting_values(

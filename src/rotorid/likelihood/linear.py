@@ -13,8 +13,8 @@ of what is taken as exact moves the unknowns by M v deviations and leaves L v in
 unseen where it adds no more than s to the cost: of all v with |v|^2 + |L v|^2 / s <= 1 the worst
 moves unknown i by the root of M_i (1 + L' L / s)^-1 M_i'.
 
-The solver keeps a factorization of its own (`Tangent`): it needs a triangle of [J | r] alone, and
-another scale, in which no column is rounding on the way to the minimum.
+The solver's steps (`Tangent`) ask a triangle of [J | r] in place of all its rows, with no column
+taken for rounding on the way to the minimum.
 """
 
 from __future__ import annotations
@@ -76,10 +76,14 @@ class Linearized:
         seen = (effect > IDLE) & (effect > ROUNDING * effect.max(initial=0.0))
         seen |= shifts & (size > 0)
         scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
-        basis = tangent_basis(relations * scale) if len(relations) else np.eye(len(scale))
-        left, values, right = whole_svd(np.where(seen, jacobian, 0.0) * scale @ basis)
-        found = cls(residual, scale, left, values, basis @ right.T, 0)
-        return found.cut(RANK)
+        scaled, basis = np.where(seen, jacobian, 0.0) * scale, None
+        if len(relations):
+            basis = tangent_basis(relations * scale)
+            scaled = scaled @ basis
+        left, values, right = whole_svd(scaled)
+        directions = right.T if basis is None else basis @ right.T
+        rank = int((values > RANK * values.max(initial=0.0)).sum())
+        return cls(residual, scale, left, values, directions, rank)
 
     def cut(self, share: float) -> Linearized:
         """Return the same with the directions below a share of the largest taken for open."""

@@ -23,7 +23,7 @@ from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.linear import RANK, Linearized, tangent_basis
-from rotorid.likelihood.mode_rows import ModalRows, modal_rows
+from rotorid.likelihood.mode_rows import ModalRows
 from rotorid.likelihood.relations import Relation, Relations
 
 Number = TypeVar("Number", np.float64, np.int64)
@@ -62,10 +62,6 @@ class Known:
     def without(self, text: str) -> Known:
         kept = self.relations.where(lambda row: row.stated != text)
         return Known(kept, self.modes.of_mode(text, others=True))
-
-    def within(self, layout: Layout, relations: Relations, generic: Floats) -> Known:
-        """Return the rows over the unknowns of a wider layout."""
-        return Known(relations, modal_rows(layout, self.modes.modes, generic))
 
 
 @frozen
@@ -135,14 +131,16 @@ class Problem:
     @cached_property
     def affine(self) -> Integers:
         """Unknowns on which the residual depends linearly, and its whitening not at all."""
-        layout = self.layout
-        loads = layout.load_only()
-        held = {int(i) for i in layout.free}
-        for relations in (self.exact, self.bounds):
-            held -= {int(i) for i in relations.monomials.factors.ravel()}
-        linear = [i for i in self.known.relations.linear_in() if i in held]
+        loads = self.layout.load_only()
         added = {int(i) for at in self.likelihoods for i in at.calibration.affine}
-        return np.array([i for i in linear if i in loads or i in added], dtype=np.int64)
+        entangled = self.known.relations.holds(2) | self.exact.holds() | self.bounds.holds()
+        free = {int(i) for i in self.layout.free}
+        return np.array(sorted((loads | added) & free - entangled), dtype=np.int64)
+
+    @cached_property
+    def rigid(self) -> Integers:
+        """The free unknowns but for the affine ones."""
+        return np.setdiff1d(self.layout.free, self.affine)
 
     @property
     def real_equations(self) -> int:
@@ -206,43 +204,33 @@ class Point:
 
 @frozen
 class Tangent:
-    """The scaled directions in which the exact relations do not change."""
+    """Steps from a point: along the directions in which the exact relations do not change."""
 
-    scale: Floats  # (free,): unit of each unknown
-    # (free, direction), or None: directions in those units; None where each unknown is one
-    basis: Floats | None
-    triangle: Floats  # (direction, direction): R of the scaled Jacobian along the directions
-    projected: Floats  # (direction,): the residual along its range
+    linear: Linearized
     # (bound, direction) and (bound,): ``normals @ step >= -distances`` keeps the bounds; empty
     # where none is looked at
     normals: Floats
     distances: Floats
 
     @cached_property
-    def regular(self) -> bool:
-        """Whether the Jacobian has full rank by far."""
-        diagonal = np.abs(np.diag(self.triangle))
-        return bool(diagonal.min(initial=1.0) > 1e-5 * diagonal.max(initial=0.0))
-
-    @cached_property
-    def _spectrum(self) -> tuple[Floats, Floats, Floats]:
-        left, values, right = np.linalg.svd(self.triangle)
-        kept = values > RANK * values.max(initial=0.0)
-        return values[kept], right[kept], left.T[kept] @ self.projected
+    def projected(self) -> Floats:
+        """The residual along the directions, shape (direction,)."""
+        return np.asarray(self.linear.residual @ self.linear.left)
 
     def _along(self, damping: float) -> Floats:
-        if damping == 0 and self.regular:
-            return np.asarray(-np.linalg.solve(self.triangle, self.projected))
-        values, right, projected = self._spectrum
-        return np.asarray(right.T @ (-values / (values**2 + damping) * projected))
+        values, along = self.linear.values, np.zeros(len(self.projected))
+        told = slice(self.linear.rank)
+        along[told] = -(values / (values**2 + damping) * self.projected)[told]
+        return along
 
     def _damping(self, radius: float) -> float:
         """Return the damping with which a step is as long as the radius, to a tenth."""
-        values, _, projected = self._spectrum
-        low, high = 0.0, float(np.linalg.norm(values * projected)) / radius
+        told = slice(self.linear.rank)
+        low = 0.0
+        high = float(np.linalg.norm((self.linear.values * self.projected)[told])) / radius
         damping = 1e-3 * high
         for _ in range(40):
-            length = np.linalg.norm(values / (values**2 + damping) * projected)
+            length = np.linalg.norm(self._along(damping))
             if abs(length - radius) <= 0.1 * radius:
                 break
             low, high = (damping, high) if length > radius else (low, damping)
@@ -261,89 +249,67 @@ class Tangent:
 
     def _within(self, damping: float) -> Floats | None:
         """Return the damped step within the bounds (Lawson and Hanson, chapter 23)."""
-        width = len(self.projected)
-        least = max(damping, RANK * self.size**2)
-        rows = np.concatenate([self.triangle, np.sqrt(least) * np.eye(width)])
-        basis, triangle = np.linalg.qr(rows)
-        free = -basis[:width].T @ self.projected
-        sides = np.linalg.solve(triangle.T, self.normals.T).T
+        values = self.linear.values
+        root = np.sqrt(values**2 + max(damping, RANK * values.max(initial=0.0) ** 2))
+        free, sides = -values / root * self.projected, self.normals / root
         gap = -self.distances - sides @ free
         length = np.sqrt((sides**2).sum(axis=1) + gap**2)
-        sides, gap = sides / length[:, None], gap / length
-        target = np.append(np.zeros(width), 1.0)
+        rows = np.vstack([sides.T, gap]) / length
+        target = np.append(np.zeros(len(root)), 1.0)
         try:
-            weights, left = scipy.optimize.nnls(np.concatenate([sides.T, gap[None]]), target)
+            weights, left = scipy.optimize.nnls(rows, target)
         except RuntimeError:
             return None
-        if left < 1e-12:  # the bounds contradict one another
+        distance = rows @ weights - target
+        if left < 1e-12 or not distance[-1] < 0:  # the bounds contradict one another
             return None
-        distance = np.concatenate([sides.T, gap[None]]) @ weights - target
-        if not distance[-1] < 0:
-            return None
-        along = np.linalg.solve(triangle, free - distance[:-1] / distance[-1])
+        along = (free - distance[:-1] / distance[-1]) / root
         return along if np.isfinite(along).all() else None
 
     def across(self, change: Floats) -> Floats:
         """Return the Gauss-Newton step square to a change of the free unknowns."""
         with np.errstate(over="ignore", invalid="ignore"):
-            direction = change / self.scale
-        if self.basis is not None:
-            direction = self.basis.T @ direction
+            direction = self.linear.directions.T @ (change / self.linear.scale)
         rest = tangent_basis(direction[None])
-        return np.asarray(rest @ np.linalg.lstsq(self.triangle @ rest, -self.projected, RANK)[0])
+        moved = self.linear.values[:, None] * rest
+        return np.asarray(rest @ np.linalg.lstsq(moved, -self.projected, RANK)[0])
 
     def spread(self, along: Floats) -> Floats:
-        return np.asarray(self.scale * (along if self.basis is None else self.basis @ along))
+        return np.asarray(self.linear.scale * (self.linear.directions @ along))
 
     @cached_property
     def decrease(self) -> float:
         """The drop of the cost that a full Gauss-Newton step would bring."""
-        if len(self.normals):
-            along = self.step()
-            if along is None:
-                return 0.0
-            left = self.triangle @ along + self.projected
-            return float(self.projected @ self.projected - left @ left)
-        reached = self.projected if self.regular else self._spectrum[2]
-        return float(reached @ reached)
-
-    @property
-    def size(self) -> float:
-        """Largest column of the Jacobian, to measure the damping by."""
-        return float(np.sqrt((self.triangle**2).sum(axis=0).max(initial=0.0)))
+        along = self.step()
+        if along is None:
+            return 0.0
+        told = slice(self.linear.rank)
+        reached, left = self.projected[told], self.linear.values * along + self.projected
+        return float(reached @ reached - left[told] @ left[told])
 
 
 def tangent(point: Point, bounded: bool = False) -> Tangent:
-    """Linearize the problem at a point, in the null space of the exact relations."""
-    jacobian, free = point.jacobian, point.problem.layout.free
-    exact, bounds = point.problem.exact, point.problem.bounds
-    if not np.abs(jacobian).max(initial=0.0) < 1e150:
-        raise np.linalg.LinAlgError("a derivative beyond all bounds")
-    size = np.sqrt((jacobian**2).sum(axis=0))
+    """Linearize the problem at a point: its rows are a triangle, which tells steps as well.
+
+    Every column counts here, for none is rounding on the way to the minimum.
+    """
+    problem, free, jacobian = point.problem, point.problem.layout.free, point.jacobian
+    finite = np.isfinite(point.residual).all()  # LAPACK would print a line of its own
+    if not (finite and np.abs(jacobian).max(initial=0.0) < 1e150):
+        raise np.linalg.LinAlgError("a residual or its derivative beyond all bounds")
+    rows = np.asarray(np.linalg.qr(np.column_stack([jacobian, point.residual]), mode="r"))
     typical = np.maximum(np.abs(point.unknowns[free]), 1e-300)
-    seen = size > 1e-150
-    scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
-    scaled = jacobian * scale
-    basis = None
-    if len(exact):
-        basis = tangent_basis(exact.jacobian(point.unknowns)[:, free] * scale)
-        scaled = scaled @ basis
-    width = scaled.shape[1]
-    rows = np.zeros((max(len(scaled), width + 1), width + 1))  # perhaps fewer than unknowns
-    rows[: len(scaled), :width], rows[: len(scaled), width] = scaled, point.residual
-    if not np.isfinite(rows).all():  # LAPACK would print a line of its own
-        raise np.linalg.LinAlgError("a residual beyond all bounds")
-    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-    normals, distances = np.zeros((0, width)), np.zeros(0)
-    if bounded and len(bounds):
-        normals = bounds.jacobian(point.unknowns)[:, free] * scale
-        normals = normals if basis is None else normals @ basis
+    relations, every = problem.exact.jacobian(point.unknowns)[:, free], np.ones(len(free), bool)
+    linear = Linearized.of(rows[:, :-1], rows[:, -1], relations, typical, every)
+    normals, distances = np.zeros((0, len(linear.values))), np.zeros(0)
+    if bounded and len(problem.bounds):
+        normals = problem.bounds.jacobian(point.unknowns)[:, free] * linear.scale
+        normals = normals @ linear.directions
         length = np.sqrt((normals**2).sum(axis=1))
         moved = length > 0
         normals = normals[moved] / length[moved, None]
-        distances = bounds.values(point.unknowns)[moved].clip(0) / length[moved]
-    projected = triangle[:width, width]
-    return Tangent(scale, basis, triangle[:width, :width], projected, normals, distances)
+        distances = problem.bounds.values(point.unknowns)[moved].clip(0) / length[moved]
+    return Tangent(linear, normals, distances)
 
 
 def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -> Floats | None:

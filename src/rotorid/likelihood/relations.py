@@ -140,10 +140,9 @@ class Relations:
             return np.zeros((0, self.unknowns))
         return np.asarray(self.matrix @ self.monomials.jacobian(x))
 
-    def linear_in(self) -> list[int]:
-        """Return the unknowns on which no relation depends but linearly, each by itself."""
-        entangled = {i for product in self._products if len(product) > 1 for i in product}
-        return [i for i in range(self.unknowns) if i not in entangled]
+    def holds(self, least: int = 1) -> set[int]:
+        """Return the unknowns in products of so many factors."""
+        return {i for product in self._products if len(product) >= least for i in product}
 
     def sizes(self, x: Floats) -> Floats:
         """Return the size of each relation's terms, shape (relation,); rounding scales with it."""

@@ -87,12 +87,18 @@ class _Walk:
         self.iterations, self.effort = 0, EFFORT
 
     def descend(
-        self, relaxation: float, tolerance: float = 1e-2, limit: int = 30
+        self,
+        relaxation: float,
+        tolerance: float = 1e-2,
+        limit: int = 30,
+        known: Floats | None = None,
     ) -> tuple[Point, bool]:
-        """Go down one stage; return where that led, and whether it is the minimum."""
+        """Go down one stage, no further than to a known point: where to, and if to the minimum."""
         point, radius = self.problem.best_at(self.unknowns, relaxation), np.inf
         floor = 1e-14 if relaxation > 0 else 1.0
         for _ in range(limit):
+            if known is not None and _same(self.problem, point.unknowns, known):
+                return point, True
             self.iterations += 1
             where = tangent(point, self.bounded)
             if where.decrease <= tolerance * max(point.cost, floor):
@@ -169,7 +175,7 @@ def _stepped(point: Point, where: Tangent, along: Floats, bounded: bool) -> Poin
     """Evaluate a step away, back on the relations; None where there is no finite cost."""
     problem, aimed = point.problem, point.unknowns.copy()
     aimed[problem.layout.free] += where.spread(along)
-    target = _kept(problem, aimed, where.scale, bounded)
+    target = _kept(problem, aimed, where.linear.scale, bounded)
     return None if target is None else evaluated(problem, target, point.relaxation)
 
 
@@ -283,10 +289,11 @@ def _descended(
         return None
     trail: list[Floats] = []
     for stage, relaxation in enumerate(stages[:-1]):
+        there = known[stage] if known else None
         with suppress(np.linalg.LinAlgError):
-            walk.descend(relaxation)
+            walk.descend(relaxation, known=there)
         trail.append(walk.unknowns)
-        if stage < len(known) and _same(problem, walk.unknowns, known[stage]):
+        if there is not None and _same(problem, walk.unknowns, there):
             return None
     ended = walk.ended(problem, stages[-1], brief, near)
     if ended is None:
@@ -358,15 +365,14 @@ def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: boo
         return False
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
         walk = _Walk(problem, start, bounded)
-        walk.descend(STAGES[0])
+        walk.descend(STAGES[0], known=known[0])
         return _same(problem, walk.unknowns, known[0])
     return False
 
 
 def _same(problem: Problem, one: Floats, other: Floats) -> bool:
     """Tell whether two points are the same but for what is linear."""
-    rigid = np.setdiff1d(problem.layout.free, problem.affine)
-    a, b = one[rigid], other[rigid]
+    a, b = one[problem.rigid], other[problem.rigid]
     return bool((np.abs(a - b) <= JOINED * np.maximum(np.abs(a), np.abs(b))).all())
 
 

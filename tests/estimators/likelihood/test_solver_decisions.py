@@ -100,7 +100,7 @@ def test_four_steps_lead_back_to_the_floor_of_a_valley(
 
 @pytest.mark.parametrize(("off", "same"), [(0.0099, True), (0.0101, False)])
 def test_ways_join_within_a_hundredth_of_each_unknown_but_what_is_linear(off, same) -> None:
-    problem = SimpleNamespace(layout=SimpleNamespace(free=np.arange(3)), affine=np.array([2]))
+    problem = SimpleNamespace(rigid=np.array([0, 1]))
     one = np.array([1.0, -200.0, 5.0])
     for place in (0, 1):
         other = one.copy()
