@@ -184,38 +184,31 @@ def _polar(
     reduced: Model, mass: Floats, gyroscopic: Floats, base: Floats, covariance: Floats
 ) -> Iterator[Note]:
     """Judge G by M, and by the sense that the model's author gave it."""
-    turning, drawn = np.tensordot(base, gyroscopic, 1), _drawn_coupling(reduced, gyroscopic)
-    for i, j in zip(*np.nonzero(np.triu(np.abs(turning - turning.T) > 0)), strict=True):
+    turning = (gyroscopic - gyroscopic.transpose(0, 2, 1)) / 2
+    drawn = _drawn(reduced, turning)
+    for i, j in np.argwhere(np.triu(np.tensordot(base, turning, 1)) != 0).tolist():
         if not _by_inertia(reduced, (i, j), gyroscopic):
             continue
-        a, b = reduced.coordinates[i], reduced.coordinates[j]
-        sign = np.sign(turning[i, j] - turning[j, i])
-        slopes = (
-            mass[:, i, i] + mass[:, j, j] - sign * (gyroscopic[:, i, j] - gyroscopic[:, j, i]) / 2
-        )
-        size, terms = float(slopes @ base), float(np.abs(slopes * base).sum())
-        if size < -ROUNDING * terms:
-            std = deviation(slopes, covariance)
-            polar = abs(turning[i, j] - turning[j, i]) / 2
+        polar, a, b = turning[:, i, j], reduced.coordinates[i], reduced.coordinates[j]
+        polar = polar * np.sign(polar @ base)
+        transverse = mass[:, i, i] + mass[:, j, j]
+        slopes, size = transverse - polar, float(polar @ base)
+        if slopes @ base < -ROUNDING * np.abs(slopes * base).sum():
             text = (
-                f"a polar inertia of {polar:.4g} about {a}, {b}, above the sum of the transverse "
-                f"ones, {base @ (mass[:, i, i] + mass[:, j, j]):.4g}"
+                f"a polar inertia of {size:.4g} about {a}, {b}, above the sum of the transverse "
+                f"ones, {base @ transverse:.4g}"
             )
-            yield from _negative("inertia", size, std, text, a, b)
-        if sign * (drawn[i, j] - drawn[j, i]) < 0:
-            slopes = sign * (gyroscopic[:, i, j] - gyroscopic[:, j, i]) / 2
-            backwards = float(slopes @ base)
-            # Of a sum of inertias the sign may be either.
-            if np.count_nonzero(slopes) == 1 and backwards > SURE * deviation(slopes, covariance):
-                text = (
-                    f"a polar inertia of {-backwards:.4g} about {a}, {b}, against the sense of "
-                    "rotation: physically impossible"
-                )
-                cure = (
-                    "the speed is stated backwards, or two axes are exchanged, or one is upside "
-                    "down"
-                )
-                yield Note("inertia", "rejects", text, cure, on=(a, b))
+            std = deviation(slopes, covariance)
+            yield from _negative("inertia", float(slopes @ base), std, text, a, b)
+        # Of a sum of inertias the sign may be either.
+        backwards = drawn[i, j] * (turning[:, i, j] @ base) < 0 and np.count_nonzero(polar) == 1
+        if backwards and size > SURE * deviation(polar, covariance):
+            text = (
+                f"a polar inertia of {-size:.4g} about {a}, {b}, against the sense of rotation: "
+                "physically impossible"
+            )
+            cure = "the speed is stated backwards, or two axes are exchanged, or one is upside down"
+            yield Note("inertia", "rejects", text, cure, on=(a, b))
 
 
 def _by_inertia(reduced: Model, pair: tuple[int, int], gyroscopic: Floats) -> bool:
@@ -232,13 +225,11 @@ def _by_inertia(reduced: Model, pair: tuple[int, int], gyroscopic: Floats) -> bo
     return bool(there.any() and (monomials[:, inertial] > 0).any(axis=1).all())
 
 
-def _drawn_coupling(reduced: Model, gyroscopic: Floats) -> Floats:
+def _drawn(reduced: Model, turning: Floats) -> Floats:
     """Return G at the nominal values, whose sense the model's author gave it; zero without any."""
-    nominal = reduced.nominal
-    if not set(reduced.parameter_names) <= set(nominal):
-        return np.zeros(gyroscopic.shape[1:])
-    base = reduced.base_values([nominal[name] for name in reduced.parameter_names])
-    return np.asarray(np.tensordot(np.append(base, 1.0), gyroscopic, 1))
+    nominal = [reduced.nominal.get(name, np.nan) for name in reduced.parameter_names]
+    base = np.append(reduced.base_values(nominal), 1.0)
+    return np.nan_to_num(np.tensordot(base, turning, 1)) * bool(np.isfinite(base).all())
 
 
 def prediction(estimate: Estimate, noise: Mapping[str, float]) -> Iterator[Note]:
