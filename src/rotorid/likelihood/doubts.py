@@ -133,7 +133,7 @@ def taken_as_exact(asked: Asked) -> list[Note]:
     """Say what is taken as exact, where a plausible error of it is beyond deviations and unseen."""
     case, records = asked.case, asked.records
     scales = force_scale(records, None)
-    exact = [(plausible, kind(records, None)) for kind, plausible in TAKEN_AS_EXACT]
+    exact = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
     parts = _parts(case)
     every = (unknown for _, unknowns in exact for unknown in unknowns)
     slopes = Slopes.of(case, [*scales, *every, *parts])

@@ -26,6 +26,7 @@ from rotorid.data.lines import Lines, Samples
 from rotorid.data.observation import Observation
 from rotorid.force.reading import Passed, displacement
 from rotorid.models.expressions import Expression
+from rotorid.signals.spectrum import transfer_of_recording
 
 
 @frozen
@@ -47,13 +48,13 @@ class Adds:
     """A channel reads more, linear in the unknown.
 
     With an `order` n that is ``cos * cos(n phi) + sin * sin(n phi)`` of two scalars, and it goes on
-    through the laws that take their displacement from the sensor; else one scalar times `lines`.
+    through the laws that take their displacement from the sensor; else one scalar times a `shape`
+    of the samples, where the record has them.
     """
 
     channel: str
     order: int = 0
-    # (line,) of the quantity, for an unknown of one; ``None`` where the record does not tell it
-    lines: Callable[[Observation], Complexes | None] | None = None
+    shape: Callable[[Floats], Floats] | None = None
 
 
 @frozen
@@ -364,9 +365,15 @@ def _rotations(
 def _additions(
     observation: Observation, names: Sequence[str], adds: Placed[Adds]
 ) -> Iterator[Bound]:
+    lines, samples = observation.lines, observation.lines.samples
+    if samples is None:
+        return
     for effect, at in adds:
-        if effect.lines is None or effect.channel not in names:
+        if effect.shape is None or effect.channel not in names:
             continue
-        found = effect.lines(observation)
-        if found is not None:
-            yield _addition(names.index(effect.channel), at, found)
+        column = lines.names.index(effect.channel)
+        bent = samples.lines(effect.shape(samples.values[:, column])[:, None])
+        # Lines of samples become those of the quantity as the channel's own do.
+        recorded = [lines.channels[column]]
+        bent *= transfer_of_recording(recorded, lines.frequency, samples.sample_rate)
+        yield _addition(names.index(effect.channel), at, bent[:, 0])

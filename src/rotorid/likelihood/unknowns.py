@@ -27,7 +27,6 @@ from rotorid.likelihood.effects import Adds, Drives, Effect, Replaces, Rereads, 
 from rotorid.models import Parameter
 from rotorid.models.constraints import own_in_si
 from rotorid.models.expressions import symbol
-from rotorid.signals.spectrum import transfer_of_recording
 
 
 @frozen
@@ -333,16 +332,13 @@ def cubics(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return ``reading = quantity (1 + unknown * quantity^2)``, as of opposed sensors."""
     if wanted is not None:
         return []
-    there = {s.channel.name: s.channel for r in _with_samples(records) for s in r.direct}
-    units: dict[str, list[str]] = {}
-    for channel in there.values():
-        units.setdefault(channel.unit, []).append(channel.name)
+    units = {s.channel.name: s.channel.unit for r in _with_samples(records) for s in r.direct}
     found = []
-    for unit, names in units.items():
-        groups = {name: [name] for name in names}
-        groups |= {f"{names[0]} ... {names[-1]}": names} if len(names) > 1 else {}
-        square = f"1/{unit}^2" if unit else "1"
-        found += [_bend(f"nonlinear {g}", square, on, lambda x: x**3) for g, on in groups.items()]
+    for unit in dict.fromkeys(units.values()):
+        names = [name for name, of in units.items() if of == unit]
+        for on in [*([name] for name in names), *([names] if len(names) > 1 else [])]:
+            term = f"nonlinear {on[0]}" + (f" ... {on[-1]}" if len(on) > 1 else "")
+            found.append(_bend(term, f"1/{unit}^2" if unit else "1", on, lambda x: x**3))
     return found
 
 
@@ -361,30 +357,14 @@ def _loop(samples: Floats) -> Floats:
     return np.asarray(np.sign(np.roll(samples, -1) - np.roll(samples, 1)))
 
 
-Shape = Callable[[Floats], Floats]
-"""What is added to a signal for an unknown of one."""
-
-
-def _bend(term: str, unit: str, names: Sequence[str], shape: Shape) -> Unknown:
+def _bend(term: str, unit: str, names: Sequence[str], shape: Callable[[Floats], Floats]) -> Unknown:
     return Unknown(
         (Scalar(term, unit, 0.0, additive=True),),
         frozenset(names),
-        tuple(Adds(name, lines=partial(_bent_lines, name, shape)) for name in names),
+        tuple(Adds(name, shape=shape) for name in names),
         rival="term",
         cure="calibrate what bends over its range, or excite less",
     )
-
-
-def _bent_lines(name: str, shape: Shape, record: Observation) -> Complexes | None:
-    lines, samples = record.lines, record.lines.samples
-    if samples is None:
-        return None
-    column = lines.names.index(name)
-    bent = samples.lines(shape(samples.values[:, column])[:, None])
-    # Lines of samples become those of the quantity as the channel's own do.
-    channel = [lines.channels[column]]
-    corrected = transfer_of_recording(channel, lines.frequency, samples.sample_rate)
-    return np.asarray((bent * corrected)[:, 0])
 
 
 # Constants of forces. They are no factors of a line: the record's samples go through the law again.
@@ -441,44 +421,40 @@ def _driving(
 
 def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return constants of the force laws, each of one or more inputs, all changed by as much."""
-    bent = _bent(records)
     groups: dict[tuple[str, str], list[Channel]] = {}
-    for channel in bent:
+    common: dict[tuple[str, str], list[Channel]] = {}
+    for channel in _bent(records):
         for name, constant in _law(channel).constants.items():
+            common.setdefault((name, ""), []).append(channel)
             if constant.std:
                 groups.setdefault((name, constant.shared or channel.name), []).append(channel)
     found = []
-    for (name, label), channels in groups.items():
-        _refuse_unlike(name, label, channels)
-        std = _law(channels[0]).constants[name].std
-        known = None if wanted is None or np.isinf(std) else std
-        found.append(_law_constant(name, label, channels, known))
-    if wanted is None:
-        for name in dict.fromkeys(name for c in bent for name in _law(c).constants):
-            channels = [c for c in bent if name in _law(c).constants]
-            if np.isfinite([_law(c).constants[name].value for c in channels]).all():
-                found.append(_law_constant(name, "", channels, None))
+    for (name, label), channels in (groups | (common if wanted is None else {})).items():
+        stated = [_law(channel).constants[name] for channel in channels]
+        if label and len(set(stated)) > 1:
+            listed = ", ".join(f"{of.value:g} +- {of.std:g}" for of in sorted(set(stated)))
+            raise InputError(
+                f"{name} of {label} as {listed}",
+                "one value and deviation of a constant that is shared",
+                "write the same in every channel, or drop shared",
+                place=f"channels.{channels[0].name}.{name}",
+            )
+        if label or np.isfinite([of.value for of in stated]).all():
+            scalar = Scalar(
+                f"{name}[{label}]" if label else name,
+                stated[0].unit,
+                float(np.mean([of.value for of in stated])),
+                None if wanted is None or np.isinf(stated[0].std) else stated[0].std,
+                positive=stated[0].positive,
+                additive=not stated[0].positive,
+                anchored=True,
+            )
+            found.append(_reread(scalar, channels, name))
     return found
 
 
-def _law_constant(
-    constant: str, label: str, channels: Sequence[Channel], std: float | None
-) -> Unknown:
-    stated = [_law(channel).constants[constant] for channel in channels]
-    mean = float(np.mean([found.value for found in stated]))
-    scalar = Scalar(
-        constant + (f"[{label}]" if label else ""),
-        stated[0].unit,
-        mean,
-        std,
-        positive=stated[0].positive,
-        additive=not stated[0].positive,
-        anchored=True,
-    )
-    return _reread(scalar, channels, constant)
-
-
 def _reread(scalar: Scalar, channels: Sequence[Channel], constant: str) -> Unknown:
+    """Return an unknown at whose start the forces are as they were read."""
     on = frozenset(c.name for c in channels)
     return Unknown(
         (scalar,),
@@ -500,19 +476,18 @@ def knees(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     biased = [
         channel
         for channel in _bent(records)
-        for known in [_law(channel).constants]
-        if "bias" in known and "saturation" in known and np.isinf(known["saturation"].value)
+        if (known := _law(channel).constants).keys() >= {"bias", "saturation"}
+        and np.isinf(known["saturation"].value)
     ]
     if not biased:
         return []
+
+    def saturation(values: Floats) -> float:
+        """Return b_s / b_0, the flux of the iron's knee over that of the bias."""
+        return float(values[0] ** (-1 / KNEE)) if values[0] > 0 else np.inf
+
     unknown = _reread(Scalar("saturation", "1", 0.0, additive=True), biased, KNEE_CONSTANT)
-    return [replace(unknown, size=_saturation)]
-
-
-def _saturation(values: Floats) -> float:
-    """Return b_s / b_0, the flux of the iron's knee over that of the bias."""
-    knee = float(values[0])
-    return float(knee ** (-1 / KNEE)) if knee > 0 else np.inf
+    return [replace(unknown, size=saturation)]
 
 
 def _law(channel: Channel) -> Law:
@@ -523,18 +498,6 @@ def _law(channel: Channel) -> Law:
 def _bent(records: Records) -> list[Channel]:
     """Return the inputs of records with samples whose force was made by a law that bends."""
     return [c for c in _inputs(_with_samples(records)).values() if c.law is not None]
-
-
-def _refuse_unlike(name: str, label: str, channels: Sequence[Channel]) -> None:
-    stated = {_law(channel).constants[name] for channel in channels}
-    if len(stated) > 1:
-        listed = ", ".join(f"{found.value:g} +- {found.std:g}" for found in sorted(stated))
-        raise InputError(
-            f"{name} of {label} as {listed}",
-            "one value and deviation of a constant that is shared",
-            "write the same in every channel, or drop shared",
-            place=f"channels.{channels[0].name}.{name}",
-        )
 
 
 # What turns with the rotor.
@@ -705,6 +668,7 @@ def unknowns_of(records: Records, wanted: Nuisances | None = None) -> tuple[Unkn
 class Plausible:
     """By how much something is wrong that is taken as exact, and what to say of it."""
 
+    kind: Kind
     about: str
     unit: str  # of the scalars meant
     size: float  # SI
@@ -714,45 +678,31 @@ class Plausible:
     in_scale: bool = False  # one of all forces, or of all sensors, is the scale, told by itself
 
 
-TAKEN_AS_EXACT: tuple[tuple[Kind, Plausible], ...] = (
+_SAYS = "says how well it is known"
+TAKEN_AS_EXACT = (
     # Runout of a ground journal; balancing standards allow the probes several times it.
-    (
-        runouts,
-        Plausible("runout", "m", 1e-6, "assumed zero: 1 um of it", "runout = true estimates it"),
+    Plausible(
+        runouts, "runout", "m", 1e-6, "assumed zero: 1 um of it", "runout = true estimates it"
     ),
     # A mark is glued on, and a filter of 9 kHz turns 9000 rpm by as much.
-    (
+    Plausible(
         phases,
-        Plausible(
-            "rotor angle",
-            "rad",
-            np.pi / 180,
-            "assumed exact: 1 deg of error",
-            "unbalance angles refer to the stated rotor angle",
-        ),
+        "rotor angle",
+        "rad",
+        np.pi / 180,
+        "assumed exact: 1 deg of error",
+        "unbalance angles refer to the stated rotor angle",
     ),
     # What calibrating by hand reaches.
-    (
-        gains,
-        Plausible(
-            "gain",
-            "1",
-            0.01,
-            "assumed exact: 1 % of error",
-            "gain_std says how well it is known",
-            in_scale=True,
-        ),
-    ),
+    Plausible(gains, "gain", "1", 0.01, "assumed exact: 1 % of error", f"gain_std {_SAYS}", True),
     # A tenth of the sample time of many loggers, and the lag of a filter of 16 kHz.
-    (
+    Plausible(
         delays,
-        Plausible(
-            "delay",
-            "s",
-            10e-6,
-            "assumed exact: 10 us of error",
-            'delay = { std = ".." } says how well it is known',
-        ),
+        "delay",
+        "s",
+        10e-6,
+        "assumed exact: 10 us of error",
+        f'delay = {{ std = ".." }} {_SAYS}',
     ),
 )
 """Kinds that are taken as exact where nobody asks for them, in the order in which they are told."""

@@ -211,7 +211,7 @@ def test_unseen_is_what_no_warning_tells() -> None:
 
 
 def test_the_sizes_are_what_is_written() -> None:
-    for _, kind in TAKEN_AS_EXACT:
+    for kind in TAKEN_AS_EXACT:
         shown = re.fullmatch(r"assumed (?:zero|exact): (.*) of (?:it|error)", kind.text)
         assert shown is not None
         if kind.about == "gain":
@@ -221,7 +221,7 @@ def test_the_sizes_are_what_is_written() -> None:
         assert kind.size == pytest.approx(size)
         assert kind.unit == unit
         assert to_si(shown[1], unit) == pytest.approx(size)
-    assert [kind.about for _, kind in TAKEN_AS_EXACT] == [
+    assert [kind.about for kind in TAKEN_AS_EXACT] == [
         "runout",
         "rotor angle",
         "gain",
