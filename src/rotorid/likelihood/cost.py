@@ -230,9 +230,7 @@ class Evaluation:
         self.problem, self.unknowns, self._relaxation = problem, unknowns, relaxation
         self.mu = problem.monomials.values(unknowns)
         self.state = problem.calibration.at(unknowns)
-        self.load = as_complex(np.tensordot(self.state.phase, problem.load, 1))
         self._set_columns()
-        self._error = self._errors_of_rows()
         self._set_projection(like)
         gain = self._projected(self.columns) @ problem.noise.factor
         root = gain.conj().transpose(0, 2, 1)
@@ -242,41 +240,39 @@ class Evaluation:
         self.whitener = as_complex(np.linalg.qr(root, mode="r"))
         self.lower = self.whitener.conj().transpose(0, 2, 1)
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
-        self._moves = self._affine_directions()
         self.ends: Ends | None = None
-        every = np.concatenate([self._error[:, :, None], self._moves], axis=2)
-        every, whitened = self._without_ends(every)
-        self._error, self._moves = every[:, :, 0], every[:, :, 1:]
-        self._whitened_moves = whitened[:, :, 1:]
-        self._set_whitened(whitened[:, :, 0])
+        self._set_rows(self._affine)
 
     def with_data(self, problem: Likelihood) -> Evaluation:
         """Return the evaluation of the same machine with other lines and loads, whitened alike."""
         other = copy.copy(self)
         other.problem = problem
-        other.load = as_complex(np.tensordot(self.state.phase, problem.load, 1))
-        rows = other._errors_of_rows()[:, :, None]
-        rows, whitened = other._without_ends(rows)
-        other._error = rows[:, :, 0]
-        other._set_whitened(whitened[:, :, 0])
+        other._set_rows(self._affine[:0])
         return other
 
-    def _without_ends(self, rows: Complexes) -> tuple[Complexes, Complexes]:
-        """Return rows, and whitened rows, with what the loose ends of the window do best."""
-        transient, whitened = self.problem.transient, self._white(rows)
-        if transient is None:
-            return rows, whitened
-        if self.ends is None:
-            ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, : self.problem.rows]
-            unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
-            self._end_columns = transient.columns(self._white(unit))
-            self.ends = Ends.of(self.stacked(self._end_columns))
-        tau = self.ends.tau(self.stacked(whitened))
-        moved = rows.copy()
-        added = transient.rows(tau, self.problem.rows)
-        moved[:, : self.problem.rows] += added
-        self.loose, self._loose_moves = added[:, :, 0], added[:, :, 1:]
-        return moved, as_complex(whitened + self._end_columns @ tau)
+    def _set_rows(self, affine: Integers) -> None:
+        """Find the errors of the rows, and their derivatives by affine unknowns behind them.
+
+        What the loose ends of the window do best is taken out of both.
+        """
+        transient, count = self.problem.transient, self.problem.rows
+        self.load = as_complex(np.tensordot(self.state.phase, self.problem.load, 1))
+        errors = self._errors_of_rows()[:, :, None]
+        rows = np.concatenate([errors, self._affine_directions(affine)], axis=2)
+        whitened = self._white(rows)
+        self._loose = np.zeros((len(rows), count, rows.shape[2]), dtype=np.complex128)
+        if transient is not None:
+            if self.ends is None:
+                ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, :count]
+                unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
+                self._end_columns = transient.columns(self._white(unit))
+                self.ends = Ends.of(self.stacked(self._end_columns))
+            tau = self.ends.tau(self.stacked(whitened))
+            self._loose = transient.rows(tau, count)
+            rows[:, :count] += self._loose
+            whitened = as_complex(whitened + self._end_columns @ tau)
+        self._rows, self._whitened_rows = rows, whitened
+        self._set_cost()
 
     def _set_columns(self) -> None:
         p, n = self.problem, self.problem.coordinates
@@ -321,9 +317,9 @@ class Evaluation:
             return np.broadcast_to(every, (p.lines, p.rows, p.all_rows))
         return as_complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
 
-    def _affine_directions(self) -> Complexes:
+    def _affine_directions(self, affine: Integers) -> Complexes:
         """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""
-        p, affine = self.problem, self._affine
+        p = self.problem
         columns = np.zeros((p.lines, p.all_rows, len(affine)), dtype=np.complex128)
         if len(affine):
             slopes = p.monomials.jacobian(self.unknowns)[p.loading]
@@ -346,7 +342,7 @@ class Evaluation:
 
     def errors(self) -> Complexes:
         """Return e, the equation errors that no hidden motion and no loose end explains."""
-        return self._projected(self._error[:, :, None])[:, :, 0]
+        return self._projected(self._rows[:, :, :1])[:, :, 0]
 
     def whitened_columns(self) -> Complexes:
         """Return the whitened residual of a one in each channel, (line, equation, channel)."""
@@ -354,7 +350,7 @@ class Evaluation:
 
     @property
     def affine_jacobian(self) -> Floats:
-        return self.stacked(self._whitened_moves)
+        return self.stacked(self._whitened_rows[:, :, 1:])
 
     def shift(self, change: Floats) -> None:
         """Move the affine unknowns; nothing but s moves, and linearly."""
@@ -362,13 +358,17 @@ class Evaluation:
         self.unknowns[self._affine] += change
         self.mu = self.problem.monomials.values(self.unknowns)
         self.state = self.problem.calibration.at(self.unknowns)
-        self._error = self._error + self._moves @ change
-        if self.ends is not None:
-            self.loose = self.loose + self._loose_moves @ change
-        self._set_whitened(self.whitened + self._whitened_moves @ change)
+        for rows in (self._rows, self._whitened_rows, self._loose):
+            rows[:, :, 0] += rows[:, :, 1:] @ change
+        self._set_cost()
 
-    def _set_whitened(self, whitened: Complexes) -> None:
-        self.whitened = whitened
+    @property
+    def loose(self) -> Complexes:
+        """What the loose ends of the window do best, in the rows of equations."""
+        return self._loose[:, :, 0]
+
+    def _set_cost(self) -> None:
+        self.whitened = whitened = self._whitened_rows[:, :, 0]
         size = (whitened.real**2 + whitened.imag**2).sum(axis=1)
         self.line_costs = self.problem.multiplicity * size
         self.cost = float(self.line_costs.sum())
@@ -426,7 +426,7 @@ class Evaluation:
         reading = true - self.state.readings
         motion = reading[:, p.inputs :] @ sensing.right.T
         if self._projection is not None:
-            left = self._error - (self.columns @ correction)[:, :, 0]
+            left = self._rows[:, :, 0] - (self.columns @ correction)[:, :, 0]
             if self._relaxation > 0:
                 granted = (self._granted() @ multiplier)[:, :, 0]
                 left[:, : p.rows] -= self._relaxation**2 * granted

@@ -1,30 +1,16 @@
 """What the cost of a whole record should be, by the equation errors beside each line.
 
-C comes from windows wide enough for all channels, in which the noise of the equations is not quite
-the same on every line, and which may hold motion that bends. That shifts J by a part in some
-hundred, as much as it scatters. At the estimate the equation errors r hold no motion, and they are
-fewer than channels, so that a window of half the width does:
-
-    K = sum_k c r_k^H V_k^-1 r_k,   V_k = R^H P R / n
-
-R the errors in the window, P = 1 - Q Q^H what the references leave at each line (Q constant in the
-window), n its rank. With e equations, w lines in a window, p_k = (P)_kk of the line itself, and
-T = sum_k P_k / n, the weight with which every pair of lines enters the noise,
-
-    E K   = sum_k c e (p_k + (1 - p_k) n / (n - e))
-    var K = c^2 e ((n / (n - e))^2 tr (1 - T)^2 + lines e / (3 w))
-
-since K does not change when the scale of the noise does, so that sum |r|^2 itself has no part in
-it: only what the references take up scatters, and pairs of lines. Where V comes from a quiet record
-the two are independent, and so are their parts of the scatter:
-
-    E K   = lines c e n / (n - e)
-    var K = c^2 e ((n / (n - e))^2 (lines + tr T^2) + lines e (1 + 4 w / 3 n) / n)
+C comes from windows wide enough for all channels, which may hold motion that bends and noise that
+is not quite the same on every line: that shifts J by as much as it scatters. At the estimate the
+equation errors r hold no motion, and are fewer than channels, so that a window of half the width
+does. Their sum K, in which they are whitened by their own windows, has a mean and a variance that
+are known (docs/maximum-likelihood.md derives them), and J is expected to be as far off as K says.
 
 Beside a mode the size of r changes within a few lines, so that all r are first divided by what
 noise of the channels would make of them that is the same on every line, its size found from them.
 
-J is expected to be as far off as K says: ``J E K / K``.
+*Notation*: e equations, w lines in a window, n the rank of P, which takes the references out of it,
+p_k = (P)_kk of the line itself, T = sum_k P_k / n the weight of every pair of lines in the noise.
 """
 
 from __future__ import annotations
@@ -79,15 +65,10 @@ def by_equation_errors(
                 variance *= (at.cost / found.cost) ** 2
             cost = replace(cost, means=means, variance=variance)
         costs.append(cost)
-    before = inference.expectation
-    shift = sum(float(cost.means.sum()) for cost in costs)
-    shift -= sum(float(cost.means.sum()) for cost in inference.records)
-    spread = (
-        before.variance
-        + sum(c.variance for c in costs)
-        - sum(c.variance for c in inference.records)
-    )
-    told = Expectation(before.mean + shift, spread, before.dof)
+    before, pairs = inference.expectation, list(zip(costs, inference.records, strict=True))
+    mean = before.mean + sum(float(new.means.sum() - old.means.sum()) for new, old in pairs)
+    variance = before.variance + sum(new.variance - old.variance for new, old in pairs)
+    told = Expectation(mean, variance, before.dof)
     return replace(inference, expectation=told, records=tuple(costs))
 
 
@@ -105,14 +86,14 @@ def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> Sum | None:
     chosen = np.flatnonzero((centre >= half) & (centre < len(noise) - half))
     if len(chosen) < width:
         return None
-    windows = _Windows(noise, beside, half, count)
     costs, own = np.zeros(len(chosen)), np.zeros(len(chosen))
     # T, (line, distance): the distance from - 2 half to 2 half
     paired = np.zeros((len(noise), 4 * half + 1), dtype=np.complex128)
     for start in range(0, len(chosen), CHUNK):
         part = slice(start, start + CHUNK)
         lines = chosen[part]
-        found = windows.costs(centre[lines], errors[lines], paired)
+        window = centre[lines, None] + np.arange(-half, half + 1)
+        found = _window_costs(beside, window, noise[window], errors[lines], paired)
         if found is None:
             return None
         costs[part], own[part] = found
@@ -190,43 +171,34 @@ def _turns(at: Evaluation) -> Complexes | None:
     return turns
 
 
-@frozen
-class _Windows:
-    """The regression of equation errors in the window about each line."""
-
-    noise: Complexes
-    beside: Beside
-    half: int
-    equations: int
-
-    def costs(
-        self, centre: Integers, errors: Complexes, paired: Complexes
-    ) -> tuple[Floats, Floats] | None:
-        """Return each line's cost and p_k, and add its P / n to T; None where V is singular."""
-        window = centre[:, None] + np.arange(-self.half, self.half + 1)
-        kept = self.beside.ordinary[window]
-        design = self.beside.columns[window] * kept[:, :, None]
-        size = np.sqrt((np.abs(design) ** 2).sum(axis=1, keepdims=True))
-        orthogonal, _ = np.linalg.qr(design / np.where(size > 0, size, 1.0))
-        data = self.noise[window] * kept[:, :, None]
-        left = data - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ data)
-        degrees = np.maximum(kept.sum(axis=1) - design.shape[2], self.equations + 1)
-        matrices = left.transpose(0, 2, 1) @ left.conj() / degrees[:, None, None]
-        scale = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2).real)
-        if not (scale > 0).all():
-            return None
-        scaled = errors / scale
-        matrices = matrices / (scale[:, :, None] * scale[:, None, :])
-        try:
-            solved = np.linalg.solve(matrices, scaled[:, :, None])[:, :, 0]
-        except np.linalg.LinAlgError:
-            return None
-        projector = -(orthogonal @ orthogonal.conj().transpose(0, 2, 1))
-        each = np.arange(window.shape[1])
-        projector[:, each, each] += kept
-        own = projector[:, self.half, self.half].real.copy()
-        _add(paired, window, projector / degrees[:, None, None])
-        return (scaled.conj() * solved).sum(axis=1).real, own
+def _window_costs(
+    beside: Beside, window: Integers, noise: Complexes, errors: Complexes, paired: Complexes
+) -> tuple[Floats, Floats] | None:
+    """Return each line's cost and p_k, and add its P / n to T; None where V is singular."""
+    kept = beside.ordinary[window]
+    design = beside.columns[window] * kept[:, :, None]
+    size = np.sqrt((np.abs(design) ** 2).sum(axis=1, keepdims=True))
+    orthogonal, _ = np.linalg.qr(design / np.where(size > 0, size, 1.0))
+    data = noise * kept[:, :, None]
+    left = data - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ data)
+    degrees = np.maximum(kept.sum(axis=1) - design.shape[2], errors.shape[1] + 1)
+    matrices = left.transpose(0, 2, 1) @ left.conj() / degrees[:, None, None]
+    scale = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2).real)
+    if not (scale > 0).all():
+        return None
+    scaled = errors / scale
+    matrices = matrices / (scale[:, :, None] * scale[:, None, :])
+    try:
+        solved = np.linalg.solve(matrices, scaled[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        return None
+    projector = -(orthogonal @ orthogonal.conj().transpose(0, 2, 1))
+    each = np.arange(window.shape[1])
+    projector[:, each, each] += kept
+    half = len(each) // 2
+    own = projector[:, half, half].real.copy()
+    _add(paired, window, projector / degrees[:, None, None])
+    return (scaled.conj() * solved).sum(axis=1).real, own
 
 
 def _add(paired: Complexes, window: Integers, weights: Complexes) -> None:

@@ -44,8 +44,7 @@ def _pushed(at: Evaluation) -> Complexes:
     true = at.state.factors[:, :forces] * at.problem.data[:, :forces]
     true -= at.state.readings[:, :forces]
     right = (at.inputs[:, :equations, :forces] @ true[:, :, None])[:, :, 0]
-    right += at.loads[:, :equations]
-    return np.asarray(right if at.ends is None else right + at.loose[:, :equations])
+    return np.asarray(right + (at.loads + at.loose)[:, :equations])
 
 
 def _readings(at: Evaluation, motion: Complexes) -> Complexes:
@@ -104,9 +103,7 @@ def _inputs(record: Observation, at: Evaluation) -> Predicted:
     true = at.state.factors * p.data - at.state.readings
     motion = true[:, p.inputs :] @ p.sensing.right.T
     left = (at.stiffness[:, :equations] @ motion[:, :, None])[:, :, 0]
-    left += at.loads[:, :equations]
-    if at.ends is not None:
-        left += at.loose[:, :equations]
+    left += (at.loads + at.loose)[:, :equations]
     matrix = at.inputs[:, :equations, :forces]
     names = record.model.inputs
     units = tuple(channel.unit for channel in record.inputs)  # A, where a law makes the force

@@ -15,7 +15,8 @@ which takes a third of the time.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -129,9 +130,9 @@ def find_scales(
         if (row != 0).sum() == 1 and amounts[s] > SEEN * reading_noise[s]:
             coordinate = int(row.nonzero()[0][0])
             tied.append((rows + coordinate, amounts[s] / abs(row[coordinate]), 1.0))
-    tie, values = np.zeros((len(tied), rows + coordinates)), np.zeros(len(tied))
-    for k, (unknown, amount, weight) in enumerate(tied):
-        tie[k, unknown], values[k] = weight, weight * np.log(amount)
+    which, amount, weight = np.array(tied).reshape(-1, 3).T
+    tie = weight[:, None] * np.eye(rows + coordinates)[which.astype(int)]
+    values = weight * np.log(amount)
     # The shortest solution serves what nothing ties (a rotor at rest without any force).
     logs = np.linalg.lstsq(
         np.concatenate([fit, tie]), np.concatenate([np.log(size[r, c]), values]), rcond=1e-10
@@ -207,83 +208,62 @@ BLOCK = 32
 """Columns that LAPACK takes at once."""
 
 
-class Projection(Protocol):
+@frozen
+class Projection:
     """What is left of rows, and the hidden motion that explains the rest."""
 
-    @property
-    def null_h(self) -> Complexes: ...  # N^H, shape (line, equation, row)
-
-    def motion(self, left: Complexes) -> Complexes:
-        """Return q = H w with ``P q + left = 0``, (line, coordinate), left in the range of P H."""
+    null_h: Complexes  # N^H, shape (line, equation, row)
+    # q = H w with ``P q + left = 0``, (line, coordinate), of a left in the range of P H
+    motion: Callable[[Complexes], Complexes]
 
 
-@frozen
-class Reflections:
-    """By the QR factorization of P H: ``adjoint`` and ``triangle`` are those of its range."""
+def by_qr(stiffness: Complexes, hidden: Floats) -> Projection:
+    """Factor P H of all lines at once."""
+    basis, triangle = np.linalg.qr(stiffness @ hidden, mode="complete")
+    adjoint, count = basis.conj().transpose(0, 2, 1), hidden.shape[1]
 
-    null_h: Complexes
-    adjoint: Complexes
-    triangle: Complexes
-    basis: Floats
+    def motion(left: Complexes) -> Complexes:
+        found = np.linalg.solve(triangle[:, :count], adjoint[:, :count] @ left[:, :, None])
+        return as_complex(-found[:, :, 0] @ hidden.T)
 
-    @classmethod
-    def of(cls, stiffness: Complexes, hidden: Floats) -> Reflections:
-        basis, triangle = np.linalg.qr(stiffness @ hidden, mode="complete")
-        adjoint, count = basis.conj().transpose(0, 2, 1), hidden.shape[1]
-        return cls(adjoint[:, count:], adjoint[:, :count], triangle[:, :count], hidden)
-
-    def motion(self, left: Complexes) -> Complexes:
-        found = np.linalg.solve(self.triangle, self.adjoint @ left[:, :, None])[:, :, 0]
-        return as_complex(-found @ self.basis.T)
+    return Projection(adjoint[:, count:], motion)
 
 
-@frozen
-class Reflectors:
-    """By the reflections themselves, line by line as LAPACK has them."""
+def by_reflections(stiffness: Complexes, hidden: Floats) -> Projection:
+    """Factor P H line by line, and keep the reflections as LAPACK has them."""
+    from scipy.linalg.lapack import zgeqrf, ztrtrs, zunmqr  # where needed: it takes its time
 
-    null_h: Complexes
-    factors: tuple[tuple[Complexes, Complexes], ...]
-    basis: Floats
+    rows, count = stiffness.shape[1], hidden.shape[1]
+    last = np.eye(rows, dtype=np.complex128, order="F")[:, count:]
+    null_h = np.zeros((len(stiffness), rows - count, rows), dtype=np.complex128)
+    factors = []
+    for line, into in zip(as_complex(stiffness @ hidden), null_h, strict=True):
+        reflected, sizes, _, failed = zgeqrf(line, lwork=BLOCK * rows)
+        null, _, lost = zunmqr("L", "N", reflected, sizes, last, BLOCK * rows)
+        if failed or lost:
+            raise np.linalg.LinAlgError("no QR factorization")
+        into[:] = null.T
+        factors.append((reflected, sizes))
 
-    @classmethod
-    def of(cls, stiffness: Complexes, hidden: Floats) -> Reflectors:
-        from scipy.linalg.lapack import zgeqrf, zunmqr  # where it is needed: it takes its time
-
-        rows, count = stiffness.shape[1], hidden.shape[1]
-        columns = as_complex(stiffness @ hidden)
-        last = np.eye(rows, dtype=np.complex128, order="F")[:, count:]
-        null_h = np.zeros((len(stiffness), rows - count, rows), dtype=np.complex128)
-        factors = []
-        for line, into in zip(columns, null_h, strict=True):
-            reflected, sizes, _, failed = zgeqrf(line, lwork=BLOCK * rows)
-            null, _, lost = zunmqr("L", "N", reflected, sizes, last, BLOCK * rows)
-            if failed or lost:
-                raise np.linalg.LinAlgError("no QR factorization")
-            into[:] = null.T
-            factors.append((reflected, sizes))
-        return cls(np.conj(null_h, out=null_h), tuple(factors), hidden)
-
-    def motion(self, left: Complexes) -> Complexes:
-        from scipy.linalg.lapack import ztrtrs, zunmqr
-
-        count = self.basis.shape[1]
+    def motion(left: Complexes) -> Complexes:
         found = np.zeros((len(left), count), dtype=np.complex128)
-        for (reflected, sizes), right, into in zip(self.factors, left, found, strict=True):
-            turned, *_ = zunmqr("L", "C", reflected, sizes, right[:, None], BLOCK * len(right))
+        for (reflected, sizes), right, into in zip(factors, left, found, strict=True):
+            turned, *_ = zunmqr("L", "C", reflected, sizes, right[:, None], BLOCK * rows)
             solved, singular = ztrtrs(reflected[:count], turned[:count])
             if singular:
                 raise np.linalg.LinAlgError("Singular matrix")
             into[:] = solved[:, 0]
-        return as_complex(-found @ self.basis.T)
+        return as_complex(-found @ hidden.T)
+
+    return Projection(np.conj(null_h, out=null_h), motion)
 
 
 def projection(stiffness: Complexes, hidden: Floats) -> Projection | None:
     """Project hidden coordinates, of an orthonormal basis (coordinate, hidden), out of P."""
     if not hidden.shape[1]:
         return None
-    if hidden.shape[1] >= MANY and np.isfinite(stiffness).all():
-        return Reflectors.of(stiffness, hidden)
-    return Reflections.of(stiffness, hidden)
+    many = hidden.shape[1] >= MANY and np.isfinite(stiffness).all()
+    return by_reflections(stiffness, hidden) if many else by_qr(stiffness, hidden)
 
 
 def as_complex(array: Any) -> Complexes:
