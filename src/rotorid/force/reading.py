@@ -23,7 +23,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
+from dataclasses import fields as fields_of
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -93,19 +95,9 @@ def forces(
         channels.append(channel)
         columns.append(column)
     # As `replace`, for subclasses too: a record of forces is a plain one.
-    return Record(
-        channels=tuple(channels),
-        samples=np.stack(columns, axis=1),
-        sample_rate=record.sample_rate,
-        speed=record.speed,
-        angle=record.angle,
-        phase_known=record.phase_known,
-        phase_std=record.phase_std,
-        source=record.source,
-        valid=record.valid,
-        warnings=record.warnings,
-        start=record.start,
-    )
+    fields: dict[str, Any] = {each.name: getattr(record, each.name) for each in fields_of(Record)}
+    samples = np.stack(columns, axis=1)
+    return Record(**{**fields, "channels": tuple(channels), "samples": samples})
 
 
 def drive_readings(record: Record) -> dict[str, ForceReading]:

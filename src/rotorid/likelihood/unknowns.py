@@ -405,10 +405,9 @@ def displacement_gains(records: Records, wanted: Nuisances | None) -> list[Unkno
         mean = float(np.mean([drive.ks for drive in driven.values()]))
         found.append(_driving("ks", "ks", "N/m", mean, driven))
     if "ks*" in asked:
-        common = "ks" if len(driven) > 1 else ""
-        for name, drive in driven.items():
-            one = _driving("ks", f"ks[{name}]", "N/m", drive.ks, [name])
-            found.append(replace(one, alternative_to=common))
+        other = "ks" if len(driven) > 1 else ""
+        each = (_driving("ks", f"ks[{n}]", "N/m", drive.ks, [n]) for n, drive in driven.items())
+        found += [replace(unknown, alternative_to=other) for unknown in each]
     return [replace(unknown, rival="term") for unknown in found]
 
 
@@ -421,41 +420,43 @@ def _driving(
 
 def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return constants of the force laws, each of one or more inputs, all changed by as much."""
-    groups: dict[tuple[str, str], list[Channel]] = {}
-    common: dict[tuple[str, str], list[Channel]] = {}
-    for channel in _bent(records):
-        for name, constant in _law(channel).constants.items():
-            common.setdefault((name, ""), []).append(channel)
+    laws = _bent(records)
+    groups: dict[tuple[str, str], list[str]] = {}
+    common: dict[tuple[str, str], list[str]] = {}
+    for input_name, law in laws.items():
+        for name, constant in law.constants.items():
+            common.setdefault((name, ""), []).append(input_name)
             if constant.std:
-                groups.setdefault((name, constant.shared or channel.name), []).append(channel)
+                groups.setdefault((name, constant.shared or input_name), []).append(input_name)
     found = []
-    for (name, label), channels in (groups | (common if wanted is None else {})).items():
-        stated = [_law(channel).constants[name] for channel in channels]
-        if label and len(set(stated)) > 1:
-            listed = ", ".join(f"{of.value:g} +- {of.std:g}" for of in sorted(set(stated)))
+    for (name, label), on in (groups | (common if wanted is None else {})).items():
+        first, *others = dict.fromkeys(laws[each].constants[name] for each in on)
+        if label and others:
+            listed = ", ".join(f"{of.value:g} +- {of.std:g}" for of in sorted([first, *others]))
             raise InputError(
                 f"{name} of {label} as {listed}",
                 "one value and deviation of a constant that is shared",
                 "write the same in every channel, or drop shared",
-                place=f"channels.{channels[0].name}.{name}",
+                place=f"channels.{on[0]}.{name}",
             )
-        if label or np.isfinite([of.value for of in stated]).all():
+        mean = float(np.mean([laws[each].constants[name].value for each in on]))
+        if label or np.isfinite(mean):
             scalar = Scalar(
                 f"{name}[{label}]" if label else name,
-                stated[0].unit,
-                float(np.mean([of.value for of in stated])),
-                None if wanted is None or np.isinf(stated[0].std) else stated[0].std,
-                positive=stated[0].positive,
-                additive=not stated[0].positive,
+                first.unit,
+                mean,
+                None if wanted is None or np.isinf(first.std) else first.std,
+                positive=first.positive,
+                additive=not first.positive,
                 anchored=True,
             )
-            found.append(_reread(scalar, channels, name))
+            found.append(_reread(scalar, on, name))
     return found
 
 
-def _reread(scalar: Scalar, channels: Sequence[Channel], constant: str) -> Unknown:
+def _reread(scalar: Scalar, inputs: Iterable[str], constant: str) -> Unknown:
     """Return an unknown at whose start the forces are as they were read."""
-    on = frozenset(c.name for c in channels)
+    on = frozenset(inputs)
     return Unknown(
         (scalar,),
         on,
@@ -471,15 +472,13 @@ def knees(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
     Of the inputs whose law knows a bias, and no saturation; files say the saturation itself.
     """
-    if wanted is not None:
-        return []
     biased = [
-        channel
-        for channel in _bent(records)
-        if (known := _law(channel).constants).keys() >= {"bias", "saturation"}
+        name
+        for name, law in _bent(records).items()
+        if (known := law.constants).keys() >= {"bias", "saturation"}
         and np.isinf(known["saturation"].value)
     ]
-    if not biased:
+    if wanted is not None or not biased:
         return []
 
     def saturation(values: Floats) -> float:
@@ -490,14 +489,10 @@ def knees(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     return [replace(unknown, size=saturation)]
 
 
-def _law(channel: Channel) -> Law:
-    assert channel.law is not None
-    return channel.law
-
-
-def _bent(records: Records) -> list[Channel]:
-    """Return the inputs of records with samples whose force was made by a law that bends."""
-    return [c for c in _inputs(_with_samples(records)).values() if c.law is not None]
+def _bent(records: Records) -> dict[str, Law]:
+    """Return the laws that bend, by the inputs of records with samples that they made."""
+    inputs = _inputs(_with_samples(records))
+    return {name: channel.law for name, channel in inputs.items() if channel.law is not None}
 
 
 # What turns with the rotor.
@@ -611,16 +606,11 @@ def own_values(
     index: int, parameter: Parameter, told: Mapping[int, tuple[float, float | None]], records: int
 ) -> list[Unknown]:
     """Return a parameter in those of the records that say it: `told` its (value, std) by record."""
-    name, replaces = parameter.name, Replaces(index, alone=len(told) == records)
+    name, effects = parameter.name, (Replaces(index, alone=len(told) == records),)
     scalar = partial(Scalar, unit=parameter.unit, nuisance=False, positive=parameter.positive)
     return [
-        Unknown(
-            (scalar(f"{name}[{k}]", start=value, std=std),),
-            frozenset([name]),
-            (replaces,),
-            record=k,
-        )
-        for k, (value, std) in told.items()
+        Unknown((scalar(f"{name}[{k}]", start=v, std=std),), frozenset([name]), effects, record=k)
+        for k, (v, std) in told.items()
     ]
 
 
@@ -628,15 +618,11 @@ def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return values of parameters in one record, in place of what the others share."""
     if wanted is None or not records:
         return []
-    given = [own_in_si(record) for record in records]
-    found = []
+    given, found = [own_in_si(record) for record in records], []
     for index, parameter in enumerate(records[0].model.parameters):
-        name = parameter.name
-        told: dict[int, tuple[float, float | None]] = {
-            k: own.get(name, (np.nan, None))
-            for k, own in enumerate(given)
-            if name in own or name in wanted.each
-        }
+        name, unknown = parameter.name, (np.nan, None)
+        asked = (k for k, own in enumerate(given) if name in own or name in wanted.each)
+        told = {k: given[k].get(name, unknown) for k in asked}
         found += own_values(index, parameter, told, len(records))
     return found
 
