@@ -23,6 +23,7 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
@@ -63,30 +64,20 @@ class Entries:
 
 
 @frozen
-class Group:
-    """Unknowns that stand in terms of the same kinds, and their part of all matrices."""
-
-    unknowns: Integers
-    kinds: Integers
-    part: slice
-
-
-@frozen
 class EntrySlopes:
     """Derivatives of ``[P, B] @ sources`` by the unknowns, which are linear in the sources.
 
-    By each unknown it is a real matrix times the sources, these times the weights of each kind.
+    They are a sparse matrix times the sources, these times the weights of each kind.
     """
 
-    groups: tuple[Group, ...]  # the matrices of each stand as (kind, column, unknown, row)
-    coefficient: Floats  # (pair,): of the terms, for each unknown that they depend on
-    # (pair,): whose derivative that is multiplied by, and where among all matrices it goes
+    # (pair,): of the terms, for each unknown that they depend on: from which source and weight, to
+    # which unknown and row, and whose derivative is multiplied by the coefficient
+    source: Integers
+    target: Integers
     monomial: Integers
     unknown: Integers
-    place: Integers
-    # of one matrix, and of all
+    coefficient: Floats  # (pair,)
     rows: int
-    size: int
 
     @classmethod
     def of(cls, entries: Entries, monomials: Monomials, rows: int, columns: int) -> EntrySlopes:
@@ -94,36 +85,18 @@ class EntrySlopes:
         term, which = np.nonzero(factors < count)
         once = np.unique(term * count + factors[term, which])  # a power is one factor
         term, unknown = np.divmod(once, count)
-        kind, column, row = (x[term] for x in (entries.kind, entries.column, entries.row))
-        alike: dict[tuple[int, ...], list[int]] = {}
-        for number in np.unique(unknown).tolist():
-            used = tuple(np.unique(kind[unknown == number]).tolist())
-            alike.setdefault(used, []).append(number)
-        place, groups, first = np.zeros(len(term), dtype=np.int64), [], 0
-        for used, members in alike.items():
-            kinds, unknowns = np.array(used), np.array(members)
-            mine = np.isin(unknown, unknowns)
-            inner = np.searchsorted(kinds, kind[mine]) * columns + column[mine]
-            inner = inner * len(unknowns) + np.searchsorted(unknowns, unknown[mine])
-            place[mine] = first + inner * rows + row[mine]
-            last = first + len(kinds) * columns * len(unknowns) * rows
-            groups.append(Group(unknowns, kinds, slice(first, last)))
-            first = last
-        pairs = entries.coefficient[term], entries.monomial[term], unknown, place
-        return cls(tuple(groups), *pairs, rows, first)
+        source = entries.kind[term] * columns + entries.column[term]
+        target = unknown * rows + entries.row[term]
+        return cls(source, target, entries.monomial[term], unknown, entries.coefficient[term], rows)
 
-    def into(self, out: Complexes, sources: Complexes, weights: Complexes, slopes: Floats) -> None:
-        """Put into `out`, shape (line, unknown, row); `slopes` are those of the monomials."""
+    def of_sources(self, sources: Complexes, weights: Complexes, slopes: Floats) -> Complexes:
+        """Return the derivatives, (unknown, row, line); `slopes` are those of the monomials."""
+        weighed = np.multiply(weights.T[:, None], sources.T, order="C").reshape(-1, len(sources))
         values = self.coefficient * slopes[self.monomial, self.unknown]
-        every = np.bincount(self.place, values, minlength=self.size)
-        weighed = weights[:, :, None] * sources[:, None, :]
-        parts = np.stack([weighed.real, weighed.imag])  # (2, line, kind, column)
-        for group in self.groups:
-            matrix = every[group.part].reshape(-1, len(group.unknowns) * self.rows)
-            moved = parts[:, :, group.kinds].reshape(2, len(sources), -1) @ matrix
-            real, imaginary = moved.reshape(2, len(sources), -1, self.rows)
-            out.real[:, group.unknowns, : self.rows] = real
-            out.imag[:, group.unknowns, : self.rows] = imaginary
+        shape = slopes.shape[1] * self.rows, len(weighed)
+        matrix = scipy.sparse.csr_array((values, (self.target, self.source)), shape)
+        parts = matrix @ weighed.view(float)
+        return as_complex(parts.view(complex).reshape(-1, self.rows, len(sources)))
 
 
 @frozen
@@ -440,7 +413,8 @@ class Evaluation:
         sources = np.concatenate([motion, forces], axis=1)
         slopes = p.monomials.jacobian(self.unknowns)
         columns = np.zeros((p.lines, p.monomials.unknowns, p.all_rows), dtype=np.complex128)
-        p.slopes.into(columns, sources, p.entries.weights, slopes)
+        found = p.slopes.of_sources(sources, p.entries.weights, slopes)
+        columns[:, :, : p.rows] = found.transpose(2, 0, 1)
         jacobian = columns.transpose(0, 2, 1)
         loading = np.flatnonzero(slopes[p.loading].any(axis=0))
         jacobian[:, : p.rows, loading] += self.load @ slopes[np.ix_(p.loading, loading)]
