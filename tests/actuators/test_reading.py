@@ -149,10 +149,3 @@ def test_displacement_as_a_combination_of_sensors() -> None:
 def test_bad_readings_are_refused(record: Record, reading: ForceReading, message: str) -> None:
     with pytest.raises(InputError, match=message):
         forces(record, {"F": reading})
-
-
-def test_a_law_needs_its_channels() -> None:
-    with pytest.raises(InputError, match="two flux densities"):
-        ForceReading(Flux(1e-4), ("b1",))
-    with pytest.raises(InputError, match="one current"):
-        ForceReading(LINEAR, ("i", "j"))

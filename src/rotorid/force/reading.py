@@ -51,16 +51,6 @@ class ForceReading:
     # displacement in the actuator as a combination of channels, in m; empty for `Flux`
     position: Mapping[str, float] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "channels", tuple(self.channels))
-        wanted = 2 if isinstance(self.law, Flux) else 1
-        if len(self.channels) != wanted:
-            raise InputError(
-                f"{len(self.channels)} channels",
-                "two flux densities" if wanted == 2 else "one current",
-                "name the channels of the law",
-            )
-
 
 def forces(
     record: Record,

@@ -370,30 +370,16 @@ def _bend(term: str, unit: str, names: Sequence[str], shape: Callable[[Floats], 
 # Constants of forces. They are no factors of a line: the record's samples go through the law again.
 
 
-def force_scale(records: Records, wanted: Nuisances | None) -> list[Unknown]:
-    """Return one factor of all forces, currents' and displacements' share alike."""
-    std = None if wanted is None else wanted.force_scale_std
-    scalar = Scalar("scale[force]", "1", 1.0, std, positive=True, anchored=True)
-    on = frozenset(_inputs(records))
-    return [] if std == 0 else [Unknown((scalar,), on, (Drives(on, "force"),))]
+def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return ki and ks of inputs, and one factor of all forces.
 
-
-def current_gains(records: Records, wanted: Nuisances | None) -> list[Unknown]:
-    """Return ki: the force per current of an input, or per unit of its channel."""
-    if wanted is not None and "ki" not in wanted.gains:
-        return []
-    found = []
-    for name, channel in _inputs(records).items():
-        unit, ki = ("1", 1.0) if channel.drive is None else ("N/A", channel.drive.ki)
-        found.append(_driving("ki", f"ki[{name}]", unit, ki, [name]))
-    return found
-
-
-def displacement_gains(records: Records, wanted: Nuisances | None) -> list[Unknown]:
-    """Return ks: the force per displacement, one for all inputs or one per input."""
-    asked = {"ks", "ks*"} if wanted is None else {"ks", "ks*"} & set(wanted.gains)
-    driven = {n: c.drive for n, c in _inputs(records).items() if c.drive is not None}
-    if asked and not driven and wanted is not None:
+    ki is the force per current of an input, or per unit of its channel; ks the force per
+    displacement, one for all inputs (``ks``) or one per input (``ks*``).
+    """
+    inputs = _inputs(records)
+    asked = {"ki", "ks", "ks*"} if wanted is None else {*wanted.gains}
+    driven = {n: c.drive for n, c in inputs.items() if c.drive is not None}
+    if asked & {"ks", "ks*"} and not driven and wanted is not None:
         raise InputError(
             "an unknown ks, but forces instead of currents",
             "channels with a linear force law",
@@ -401,14 +387,21 @@ def displacement_gains(records: Records, wanted: Nuisances | None) -> list[Unkno
             place="gains",
         )
     found = []
+    for name in inputs if "ki" in asked else ():
+        unit, ki = ("N/A", driven[name].ki) if name in driven else ("1", 1.0)
+        found.append(_driving("ki", f"ki[{name}]", unit, ki, [name]))
     if "ks" in asked and driven:
         mean = float(np.mean([drive.ks for drive in driven.values()]))
-        found.append(_driving("ks", "ks", "N/m", mean, driven))
-    if "ks*" in asked:
-        other = "ks" if len(driven) > 1 else ""
-        each = (_driving("ks", f"ks[{n}]", "N/m", drive.ks, [n]) for n, drive in driven.items())
-        found += [replace(unknown, alternative_to=other) for unknown in each]
-    return [replace(unknown, rival="term") for unknown in found]
+        found.append(replace(_driving("ks", "ks", "N/m", mean, driven), rival="term"))
+    for name, drive in driven.items() if "ks*" in asked else ():
+        one = _driving("ks", f"ks[{name}]", "N/m", drive.ks, [name])
+        found.append(replace(one, rival="term", alternative_to="ks" if len(driven) > 1 else ""))
+    std = None if wanted is None else wanted.force_scale_std
+    if std != 0:
+        scale = Scalar("scale[force]", "1", 1.0, std, positive=True, anchored=True)
+        on = frozenset(inputs)
+        found.append(Unknown((scale,), on, (Drives(on, "force"),)))
+    return found
 
 
 def _driving(
@@ -629,9 +622,7 @@ def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
 KINDS: tuple[Kind, ...] = (
     own_parameters,  # of the model: they stand before what is unknown of the measurement
-    current_gains,
-    displacement_gains,
-    force_scale,
+    drives,
     law_constants,
     knees,
     cubics,
