@@ -371,10 +371,9 @@ def _bend(term: str, unit: str, names: Sequence[str], shape: Callable[[Floats], 
 
 
 def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
-    """Return ki and ks of inputs, and one factor of all forces.
+    """Return ki, the force per current of an input, or per unit of its channel, and ks.
 
-    ki is the force per current of an input, or per unit of its channel; ks the force per
-    displacement, one for all inputs (``ks``) or one per input (``ks*``).
+    That is the force per displacement, one for all inputs (``ks``) or one per input (``ks*``).
     """
     inputs = _inputs(records)
     asked = {"ki", "ks", "ks*"} if wanted is None else {*wanted.gains}
@@ -396,12 +395,15 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     for name, drive in driven.items() if "ks*" in asked else ():
         one = _driving("ks", f"ks[{name}]", "N/m", drive.ks, [name])
         found.append(replace(one, rival="term", alternative_to="ks" if len(driven) > 1 else ""))
-    std = None if wanted is None else wanted.force_scale_std
-    if std != 0:
-        scale = Scalar("scale[force]", "1", 1.0, std, positive=True, anchored=True)
-        on = frozenset(inputs)
-        found.append(Unknown((scale,), on, (Drives(on, "force"),)))
     return found
+
+
+def force_scale(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return one factor of all forces, currents' and displacements' share alike."""
+    std = None if wanted is None else wanted.force_scale_std
+    scalar = Scalar("scale[force]", "1", 1.0, std, positive=True, anchored=True)
+    on = frozenset(_inputs(records))
+    return [] if std == 0 else [Unknown((scalar,), on, (Drives(on, "force"),))]
 
 
 def _driving(
@@ -623,6 +625,7 @@ def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 KINDS: tuple[Kind, ...] = (
     own_parameters,  # of the model: they stand before what is unknown of the measurement
     drives,
+    force_scale,
     law_constants,
     knees,
     cubics,
