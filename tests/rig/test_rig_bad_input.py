@@ -247,12 +247,12 @@ CHANNELS = {
     "speed and mark": (
         r'speed = "[^"]*"',
         'speed = "8400 rpm"\nkeyphasor = "x1"',
-        "records.0: keyphasor: found speed and keyphasor",
+        "records.0: speed, keyphasor: found both",
     ),
     "phase and mark": (
         r'speed = "[^"]*"\nphase = "[^"]*"',
         'phase = "3 deg"\nkeyphasor = "x1"',
-        "records.0: phase: found phase with keyphasor",
+        "records.0: phase, keyphasor: found both",
     ),
     "angle without scale": (
         r'speed = "[^"]*"',

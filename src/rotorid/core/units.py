@@ -15,7 +15,7 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import NamedTuple
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, shortened
 from rotorid.core.frozen import frozen
 
 MAX_LENGTH = 64
@@ -303,9 +303,8 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?(?![\d.,])")
 
 
 def _bad(text: str, place: str, why: str = "") -> InputError:
-    shown = text if len(text) <= MAX_LENGTH else text[:MAX_LENGTH] + "..."
     return InputError(
-        f"unit {shown!r}" + (f" ({why})" if why else ""),
+        f"unit {shortened(text, MAX_LENGTH)!r}" + (f" ({why})" if why else ""),
         "a unit such as N, um, N s/m, kg m^2",
         "write factors of SI units and their multiples, ^ for powers, / once",
         place=place,
@@ -398,14 +397,8 @@ def to_si(value: object, expected: str, *, place: str = "") -> float:
 
 
 def _no_quantity(value: object, expected: str, place: str) -> InputError:
-    shown = repr(value)
     example = "a number" if expected == "1" else f"a number and a unit, such as '1 {expected}'"
-    return InputError(
-        shown if len(shown) <= MAX_LENGTH else shown[:MAX_LENGTH] + "...",
-        example,
-        "write it so",
-        place=place,
-    )
+    return InputError(shortened(repr(value), MAX_LENGTH), example, "write it so", place=place)
 
 
 def check_unit(text: str, *, place: str = "") -> str:

@@ -406,25 +406,6 @@ class RecordEntry(RecordKeys):
     """One run of the machine."""
 
     @model_validator(mode="after")
-    def _one_rotation(self) -> RecordEntry:
-        given = [k for k in ("speed", "angle", "keyphasor") if k in self.model_fields_set]
-        if len(given) > 1:
-            raise InputError(
-                " and ".join(given),
-                "one of speed, angle and keyphasor",
-                "remove the other: a mark gives speed and angle",
-                place=given[1],
-            )
-        if given not in ([], ["speed"]) and "phase" in self.model_fields_set:
-            raise InputError(
-                f"phase with {given[0]}",
-                "the phase where only the speed is known",
-                "remove it: the mark sets the angle",
-                place="phase",
-            )
-        return self
-
-    @model_validator(mode="after")
     def _keys_of_what_is_made(self) -> RecordEntry:
         if self.kind != "phasors" and self.speed.column is not None:
             raise InputError(
@@ -459,15 +440,20 @@ class RecordEntry(RecordKeys):
                 place="fundamental, period_samples",
             )
         pairs = [("file", "files", True), ("references", "quiet", False)]
+        pairs += [(of, mark, False) for mark in ("keyphasor", "angle") for of in ("speed", "phase")]
+        pairs += [("keyphasor", "angle", False)]
         if self.made == "periods":
             pairs += [("fundamental", "period_samples", True), ("harmonics", "band", True)]
         for first, second, needed in pairs:
-            given = [key for key in (first, second) if getattr(self, key) is not None]
+            given = self.model_fields_set & {first, second}
             if len(given) > 1 or (needed and not given):
+                marks = given & {"angle", "keyphasor"}
                 raise InputError(
                     "both" if given else "neither",
                     f"one of {first} and {second}",
-                    "remove one" if given else "add one",
+                    "remove one" + ": a mark gives speed and angle" * bool(marks)
+                    if given
+                    else "add one",
                     place=f"{first}, {second}",
                 )
         if self.until is not None and self.skip is not None and self.until <= self.skip:
