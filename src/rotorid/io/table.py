@@ -11,6 +11,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
@@ -263,18 +264,15 @@ class ArrayFile:
         The samples of a two-dimensional array lie along its longer axis, unless ``name[:,3]`` or
         ``name[3,:]`` says along which.
         """
-        indexed = _INDEXED.fullmatch(name)
-        base = None
-        if indexed is not None and name not in self.shapes:
-            whole = indexed["name"].strip("/")
-            base = whole if whole in self.shapes else None
-        path = None if base is not None else self._path(name)
+        indexed = _INDEXED.fullmatch(name) if name not in self.shapes else None
+        path = None
+        if indexed is None or indexed["name"].strip("/") not in self.shapes:
+            path = self._path(name)
         if path is not None:
             if is_column(self.shapes[path]):
                 return ColumnPlace(path)
             raise _not_a_column(name, self.shapes[path])
-        if indexed is not None and base is None:
-            base = self._path(indexed["name"])
+        base = None if indexed is None else self._path(indexed["name"])
         if indexed is None or base is None:
             if (kind := self.others.get(name.strip("/"))) is not None:
                 cure = "name a column of numbers, or export it so"
@@ -465,15 +463,12 @@ class JoinedTables:
 
     def find(self, name: str) -> str:
         """Return the column's name with its file."""
+        found = {}
         for file, table in self.tables.items():
             if name.startswith(f"{file}:"):
                 return f"{file}:{table.find(name.removeprefix(f'{file}:'))}"
-        found = {}
-        for file, table in self.tables.items():
-            try:
-                found[file] = table.find(name)
-            except InputError:
-                continue
+            with suppress(InputError):
+                found[file] = f"{file}:{table.find(name)}"
         if len(found) > 1:
             raise ReadError(
                 f"column {name!r} in {' and '.join(found)}",
@@ -481,9 +476,9 @@ class JoinedTables:
                 f"write the file before it, such as {next(iter(found))}:{name}",
                 file=self.file,
             )
-        for file, column in found.items():
-            return f"{file}:{column}"
-        raise no_column(name, self.names, self.file)
+        if not found:
+            raise no_column(name, self.names, self.file)
+        return next(iter(found.values()))
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         wanted = list(names)
