@@ -221,11 +221,11 @@ class RecordClock:
             first = _first_at(self.stamps, skip - self.start)
         if first <= 0 or np.isfinite(samples[:first]).all():
             return self, samples, valid
-        stamps = None if self.stamps is None else self.stamps[first:]
-        passed = first / self.rate if stamps is None or not len(stamps) else stamps[0]
-        if stamps is not None and self.stamps is not None:
-            passed -= self.stamps[0]
-        clock = replace(self, stamps=stamps, start=self.start + float(passed))
+        times, passed = self.stamps, first / self.rate
+        if times is not None and first < len(times):
+            passed = float(times[first] - times[0])
+        left = None if times is None else times[first:]
+        clock = replace(self, stamps=left, start=self.start + passed)
         return clock, samples[first:], None if valid is None else valid[first:]
 
 
@@ -272,28 +272,19 @@ def _weighed(
         start = float(used[0] - stamps[0])
         uneven = None if told.even else used
         return RecordClock(rate, uneven, told.jitter, begin=begin, end=end, start=start)
-    until = limits[1]
-
-    def ending(rate: float) -> int | None:
-        return None if until is None else max(0, math.ceil(until * rate - 1e-6))
-
-    if given is not None:
-        if stated is not None and not overrule:
-            _check_rate(
-                given,
-                stated,
-                "the file",
-                "leave sample_rate out, or give overrule = true if the file is wrong",
-            )
-        return RecordClock(given, end=ending(given))
-    if stated is None:
+    if given is not None and stated is not None and not overrule:
+        cure = "leave sample_rate out, or give overrule = true if the file is wrong"
+        _check_rate(given, stated, "the file", cure)
+    said = stated if given is None else Rate(given)
+    if said is None:
         raise InputError(
             "no sample rate and no time column, nor does the file state a rate",
             "one of sample_rate and time",
             "give one",
         )
-    rate = _whole_multiple(stated, fundamental, exactly=True)
-    return RecordClock(rate, end=ending(rate))
+    rate = given or _whole_multiple(said, fundamental, exactly=True)
+    until = limits[1]
+    return RecordClock(rate, end=None if until is None else max(0, math.ceil(until * rate - 1e-6)))
 
 
 def _stretch(stamps: Floats, skip: float, until: float | None) -> tuple[int, int]:
