@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import IO, Any
 
@@ -276,21 +276,15 @@ def _first_row(rows: dict[int, list[str]], told: list[int], *, named: bool) -> i
         c for c in range(fields) if 2 * sum(is_value(row[c]) for row in full) > len(full)
     ] or [0]
 
-    def fits(row: list[str], least: int) -> bool:
-        return len(row) == fields and sum(is_value(row[c]) for c in columns) >= least
-
-    found = next((n for n, i in enumerate(told) if fits(rows[i], len(columns))), None)
-    if found is None:
-        found = next((n for n, i in enumerate(told) if fits(rows[i], 1)), None)
+    counts = [
+        sum(is_value(rows[i][c]) for c in columns) if len(rows[i]) == fields else 0 for i in told
+    ]
+    whole = len(columns) if len(columns) in counts else 1
+    found = next((n for n, count in enumerate(counts) if count >= whole), None)
     if found is None:
         return None
     # A row that is damaged is no name: only text is.
-    while (
-        named
-        and found > 0
-        and fits(rows[told[found - 1]], 1)
-        and is_value(rows[told[found - 1]][0])
-    ):
+    while named and found and counts[found - 1] and is_value(rows[told[found - 1]][0]):
         found -= 1
     return told[found]
 
@@ -307,24 +301,20 @@ def _header(
     while fields > 1 and not rows[start][fields - 1]:
         fields -= 1  # a row that ends in a delimiter
     above = [i for i in told if i < start]
-    texts = []
-    for i in reversed(above[-3:]):
-        if len(rows[i]) < fields or any(is_value(field) for field in rows[i]):
-            break
-        texts.append(i)
+    texts = list(takewhile(lambda i: _is_text(rows[i], fields), reversed(above[-3:])))
     if not texts:  # the names may stand in a comment, as numpy writes them
-        for i in reversed(range(start)):
-            row = split(lines[i].lstrip().lstrip("#%"), delimiter)
-            if lines[i].strip() and len(row) == fields > 1 and not any(map(is_value, row)):
-                return i, None
-            if lines[i].strip():
-                break
-        return None, None
+        last = next((i for i in reversed(range(start)) if lines[i].strip()), start)
+        row = split(lines[last].lstrip().lstrip("#%"), delimiter)
+        is_names = last < start and len(row) == fields > 1 and _is_text(row, fields)
+        return (last if is_names else None), None
     if len(texts) > 1 and _is_unit_row(rows[texts[0]]):
         return texts[1], texts[0]
-    if len(texts) > 1 and _is_unit_row(rows[texts[1]]):
-        return texts[0], texts[1]
-    return texts[0], None
+    units = texts[1] if len(texts) > 1 and _is_unit_row(rows[texts[1]]) else None
+    return texts[0], units
+
+
+def _is_text(row: list[str], fields: int) -> bool:
+    return len(row) >= fields and not any(map(is_value, row))
 
 
 def _names(
