@@ -187,8 +187,6 @@ def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect
         told = [i for i in told if i >= header_row]
     body = [lines[i] for i in told[-_BODY:]]
     delimiter = max(_DELIMITERS, key=lambda mark: _score(body, mark))
-    if header_row and len(told) < 1:
-        return None
     rows = {i: split(lines[i], delimiter) for i in told}
     start = _first_row(rows, told, named=header_row is None)
     if start is None:
