@@ -201,7 +201,7 @@ def spied(monkeypatch, told=None):
         return found
 
     monkeypatch.setattr("rotorid.models.rotor.rotor_model.WORTH", 0.0)
-    monkeypatch.setattr("rotorid.likelihood.estimator.shift_by_reduction", shift_seen)
+    monkeypatch.setattr("rotorid.likelihood.fit.shift_by_reduction", shift_seen)
     return seen
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -172,7 +172,7 @@ class Fitting:
             values = {**known, **self.knowledge.start, **self.knowledge.fixed}
             records = reduced(bound, values, self.knowledge.modes, ROUGH)
         if records and records[0].model is not self.model:
-            rough = self.approached(records, partial(reduced, bound, share=share))
+            rough = self.approached(records, bound)
             records = reduced(bound, values if rough is None else rough.values, share=share)
         while True:
             at = yield from self.located(records, rough)
@@ -195,13 +195,11 @@ class Fitting:
         return prepare(model, self.knowledge, unknowns, self.base, guess)
 
     def approached(
-        self,
-        records: Sequence[Observation],
-        shapes: Callable[[Mapping[str, float]], Sequence[Observation]],
+        self, records: Sequence[Observation], bound: Sequence[Observation]
     ) -> Rough | None:
         """Follow the homotopy once with few shapes on few lines; None where it leads nowhere.
 
-        `shapes` binds all lines to a model with those at the minimum; the last steps take these.
+        The last steps take the shapes that all lines have at the minimum.
         """
         watch("finding a rotor of fewer shapes")
 
@@ -215,7 +213,7 @@ class Fitting:
             if not found.converged:
                 return None
             rough = Rough(problem, found, found.point.unknowns)
-            nearer = settle(posed(shapes(rough.values), NEAR), rough.unknowns)
+            nearer = settle(posed(reduced(bound, rough.values), NEAR), rough.unknowns)
         except np.linalg.LinAlgError:
             return None
         return replace(rough, unknowns=nearer.point.unknowns) if nearer.converged else rough
@@ -339,7 +337,10 @@ def _globally(
     if plain is not None:
         yield step(plain.solution, plain=plain)
         return
-    start = _in_order(problem, prepared.layout.start, records)
+    start = prepared.layout.start
+    if len(outside(problem.bounds, start)):  # of hidden parts in other places than they tell
+        within = Mirrors.of(problem, records, start).inside(problem.bounds, start)
+        start = next(iter(within), start)
     if found is None:
         for number, found in enumerate(search(problem, start), 1):
             yield step(found, SEARCHING, min(number, WAYS), WAYS)
@@ -353,14 +354,6 @@ def _globally(
         raise NotConvergedError("no minimum was found from this start; give a nearer one")
     best = min(ends, key=lambda end: (not end.converged, end.point.cost))
     yield step(best, "weighing the noise")
-
-
-def _in_order(problem: Problem, start: Floats, records: Sequence[Observation]) -> Floats:
-    """Return the start with hidden parts in the places that the bounds tell."""
-    if not len(outside(problem.bounds, start)):
-        return start
-    mirrors = Mirrors.of(problem, records, start)
-    return next(iter(mirrors.inside(problem.bounds, start)), start)
 
 
 def _in_other_places(

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Floats, Integers
 from rotorid.data.lazy_time import changed
 from rotorid.data.lines import SampledClock
 from rotorid.data.measured_modes import Mode
@@ -149,30 +149,18 @@ def _change(at: Evaluation, record: Observation, point: Point, number: int) -> F
         count, kept = at.problem.lines, model.kept
         chosen = np.unique(np.linspace(0, count - 1, min(count, LINES)).round().astype(np.int64))
         motion = at.corrected()[1][chosen] * at.problem.scales.coordinates
-        values, lines = point.unknowns[held], record.lines
+        values, lines, linear = point.unknowns[held], record.lines, model.require_linear()
         named = dict(zip(model.parameter_names, values.tolist(), strict=True))
         whole = Banded.of(model.whole.pieces, named)
-        missing = _force(record, values, chosen, motion)
+        missing = np.empty((len(chosen), len(kept)), dtype=np.complex128)
         for k, line in enumerate(chosen.tolist()):
             omega, speed = float(lines.omega[line]), float(lines.speed[line])
-            missing[k] = whole.force(kept, motion[k, : len(kept)], omega, speed) - missing[k]
+            stiffness = linear.dynamic_stiffness([omega], values, speed)[0, : len(kept)]
+            moved = whole.force(kept, motion[k, : len(kept)], omega, speed)
+            missing[k] = moved - stiffness @ motion[k]
         scaled = missing / at.problem.scales.rows[: len(kept)]
         rows[chosen, : len(kept), 0] = -scaled * (count / len(chosen))
     return at.whiten(rows)[:, 0]
-
-
-def _force(record: Observation, values: Floats, chosen: Integers, motion: Complexes) -> Complexes:
-    """Return the forces on the kept coordinates by which a reduced rotor moves so, (line, kept)."""
-    model, lines = record.model, record.lines
-    assert isinstance(model, RotorModel)
-    count = len(model.measurable)
-    found = np.zeros((len(chosen), count), dtype=np.complex128)
-    for speed in np.unique(lines.speed[chosen]):
-        here = lines.speed[chosen] == speed
-        omega = lines.omega[chosen[here]]
-        stiffness = model.require_linear().dynamic_stiffness(omega, values, float(speed))
-        found[here] = (stiffness[:, :count] @ motion[here][:, :, None])[:, :, 0]
-    return found
 
 
 FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
