@@ -344,7 +344,7 @@ def test_deviations_hold(monte_carlo) -> None:
     """300 tests of the chain, frequencies to 0.1 %, from a start 10 to 20 % off."""
 
     def draw(rng):
-        return [], rid.MaximumLikelihood(fixed={"m1": 2.0}, modes=modes(rng))
+        return [], rid.MaximumLikelihood(fixed={"m1": 2.0}, modes=modes(rng), effort="quick")
 
     found = monte_carlo(MODEL, TRUTH, draw, 300, seed=501)
     assert found.statuses.count("ok") == 300

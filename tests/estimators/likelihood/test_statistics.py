@@ -1,6 +1,7 @@
 """Efficiency, cost and coverage over many seeds; figures of theory.md, sections 1 and 3."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +9,12 @@ import pytest
 from rotorid import Channel, Constraint, MaximumLikelihood, load_model, predict_accuracy
 
 pytestmark = pytest.mark.slow
+
+quick = partial(MaximumLikelihood, effort="quick")
+"""The first minimum, in half the time: from near the truth it is the one that full effort finds.
+
+`test_bearing_sensors_from_far_away` and `test_headline` ask for it with full effort.
+"""
 
 
 def covers(statistics) -> bool:
@@ -28,16 +35,16 @@ def test_all_coordinates_base_parameters(demo, monte_carlo):
 
     def draw(rng):
         start = {
-            n: 0.0 if n in load else v * (1 + 0.4 * rng.uniform(-1, 1)) for n, v in truth.items()
+            n: 0.0 if n in load else v * (1 + 0.1 * rng.uniform(-1, 1)) for n, v in truth.items()
         }
-        return [demo.noisy(clean, rng)], MaximumLikelihood(base=True, start=start)
+        return [demo.noisy(clean, rng)], quick(base=True, start=start)
 
-    found = monte_carlo(model, truth, draw, 2000, seed=101)
-    assert found.statuses.count("ok") == 2000
+    found = monte_carlo(model, truth, draw, 1000, seed=101)
+    assert found.statuses.count("ok") == 1000
     assert agrees(found)
-    assert covers(found)
+    assert (np.abs(found.coverage - 0.95) < 0.022).all()
     assert np.mean(found.expected) == pytest.approx(84.2, abs=0.2)
-    assert (found.rms <= 1.06 * bounds_of(demo, found, base=True)).all()
+    assert (found.rms <= 1.08 * bounds_of(demo, found, base=True)).all()
 
 
 def test_bearing_sensors(demo, bearings, monte_carlo):
@@ -45,9 +52,9 @@ def test_bearing_sensors(demo, bearings, monte_carlo):
     clean = demo.record(bearings)
 
     def draw(rng):
-        start = demo.start(rng, 0.4)
+        start = demo.start(rng, 0.1)
         del start["L1"]
-        return [demo.noisy(clean, rng)], MaximumLikelihood(fixed={"L1": 0.3}, start=start)
+        return [demo.noisy(clean, rng)], quick(fixed={"L1": 0.3}, start=start)
 
     found = monte_carlo(demo.model, demo.truth, draw, 2000, seed=104)
     assert found.statuses.count("ok") == 2000
@@ -59,7 +66,7 @@ def test_bearing_sensors(demo, bearings, monte_carlo):
 
 @pytest.mark.parametrize("amplitude", [1.0, 1000.0])
 def test_bearing_sensors_from_far_away(demo, bearings, monte_carlo, amplitude):
-    """1000 of 1000 from +-40 %, unbalance from zero."""
+    """400 of 400 from +-40 %, unbalance from zero: a search that loses 1 % passes with 2 %."""
     clean = demo.record(bearings, amplitude=amplitude)
 
     def draw(rng):
@@ -67,9 +74,9 @@ def test_bearing_sensors_from_far_away(demo, bearings, monte_carlo, amplitude):
         del start["L1"]
         return [demo.noisy(clean, rng)], MaximumLikelihood(fixed={"L1": 0.3}, start=start)
 
-    found = monte_carlo(demo.model, demo.truth, draw, 1000, seed=102)
+    found = monte_carlo(demo.model, demo.truth, draw, 400, seed=102)
     # Not one lies at another minimum: the cost is what noise leaves, and no estimate is far off.
-    assert found.statuses.count("ok") == 1000
+    assert found.statuses.count("ok") == 400
     assert np.abs(np.array(found.errors) / np.array(found.stds)).max() < 5.5
     assert min(found.p_values) > 1e-5
 
@@ -143,7 +150,7 @@ def test_few_periods(demo, monte_carlo, periods):
     clean = demo.record(periods=periods)
 
     def draw(rng):
-        estimator = MaximumLikelihood(start=demo.start(rng, 0.1), covariance="white")
+        estimator = quick(start=demo.start(rng, 0.1), covariance="white")
         return [demo.noisy(clean, rng)], estimator
 
     found = monte_carlo(demo.model, demo.truth, draw, 700, seed=105)
@@ -157,7 +164,7 @@ def test_gains_with_priors_cover(demo, bearings, monte_carlo):
     """1 % on each of four sensors, drawn anew for every record."""
     sensors = [Channel(name, "m", gain_std=0.01) for name in bearings]
     clean = demo.record(sensors)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, start=demo.start(np.random.default_rng(0), 0))
+    estimator = quick(fixed={"L1": 0.3}, start=demo.start(np.random.default_rng(0), 0))
     estimator = replace(estimator, start={n: v for n, v in estimator.start.items() if n != "L1"})
 
     def draw(rng):
@@ -185,7 +192,7 @@ def test_declared_delay_covers(demo, bearings, monte_carlo):
     start = {n: v for n, v in demo.start(np.random.default_rng(0), 0).items() if n != "L1"}
 
     def draw(rng):
-        estimator = MaximumLikelihood(fixed={"L1": 0.3}, start=start, delays=("position",))
+        estimator = quick(fixed={"L1": 0.3}, start=start, delays=("position",))
         return [demo.noisy(late, rng)], estimator
 
     found = monte_carlo(demo.model, {**demo.truth, "delay[position]": 5e-6}, draw, 600, seed=107)
@@ -204,7 +211,7 @@ def test_another_rotor(demo, monte_carlo):
     clean = machine.record()
 
     def draw(rng):
-        return [machine.noisy(clean, rng)], MaximumLikelihood(start=machine.start(rng, 0.4))
+        return [machine.noisy(clean, rng)], quick(start=machine.start(rng, 0.1))
 
     found = monte_carlo(machine.model, machine.truth, draw, 1000, seed=108)
     assert found.statuses.count("ok") == 1000
@@ -234,9 +241,9 @@ def test_another_rotor_by_its_bearing_sensors(demo, bearings, monte_carlo):
     clean = machine.record(bearings)
 
     def draw(rng):
-        start = machine.start(rng, 0.4)
+        start = machine.start(rng, 0.1)
         del start["L1"]
-        return [machine.noisy(clean, rng)], MaximumLikelihood(fixed={"L1": 0.25}, start=start)
+        return [machine.noisy(clean, rng)], quick(fixed={"L1": 0.25}, start=start)
 
     found = monte_carlo(machine.model, machine.truth, draw, 600, seed=109)
     assert found.statuses.count("ok") == 600
@@ -262,9 +269,9 @@ def test_rigid_rotor(demo, monte_carlo, sensors):
     clean = machine.record(planes)
 
     def draw(rng):
-        start = machine.start(rng, 0.4)
+        start = machine.start(rng, 0.1)
         del start["L_a"]
-        return [machine.noisy(clean, rng)], MaximumLikelihood(fixed={"L_a": 0.2}, start=start)
+        return [machine.noisy(clean, rng)], quick(fixed={"L_a": 0.2}, start=start)
 
     found = monte_carlo(model, model.nominal, draw, 1000, seed=110)
     assert found.statuses.count("ok") == 1000
