@@ -17,6 +17,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import scipy
 
 from rotorid.answer import machine_checks
 from rotorid.answer.contents import DOUBTFUL
@@ -24,7 +25,6 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import STATUSES, Status
 from rotorid.core.distributions import Expectation
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Floats
@@ -35,7 +35,6 @@ from rotorid.likelihood.case import Case, Slopes
 from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
-from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import parts_between
@@ -45,53 +44,7 @@ from rotorid.models import Model
 from rotorid.models.modal import eigenmodes
 from rotorid.signals.covariance import lag_one_correlation
 
-
-@frozen
-class Asked:
-    model: Model
-    estimate: Estimate
-    fit: Fit
-    speed: bool = False  # whether a speed is suspected
-
-    @property
-    def point(self) -> Point:
-        return self.fit.solution.point
-
-    @property
-    def layout(self) -> Layout:
-        return self.fit.layout
-
-    @property
-    def records(self) -> tuple[Observation, ...]:
-        return self.fit.records
-
-    @property
-    def names(self) -> list[str]:
-        """The names of the free unknowns."""
-        return [self.layout.unknowns[i].name for i in self.layout.free]
-
-    @property
-    def determined(self) -> bool:
-        return self.fit.solution.converged and not self.fit.inference.linear.null.shape[1]
-
-    @property
-    def case(self) -> Case:
-        return self.fit.case
-
-    def moved_unseen(self, effect: Floats) -> tuple[str, float]:
-        """Return which parameter errors of an effect (row, error) move most unseen, and how far."""
-        if not effect.any():
-            return "", 0.0
-        std, layout = self.fit.inference.std, self.layout
-        named = np.array([i < layout.named and i not in layout.idle for i in layout.free])
-        std = np.where(named & (std > 0), std, np.inf)
-        excess = unseen_excess(self.fit.inference.expectation)
-        moved = self.point.linear.unseen(effect, std, excess)
-        worst = int(np.argmax(moved))
-        return self.names[worst], float(moved[worst])
-
-
-Doubt = Callable[[Asked], Iterable[Note]]
+Doubt = Callable[[Fit], Iterable[Note]]
 ANY: tuple[Status, ...] = ("ok", *STATUSES.values())
 CATALOGUE: list[tuple[Doubt, tuple[Status, ...], bool]] = []
 """Each doubt, the statuses of answers on which it is cast, and whether it sees what the others have
@@ -110,11 +63,37 @@ def doubt(*when: Status, last: bool = False) -> Callable[[Doubt], Doubt]:
 
 def doubted(model: Model, estimate: Estimate, fit: Fit, *, speed: bool = False) -> Estimate:
     """Return an answer with all doubts about it; `speed`: one is suspected to be wrong."""
+    notes, out = no_machine(model, estimate, fit), {straying} if speed else set()
     for tier in (False, True):
-        asked = Asked(model, estimate, fit, speed)
         cast = [each for each, when, last in CATALOGUE if last == tier and estimate.status in when]
-        estimate = estimate.with_notes(*(note for each in cast for note in each(asked)))
+        notes += [note for each in cast if each not in out for note in each(fit)]
+        estimate, notes = estimate.with_notes(*notes), []
     return estimate
+
+
+def no_machine(model: Model, estimate: Estimate, fit: Fit) -> list[Note]:
+    """Judge whether the values can be a machine's; where records have their own, the first's."""
+    whole = fit.layout
+    if whole.named > whole.parameters:
+        held = whole.of_record(0).held
+        found = {v.name: v for v in estimate.parameters}
+        values = tuple(
+            replace(found[whole.unknowns[i].name], name=parameter)
+            for i, parameter in zip(held, model.parameter_names, strict=True)
+        )
+        free = [int(i) for i in held if not whole.unknowns[i].fixed]
+        covariance = fit.covariance[np.ix_(free, free)]
+        estimate = estimate.with_(parameters=values, nuisance=(), derived=(), covariance=covariance)
+    return machine_checks.physical(model, estimate)
+
+
+def _names(fit: Fit) -> list[str]:
+    """Return the names of the free unknowns."""
+    return [fit.layout.unknowns[i].name for i in fit.layout.free]
+
+
+def _determined(fit: Fit) -> bool:
+    return fit.solution.converged and not fit.inference.linear.null.shape[1]
 
 
 MATTERS = 1.0
@@ -129,16 +108,16 @@ FOLLOWS = 0.5
 
 
 @doubt("ok")
-def taken_as_exact(asked: Asked) -> list[Note]:
+def taken_as_exact(fit: Fit) -> list[Note]:
     """Say what is taken as exact, where a plausible error of it is beyond deviations and unseen."""
-    case, records = asked.case, asked.records
+    case, records = fit.case, fit.records
     scales = force_scale(records, None)
     exact = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
     parts = _parts(case)
     every = (unknown for _, unknowns in exact for unknown in unknowns)
     slopes = Slopes.of(case, [*scales, *every, *parts])
-    told = list(_scale_notes(asked, slopes.by(*(u.term for u in scales))[:, 0]))
-    notes = [*told, *_angle_notes(asked)]
+    told = list(_scale_notes(fit, slopes.by(*(u.term for u in scales))[:, 0]))
+    notes = [*told, *_angle_notes(fit)]
     for plausible, unknowns in exact:
         names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
         effect = slopes.by(*names) * plausible.size
@@ -147,11 +126,11 @@ def taken_as_exact(asked: Asked) -> list[Note]:
             driven = np.array([bool(inputs & gain.on) for gain in unknowns])
             for group in (driven, ~driven):
                 effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
-        name, size = asked.moved_unseen(effect)
+        name, size = moved_unseen(fit, effect)
         if size > MATTERS:
             text = f"{plausible.text} would shift {name} by {_figure(size)} std unseen"
             notes.append(Note(plausible.about, "says", text, plausible.cure, value=size, unit="1"))
-    return [*notes, *_part_left_out(asked, {part.name: slopes.by(part.name) for part in parts})]
+    return [*notes, *_part_left_out(fit, {part.name: slopes.by(part.name) for part in parts})]
 
 
 def _parts(case: Case) -> list[Unknown]:
@@ -166,18 +145,18 @@ def _figure(size: float) -> str:
     return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
 
 
-def _angle_notes(asked: Asked) -> Iterator[Note]:
+def _angle_notes(fit: Fit) -> Iterator[Note]:
     """Say where the stated uncertainty of the rotor angle is most of that of a parameter."""
-    layout, free = asked.layout, asked.layout.free
+    layout, free = fit.layout, fit.layout.free
     turning = {int(i) for _, _, at in layout.wherever(Turns) for i in at}
     turned = [k for k, i in enumerate(free) if i in turning and layout.unknowns[i].std]
-    std = asked.fit.inference.std
+    std = fit.inference.std
     unit = np.where((std > 0) & np.isfinite(std), std, np.inf)
-    share = np.abs(asked.fit.inference.covariance / unit / unit[:, None])[:, turned]
+    share = np.abs(fit.inference.covariance / unit / unit[:, None])[:, turned]
     led = (free < layout.named) & (share.max(axis=1, initial=0.0) > LED)
     if led.any():
         worst = np.degrees(max(layout.unknowns[free[k]].std or 0.0 for k in turned))
-        names = ", ".join(name for name, its in zip(asked.names, led, strict=True) if its)
+        names = ", ".join(name for name, its in zip(_names(fit), led, strict=True) if its)
         text = (
             f"known to {worst:.2g} deg, which is most of the deviations of {names}: nobody "
             "knows how much later than the mark the columns are, so within a sample, unless "
@@ -186,13 +165,13 @@ def _angle_notes(asked: Asked) -> Iterator[Note]:
         yield Note("rotor angle", "says", text)
 
 
-def _scale_notes(asked: Asked, column: Floats) -> Iterator[Note]:
+def _scale_notes(fit: Fit, column: Floats) -> Iterator[Note]:
     """Say where a scale that is taken as exact is in masses and stiffnesses, and in no misfit.
 
     `column`, shape (row,), is the derivative of the residual by the scale.
     """
-    layout, point = asked.layout, asked.point
-    channels = [c for record in asked.records for c in record.inputs]
+    layout, point = fit.layout, fit.solution.point
+    channels = [c for record in fit.records for c in record.inputs]
     read = [c.name for c in channels if c.law is not None or c.drive is not None]
     if not read or any(effect.part == "force" for effect, _ in layout.acting(Drives)):
         return
@@ -203,7 +182,7 @@ def _scale_notes(asked: Asked, column: Floats) -> Iterator[Note]:
     share = np.abs(found) / np.where(value != 0, np.abs(value), np.inf)
     follows = (layout.free < layout.named) & (share > FOLLOWS)
     if follows.any():
-        names = ", ".join(name for name, its in zip(asked.names, follows, strict=True) if its)
+        names = ", ".join(name for name, its in zip(_names(fit), follows, strict=True) if its)
         text = (
             f"assumed exact: 1 % of error shifts {names} by 1 %, more than their std, without "
             "raising the misfit; set force_scale_std, or weigh the rotor"
@@ -211,21 +190,34 @@ def _scale_notes(asked: Asked, column: Floats) -> Iterator[Note]:
         yield Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))
 
 
+def moved_unseen(fit: Fit, effect: Floats) -> tuple[str, float]:
+    """Return which parameter errors of an effect (row, error) move most unseen, and how far."""
+    if not effect.any():
+        return "", 0.0
+    std, layout = fit.inference.std, fit.layout
+    named = np.array([i < layout.named and i not in layout.idle for i in layout.free])
+    std = np.where(named & (std > 0), std, np.inf)
+    excess = unseen_excess(fit.inference.expectation)
+    moved = fit.solution.point.linear.unseen(effect, std, excess)
+    worst = int(np.argmax(moved))
+    return _names(fit)[worst], float(moved[worst])
+
+
 @lru_cache(maxsize=1)
 def unseen_excess(expected: Expectation) -> float:
     """Return what may be added to the expected cost before a warning tells."""
     if expected.dof <= 0 or expected.mean <= 0:
         return np.inf
-    low, high = 0.0, expected.mean
+    high = expected.mean
     while expected.p_value(expected.mean + high) > DOUBTFUL:
-        low, high = high, 2 * high
+        high *= 2
         if high > 1e12 * expected.mean:
             return np.inf
-    for _ in range(30):
-        middle = (low + high) / 2
-        seen = expected.p_value(expected.mean + middle) < DOUBTFUL
-        low, high = (low, middle) if seen else (middle, high)
-    return high
+
+    def beyond(more: float) -> float:
+        return expected.p_value(expected.mean + more) - DOUBTFUL
+
+    return float(scipy.optimize.brentq(beyond, 0.0, high, xtol=1e-10 * high, rtol=1e-10))
 
 
 PART = 0.01
@@ -234,17 +226,17 @@ BEYOND = 5.0
 """Deviations by which it moves a parameter unseen, above which it is told: beyond chance."""
 
 
-def _part_left_out(asked: Asked, columns: Mapping[str, Floats]) -> Iterator[Note]:
+def _part_left_out(fit: Fit, columns: Mapping[str, Floats]) -> Iterator[Note]:
     """Say how far a part between two places of the shaft may move the answer unseen.
 
     Where masses stand at a few places, what lies between them was shared out by hand. `columns`
     are those of a part of 1 kg each.
     """
-    model, structure = asked.case.model, asked.case.structure
+    model, structure = fit.case.model, fit.case.structure
     if structure is None or not columns:
         return
     size = PART * structure.mass([model.units[name] for name in model.coordinates])
-    moved = [(*asked.moved_unseen(size * column), name) for name, column in columns.items()]
+    moved = [(*moved_unseen(fit, size * column), name) for name, column in columns.items()]
     worst, deviations, name = max(moved, key=lambda each: each[1])
     if deviations > BEYOND:
         text = (
@@ -255,23 +247,6 @@ def _part_left_out(asked: Asked, columns: Mapping[str, Floats]) -> Iterator[Note
         yield Note("model", "says", text)
 
 
-@doubt()
-def no_machine(asked: Asked) -> Iterable[Note]:
-    """Judge whether the values can be a machine's; where records have their own, the first's."""
-    model, estimate, whole = asked.model, asked.estimate, asked.layout
-    if whole.named > whole.parameters:
-        held = whole.of_record(0).held
-        found = {v.name: v for v in estimate.parameters}
-        values = tuple(
-            replace(found[whole.unknowns[i].name], name=parameter)
-            for i, parameter in zip(held, model.parameter_names, strict=True)
-        )
-        free = [int(i) for i in held if not whole.unknowns[i].fixed]
-        covariance = asked.fit.covariance[np.ix_(free, free)]
-        estimate = estimate.with_(parameters=values, nuisance=(), derived=(), covariance=covariance)
-    return machine_checks.physical(model, estimate)
-
-
 TELLING = 1e-6
 """Singular values of a half's scaled Jacobian below this share of the largest tell nothing."""
 LEAST_PERIODS = 4
@@ -279,14 +254,14 @@ LEAST_PERIODS = 4
 
 
 @doubt("ok", "rejected")
-def halves_differ(asked: Asked) -> Iterable[Note]:
+def halves_differ(fit: Fit) -> Iterable[Note]:
     """Hold the halves of periods against each other, or those of whole records."""
-    halves = answers_of_parts(asked.point, asked.records, 2)
+    halves = answers_of_parts(fit.solution.point, fit.records, 2)
     if halves is not None:
-        turning = {asked.layout.unknowns[i].name for i in asked.fit.problem.affine}
-        return machine_checks.agreement(asked.names, halves, asked.fit.inference.std, turning)
-    windows = answers_of_windows(asked.point, asked.records)
-    return () if windows is None else machine_checks.agreement(asked.names, *windows)
+        turning = {fit.layout.unknowns[i].name for i in fit.problem.affine}
+        return machine_checks.agreement(_names(fit), halves, fit.inference.std, turning)
+    windows = answers_of_windows(fit.solution.point, fit.records)
+    return () if windows is None else machine_checks.agreement(_names(fit), *windows)
 
 
 def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -> Floats | None:
@@ -372,7 +347,7 @@ is off by so much and right in every parameter but for the one factor of time.""
 
 
 @doubt()
-def unit_of_speed(asked: Asked) -> Iterator[Note]:
+def unit_of_speed(fit: Fit) -> Iterator[Note]:
     """Say that the speeds of tables look like those of another unit.
 
     With all speeds a factor f off, stiffnesses are f^2 and dampings f times what they are, and
@@ -381,11 +356,11 @@ def unit_of_speed(asked: Asked) -> Iterator[Note]:
     against its start: where it is far off, and near with the speeds in another unit, that unit is
     suspected.
     """
-    records, layout, unknowns = asked.records, asked.layout, asked.point.unknowns
+    records, layout, unknowns = fit.records, fit.layout, fit.solution.point.unknowns
     force = bool(records) and all(map(is_response, records))
     if not records:
         what = "the measured natural frequencies"
-    elif len(asked.fit.problem.known.modes):
+    elif len(fit.problem.known.modes):
         return  # two kinds of data hold each other's unit
     elif force or all(map(is_table, records)):
         what = "the frequencies of the responses" if force else "the speeds of the table"
@@ -425,11 +400,13 @@ def _of_time(unknown: Scalar, force: bool) -> float:
 
 
 @doubt()
-def against_the_angle(asked: Asked) -> Iterator[Note]:
-    """Judge how the rotation moves against the angle that was given."""
-    yield from creeping(asked.records, asked.fit.creeps)
-    if not asked.speed:
-        yield from against_angle(asked.point, asked.records)
+def creeping_angle(fit: Fit) -> Iterator[Note]:
+    return creeping(fit.records, fit.creeps)
+
+
+@doubt()
+def straying(fit: Fit) -> Iterator[Note]:
+    return against_angle(fit.solution.point, fit.records)
 
 
 GROWS = 3.0
@@ -440,13 +417,13 @@ NONE = 1e-9
 
 
 @doubt()
-def growing(asked: Asked) -> Iterator[Note]:
+def growing(fit: Fit) -> Iterator[Note]:
     """Say that a machine whose responses were measured grows by itself: it would have none."""
-    layout, unknowns, covariance = asked.layout, asked.point.unknowns, asked.fit.covariance
+    layout, unknowns, covariance = fit.layout, fit.solution.point.unknowns, fit.covariance
     linear = layout.model.require_linear()
-    if not asked.determined or linear.rows != linear.coordinates:
+    if not _determined(fit) or linear.rows != linear.coordinates:
         return
-    for number, record in enumerate(asked.records):
+    for number, record in enumerate(fit.records):
         if not is_response(record):
             continue
         pencil = pencil_at(layout.of_record(number), float(record.lines.speed[0]))
@@ -489,16 +466,16 @@ def coherence(record: Observation) -> float:
 
 
 @doubt()
-def told_by_few(asked: Asked) -> Iterator[Note]:
+def told_by_few(fit: Fit) -> Iterator[Note]:
     """Say which unknowns, but for the unbalance, few lines of whole records in a loop tell."""
-    point, records, layout = asked.point, asked.records, asked.layout
+    point, records, layout = fit.solution.point, fit.records, fit.layout
     closed = any(r.lines.parts is not None and coherence(r) > CLOSED for r in records)
-    if not closed or not asked.determined:
+    if not closed or not _determined(fit):
         return
     kept = np.isin(layout.free, list({*layout.held.tolist()} - layout.load_only()))
     shares = [rows.sum(axis=1) for rows in point.by_line(point.linear.told_by().T)]
     hertz = np.concatenate([record.lines.frequency for record in records])
-    for name, held, each in zip(asked.names, kept, np.concatenate(shares).T, strict=True):
+    for name, held, each in zip(_names(fit), kept, np.concatenate(shares).T, strict=True):
         count = float(each.sum() ** 2 / (each**2).sum()) if held and each.any() else np.inf
         if count >= FEW:
             continue
@@ -531,14 +508,14 @@ BLOCKS = 8
 
 
 @doubt()
-def too_good(asked: Asked) -> Iterator[Note]:
+def too_good(fit: Fit) -> Iterator[Note]:
     """Say where the cost is lower than chance makes it."""
-    cost, expected = asked.point.cost, asked.fit.inference.expectation
+    cost, expected = fit.solution.point.cost, fit.inference.expectation
     # Of measured modes alone the deviations are what the user stated.
-    if not asked.records or expected.dof <= 0 or not 1 - expected.p_value(cost) < TOO_GOOD:
+    if not fit.records or expected.dof <= 0 or not 1 - expected.p_value(cost) < TOO_GOOD:
         return
     said, cure = f"the misfit is {cost:.4g} where {expected.mean:.4g} is expected", ""
-    if all(record.lines.covariance.kind == "stated" for record in asked.records):
+    if all(record.lines.covariance.kind == "stated" for record in fit.records):
         said += (
             f": the stated std is too large, {np.sqrt(cost / expected.mean):.2g} times as much "
             "would do, and deviations are too wide"
@@ -554,12 +531,12 @@ def too_good(asked: Asked) -> Iterator[Note]:
 
 
 @doubt("rejected")
-def scattered(asked: Asked) -> Iterator[Note]:
+def scattered(fit: Fit) -> Iterator[Note]:
     """Say where what is left of rejected tables has no order: then noise was understated."""
-    if not all(map(is_table, asked.records)):
+    if not all(map(is_table, fit.records)):
         return
     order, count = 0.0, 0.0
-    for at in asked.point.records:
+    for at in fit.solution.point.records:
         left = at.problem.data - at.corrected()[0]
         size = np.sqrt((np.abs(left) ** 2).mean(axis=0))
         left = left[:, size > 0] / size[size > 0]
@@ -567,7 +544,7 @@ def scattered(asked: Asked) -> Iterator[Note]:
         count += left[1:].size
     # Independent rows give a correlation of zero within 1 / sqrt(2 numbers).
     if abs(order) < ORDERLY * np.sqrt(count / 2):
-        times = float(np.sqrt(asked.point.cost / asked.fit.inference.expectation.mean))
+        times = float(np.sqrt(fit.solution.point.cost / fit.inference.expectation.mean))
         text = (
             "what the model leaves has no order from row to row: perhaps it is noise, and the "
             f"stated std is too small ({times:.2g} times as much would do), or the speeds are "
@@ -577,9 +554,9 @@ def scattered(asked: Asked) -> Iterator[Note]:
 
 
 @doubt()
-def few_periods(asked: Asked) -> Iterator[Note]:
+def few_periods(fit: Fit) -> Iterator[Note]:
     """Say where too few periods in closed loop leave the misfit no power."""
-    for record in asked.records:
+    for record in fit.records:
         periods, sensors = record.lines.periods, len(record.sensors)
         white = record.lines.covariance.kind == "white" and record.lines.scatter is not None
         if white and periods < POWER * sensors and coherence(record) > CLOSED:
@@ -592,9 +569,9 @@ def few_periods(asked: Asked) -> Iterator[Note]:
 
 
 @doubt()
-def sensors_alike(asked: Asked) -> Iterator[Note]:
+def sensors_alike(fit: Fit) -> Iterator[Note]:
     """Say where sensors share noise, which was stated of each by itself."""
-    shared = asked.fit.shared
+    shared = fit.shared
     if shared is not None:
         text = (
             f"{', '.join(shared.names[:8])} share noise on each line, as of a force that was "
@@ -605,10 +582,10 @@ def sensors_alike(asked: Asked) -> Iterator[Note]:
 
 
 @doubt()
-def lines_alike(asked: Asked) -> Iterator[Note]:
+def lines_alike(fit: Fit) -> Iterator[Note]:
     """Say that neighbouring lines of responses hold the same noise, as a window makes them."""
-    misfit = asked.fit.inference.expectation.p_value(asked.point.cost) < MISFIT
-    for record, at in zip(asked.records, asked.point.records, strict=True):
+    misfit = fit.inference.expectation.p_value(fit.solution.point.cost) < MISFIT
+    for record, at in zip(fit.records, fit.solution.point.records, strict=True):
         if misfit or not is_response(record) or len(at.whitened) < LEAST:
             continue
         correlation = lag_one_correlation(at.whitened[:, :, None])
@@ -625,14 +602,14 @@ def lines_alike(asked: Asked) -> Iterator[Note]:
 
 
 @doubt("rejected", last=True)
-def blocks_scatter(asked: Asked) -> Iterator[Note]:
+def blocks_scatter(fit: Fit) -> Iterator[Note]:
     """Say how much the answers of blocks of the record scatter, against the stated deviations."""
-    most = min((r.lines.periods // LEAST_PERIODS for r in asked.records), default=0)
+    most = min((r.lines.periods // LEAST_PERIODS for r in fit.records), default=0)
     parts = min(BLOCKS, most)
-    answers = answers_of_parts(asked.point, asked.records, parts) if parts >= 3 else None
+    answers = answers_of_parts(fit.solution.point, fit.records, parts) if parts >= 3 else None
     if answers is None:
         return
-    std = asked.fit.inference.std
+    std = fit.inference.std
     with np.errstate(over="ignore"):  # blocks of an estimate astray may end anywhere
         spread = answers.std(axis=0, ddof=1) / np.sqrt(parts)
     stated = (std > 0) & np.isfinite(std) & (spread > STILL * std) & np.isfinite(spread)

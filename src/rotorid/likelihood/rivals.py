@@ -236,6 +236,10 @@ class RivalSearch:
         excess = self.case.point.cost - self.case.expected
         return float(min(1.0, max(0.0, drop / excess))) if excess > 0 else 0.0
 
+    @quiet
+    def screen(self, rival: Rival) -> float:
+        return rival.change(self.case).screened()
+
     def screened(self) -> Tries:
         """Screen mistakes that are no small changes; follow what stands out at once, then the best.
 
@@ -249,7 +253,7 @@ class RivalSearch:
         for stage in LARGE:
             stages = [r for r in self.entered(stage) if r.term not in self.known]
             for number, rival in enumerate(stages, 1):
-                cost = rival.change(self.case).screened()
+                cost = self.screen(rival)
                 if cost < STANDS_OUT * level:
                     self.follow(rival)
                 else:
@@ -264,7 +268,7 @@ class RivalSearch:
         """Follow the best of a stage after screening."""
         entered, costs = self.entered(stage), list[float]()
         for rival in entered:
-            costs.append(rival.change(self.case).screened())
+            costs.append(self.screen(rival))
             yield self.trial(len(costs), len(entered))
         if entered:
             self.follow(entered[costs.index(min(costs))])

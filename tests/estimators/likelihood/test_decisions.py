@@ -22,14 +22,14 @@ def test_noise_that_forces_and_sensors_share_shows_a_loop(coherence: float, told
     assert len(list(verdict.few_periods(closed_loop(coherence, 11)))) == told
 
 
-def closed_loop(coherence: float, periods: int) -> verdict.Asked:
+def closed_loop(coherence: float, periods: int) -> SimpleNamespace:
     """Return an answer from a record of a force and a sensor with coherent noise."""
     matrix = np.array([[4.0, 2 * np.sqrt(coherence)], [2 * np.sqrt(coherence), 1.0]])
     covariance = SimpleNamespace(kind="white", matrices=np.tile(matrix, (5, 1, 1)), dof=1e9)
     lines = SimpleNamespace(periods=periods, scatter=np.zeros(1), covariance=covariance)
     sensor = SimpleNamespace(column=1)
     record = SimpleNamespace(lines=lines, sensors=[sensor], input_columns=(0,))
-    return verdict.Asked(None, None, SimpleNamespace(records=[record]))
+    return SimpleNamespace(records=[record])
 
 
 @pytest.mark.parametrize(("chance", "explained"), [(0.9e-6, False), (1.1e-6, True)])

@@ -58,13 +58,16 @@ def test_how_many_lines_are_few(
     shares = np.zeros((100, 2, 3))
     shares[5 : 5 + count] = 0.5
     monkeypatch.setattr(few_lines, "coherence", lambda _: closed)
-    layout = SimpleNamespace(free=np.arange(3), held=np.arange(2), load_only=lambda: {1})
+    names = [SimpleNamespace(name=name) for name in ("c", "xi", "gain[x]")]
+    layout = SimpleNamespace(
+        free=np.arange(3), held=np.arange(2), load_only=lambda: {1}, unknowns=names
+    )
     point = SimpleNamespace(
         linear=SimpleNamespace(told_by=lambda: shares.reshape(200, 3).T),
         by_line=lambda rows: [rows.reshape(100, 2, 3)],
     )
-    asked = SimpleNamespace(
-        point=point, layout=layout, records=[record], names=["c", "xi", "gain[x]"], determined=True
-    )
-    notes = told_by_few(asked)
+    inference = SimpleNamespace(linear=SimpleNamespace(null=np.zeros((3, 0))))
+    solution = SimpleNamespace(point=point, converged=True)
+    fit = SimpleNamespace(solution=solution, inference=inference, layout=layout, records=[record])
+    notes = told_by_few(fit)
     assert [note.on for note in notes] == [("c",)] * told

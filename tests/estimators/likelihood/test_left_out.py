@@ -74,19 +74,21 @@ def test_a_machine_with_one_place_has_no_part_between():
 
 
 @pytest.mark.parametrize(("moved", "told"), [(4.9, 0), (5.1, 1)])
-def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told(moved, told):
+def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told(
+    monkeypatch, moved, told
+):
     effects = []
 
-    def unseen(effect):
+    def unseen(fit, effect):
         effects.append(effect[0, 0])
         return "k1", moved
 
+    monkeypatch.setattr(left_out, "moved_unseen", unseen)
     structure = SimpleNamespace(mass=lambda units: 40.0)
     model = SimpleNamespace(coordinates=(), units={})
-    case = SimpleNamespace(model=model, structure=structure)
-    asked = SimpleNamespace(moved_unseen=unseen, case=case)
+    fit = SimpleNamespace(case=SimpleNamespace(model=model, structure=structure))
     columns = {"mass between x1 and x2": np.ones((3, 1))}
-    assert len(list(left_out._part_left_out(asked, columns))) == told
+    assert len(list(left_out._part_left_out(fit, columns))) == told
     assert effects == pytest.approx([0.4])  # kg
 
 
