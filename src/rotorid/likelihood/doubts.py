@@ -31,7 +31,7 @@ from rotorid.core.values import Floats
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
-from rotorid.likelihood.case import Case, Slopes
+from rotorid.likelihood.case import Slopes
 from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
@@ -39,7 +39,7 @@ from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import parts_between
 from rotorid.likelihood.rivals_records import SPEEDS, is_response, is_table
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Scalar, Unknown, force_scale
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Scalar, force_scale
 from rotorid.models import Model
 from rotorid.models.modal import eigenmodes
 from rotorid.signals.covariance import lag_one_correlation
@@ -107,17 +107,24 @@ FOLLOWS = 0.5
 """Relative change of a parameter, over that of the scale, from which it is said to follow."""
 
 
+PART = 0.01
+"""Share of the mass that weighing the parts and sharing out the shaft may well miss."""
+BEYOND = 5.0
+"""Deviations by which it moves a parameter unseen, above which it is told: beyond chance."""
+
+
 @doubt("ok")
-def taken_as_exact(fit: Fit) -> list[Note]:
+def taken_as_exact(fit: Fit) -> Iterator[Note]:
     """Say what is taken as exact, where a plausible error of it is beyond deviations and unseen."""
-    case, records = fit.case, fit.records
+    records, model, structure = fit.records, fit.case.model, fit.case.structure
     scales = force_scale(records, None)
     exact = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
-    parts = _parts(case)
+    units = [model.units[name] for name in model.coordinates]
+    parts = parts_between(structure, units) if structure is not None and records else []
     every = (unknown for _, unknowns in exact for unknown in unknowns)
-    slopes = Slopes.of(case, [*scales, *every, *parts])
+    slopes = Slopes.of(fit.case, [*scales, *every, *parts])
     told = list(_scale_notes(fit, slopes.by(*(u.term for u in scales))[:, 0]))
-    notes = [*told, *_angle_notes(fit)]
+    yield from [*told, *_angle_notes(fit)]
     for plausible, unknowns in exact:
         names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
         effect = slopes.by(*names) * plausible.size
@@ -129,16 +136,26 @@ def taken_as_exact(fit: Fit) -> list[Note]:
         name, size = moved_unseen(fit, effect)
         if size > MATTERS:
             text = f"{plausible.text} would shift {name} by {_figure(size)} std unseen"
-            notes.append(Note(plausible.about, "says", text, plausible.cure, value=size, unit="1"))
-    return [*notes, *_part_left_out(fit, {part.name: slopes.by(part.name) for part in parts})]
+            yield Note(plausible.about, "says", text, plausible.cure, value=size, unit="1")
+    if parts and structure is not None:
+        columns = {part.term: slopes.by(part.term) for part in parts}
+        yield from _part_left_out(fit, structure.mass(units), columns)
 
 
-def _parts(case: Case) -> list[Unknown]:
-    """Return masses between two places of the shaft, which the model may lack."""
-    model, structure = case.model, case.structure
-    if structure is None or not case.records:
-        return []
-    return parts_between(structure, [model.units[name] for name in model.coordinates])
+def _part_left_out(fit: Fit, whole: float, columns: Mapping[str, Floats]) -> Iterator[Note]:
+    """Say how far a part in the shaft may move the answer unseen; `columns`: of 1 kg of each.
+
+    Where masses stand at a few places, what lies between them was shared out by hand.
+    """
+    mass = PART * whole
+    moved = [(*moved_unseen(fit, mass * column), name) for name, column in columns.items()]
+    worst, size, name = max(moved, key=lambda each: each[1])
+    if size > BEYOND:
+        text = (
+            f"assumed complete: a missing {name} of 1 % of all ({mass:.2g} kg) would shift {worst} "
+            f"by {_figure(size)} std unseen; lines about higher modes or a sensor there show it"
+        )
+        yield Note("model", "says", text)
 
 
 def _figure(size: float) -> str:
@@ -218,33 +235,6 @@ def unseen_excess(expected: Expectation) -> float:
         return expected.p_value(expected.mean + more) - DOUBTFUL
 
     return float(scipy.optimize.brentq(beyond, 0.0, high, xtol=1e-10 * high, rtol=1e-10))
-
-
-PART = 0.01
-"""Share of the mass that weighing the parts and sharing out the shaft may well miss."""
-BEYOND = 5.0
-"""Deviations by which it moves a parameter unseen, above which it is told: beyond chance."""
-
-
-def _part_left_out(fit: Fit, columns: Mapping[str, Floats]) -> Iterator[Note]:
-    """Say how far a part between two places of the shaft may move the answer unseen.
-
-    Where masses stand at a few places, what lies between them was shared out by hand. `columns`
-    are those of a part of 1 kg each.
-    """
-    model, structure = fit.case.model, fit.case.structure
-    if structure is None or not columns:
-        return
-    size = PART * structure.mass([model.units[name] for name in model.coordinates])
-    moved = [(*moved_unseen(fit, size * column), name) for name, column in columns.items()]
-    worst, deviations, name = max(moved, key=lambda each: each[1])
-    if deviations > BEYOND:
-        text = (
-            f"assumed complete: a missing {name} of 1 % of all ({size:.2g} kg) would shift {worst} "
-            f"by {_figure(deviations)} std unseen; lines about higher modes or a sensor there "
-            "show it"
-        )
-        yield Note("model", "says", text)
 
 
 TELLING = 1e-6

@@ -25,7 +25,7 @@ from rotorid.data.measured_modes import Mode, number
 from rotorid.likelihood.case import Case, Kind, Rival, freed, rivals
 from rotorid.likelihood.effects import Drives, Entry, RowLoad
 from rotorid.likelihood.mode_rows import ModalRows
-from rotorid.likelihood.problem import Known, Point
+from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Limit
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import Scalar, Unknown, amount
@@ -436,16 +436,14 @@ def _of_modes(
     kind: Kind = "mistake",
 ) -> Rival:
     """Return the rival that other modes were measured."""
-    rows = ModalRows(
-        tuple(
-            replace(each, modes=tuple(change(mode) for mode in each.modes))
-            for each in case.prepared.known.modes.configurations
-        )
+    known = case.prepared.known
+    configurations = (
+        replace(each, modes=tuple(map(change, each.modes))) for each in known.modes.configurations
     )
+    other = replace(known, modes=ModalRows(tuple(configurations)))
 
     def changed(case: Case) -> Case:
-        known = Known(case.prepared.known.relations, rows)
-        return case.prepared_as(replace(case.prepared, known=known))
+        return case.prepared_as(replace(case.prepared, known=other))
 
     return Rival(term, kind, changed, said, cure, value, "1", way="far")
 
@@ -474,11 +472,11 @@ def _moved_masses(case: Case) -> Iterator[Rival]:
             "check where it sat, from which mark and which way that angle counts, and whether the "
             "files of two records are exchanged"
         )
-        there_parts = dict(zip(names, (there.real, there.imag), strict=True))
+        held = dict(zip(names, (there.real, there.imag), strict=True))
         yield Rival(
             f"trial mass[{record}]",
             "mistake",
-            partial(Case.held, values=there_parts),
+            partial(Case.held, values=held),
             said,
             cure,
             float(np.radians(now)),
@@ -500,12 +498,11 @@ def trials(case: Case) -> list[tuple[int, int, int]]:
         if record != its or not stated or not layout.start[[i, j]].any():
             continue
         a, b = (turns.get(n.parameter, np.zeros(1)) for n in (one, other))
-        margin = QUARTER * np.abs(a).max(initial=0.0)
-        if a.any() and b.any() and a.shape == b.shape:
-            if (np.abs(b - 1j * a) <= margin).all():
-                found.append((record, i, j))
-            elif (np.abs(b + 1j * a) <= margin).all():
-                found.append((record, j, i))
+        if not (a.any() and b.any() and a.shape == b.shape):
+            continue
+        for pair, off in (((i, j), b - 1j * a), ((j, i), b + 1j * a)):
+            if (np.abs(off) <= QUARTER * np.abs(a).max()).all():
+                found.append((record, *pair))
     return found
 
 
