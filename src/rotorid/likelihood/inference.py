@@ -98,17 +98,6 @@ class Inference:
         return np.asarray(np.sqrt(np.diag(self.covariance).clip(0)))
 
 
-def _of_ends(point: Point) -> Floats:
-    """Return what the loose ends of each record take up of every real equation."""
-    parts = [
-        np.zeros(at.problem.lines * 2 * at.problem.equations)
-        if at.ends is None
-        else (at.ends.basis**2).sum(axis=1)
-        for at in point.records
-    ]
-    return np.concatenate([*parts, np.zeros(len(point.known))])
-
-
 def _widening(point: Point, shares: Floats, left: list[Floats]) -> Floats:
     """Return by how much few periods widen each deviation, shape (free,).
 
@@ -124,9 +113,11 @@ def _widening(point: Point, shares: Floats, left: list[Floats]) -> Floats:
     return t_limit(TAIL, freedom) / NORMAL
 
 
-def _expected(at: Evaluation, taken: Floats) -> RecordCost:
-    """Return what noise leaves of a record's cost; `taken` is what the unknowns take up."""
-    likelihood = at.problem
+def _expected(at: Evaluation, leverage: Floats) -> RecordCost:
+    """Return what noise leaves of a record's cost; `leverage` (line, row of a line)."""
+    likelihood, taken = at.problem, leverage.sum(axis=1)
+    if at.ends is not None:
+        taken = taken + (at.ends.basis**2).reshape(len(taken), -1).sum(axis=1)
     c = likelihood.multiplicity
     t = likelihood.equations - taken / c
     left = c * np.maximum(t, 0.0)
@@ -144,10 +135,8 @@ def _expected(at: Evaluation, taken: Floats) -> RecordCost:
 
 def infer(point: Point) -> Inference:
     linear = point.linear
-    taken = linear.leverage + _of_ends(point)
-    by_line = zip(point.records, point.by_line(taken), strict=True)
-    costs = tuple(_expected(at, rows.sum(axis=1)) for at, rows in by_line)
-    rest = 1 - point.of_known(taken)
+    costs = tuple(map(_expected, point.records, point.by_line(linear.leverage)))
+    rest = 1 - point.of_known(linear.leverage)
     absorbed = sum(at.ends.basis.shape[1] for at in point.records if at.ends is not None)
     dof = point.problem.real_equations - linear.rank - absorbed
     weights = [*(cost.weights for cost in costs), np.ones(len(rest))]
