@@ -282,7 +282,8 @@ def _written(path: Path, data: bytes, mode: int | None) -> str:
             stream.write(data)
             stream.flush()
             os.fsync(file)  # a full disk or quota may show only now
-        os.chmod(part, stat.S_IMODE(mode) if mode is not None else 0o666 & ~_umask())
+        os.umask(mask := os.umask(0o077))
+        os.chmod(part, 0o666 & ~mask if mode is None else stat.S_IMODE(mode))
     except BaseException:
         os.unlink(part)
         raise
@@ -305,11 +306,6 @@ def _sent(path: Path, data: bytes) -> None:
     with stream:
         os.set_blocking(stream.fileno(), True)
         stream.write(data)
-
-
-def _umask() -> int:
-    os.umask(mask := os.umask(0o077))
-    return mask
 
 
 @contextlib.contextmanager

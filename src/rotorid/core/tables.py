@@ -36,12 +36,8 @@ class Table:
 
     def text(self, width: int | None = None) -> str:
         """Return aligned columns; those that do not fit a width follow below, with the names."""
-        columns = [
-            _aligned([one_line(cell, CELL) for cell in cells], right)
-            for cells, right in zip(
-                zip(self.headings, *self.rows, strict=True), self.numeric, strict=True
-            )
-        ]
+        cells = zip(self.headings, *self.rows, strict=True)
+        columns = [_aligned(c, right) for c, right in zip(cells, self.numeric, strict=True)]
         names, rest = columns[0], columns[1:]
         blocks = [[names]]
         for column in rest:
@@ -57,7 +53,11 @@ class Table:
     def html(self) -> str:
         columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.headings)
         marks = [
-            'class="number"' if numeric else 'class="flow"' if _is_long(column) else ""
+            'class="number"'
+            if numeric
+            else 'class="flow"'
+            if max(map(len, column), default=0) >= LONG
+            else ""
             for numeric, column in zip(self.numeric, columns, strict=True)
         ]
         cells = zip(self.headings, marks, strict=True)
@@ -124,11 +124,8 @@ def _is_numeric(cells: Sequence[str]) -> bool:
     return all(_NUMBER.fullmatch(cell) for cell in said) and bool(said)
 
 
-def _is_long(cells: Sequence[str]) -> bool:
-    return any(len(cell) >= LONG for cell in cells)
-
-
 def _aligned(cells: Sequence[str], right: bool) -> list[str]:
+    cells = [one_line(cell, CELL) for cell in cells]
     width = max(map(len, cells))
     return [cell.rjust(width) if right else cell.ljust(width) for cell in cells]
 

@@ -36,7 +36,9 @@ def same(first: Any, second: Any) -> bool:
     if first is second:
         return True
     if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
-        return _same_arrays(np.asarray(first), np.asarray(second))
+        one, other = np.asarray(first), np.asarray(second)
+        numbers = one.dtype.kind in "fc" and other.dtype.kind in "fc"
+        return one.shape == other.shape and np.array_equal(one, other, equal_nan=numbers)
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         return first.keys() == second.keys() and all(same(first[k], second[k]) for k in first)
     if isinstance(first, tuple | list) and isinstance(second, tuple | list):
@@ -47,11 +49,6 @@ def same(first: Any, second: Any) -> bool:
     if isinstance(first, float) and isinstance(second, float) and first != first:
         return second != second
     return bool(first == second)
-
-
-def _same_arrays(first: NDArray[Any], second: NDArray[Any]) -> bool:
-    numbers = first.dtype.kind in "fc" and second.dtype.kind in "fc"
-    return first.shape == second.shape and np.array_equal(first, second, equal_nan=numbers)
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

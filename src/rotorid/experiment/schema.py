@@ -32,6 +32,11 @@ def _phase(value: object) -> float | None:
     return None if value == "unknown" else to_si(value, "rad")
 
 
+def _short(key: str) -> BeforeValidator:
+    """Take a value that is no table for a table of one key."""
+    return BeforeValidator(lambda one: one if isinstance(one, dict | Schema) else {key: one})
+
+
 def _one_of(*kinds: str, beside: str = "", expected: str, cure: str) -> Any:
     """Return what refuses keys that are none of the sets that may stand together."""
     sets = [set(kind.split()) for kind in kinds]
@@ -53,11 +58,7 @@ class DelayEntry(Schema):
     std: Annotated[float, _quantity("s"), Field(gt=0, allow_inf_nan=False)] | None = None
 
 
-def _delay(value: object) -> object:
-    return value if isinstance(value, dict | DelayEntry) else {"value": value}
-
-
-Delay = Annotated[DelayEntry, BeforeValidator(_delay)]
+Delay = Annotated[DelayEntry, _short("value")]
 
 
 def _constant(name: str, unit: str) -> BeforeValidator:
@@ -129,10 +130,6 @@ def _scale(value: object) -> object:
             "for 1",
         )
     return value
-
-
-def _time(value: object) -> object:
-    return {"column": value} if isinstance(value, str) else value
 
 
 class Recorded(Schema):
@@ -375,7 +372,7 @@ class RecordKeys(Schema):
     header_row: Count | None = None
     sample_rate: Hertz | None = None
     overrule: StrictBool = False
-    time: Annotated[TimeEntry | None, BeforeValidator(_time)] = None
+    time: Annotated[TimeEntry | None, _short("column")] = None
     speed: Annotated[SpeedEntry, BeforeValidator(_speed)] = SpeedEntry()
     angle: AngleEntry | None = None
     keyphasor: str | None = None

@@ -65,14 +65,10 @@ class Columns:
 def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
     """Return X of a channel in a unit: what the instrument states, as Re(X exp(i phi)) has it."""
     place = f"channels.{name}"
-    units = [
-        (entry.unit, expected),
-        (entry.phase_unit, "rad") if entry.polar else (entry.unit, expected),
-    ]
-    one, other = (
-        rows.si(getattr(entry, key), *unit, f"{place}.{key}")
-        for key, unit in zip(entry.parts, units, strict=True)
-    )
+    first, second = entry.parts
+    unit = (entry.phase_unit, "rad") if entry.polar else (entry.unit, expected)
+    one = rows.si(getattr(entry, first), entry.unit, expected, f"{place}.{first}")
+    other = rows.si(getattr(entry, second), *unit, f"{place}.{second}")
     check_lengths(one, other, place)
     if entry.polar and (one < 0).any():
         raise InputError(

@@ -524,10 +524,6 @@ def _is_block(part: Any) -> bool:
     return hasattr(part, "conversion_type")
 
 
-def _none(x: np.ndarray, block: Any) -> Any:
-    return x
-
-
 def _linear(x: np.ndarray, block: Any) -> Any:
     return block.a * x + block.b
 
@@ -616,10 +612,10 @@ _RULES: Mapping[int, Mapping[int, Callable[[np.ndarray, Any], Any]]] = {
         7: partial(_of_seven, np.exp),
         8: partial(_of_seven, np.log),
         9: _rational,
-        65535: _none,
+        65535: lambda x, _: x,
     },
     4: {
-        0: _none,
+        0: lambda x, _: x,
         1: _linear,
         2: _rational,
         4: _interpolated,
