@@ -249,10 +249,15 @@ def law_sources(
             place=place,
         )
     with naming(place=place):
-        law = _law(entry)
-        position = _position(entry, entries, model)
-    columns = entry.recorded
-    linear = isinstance(law, Linear)
+        law, position = entry.build(), _position(entry, entries, model)
+    columns, linear = entry.recorded, isinstance(law, Linear)
+    if linear and law.std.get("ks"):
+        raise InputError(
+            "a deviation of ks",
+            "ks as it is, or as an unknown",
+            'leave std out, or estimate it: gains = ["ks"]',
+            place=f"{place}.ks",
+        )
     labels = [name] if linear else [f"{name}[{i}]" for i in range(len(columns))]
     unit = "T" if isinstance(law, Flux) else "A"
     sources = {
@@ -275,18 +280,6 @@ def _law_dynamics(
             place=f"{place}.dynamics",
         )
     return dynamics_of(entry, actuator=True, folder=folder)
-
-
-def _law(entry: ChannelEntry) -> Linear | Differential | Flux:
-    law = entry.build()
-    if isinstance(law, Linear) and law.std.get("ks"):
-        raise InputError(
-            "a deviation of ks",
-            "ks as it is, or as an unknown",
-            'leave std out, or estimate it: gains = ["ks"]',
-            place="ks",
-        )
-    return law
 
 
 def _position(entry: ChannelEntry, entries: Entries, model: Model) -> dict[str, float]:
@@ -549,14 +542,9 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
     index = record.names.index(_MARK)
     column, rate, source_file = record.samples[:, index], record.sample_rate, record.source
     if entry.angle is not None:
-        counts = entry.angle.unit is None and entry.angle.lines is not None
-        turned = encoder_angle(
-            column,
-            rate,
-            per_revolution=float(entry.angle.lines or 1) if counts else 2 * np.pi,
-            lines=entry.angle.lines,
-            source=source_file,
-        )
+        lines = entry.angle.lines
+        turn = float(lines or 1) if entry.angle.unit is None else 2 * np.pi
+        turned = encoder_angle(column, rate, per_revolution=turn, lines=lines, source=source_file)
     else:
         times, half = pulse_edges(column, rate, source=source_file)
         turned = keyphasor_angle(times, len(column), rate, half=half, source=source_file)
