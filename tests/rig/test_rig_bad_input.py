@@ -232,7 +232,7 @@ CHANNELS = {
     "ks with a deviation": (
         'ks = "200000 N/m"',
         'ks = { value = "2e5 N/m", std = "1e4 N/m" }',
-        "channels.F_x1: ks: found a deviation of ks",
+        "channels.F_x1.ks: found a deviation of ks",
     ),
     "a law for a coordinate": (
         r"\nx1 = .*",
