@@ -1,8 +1,7 @@
 """Lines of whole records: transient, loads on no line, noise from references, quiet or inputs.
 
 A disc on a shaft, levitated by a sampled controller with noise in forces and positions, is
-simulated step by step here; nothing of the rig is used.
-"""
+simulated step by step here; nothing of the rig is used."""
 
 import re
 from dataclasses import replace
@@ -13,11 +12,16 @@ from scipy.linalg import expm
 
 import rotorid as rid
 from rotorid import Channel, InputError, MaximumLikelihood, Record, identify, spectra
+from rotorid.answer.judge import of_data
 from rotorid.data.whole_record import TRANSIENT
 from rotorid.likelihood import fit
 from rotorid.signals import local_polynomial
 from rotorid.signals.checks.rotation import MUCH, shown_rotation
 from rotorid.signals.local_polynomial import columns_of, local_covariance
+
+# -------------------------------------------------------------------------------------------------
+# Lines of whole records: transient, loads on no line, noise from references, quiet or inputs.
+
 
 MODEL = rid.load_model("jeffcott")
 TRUTH = {"m": 5.0, "c": 500.0, "k": 4e5, "xi": 2e-5, "zeta": -1e-5}
@@ -331,3 +335,172 @@ def test_a_quiet_record_of_another_kind_is_refused(record):
     few = replace(record, channels=record.channels[:2], samples=record.samples[:, :2])
     with pytest.raises(InputError, match="no channel 'x'"):
         lines_of(record, quiet=few)
+
+
+# -------------------------------------------------------------------------------------------------
+# What is wrong with a whole record is told, where the misfit may not show it.
+
+
+def lines_with(record: rid.Record, samples: np.ndarray) -> rid.Lines:
+    changed = replace(record, samples=samples)
+    return spectra(changed, (2.0, 120.0), references=["r_x", "r_y"])
+
+
+@pytest.mark.slow
+def test_a_channel_that_is_cut_at_a_limit_is_told(record: rid.Record) -> None:
+    assert not lines_with(record, record.samples).checks
+    samples, x = record.samples.copy(), record.names.index("x")
+    limit = np.quantile(np.abs(samples[:, x]), 0.98)
+    samples[:, x] = np.clip(samples[:, x], -limit, limit)
+    estimate = rid.identify(MODEL, lines_with(record, samples), KNOWN)
+    told = [check for check in estimate.checks if check.about == "clipped"]
+    assert [(", ".join(check.on), check.verdict) for check in told] == [("x", "warning")]
+
+
+@pytest.mark.slow
+def test_references_that_are_not_logged_to_the_end_are_told(record: rid.Record) -> None:
+    """What they drove counts as noise then: too little is left of it in the misfit."""
+    samples = record.samples.copy()
+    samples[len(samples) // 2 :, [record.names.index(name) for name in ("r_x", "r_y")]] = 0.0
+    wrong = rid.identify(MODEL, lines_with(record, samples), KNOWN)
+    right = rid.identify(MODEL, lines_with(record, record.samples), KNOWN)
+    assert right.status == "ok"
+    assert not [w for w in right.warnings if "far below" in w]
+    assert wrong.misfit is not None
+    assert wrong.misfit.cost < 0.95 * wrong.misfit.expected
+    assert any("is far below" in w and "references are late" in w for w in wrong.warnings)
+
+
+def test_one_column_for_two_sensors_is_told(record: rid.Record) -> None:
+    samples = record.samples.copy()
+    samples[:, record.names.index("y")] = -2 * samples[:, record.names.index("x")]
+    (told,) = lines_with(record, samples).checks
+    assert (told.about, ", ".join(told.on), told.verdict) == ("copied", "x, y", "warning")
+    assert "y is -2 times x, noise and all" in told.found
+
+
+def frozen(record: rid.Record, name: str, value: float | None = None) -> np.ndarray:
+    """Return samples of which a channel stays at its last value, or at another, from 3.5 s on."""
+    samples, column = record.samples.copy(), record.names.index(name)
+    at = round(0.7 * len(samples))
+    samples[at:, column] = samples[at - 1, column] if value is None else value
+    return samples
+
+
+@pytest.mark.slow
+def test_a_sensor_that_stops_is_refused(record: rid.Record) -> None:
+    with pytest.raises(rid.InputError, match=r"stuck, x: .* from 3.4998 to 5 s.*check its cable"):
+        rid.identify(MODEL, lines_with(record, frozen(record, "x")), KNOWN)
+
+
+@pytest.fixture(scope="module")
+def stopped(record: rid.Record) -> rid.Estimate:
+    return rid.identify(MODEL, lines_with(record, frozen(record, "F_x")), KNOWN)
+
+
+def test_an_input_that_stops_is_told_before_any_suspect(stopped: rid.Estimate) -> None:
+    found = stopped
+    assert found.status == "rejected"
+    assert found.warnings[0].startswith("before any suspect, see to stuck, F_x: ")
+    assert sum("stuck, F_x" in text for text in found.warnings) == 1
+
+
+def test_a_reference_that_stops_is_told(record: rid.Record) -> None:
+    """It makes deviations too wide, and no answer wrong; at zero an axis may have been at rest."""
+    for value, verdict in ((None, "warning"), (0.0, "note")):
+        (told,) = lines_with(record, frozen(record, "r_x", value)).checks
+        assert (told.about, ", ".join(told.on), told.verdict) == ("stuck reference", "r_x", verdict)
+
+
+@pytest.mark.parametrize(
+    ("names", "value", "verdict"),
+    [(("r_x",), 7.0, "warning"), (("r_x",), 0.0, "note"), (("r_x", "r_y"), 0.0, "warning")],
+)
+def test_references_that_never_move_are_told(
+    record: rid.Record, names: tuple[str, ...], value: float, verdict: str
+) -> None:
+    samples = record.samples.copy()
+    samples[:, [record.names.index(name) for name in names]] = value
+    told = lines_with(record, samples).checks
+    assert [(check.on, check.verdict) for check in told] == [((name,), verdict) for name in names]
+    assert "name the column of the excitation" in told[0].found
+
+
+def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record: rid.Record) -> None:
+    samples = record.samples.copy()
+    samples[:, record.names.index("x")] = 4e-6 + 1e-8 * np.random.default_rng(1).integers(
+        -1, 2, len(samples)
+    )
+    (told,) = lines_with(record, samples).checks
+    assert (told.about, ", ".join(told.on), told.verdict) == ("quantized", "x", "warning")
+    (first,) = of_data([told], "rejected")
+    assert first.text.startswith("before any suspect, see to quantized, x: 4e-06 m in every sample")
+
+
+# -------------------------------------------------------------------------------------------------
+# Halves of whole records are held against each other: what changed meanwhile shows.
+
+
+HELD = """
+title = "a mass on a spring, held by a loop"
+equations = ["m*x'' + c*x' + k*x = F"]
+coordinates = { x = "m" }
+inputs = { F = "N" }
+[parameters]
+m = { unit = "kg", nominal = 2.0 }
+c = { unit = "N s/m", nominal = 60.0 }
+k = { unit = "N/m", nominal = 2e5 }
+"""
+SAMPLED, COUNT = 2000.0, 12000
+
+
+def shaken(rng: np.random.Generator, stiffer: float = 0.0, gain: float = 0.0) -> rid.Record:
+    """Return a mass that noise shakes, by the exact step of a force that is held."""
+    force = rng.standard_normal(COUNT)
+    position = np.empty(COUNT)
+    state = np.zeros(2)
+    for part in range(2):
+        stiffness = 2e5 * (1 + stiffer * part)
+        step = step_of(stiffness)
+        for n in range(part * COUNT // 2, (part + 1) * COUNT // 2):
+            position[n] = state[0]
+            state = step[:2, :2] @ state + step[:2, 2] * force[n]
+    position[COUNT // 2 :] *= 1 + gain
+    noisy = position + 3e-7 * rng.standard_normal(COUNT)
+    channels = [rid.Channel("F", "N", hold=True), rid.Channel("x", "m")]
+    return rid.Record(channels, np.column_stack([force, noisy]), SAMPLED)
+
+
+def step_of(stiffness: float) -> np.ndarray:
+    """Return the step of a sample, of position, velocity and force, exactly."""
+    matrix = np.zeros((3, 3))
+    matrix[0, 1] = 1.0
+    matrix[1] = [-stiffness / 2, -30.0, 0.5]
+    return np.asarray(expm(matrix / SAMPLED))
+
+
+def answer(each: rid.Record) -> rid.Estimate:
+    lines = rid.spectra(each, (5.0, 150.0), inputs=["F"])
+    return rid.identify(rid.models.parse_model(HELD), lines, "ml")
+
+
+@pytest.mark.slow
+def test_nothing_is_said_of_a_record_in_which_nothing_changed() -> None:
+    for seed in range(4):
+        found = answer(shaken(np.random.default_rng(seed)))
+        assert found.status == "ok", found.warnings
+
+
+@pytest.mark.parametrize(("change", "named"), [({"stiffer": 0.05}, "k"), ({"gain": 0.03}, "mk")])
+def test_what_changed_in_the_middle_is_told(change: dict[str, float], named: str) -> None:
+    found = answer(shaken(np.random.default_rng(1), **change))
+    assert found.status == "rejected"
+    told = [text for text in found.warnings if "halves of the record differ by" in text]
+    assert len(told) == 1
+    assert any(f"deviations in {name}" in told[0] for name in named)
+
+
+def test_a_record_without_windows_has_no_halves() -> None:
+    lines = rid.spectra(shaken(np.random.default_rng(1)), (5.0, 150.0), inputs=["F"])
+    assert len(lines.parts(2)) == 2
+    assert lines.parts(3)[2].names == lines.names
