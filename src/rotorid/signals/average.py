@@ -272,7 +272,7 @@ def _lines_of(
         )
     if band is not None:
         return lines_within(band, rate, size)
-    chosen = harmonics or ()
+    chosen = () if harmonics is None else harmonics
     shown, key = f"the harmonics {list(chosen)}", "harmonics"
     if not len(chosen):
         raise InputError(f"no line in {shown}", "at least one line", "widen it", place=key)
