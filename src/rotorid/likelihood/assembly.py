@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 
@@ -25,49 +24,30 @@ from rotorid.likelihood.effects import (
     Calibration,
     Drives,
     Entry,
+    Factors,
     Reads,
     Rereads,
     RowLoad,
     Scales,
     Turns,
+    at_unknowns,
 )
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_factor
 from rotorid.models.equations import SensorTerm
-from rotorid.models.expressions import Expression, evaluate, product, symbol
+from rotorid.models.expressions import Expression, evaluate, symbol
 from rotorid.models.linear_form import TermKind, speed_factor
 from rotorid.signals.covariance import LineCovariance
 
-Factors = tuple[int, ...]
 PHASE_STEPS = 16
 """Angles of a revolution that tell the orders of loads which have more of them: up to the seventh.
 """
 
 
 @frozen
-class MatrixTerm:
-    """``coefficient * product of unknowns``, of a kind, in a row and a column of [P, B]."""
-
-    row: int
-    column: int
-    kind: TermKind
-    factors: Factors
-    coefficient: float
-
-
-def derivative(order: int, power: int = 0) -> TermKind:
-    """Return the kind of terms of a derivative, and of a power of the speed."""
-    speed = [(symbol("Omega"), Fraction(power))] if power else []
-    return TermKind(order, product(speed), structural=False)
-
-
-STILL = derivative(0)
-
-
-@frozen
 class Terms:
-    """The terms of [P, B] in columns, P = -Z: those of a drawing are tens of thousands."""
+    """The terms of [Z, -B] in columns: those of a drawing are tens of thousands."""
 
     kinds: tuple[TermKind, ...]
     # (term,)
@@ -80,7 +60,7 @@ class Terms:
     where: Mapping[Factors, int]  # each product of unknowns among them
 
     @classmethod
-    def of(cls, layout: Layout, further: Sequence[MatrixTerm], loads: Sequence[Load] = ()) -> Terms:
+    def of(cls, layout: Layout, further: Sequence[Entry], loads: Sequence[RowLoad] = ()) -> Terms:
         """Return the model's own stiffness, and further terms behind it."""
         table, products = layout.model.require_linear().stiffness, layout.monomial_factors
         used = {factors for factors in products if factors is not None}
@@ -97,12 +77,12 @@ class Terms:
         row, column, monomial, kind = (
             np.append(a[kept], b) for a, b in zip(own, behind, strict=True)
         )
-        coefficient = np.append(-table.coefficient[kept], [t.coefficient for t in further])
+        coefficient = np.append(table.coefficient[kept], [t.coefficient for t in further])
         monomials = Monomials.of(list(where), len(layout.unknowns))
         return cls(kinds, row, column, monomial, kind, coefficient, monomials, where)
 
     def entries(self, lines: Lines) -> Entries:
-        """Return the terms on lines; kinds that are alike on these are one."""
+        """Return those of [P, B], P = -Z, on lines; kinds that are alike on these are one."""
         weights: dict[tuple[int, bytes], Complexes] = {}
         sizes, keys = [], []
         for kind in self.kinds:
@@ -119,7 +99,7 @@ class Terms:
             self.column[kept],
             self.monomial[kept],
             place,
-            self.coefficient[kept] * every[kept],
+            -self.coefficient[kept] * every[kept],
             np.stack(list(weights.values()), axis=1),
         )
 
@@ -137,8 +117,8 @@ def profile(kind: TermKind, lines: Lines) -> tuple[float, Complexes | None]:
     return 1.0, np.asarray(along, dtype=np.complex128)
 
 
-def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
-    """Return the entries of ``[P, B]`` besides the model's own stiffness; columns of B come last.
+def other_terms(layout: Layout, observation: Observation) -> list[Entry]:
+    """Return the entries of ``[Z, -B]`` besides the model's own stiffness; inputs come last.
 
     An input whose channel holds a current acts as ``ki i + ks x``: ki scales its column of B, and
     ks x, with the true displacement, is a stiffness of the machine.
@@ -155,15 +135,21 @@ def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
         scale = tuple(at for effect, at in acting if effect.part == "force")
         levers = [(*e.arms[b.row], (at,)) for e, at in acting if e.part == "lever"]
         for row, arm, lever in [(b.row, 1.0, ()), *levers]:
-            common, size = factors + scale + lever, b.coefficient * arm
-            terms.append(MatrixTerm(row, column, STILL, tuple(sorted(common + gain)), size * ki))
+            common, size = factors + scale + lever, -b.coefficient * arm
+            terms.append(Entry(row, column, 0, size * ki, factors=_sorted(common + gain)))
             if channel.drive is None:
                 continue
             ks, slope = _constant(acting, "ks", channel.drive.ks)
             for t in _displacement(layout, channel):
-                there = tuple(sorted(common + slope + _parameters(layout, t)))
-                terms.append(MatrixTerm(row, t.coordinate, STILL, there, size * ks * t.coefficient))
-    return [*terms, *further_terms(layout), *_sensor_rows(layout, observation)]
+                there = _sorted(common + slope + _parameters(layout, t))
+                coefficient = size * ks * t.coefficient
+                terms.append(Entry(row, t.coordinate, 0, coefficient, factors=there))
+    further = at_unknowns(layout.acting(Entry))
+    return [*terms, *further, *_sensor_rows(layout, observation)]
+
+
+def _sorted(factors: Factors) -> Factors:
+    return tuple(sorted(factors))
 
 
 def _constant(
@@ -172,19 +158,6 @@ def _constant(
     """Return a constant of a force law as (number, unknowns): one of the two is trivial."""
     unknown = next((at for effect, at in acting if effect.part == part), None)
     return (known, ()) if unknown is None else (1.0, (unknown,))
-
-
-def further_terms(layout: Layout) -> list[MatrixTerm]:
-    return [
-        MatrixTerm(
-            e.row,
-            e.column,
-            derivative(e.order, e.speed_power),
-            (int(at[e.unknown]),),
-            -e.coefficient,
-        )
-        for e, at in layout.acting(Entry)
-    ]
 
 
 def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
@@ -216,53 +189,37 @@ def _parameters(layout: Layout, term: SensorTerm) -> Factors:
     return tuple(np.repeat(layout.held, term.powers).tolist()) if any(term.powers) else ()
 
 
-def _sensor_rows(layout: Layout, observation: Observation) -> list[MatrixTerm]:
-    """Return the rows of indirect sensors: the reading, less what it reads."""
+def _sensor_rows(layout: Layout, observation: Observation) -> list[Entry]:
+    """Return the rows of indirect sensors: what each reads, less the reading."""
     model, terms = layout.model, []
     first_row = len(model.texts)
     first_column = len(model.coordinates) + len(model.inputs)
     for k, sensor in enumerate(observation.indirect):
         row = first_row + k
-        terms.append(MatrixTerm(row, first_column + k, STILL, (), 1.0))
+        terms.append(Entry(row, first_column + k, 0, -1.0, factors=()))
         _require_known(layout, sensor.terms, "a sensor", sensor.channel.name)
+        for t in sensor.terms:
+            held = _parameters(layout, t)
+            terms.append(Entry(row, t.coordinate, t.order, t.coefficient, factors=held))
         terms += [
-            MatrixTerm(
-                row, t.coordinate, derivative(t.order), _parameters(layout, t), -t.coefficient
-            )
-            for t in sensor.terms
-        ]
-        terms += [
-            MatrixTerm(row, effect.coordinate, STILL, (int(at[0]),), -effect.coefficient)
+            Entry(row, effect.coordinate, 0, effect.coefficient, factors=(int(at[0]),))
             for effect, at in layout.acting(Reads)
             if effect.channel == sensor.channel.name
         ]
     return terms
 
 
-@frozen
-class Load:
-    """``coefficient * product of unknowns * signal`` in a row of g."""
-
-    row: int
-    factors: Factors
-    signal: Expression
-    coefficient: float
-
-
-def every_load(layout: Layout) -> list[Load]:
+def every_load(layout: Layout) -> list[RowLoad]:
     model = [
-        Load(term.row, factors, term.signal, term.coefficient)
+        RowLoad(term.row, term.signal, term.coefficient, factors)
         for term in layout.model.require_linear().load_terms
         if (factors := layout.monomial_factors[term.monomial]) is not None
     ]
-    return model + [
-        Load(load.row, (int(at[load.unknown]),), load.signal, load.coefficient)
-        for load, at in layout.acting(RowLoad)
-    ]
+    return model + at_unknowns(layout.acting(RowLoad))
 
 
 def load_lines(
-    loads: Sequence[Load], lines: Lines, rows: Floats, phase_unknown: bool
+    loads: Sequence[RowLoad], lines: Lines, rows: Floats, phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
     """Return the columns of g, one for each product of unknowns, and the orders of the rotor angle.
 

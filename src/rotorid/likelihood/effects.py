@@ -15,7 +15,8 @@ the sensor is therefore in the force as well, k_s times as large.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
+from fractions import Fraction
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -25,7 +26,8 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines, Samples
 from rotorid.data.observation import Observation
 from rotorid.force.reading import Passed, displacement
-from rotorid.models.expressions import Expression
+from rotorid.models.expressions import Expression, product, symbol
+from rotorid.models.linear_form import TermKind
 from rotorid.signals.spectrum import transfer_of_recording
 
 
@@ -66,12 +68,15 @@ class Rereads:
     stated: float  # the value of the scalar at which the forces are as they were read
 
 
+Factors = tuple[int, ...]
+"""Unknowns whose product something is multiplied by, repeated for powers."""
+
+
 @frozen
 class Entry:
-    """``coefficient * Omega^speed_power * unknown * d^order / dt^order`` of a coordinate in a row.
+    """``coefficient * Omega^speed_power * factors * d^order / dt^order`` of a coordinate in a row.
 
-    It adds to the left side of the equations of motion, as the stiffness does; `unknown` counts
-    among the scalars.
+    It adds to the left side of the equations of motion, as the stiffness does.
     """
 
     row: int
@@ -79,20 +84,22 @@ class Entry:
     order: int
     coefficient: float
     speed_power: int = 0
-    unknown: int = 0
+    factors: Factors = (0,)  # whose product it is: of an effect counted among the scalars
+
+    @property
+    def kind(self) -> TermKind:
+        power = [(symbol("Omega"), Fraction(self.speed_power))] if self.speed_power else []
+        return TermKind(self.order, product(power), structural=False)
 
 
 @frozen
 class RowLoad:
-    """``coefficient * signal(phi, Omega) * unknown``, added to the right side of a row.
-
-    `unknown` counts among the scalars.
-    """
+    """``coefficient * factors * signal(t, phi, Omega)``, added to the right side of a row."""
 
     row: int
     signal: Expression
-    unknown: int
-    coefficient: float = 1.0
+    coefficient: float
+    factors: Factors = (0,)  # as those of an entry
 
 
 @frozen
@@ -133,8 +140,14 @@ class Replaces:
 
 Effect = Scales | Adds | Rereads | Entry | RowLoad | Drives | Reads | Turns | Replaces
 E = TypeVar("E", bound=Effect)
+Term = TypeVar("Term", Entry, RowLoad)
 Placed = Sequence[tuple[E, Integers]]
 """Effects of one kind, each with where its scalars stand among the unknowns."""
+
+
+def at_unknowns(placed: Placed[Term]) -> list[Term]:
+    """Return entries or loads with their factors counted among the unknowns."""
+    return [replace(e, factors=tuple(at[list(e.factors)].tolist())) for e, at in placed]
 
 
 def of_kind(kind: type[E], effects: Sequence[Effect]) -> list[E]:

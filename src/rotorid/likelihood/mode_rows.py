@@ -19,7 +19,8 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.measured_modes import Mode, configurations, number
-from rotorid.likelihood.assembly import Terms, further_terms
+from rotorid.likelihood.assembly import Terms
+from rotorid.likelihood.effects import Entry, at_unknowns
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.models.linear_form import speed_factor
@@ -263,8 +264,8 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
 
 
 def pencil_at(layout: Layout, speed: float) -> Pencil:
-    further = [t for t in further_terms(layout) if t.kind.order < 3]  # beyond M is no matrix
-    terms = Terms.of(layout, further)
+    further = at_unknowns(layout.acting(Entry))
+    terms = Terms.of(layout, [t for t in further if t.order < 3])  # beyond M is no matrix
     order = np.array([kind.order for kind in terms.kinds], dtype=np.int64)[terms.kind]
     size = [
         speed_factor(kind.factor, speed) * (1j if kind.structural else 1) for kind in terms.kinds
@@ -274,7 +275,7 @@ def pencil_at(layout: Layout, speed: float) -> Pencil:
         terms.column,
         order,
         terms.monomial,
-        -terms.coefficient * np.array(size)[terms.kind],
+        terms.coefficient * np.array(size)[terms.kind],
         terms.monomials,
         {},
         layout.model.require_linear().coordinates,

@@ -115,7 +115,7 @@ def _bending(structure: Structure, units: Sequence[str]) -> Unknown:
             matrix[one[a], other[b]] = matrix[other[b], one[a]] = sign
         matrix = structure.in_rows(heavy @ matrix @ heavy)
         entries += [
-            Entry(int(r), int(c), BENDING, float(matrix[r, c]), unknown=unknown)
+            Entry(int(r), int(c), BENDING, float(matrix[r, c]), factors=(unknown,))
             for r, c in np.argwhere(matrix)
         ]
     unit = "m/N" if units[structure.pairs[0][0]] == "m" else "rad/(N m)"
@@ -173,7 +173,7 @@ def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> U
     signals = [product([squared, factor]) for factor in turning]
     rows, scales = structure.balance.rows, structure.balance.scales
     loads = [
-        RowLoad(int(rows[c]), signal, 2 * k + part, float(scales[c]))
+        RowLoad(int(rows[c]), signal, float(scales[c]), (2 * k + part,))
         for k, c in enumerate(group)
         for part, signal in enumerate(signals)
     ]
@@ -191,7 +191,7 @@ def _term(structure: Structure, name: str, unit: str, matrices: Matrices) -> Unk
 
 
 def _missing(name: str, unit: str, effects: Sequence[Entry | RowLoad]) -> Unknown:
-    count = 1 + max((effect.unknown for effect in effects), default=0)
+    count = 1 + max((effect.factors[0] for effect in effects), default=0)
     names = [name] if count == 1 else [f"{name} ({i})" for i in range(count)]
     scalars = tuple(Scalar(each, unit, 0.0, additive=True) for each in names)
     return Unknown(scalars, frozenset(), tuple(effects), name)

@@ -263,7 +263,7 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
         kind = TermKind(term.order, term.factor, term.structural)
         factors, size = layout.monomial_factors[term.monomial], sizes[kind] * term.coefficient
         if factors is not None and size:
-            add(kind, ("row", term.row), ("coordinate", term.column), factors, -size)
+            add(kind, ("row", term.row), ("coordinate", term.column), factors, size)
     if observed is None:
         return found
     record = observed
@@ -273,7 +273,7 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
             continue
         row = ("row" if t.row < rows else "sensor row", t.row)
         column = ("coordinate" if t.column < n else "input", t.column)
-        add(("other", t.kind.order), row, column, t.factors, sizes[t.kind] * t.coefficient)
+        add(("other", t.order), row, column, t.factors, sizes[t.kind] * t.coefficient)
     for load in every_load(layout):
         add("load", ("row", load.row), ("load", load.signal), load.factors, load.coefficient)
     for number, reads in enumerate(record.reads):
