@@ -1,22 +1,13 @@
-"""Recorded currents, fluxes and positions to forces, sample by sample.
+"""Recorded currents, fluxes and positions to forces, sample by sample, and back to currents.
 
-A current that a sampled controller commands is held while the displacement goes on, so that neither
-the samples of the force nor those of a held force give the right line. By Gauss's points c_j and
-weights w_j in the period of the hold, it is the line of (docs/rig.md derives it)
+A current that a sampled controller commands is held while the displacement goes on: a force is the
+sum of the law over Gauss's points in the period of the hold (docs/rig.md derives it), right up to
+0.45 of the sample rate to 1e-9. A column with dynamics is first made the current that flows, or the
+displacement that there is, line by line over the record; what of the command's steps is left behind
+the amplifier enters a law that bends only by its square.
 
-    F = sum_j w_j S(-c_j) law(i, S(c_j) x),
-
-S(c) a shift of samples by c, to which delays add. The result is a channel without hold and delay,
-right up to 0.45 of the sample rate to 1e-9 (the shifts, `rotorid.signals.spectrum`).
-
-A column with dynamics, as of a lagging amplifier or of a sensor of some bandwidth, is first made
-the current that flows, or the displacement that there is, line by line over the record: hold, delay
-and dynamics. What of the command's steps is left behind the amplifier enters a law that bends only
-by its square.
-
-The forces of laws that bend are computed sample by sample, before any line is taken. Should a
-constant of the law be another one than stated, the force is another one too: the current that made
-it is found again, by inverting the law, and goes through the law with the other constant.
+Should a constant of a law that bends be another one than stated, the current that made the force is
+found again, by inverting the law, and goes through the law with the other constant.
 """
 
 from __future__ import annotations

@@ -4,12 +4,9 @@ The likelihood knows these and no kinds of unknowns. `Calibration` is what those
 readings and rotor angle come to on the lines of a record, with derivatives; terms, loads and what
 drives the model go into its equations (`assembly`).
 
-A constant such as the gap is no factor of a line. The samples behind the lines, mean period or
-whole record, go through the law again; what changes is added to the lines as they were read. The
-samples carry the noise of their mean only, and only the change is taken from them.
-
-The force of a magnet is computed from a current and a displacement. A gain, a lag or a runout of
-the sensor is therefore in the force as well, k_s times as large.
+A constant of a force law is no factor of a line. The samples behind the lines go through the law
+again; only what changes is added to the lines. The force of a magnet is computed from a current and
+a displacement: a gain, a lag or a runout of the sensor is in the force as well, k_s times as large.
 """
 
 from __future__ import annotations

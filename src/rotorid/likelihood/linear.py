@@ -12,9 +12,6 @@ first order (a score test). Leaving out rows k lowers it by r_k' (1 - U_k U_k')^
 of what is taken as exact moves the unknowns by M v deviations and leaves L v in the residual. It is
 unseen where it adds no more than s to the cost: of all v with |v|^2 + |L v|^2 / s <= 1 the worst
 moves unknown i by the root of M_i (1 + L' L / s)^-1 M_i'.
-
-The solver's steps (`Tangent`) ask a triangle of [J | r] in place of all its rows, with no column
-taken for rounding on the way to the minimum.
 """
 
 from __future__ import annotations

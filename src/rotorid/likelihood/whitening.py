@@ -1,16 +1,14 @@
 """The steps to a whitened residual: noise, scales, projection, and the transient of a window.
 
-Everything after it is free of units: a row divided by its scale, a coordinate by its own, are
-numbers about one, whatever units they were written in.
+Everything after it is free of units: rows and coordinates, divided by their scales, are about one.
 
 ``s = .. + sum_p tau_p (i omega / omega_0)^p``, tau real, one for each power of each equation and
-record. They enter linearly, so that at each point they are at their best for all the others: the
-whitened residual and its derivatives are taken orthogonal to their whitened columns.
+record, at their best for all the other unknowns: the whitened residual and its derivatives are
+taken orthogonal to their whitened columns.
 
 What the equations say without the coordinates that no sensor reads is N^H, with N^H P H = 0, by the
-QR factorization of P H. Of many hidden coordinates, as in a rotor from its drawing, N is only a few
-of the columns of Q: they are made from the reflections one by one, and Q itself is never formed,
-which takes a third of the time.
+QR factorization of P H. Of many hidden coordinates, as in a rotor from its drawing, N is made from
+the reflections, and Q itself is never formed, which takes a third of the time.
 """
 
 from __future__ import annotations
@@ -105,12 +103,9 @@ def find_scales(
     The tie: rows with a force are as large as the force, and a coordinate that a sensor reads by
     itself is as large as its reading. The fit follows every change of units exactly.
 
-    A force or a reading that does not rise above its noise, ``force_noise`` of each row and
-    ``reading_noise`` of each sensor (rms over the lines), ties nothing. A row without excitation
-    would else be scaled by its own noise, and be granted errors no larger than that: it would
-    join the regression with a signal that is noise, whose best fit is a rotor without mass. Where
-    it is all that a part of the machine has, the row is taken to be as large as the largest that
-    is driven.
+    A force or a reading that does not rise above its noise (rms over the lines) ties nothing: its
+    row would be granted errors no larger than noise, whose best fit is a rotor without mass. Where
+    it is all that a part of the machine has, its row is as large as the largest that is driven.
     """
     rows, coordinates = stiffness.shape[1:]
     top = np.abs(stiffness).max(axis=0, initial=0.0)
