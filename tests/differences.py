@@ -1,6 +1,8 @@
 """Derivatives by differences, for tests of analytic ones."""
 
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,3 +15,21 @@ def extrapolated(function: Callable[[float], float], step: float, levels: int = 
             table[i].append((4**m * table[i][m - 1] - table[i - 1][m - 1]) / (4**m - 1))
     steps = [abs(table[i][i] - table[i - 1][i - 1]) for i in range(1, levels)]
     return table[int(np.argmin(steps)) + 1][int(np.argmin(steps)) + 1]
+
+
+def gradient_holds(
+    evaluate: Callable[[np.ndarray], Any],
+    x: np.ndarray,
+    scale: np.ndarray,
+    rtol: float = 1e-9,
+    atol: float = 1e-9,
+) -> None:
+    """Hold the gradient of an evaluated cost against differences along each unknown."""
+    at = evaluate(x)
+    gradient = 2 * at.jacobian().T @ at.residual
+
+    def along(h: float, step: np.ndarray) -> float:
+        return evaluate(x + h * step).cost
+
+    found = [extrapolated(partial(along, step=step), 4e-3) for step in np.diag(scale)]
+    np.testing.assert_allclose(gradient * scale, found, rtol=rtol, atol=atol * np.abs(found).max())

@@ -92,7 +92,36 @@ class Solved:
     groups: list[Integers]
 
 
-Measured = tuple[Mode, complex, Callable[[], Complexes]]
+@frozen
+class Measured:
+    """A measured mode at a point: lambda of the model, and what finds its derivative."""
+
+    mode: Mode
+    value: complex
+    slope: Callable[[], Complexes]  # by every unknown
+
+    @property
+    def hertz(self) -> float:
+        return self.value.imag / (2 * np.pi)
+
+    @property
+    def ratio(self) -> float:
+        return -self.value.real / abs(self.value)
+
+    def rows(self, relaxation: float) -> Iterator[tuple[float, float, Callable[..., Floats]]]:
+        """Yield error and deviation of frequency and damping, and their derivative by lambda's."""
+        hertz, std, _ = self.mode.in_si
+        granted = GRANTED * relaxation
+        spread = float(np.hypot(std, granted * hertz))
+        yield self.hertz - hertz, spread, lambda slope: slope.imag / (2 * np.pi)
+        if self.mode.damping is not None:
+            ratio, std = self.mode.damping
+            unit = self.value.conjugate() / abs(self.value)
+            yield (
+                self.ratio - ratio,
+                float(np.hypot(std, granted)),
+                lambda slope: -(slope.real + self.ratio * (unit * slope).real) / abs(self.value),
+            )
 
 
 @frozen
@@ -123,14 +152,13 @@ class Configuration:
         return np.array([at.modes.values[group].mean() for group in at.groups])
 
     def measured(self, unknowns: Floats) -> Iterator[Measured]:
-        """Yield each measured mode, its lambda, and what finds the derivative by every unknown."""
         at = self.solved(unknowns)
         if number(self.modes[-1]) > len(at.groups):
             raise np.linalg.LinAlgError("fewer natural frequencies than were measured")
         for mode in self.modes:
             group = at.groups[number(mode) - 1]
             value = complex(at.modes.values[group].mean())
-            yield mode, value, partial(self._slope, unknowns, at, group, value)
+            yield Measured(mode, value, partial(self._slope, unknowns, at, group, value))
 
     def _slope(self, unknowns: Floats, at: Solved, group: Integers, value: complex) -> Complexes:
         together = next(each for each in at.modes.distinct if group[0] in each)
@@ -178,30 +206,15 @@ class ModalRows:
             yield from each.measured(unknowns)
 
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        rows: list[float] = []
-        for mode, value, _ in self.measured(unknowns):
-            found = (value.imag / (2 * np.pi), -value.real / abs(value))
-            told = ((mode.in_si[0], mode.in_si[1]), mode.damping)
-            spreads = _spreads(mode, relaxation)
-            rows += [(x - t[0]) / s for x, t, s in zip(found, told, spreads, strict=True) if t]
-        return np.array(rows)
+        every = (row for each in self.measured(unknowns) for row in each.rows(relaxation))
+        return np.array([error / std for error, std, _ in every])
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         rows: list[Floats] = []
-        for mode, value, slope_of in self.measured(unknowns):
-            spread, slope = _spreads(mode, relaxation), slope_of()
-            rows.append(slope.imag / (2 * np.pi) / spread[0])
-            if mode.damping is not None:
-                along = (value.conjugate() * slope).real / abs(value) ** 2
-                rows.append((value.real * along - slope.real) / abs(value) / spread[1])
+        for each in self.measured(unknowns):
+            slope = each.slope()
+            rows += [by_slope(slope) / std for _, std, by_slope in each.rows(relaxation)]
         return np.array(rows).reshape(len(rows), len(unknowns))
-
-
-def _spreads(mode: Mode, relaxation: float) -> tuple[float, float]:
-    hertz, std, _ = mode.in_si
-    granted = GRANTED * relaxation
-    ratio = 1.0 if mode.damping is None else mode.damping[1]
-    return float(np.hypot(std, granted * hertz)), float(np.hypot(ratio, granted))
 
 
 def modal_rows(layout: Layout, modes: Sequence[Mode], generic: Floats) -> ModalRows:
@@ -290,22 +303,22 @@ def mode_fits(
     modes: ModalRows, unknowns: Floats, free: Integers, covariance: Floats
 ) -> tuple[ModeFit, ...]:
     found = []
-    for mode, value, slope_of in modes.measured(unknowns):
-        hertz, std, speed = mode.in_si
-        along = slope_of()[free].imag / (2 * np.pi)
-        ratio, spread = (None, None) if mode.damping is None else mode.damping
+    for each in modes.measured(unknowns):
+        hertz, std, speed = each.mode.in_si
+        along = each.slope()[free].imag / (2 * np.pi)
+        ratio, spread = each.mode.damping or (None, None)
         found.append(
             ModeFit(
-                number(mode),
+                number(each.mode),
                 speed,
                 hertz,
                 std,
-                float(value.imag / (2 * np.pi)),
+                float(each.hertz),
                 float(np.sqrt(max(float(along @ covariance @ along), 0.0))),
                 ratio,
                 spread,
-                float(-value.real / abs(value)),
-                tuple((name, float(v)) for name, v in mode.parameters.items()),
+                float(each.ratio),
+                tuple((name, float(v)) for name, v in each.mode.parameters.items()),
             )
         )
     return tuple(found)
