@@ -170,6 +170,11 @@ def test_refusals(options, message):
         average(record_of(RANDOM), **options)
 
 
+def test_harmonics_may_be_an_array():
+    lines = np.array([1, 3])
+    assert average(record_of(RANDOM), 10.0, harmonics=lines).harmonics.tolist() == [1, 3]
+
+
 def test_the_nyquist_line_cannot_be_corrected():
     channels = [Channel("u", hold=True), Channel("x")]
     record = record_of(RANDOM, channels=channels)

@@ -12,11 +12,7 @@ from rotorid.signals.checks import rotation as checks_rotation
 from rotorid.signals.checks import timing as checks_timing
 from rotorid.signals.checks.channels import _flat
 from rotorid.signals.checks.timing import (
-    STEP,
-    Shifts,
-    _may_step,
     _small_shifts,
-    fit_shifts,
     shifts_of,
 )
 
@@ -156,18 +152,3 @@ def test_where_phases_could_wrap_it_is_one_by_one(turn: float, small: bool) -> N
     tau = np.zeros(COUNT)
     tau[[20, 40]] = np.array([1, -1]) * turn / (2 * np.pi * 3 * FUNDAMENTAL)
     assert (_small_shifts(periods_of(tau, 1e-4)) is not None) == small
-
-
-def test_no_clear_step_is_passed_over() -> None:
-    """Steps around the least clear one, at any place: what is not looked at is not clear."""
-    rng = np.random.default_rng(2)
-    looked_at = 0
-    for trial in range(300):
-        tau = rng.standard_normal(COUNT)
-        at = int(rng.integers(2, COUNT - 2))
-        tau += rng.uniform(0.0, 6.0) * (np.arange(COUNT) >= at)
-        fit = fit_shifts(tau, 1.0)
-        shifts = Shifts(tau, 1.0, 1.0)
-        looked_at += bool(may := _may_step({0: shifts}))
-        assert may or abs(fit.step) <= STEP * fit.step_std, trial
-    assert 0 < looked_at < 290

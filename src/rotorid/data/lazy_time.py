@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 
@@ -59,11 +58,7 @@ class WhenRead:
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    @overload
-    def __get__(self, instance: None, owner: type) -> WhenRead: ...
-    @overload
-    def __get__(self, instance: object, owner: type) -> Floats: ...
-    def __get__(self, instance: object | None, owner: type) -> Floats | WhenRead:
+    def __get__(self, instance: object | None, owner: type) -> Floats:
         if instance is None:
             raise AttributeError(self.name)  # the field has no default
         value = vars(instance)[self.name]

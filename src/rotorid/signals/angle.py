@@ -56,13 +56,10 @@ class MeasuredAngle:
 
 
 def _regression(time: Floats, angle: Floats) -> tuple[float, float, float]:
-    middle, half = (time[0] + time[-1]) / 2, max((time[-1] - time[0]) / 2, 1e-300)
-    s = (time - middle) / half
-    degree = min(2, len(time) - 1)
-    fit = np.polynomial.polynomial.polyfit(s, angle, degree)
-    left = angle - np.polynomial.polynomial.polyval(s, fit)
-    drift = 2 * fit[2] / half**2 if degree == 2 else 0.0
-    return float(fit[1] / half), float(drift), float(np.sqrt(np.mean(left**2)))
+    fit = np.polynomial.Polynomial.fit(time, angle, min(2, len(time) - 1))
+    speed, middle = fit.deriv(), (time[0] + time[-1]) / 2
+    scatter = np.sqrt(np.mean((angle - fit(time)) ** 2))
+    return float(speed(middle)), float(speed.deriv()(middle)), float(scatter)
 
 
 def encoder_angle(

@@ -83,21 +83,13 @@ def detect_distortion(
     # Of the mean of each line: differences of successive periods hold no slow drift.
     noise = (np.abs(np.diff(periods.spectra, axis=0)) ** 2).mean(axis=0) / 2 / periods.periods
     odd, even = out[out % 2 == 1], out[out % 2 == 0]
-    (odd_mean, odd_noise), (even_mean, even_noise) = (
-        (_mean(power, chosen), _mean(noise, chosen)) for chosen in (odd, even)
-    )
-    quiet = np.maximum(_mean(noise, out), 1e-300)
-    return Distortion(
-        channels=periods.names,
-        odd=odd,
-        even=even,
-        level=np.sqrt(_mean(power, np.array(sorted(excited)))),
-        odd_level=np.sqrt(np.maximum(odd_mean - odd_noise, 0.0)),
-        even_level=np.sqrt(np.maximum(even_mean - even_noise, 0.0)),
-        noise=np.sqrt(_mean(noise, out)),
-        odd_excess=np.sqrt(odd_mean / quiet),
-        even_excess=np.sqrt(even_mean / quiet),
-    )
+    level, quiet = np.sqrt(_mean(power, np.array(sorted(excited)))), _mean(noise, out)
+    both = [_mean(power, group) for group in (odd, even)]
+    left = [mean - _mean(noise, group) for mean, group in zip(both, (odd, even), strict=True)]
+    odd_level, even_level = (np.sqrt(np.maximum(part, 0.0)) for part in left)
+    odd_excess, even_excess = (np.sqrt(mean / np.maximum(quiet, 1e-300)) for mean in both)
+    levels = level, odd_level, even_level, np.sqrt(quiet)
+    return Distortion(periods.names, odd, even, *levels, odd_excess, even_excess)
 
 
 def _mean(power: Floats, harmonics: Integers) -> Floats:
@@ -307,15 +299,10 @@ def _distortion(periods: PeriodicRecord, c: int) -> tuple[float | None, float | 
         near = np.abs(lines / turns - np.round(lines / turns)) * turns < 0.5
     free = (lines > 0) & (lines <= 3 * highest) & ~np.isin(lines, periods.harmonics) & ~near
     kept = float(power[periods.harmonics].sum())
-    sizes: list[float | None] = []
-    for parity in (1, 0):
-        chosen = free & (lines % 2 == parity)
-        if not chosen.any() or kept == 0:
-            sizes.append(None)
-            continue
-        excess = float((power[chosen] - noise).sum())
-        sizes.append(float(np.sqrt(max(excess, 0.0) / kept)))
-    return sizes[0], sizes[1]
+    chosen = [free & (lines % 2 == parity) for parity in (1, 0)]
+    excess = [max(float((power[at] - noise).sum()), 0.0) if at.any() else None for at in chosen]
+    odd, even = (float(np.sqrt(e / kept)) if kept and e is not None else None for e in excess)
+    return odd, even
 
 
 def _orders(record: Record, c: int) -> tuple[float, ...]:

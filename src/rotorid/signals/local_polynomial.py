@@ -164,25 +164,15 @@ class _Windows:
             regression = _Regression(self.half, references, rotation, powers, offset, kept)
             data = self.channels[window] * kept[:, :, None]
             degrees = np.maximum(self.dof - (~kept).sum(axis=1), count)
-            fit = regression.resonant(data, degrees)
-            orthogonal, left = fit.orthogonal, fit.left
+            orthogonal, left, resonant = regression.resonant(data, degrees)
             found[part] = left.transpose(0, 2, 1) @ left.conj()
-            found[part] /= (degrees - POLES / count * fit.resonant)[:, None, None]
+            found[part] /= (degrees - POLES / count * resonant)[:, None, None]
             each = np.arange(len(middle))
             lever = (np.abs(orthogonal[each, middle]) ** 2).sum(axis=1)
             taken[part] = lever
             own = left[each, middle] / np.sqrt(np.maximum(1 - lever, 1e-12))[:, None]
             share[part] = _share(found[part] * degrees[:, None, None], own)
         return found, taken, share
-
-
-@frozen
-class _Fit:
-    """Windows fitted: orthonormal columns, what they leave, and which have poles."""
-
-    orthogonal: Complexes
-    left: Complexes
-    resonant: Booleans
 
 
 @frozen
@@ -199,34 +189,34 @@ class _Regression:
     def among(self, chosen: Integers) -> _Regression:
         return replace(self, **{n: v[chosen] for n, v in vars(self).items() if n != "half"})
 
-    def fitted(self, data: Complexes, denominator: Complexes | float = 1.0) -> _Fit:
+    def fitted(
+        self, data: Complexes, denominator: Complexes | float = 1.0
+    ) -> tuple[Complexes, Complexes]:
+        """Return orthonormal columns, and what they leave."""
         powers = self.powers / np.asarray(denominator)[..., None]
         design = _design(self.references, self.rotation, powers)
         orthogonal, _ = np.linalg.qr(design * self.kept[:, :, None])
-        left = data - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ data)
-        return _Fit(orthogonal, left, np.zeros(len(data), dtype=bool))
+        return orthogonal, data - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ data)
 
-    def resonant(self, data: Complexes, degrees: Integers) -> _Fit:
+    def resonant(self, data: Complexes, degrees: Integers) -> tuple[Complexes, Complexes, Booleans]:
         """Fit data, with poles in the windows where they explain more than chance does."""
-        plain = self.fitted(data)
-        size = np.sqrt((np.abs(plain.left) ** 2).mean(axis=1, keepdims=True))
-        scaled = data / np.where(size > 0, size, 1.0)
+        (orthogonal, left), resonant = self.fitted(data), np.zeros(len(data), dtype=bool)
+        size = np.sqrt((np.abs(left) ** 2).mean(axis=1, keepdims=True))
+        size = np.where(size > 0, size, 1.0)
         chance = scipy.special.chdtri(2 * POLES, RESONANT) / 2 / (degrees * data.shape[2])
-        inverse, gained = self.poles(scaled, plain.orthogonal)
+        inverse, gained = self.poles(data / size, orthogonal)
         tried = np.flatnonzero((gained > chance) & inverse.any(axis=1))
         if not len(tried):
-            return plain
+            return orthogonal, left, resonant
         denominator = 1 - self.offset[tried, :, None] * inverse[tried, None]
-        fit = self.among(tried).fitted(data[tried], denominator.prod(axis=2))
+        columns, rest = self.among(tried).fitted(data[tried], denominator.prod(axis=2))
         before, after = (
-            (np.abs(left / np.where(size > 0, size, 1.0)[tried]) ** 2).sum(axis=(1, 2))
-            for left in (plain.left[tried], fit.left)
+            (np.abs(part / size[tried]) ** 2).sum(axis=(1, 2)) for part in (left[tried], rest)
         )
         better = after < before * (1 - chance[tried])
-        resonant = tried[better]
-        plain.orthogonal[resonant], plain.left[resonant] = fit.orthogonal[better], fit.left[better]
-        plain.resonant[resonant] = True
-        return plain
+        resonant[tried[better]] = True
+        orthogonal[resonant], left[resonant] = columns[better], rest[better]
+        return orthogonal, left, resonant
 
     def poles(self, scaled: Complexes, orthogonal: Complexes) -> tuple[Complexes, Floats]:
         """Return the poles' inverses, and the share of the residual that they explain.

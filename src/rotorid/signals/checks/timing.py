@@ -93,10 +93,16 @@ class _Lines:
     def weight(self) -> Floats:
         return np.where(self.clear, 1.0 / self.noise, 0.0)
 
-    def told(self, tau: Floats, turned: Complexes, at: slice = slice(None)) -> Shifts:
-        """Return the shifts of some channels together, which turn their lines so."""
-        z, weight, turned = self.z[:, :, at], self.weight[:, at], turned[:, :, at]
-        before, after = (float((weight * values.var(axis=0)).sum()) for values in (z, turned))
+    def turned(self, tau: Floats, at: slice = slice(None)) -> Complexes:
+        """Return the lines of some channels without a shift of each period."""
+        return np.asarray(self.z[:, :, at] * np.exp(1j * tau[:, None, None] * self.omega[:, None]))
+
+    def told(self, tau: Floats, at: slice = slice(None)) -> Shifts:
+        """Return the shifts of some channels together."""
+        z, weight = self.z[:, :, at], self.weight[:, at]
+        before, after = (
+            float((weight * values.var(axis=0)).sum()) for values in (z, self.turned(tau, at))
+        )
         chance = float(np.count_nonzero(weight))
         explained = (before - after) / (before - chance) if before > 2 * chance else 1.0
         size = np.stack([np.abs(z.mean(axis=0)) ** 2, (np.abs(z) ** 2).mean(axis=0)])
@@ -111,9 +117,7 @@ def shifts_of(
     seen = _Lines.of(periods, channels)
     if not seen.clear.any():
         return None
-    z, weight, omega = seen.z, seen.weight, seen.omega
-    tau = _refined(z, weight, omega, _cumulated(z, weight, omega, periods, start))
-    return seen.told(tau, z * np.exp(1j * tau[:, None, None] * omega[:, None]))
+    return seen.told(_refined(seen, _cumulated(seen, periods, start)))
 
 
 def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
@@ -131,22 +135,10 @@ def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
     information = (strength * seen.omega[:, None]).sum(axis=0)
     slopes = strength / np.where(information > 0, information, 1.0)
     tau = -np.einsum("plc,lc->pc", phase, slopes)
-    turned = seen.z * _turns(seen.harmonics, 2 * np.pi * periods.fundamental * tau)
     return {
-        int(c): seen.told(tau[:, c] - tau[0, c], turned, slice(c, c + 1))
+        int(c): seen.told(tau[:, c] - tau[0, c], slice(c, c + 1))
         for c in np.flatnonzero(seen.clear.any(axis=0))
     }
-
-
-def _turns(harmonics: Integers, angle: Floats) -> Complexes:
-    """Return exp(i k angle) of each harmonic k, (period, line, channel), as products of powers."""
-    once = np.exp(1j * angle)
-    powers = {step: once**step for step in set(np.diff(harmonics, prepend=0).tolist())}
-    turns = np.empty((len(angle), len(harmonics), angle.shape[1]), dtype=np.complex128)
-    here = np.ones_like(once)
-    for at, step in enumerate(np.diff(harmonics, prepend=0)):
-        turns[:, at] = here = here * powers[int(step)]
-    return turns
 
 
 def _steady_lines(periods: PeriodicRecord) -> Booleans:
@@ -158,11 +150,9 @@ def _steady_lines(periods: PeriodicRecord) -> Booleans:
     return np.asarray(lines)
 
 
-def _cumulated(
-    z: Complexes, weight: Floats, omega: Floats, periods: PeriodicRecord, start: Floats | None
-) -> Floats:
+def _cumulated(seen: _Lines, periods: PeriodicRecord, start: Floats | None) -> Floats:
     """Add up the shifts from period to period: small steps, so that no phase wraps."""
-    cross = (weight * z[1:] * z[:-1].conj()).sum(axis=2)
+    cross, omega = (seen.weight * seen.z[1:] * seen.z[:-1].conj()).sum(axis=2), seen.omega
     late = _coarse(cross, omega, periods) if start is None else np.diff(start)
     strength = np.abs(cross)
     for _ in range(4):
@@ -172,14 +162,14 @@ def _cumulated(
     return np.concatenate([[0.0], np.cumsum(late)])
 
 
-def _refined(z: Complexes, weight: Floats, omega: Floats, tau: Floats) -> Floats:
+def _refined(seen: _Lines, tau: Floats) -> Floats:
     """Hold each period against the mean of all: sums of steps would wander with the noise."""
     for _ in range(3):
-        turned = z * np.exp(1j * tau[:, None, None] * omega[:, None])
-        cross = (weight * turned * turned.mean(axis=0).conj()).sum(axis=2)
-        strength = np.abs(cross)
-        slope = (strength * omega * np.angle(cross)).sum(axis=1)
-        tau = tau - slope / np.maximum((strength * omega**2).sum(axis=1), 1e-300)
+        turned = seen.turned(tau)
+        cross = (seen.weight * turned * turned.mean(axis=0).conj()).sum(axis=2)
+        strength = np.abs(cross) * seen.omega
+        slope = (strength * np.angle(cross)).sum(axis=1)
+        tau = tau - slope / np.maximum((strength * seen.omega).sum(axis=1), 1e-300)
     return np.asarray(tau - tau[0])
 
 
@@ -229,33 +219,17 @@ def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> StepFit:
     return StepFit(float(solved[1]), float(solved[2]), float(deviation * root[2]), at)
 
 
-def _may_step(channels: dict[int, Shifts]) -> list[int]:
-    """Return where a step could be clear: elsewhere none explains more than noise alone would.
-
-    The fit leaves two periods to themselves besides, for which a half is allowed.
-    """
-    if not channels:
-        return []
-    most = _explained_by_steps(np.stack([s.tau for s in channels.values()])).max(axis=1)
-    noise = np.array([s.noise for s in channels.values()])
-    return [c for c, clear in zip(channels, most > (STEP / 2 * noise) ** 2, strict=True) if clear]
-
-
 def _explained_by_steps(tau: Floats) -> Floats:
-    """Return the sum of squares that a step before each period but the first explains.
-
-    Of one course of shifts, or of several, periods last.
-    """
-    count = tau.shape[-1]
+    """Return the sum of squares that a step before each period but the first explains."""
+    count = len(tau)
     place = np.arange(count) - (count - 1) / 2
-    rest = tau - tau.mean(axis=-1, keepdims=True)
-    rest = rest - place * (rest @ place / (place @ place))[..., None]
+    rest = tau - tau.mean()
+    rest = rest - place * (rest @ place / (place @ place))
     after = np.arange(count - 1, 0, -1)  # periods behind a step at 1, 2, ...
     moment = np.cumsum(place[::-1])[:-1][::-1]
     size = after - after**2 / count - moment**2 / (place @ place)
-    gain = np.cumsum(rest[..., ::-1], axis=-1)[..., -2::-1]
-    size = np.where(size > 1e-9 * count, size, np.inf)
-    return np.asarray(gain**2 / size)
+    gain = np.cumsum(rest[::-1])[-2::-1]
+    return np.asarray(gain**2 / np.where(size > 1e-9 * count, size, np.inf))
 
 
 def _long_run(left: Floats, unknowns: int, noise: float) -> float:
@@ -317,7 +291,7 @@ def _largest_step(
     periods: PeriodicRecord, channels: dict[int, Shifts]
 ) -> tuple[Note, dict[int, Shifts]] | None:
     """Return the clearest step by whole samples, and the shifts without it."""
-    fits = {c: fit_shifts(channels[c].tau, channels[c].noise) for c in _may_step(channels)}
+    fits = {c: fit_shifts(shifts.tau, shifts.noise) for c, shifts in channels.items()}
     clear = {
         c: abs(f.step) / f.step_std
         for c, f in fits.items()
