@@ -293,7 +293,8 @@ def outcome(estimate: Estimate, truth: Mapping[str, float]) -> Outcome:
     checks = [str(c) for c in estimate.checks if c.verdict not in ("ok",)]
     terms = [s.term for s in estimate.suspects[:3]]
     said = (*terms, *checks, *estimate.warnings)
-    misfit = estimate.misfit.cost / estimate.misfit.expected if estimate.misfit else np.nan
+    left = estimate.misfit
+    misfit = left.cost / left.expected if left and left.expected > 0 else np.nan
     return Outcome(estimate.status, off.get(worst, 0.0), worst, said, misfit)
 
 

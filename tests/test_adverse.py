@@ -38,7 +38,10 @@ def test_what_one_record_is_called(case: Case) -> None:
 
 def far_off(found: list[Outcome]) -> bool:
     """Tell whether misfits lie so far above what is rejected that no record will come near."""
-    margin = np.log([outcome.misfit / REJECTED for outcome in found])
+    misfits = np.array([outcome.misfit for outcome in found])
+    if not (np.isfinite(misfits) & (misfits > 0)).all():
+        return False
+    margin = np.log(misfits / REJECTED)
     return bool(margin.mean() > 5 * margin.std(ddof=1))
 
 
