@@ -67,15 +67,10 @@ def prepare(
     _check(layout, knowledge)
     layout = replace(layout, model=model.substitute(held))
     layout = replace(layout, unknowns=_unknowns(layout, knowledge, guess))
-    stated = [*_known(layout, knowledge)]
-    exact, weighed, bounds = (
-        Relations(tuple(rows), len(layout.unknowns))
-        for rows in (
-            [row for row in stated if not row.std],
-            [row for row in stated if row.std],
-            _bounds(layout, knowledge),
-        )
-    )
+    count = len(layout.unknowns)
+    stated, bounds = (Relations(tuple(k(layout, knowledge)), count) for k in (_known, _bounds))
+    exact = stated.where(lambda row: not row.std)
+    weighed = stated.where(lambda row: row.std > 0)
     _check_relations(layout, exact)
     _refuse_contradicted(layout, weighed, bounds)
     modes = modal_rows(layout, knowledge.modes, generic(layout, exact))
@@ -86,11 +81,15 @@ def _unknowns(
     layout: Layout, knowledge: Knowledge, guess: Mapping[str, float]
 ) -> tuple[Scalar, ...]:
     """Return all unknowns with their starts: zero for an unbalance of which nothing is said."""
-    base, parameters = layout.model.base, layout.model.parameters
-    named: list[tuple[str, str, bool]] = [(p.name, p.unit, p.positive) for p in parameters]
+    model = layout.model
     if layout.base:
-        named = [(*each, False) for each in zip(base.names, base.units, strict=True)]
-    scalars = [Scalar(n, u, guess.get(n, np.nan), None, np.nan, False, p) for n, u, p in named]
+        named = [(*each, False) for each in zip(model.base.names, model.base.units, strict=True)]
+    else:
+        named = [(p.name, p.unit, p.positive) for p in model.parameters]
+    scalars = [
+        Scalar(name, unit, guess.get(name, np.nan), nuisance=False, positive=positive)
+        for name, unit, positive in named
+    ]
     scalars += [scalar for nuisance in layout.nuisances for scalar in nuisance.scalars]
     loads, own = layout.load_only(), {at: effect.parameter for _, effect, at in layout.replaced}
     found: list[Scalar] = []
