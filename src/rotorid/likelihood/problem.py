@@ -256,6 +256,8 @@ class Tangent:
         length = np.sqrt((sides**2).sum(axis=1) + gap**2)
         rows = np.vstack([sides.T, gap]) / length
         target = np.append(np.zeros(len(root)), 1.0)
+        if not np.isfinite(rows).all():
+            return None
         try:
             weights, left = scipy.optimize.nnls(rows, target)
         except RuntimeError:
