@@ -145,7 +145,7 @@ def test_estimate_report_shows_the_estimate(
     ]
     for value in estimate.parameters:
         assert value.name in page.words
-    for note in estimate.sentences:
+    for note in (part for part in estimate.page[1:] if isinstance(part, str)):
         assert note.removeprefix("note, ") in page.words
     for text in (model.title, *model.texts, "simulation", "Accepted: these 5 parameters explain"):
         assert text in page.words

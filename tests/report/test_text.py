@@ -229,7 +229,7 @@ def test_parameters_known_together_are_named() -> None:
     for i, j, r in ((0, 1, 0.951), (1, 2, -0.99), (2, 3, 0.949)):
         correlation[i, j] = correlation[j, i] = r
     found = Estimate("m", "ml", "ok", values, covariance=0.01 * correlation)
-    (note,) = (text for text in found.sentences if text.startswith("strongly correlated"))
+    (note,) = (text for text in found.page if str(text).startswith("strongly correlated"))
     assert note.endswith("b with c -0.990, a with b +0.951")
 
 
@@ -239,7 +239,7 @@ def test_many_parameters_known_together_are_named_once() -> None:
     correlation[:4, 4] = correlation[4, :4] = 0.0
     np.fill_diagonal(correlation, 1.0)
     found = Estimate("m", "ml", "ok", values, covariance=0.01 * correlation)
-    (note,) = (text for text in found.sentences if text.startswith("strongly correlated"))
+    (note,) = (text for text in found.page if str(text).startswith("strongly correlated"))
     assert note.endswith("in combination: a, b, c, d, up to 0.970")
 
 

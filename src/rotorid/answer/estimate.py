@@ -2,25 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import AfterValidator, PlainSerializer, TypeAdapter
 from pydantic_core import to_json
 
-from rotorid.answer import estimate_tables as page_of
-from rotorid.answer.contents import Answer, Value
-from rotorid.answer.judge import judge
+from rotorid.answer.contents import (
+    DOUBTFUL,
+    Alternative,
+    Count,
+    Evidence,
+    LineMisfit,
+    Misfit,
+    ModeFit,
+    Number,
+    Optional,
+    Prediction,
+    Provenance,
+    Suspect,
+    Unbalance,
+    Value,
+)
+from rotorid.answer.judge import EFFORT, Status, judge, ordered
 from rotorid.core.errors import InputError
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen
-from rotorid.core.notes import Note
-from rotorid.core.tables import Page, Table, page_html, page_text
+from rotorid.core.notes import VERDICTS, Note
+from rotorid.core.tables import Page, page_html, page_text
+from rotorid.core.values import ByContent, Floats, read_only
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,8 +47,41 @@ SCHEMA = "rotorid-estimate/2"
 RESULT = Kind("rotorid identify --json")
 
 
+def _undetermined(value: Value) -> Value:
+    if math.isnan(value.value) and value.std is None:
+        return replace(value, std=math.nan, std_inflated=math.nan)
+    return value
+
+
+def _square(rows: Any) -> Floats:
+    if any(len(row) != len(rows) for row in rows):
+        raise ValueError("a square matrix")
+    return np.array(rows, dtype=float).reshape(len(rows), len(rows))
+
+
+def _told(notes: Sequence[Note]) -> list[dict[str, Any]]:
+    """Return notes as a file holds them: drop and share only where there is one."""
+    return [
+        {k: v for k, v in vars(note).items() if v is not None or k not in ("drop", "share")}
+        for note in notes
+    ]
+
+
+_OPEN = ("not identifiable: ", "cure: ")  # what is open, and what would cure it
+
+
+if TYPE_CHECKING:
+    Values = tuple[Value, ...]
+    Covariance = Floats
+else:
+    Values = tuple[Annotated[Value, AfterValidator(_undetermined)], ...]
+    Covariance = Annotated[
+        tuple[tuple[Number, ...], ...], AfterValidator(_square), PlainSerializer(np.ndarray.tolist)
+    ]
+
+
 @frozen
-class Estimate(Answer):
+class Estimate(ByContent):
     """What an estimator found.
 
     Parameters
@@ -82,13 +131,100 @@ class Estimate(Answer):
     m           2.000  0.010   0.50  kg
     """
 
+    model: str
+    method: str
+    status: Status
+    parameters: Values
+    nuisance: Values = ()
+    derived: Values = ()
+    covariance: Covariance = field(default_factory=lambda: np.zeros((0, 0)))
+    misfit: Misfit | None = None
+    prediction: dict[str, Prediction | None] = field(default_factory=dict)
+    lines_hz: tuple[Number, ...] = ()
+    periods: Count = 0
+    notes: Annotated[tuple[Note, ...], PlainSerializer(_told)] = ()
+    condition_number: Optional = None
+    line_misfit: tuple[LineMisfit, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    modes: tuple[ModeFit, ...] = ()
+    unbalance: tuple[Unbalance, ...] = ()
+    provenance: Provenance | None = None
+    evidence: Evidence | None = None
+
+    def __post_init__(self) -> None:
+        covariance = np.array(self.covariance, dtype=float)
+        object.__setattr__(self, "covariance", read_only(covariance))
+        object.__setattr__(self, "notes", ordered(self.notes))
+        if self.status == "ok" and (found := _not_finite(self)):
+            raise InputError(
+                f"no finite {found} in an estimate called ok",
+                "finite numbers",
+                "check units and scales of the columns, or call it not_converged",
+            )
+
+    @property
+    def on_answer(self) -> tuple[Note, ...]:
+        """The notes on the answer itself, without its possible causes."""
+        found = (note for note in self.notes if note.drop is None)
+        return tuple(note for note in found if note.severity not in VERDICTS)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes on the answer, in words; what is open and what would cure it are named so."""
+        return tuple(
+            _OPEN[bool(note.cure)] + note.text if note.severity == "open" else note.text
+            for note in self.on_answer
+        )
+
+    @property
+    def checks(self) -> tuple[Note, ...]:
+        """The notes on the data, and on what was taken as exact."""
+        return tuple(note for note in self.notes if note.severity in VERDICTS)
+
+    @property
+    def suspects(self) -> tuple[Suspect, ...]:
+        """What the model may lack, or a channel get wrong: what explains most first."""
+        return tuple(
+            Suspect(note.about, note.drop, note.share, note.value, note.unit)
+            for note in self.notes
+            if note.drop is not None
+        )
+
+    @property
+    def doubt(self) -> str:
+        """Why an answer that is ok is doubtful all the same; empty where it is not."""
+        if self.status == "ok" and any(note.about == EFFORT for note in self.notes):
+            return "little effort"
+        if self.status != "ok" or self.misfit is None or not self.misfit.p_value < DOUBTFUL:
+            return ""
+        return f"p = {self.misfit.p_value:.1g}"
+
+    @property
+    def free(self) -> tuple[Value, ...]:
+        """The quantities of the rows of `covariance`, in order."""
+        return (*(value for value in self.parameters if not value.fixed), *self.nuisance)
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation matrix of `free`, shape (free, free)."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        scale = np.where(deviation > 0, deviation, 1.0)
+        return np.asarray(self.covariance / np.outer(scale, scale))
+
+    @property
+    def quantities(self) -> dict[str, tuple[Value, ...]]:
+        """Every value by its kind; what is derived by its own name alone is a parameter only."""
+        names = {value.name for value in self.parameters}
+        derived = tuple(value for value in self.derived if value.name not in names)
+        return {"parameters": self.parameters, "nuisance": self.nuisance, "derived": derived}
+
     def __getitem__(self, name: str) -> Value:
         """Return a parameter, nuisance or derived quantity by name."""
-        everything = (*self.parameters, *self.nuisance, *self.derived)
-        for value in everything:
+        every = [value for values in self.quantities.values() for value in values]
+        for value in every:
             if value.name == name:
                 return value
-        raise KeyError(f"{name!r}; there are: {', '.join(v.name for v in everything)}")
+        raise KeyError(f"{name!r}; there are: {', '.join(v.name for v in every)}")
 
     def value(self, name: str) -> float:
         """Return the value of a quantity, in its unit."""
@@ -97,25 +233,6 @@ class Estimate(Answer):
     def std(self, name: str) -> float | None:
         """Return the standard deviation of a quantity, in its unit."""
         return self[name].std
-
-    @property
-    def value_tables(self) -> list[Table]:
-        """The parameters, nuisance and derived quantities.
-
-        What is derived by its own name alone is left out, and so are inflated deviations where
-        they are those that stand beside them.
-        """
-        return page_of.value_tables(self)
-
-    @property
-    def tables(self) -> list[Table]:
-        """What matters first: values, unbalance, what may be wrong, and what follows from them."""
-        return page_of.tables(self)
-
-    @property
-    def sentences(self) -> list[str]:
-        """Sentences on the fit, the data and the warnings, in text."""
-        return page_of.sentences(self)
 
     def __repr__(self) -> str:
         names = ", ".join(f"{v.name} = {v.value:.4g}" for v in self.parameters)
@@ -135,7 +252,9 @@ class Estimate(Answer):
         intervals : bool
             The ends of the 95 % intervals in place of the deviations.
         """
-        return page_of.page(self, intervals=intervals)
+        from rotorid.answer.estimate_tables import page
+
+        return page(self, intervals=intervals)
 
     def __str__(self) -> str:
         return page_text(self.page)
@@ -192,12 +311,11 @@ class Estimate(Answer):
             raise ImportError(
                 "no pandas for a data frame; install it: pip install pandas"
             ) from None
-        kinds = {
-            "parameter": self.parameters,
-            "nuisance": self.nuisance,
-            "derived": page_of.derived(self)[0][1],
-        }
-        rows = [{**vars(v), "kind": kind} for kind, values in kinds.items() for v in values]
+        rows = [
+            {**vars(value), "kind": kind.removesuffix("s")}
+            for kind, values in self.quantities.items()
+            for value in values
+        ]
         columns = ["name", "kind", "unit", "value", "std", "std_inflated", "fixed"]
         return pd.DataFrame(rows, columns=columns).set_index("name")
 
@@ -228,6 +346,24 @@ class Estimate(Answer):
             return RESULT.signed(_json(data))
         except ValueError:  # names of files are bytes, and may be no text
             return RESULT.signed(_json(_encodable(data)))
+
+
+def _not_finite(answer: Estimate) -> str:
+    estimated = len(answer.parameters) + len(answer.nuisance)
+    for k, value in enumerate((*answer.parameters, *answer.nuisance, *answer.derived)):
+        known = [value.std, value.std_inflated] if math.isfinite(value.value) else []
+        if k < estimated:
+            known.append(value.value)
+        if not all(x is None or math.isfinite(x) for x in known):
+            return f"{value.name} or deviation of it"
+    misfit = answer.misfit
+    if misfit is not None and not math.isfinite(misfit.cost):
+        return "misfit"
+    stated = [value.std is not None for value in answer.free]
+    covariance = answer.covariance
+    if len(stated) == len(covariance):  # without scatter nothing is stated of a value
+        covariance = covariance[np.ix_(stated, stated)]
+    return "" if np.isfinite(covariance).all() else "covariance"
 
 
 def _json(data: dict[str, Any]) -> bytes:

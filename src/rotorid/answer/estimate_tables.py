@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.answer.contents import Answer, Prediction, Value
+from rotorid.answer.contents import Prediction, Value
+from rotorid.answer.estimate import Estimate
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, table
@@ -25,39 +26,42 @@ HALF_WIDTH = 1.959964  # deviations on either side that hold 95 % of a normal di
 _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which one balances
 
 
-def page(estimate: Answer, *, intervals: bool = False) -> Page:
+def page(estimate: Estimate, *, intervals: bool = False) -> Page:
     """Return all there is to read: status, tables, and notes on them."""
     doubt = f", but doubtful ({estimate.doubt})" if estimate.doubt else ""
     head = f"{estimate.model}, {estimate.method}: {estimate.status}{doubt}"
     return [head, *tables(estimate, intervals=intervals), *sentences(estimate)]
 
 
-def value_tables(estimate: Answer) -> list[Table]:
-    return [_table(*part) for part in (*_own(estimate), *derived(estimate)) if part[1]]
+def value_tables(estimate: Estimate, *, intervals: bool = False) -> dict[str, Table]:
+    """Return the values by their kind, those kinds of which there are any."""
+    return {
+        kind: _table(kind, values, intervals=intervals)
+        for kind, values in estimate.quantities.items()
+        if values
+    }
 
 
-def tables(estimate: Answer, *, intervals: bool = False) -> list[Table]:
+def tables(estimate: Estimate, *, intervals: bool = False) -> list[Table]:
     """Return the values, unbalance, what may be wrong, and what follows from the values."""
-
-    def shown(parts: list[tuple[str, tuple[Value, ...]]]) -> list[Table]:
-        return [_table(title, values, intervals=intervals) for title, values in parts if values]
-
+    values = value_tables(estimate, intervals=intervals)
+    derived = values.pop("derived", None)
     late = estimate.method == "ml"  # products of the parameters, which few want to read
-    parameters, *others = _own(estimate)
-    return [
-        *shown([parameters]),
-        *([] if late else shown(derived(estimate))),
-        *_unbalance_tables(estimate, intervals=intervals),
-        *shown(others),
-        *_mode_tables(estimate),
-        *_alternative_tables(estimate),
-        *_suspect_tables(estimate),
-        *_misfit_tables(estimate),
-        *(shown(derived(estimate)) if late else []),
+    found = [
+        values.pop("parameters", None),
+        None if late else derived,
+        _unbalance_table(estimate, intervals=intervals),
+        *values.values(),
+        _mode_table(estimate),
+        _alternative_table(estimate),
+        _suspect_table(estimate),
+        _misfit_table(estimate),
+        derived if late else None,
     ]
+    return [one for one in found if one is not None and one.rows]
 
 
-def sentences(estimate: Answer) -> list[str]:
+def sentences(estimate: Estimate) -> list[str]:
     """Return sentences on the fit, the data, what was taken as exact, and the warnings."""
     return [
         *on_fit(estimate),
@@ -71,7 +75,7 @@ def on_data(check: Note) -> str:
     return f"{check.about}{names}: {check.text}"
 
 
-def on_fit(estimate: Answer) -> list[str]:
+def on_fit(estimate: Estimate) -> list[str]:
     told = []
     if estimate.misfit is not None:
         m = estimate.misfit
@@ -95,7 +99,7 @@ def on_fit(estimate: Answer) -> list[str]:
     return [*told, *_together(estimate)]
 
 
-def _together(estimate: Answer) -> list[str]:
+def _together(estimate: Estimate) -> list[str]:
     names = [value.name for value in estimate.free]
     if len(names) < 2 or len(names) != len(estimate.covariance):
         return []
@@ -118,7 +122,7 @@ def _together(estimate: Answer) -> list[str]:
     return [f"strongly correlated; known better in combination: {shown}{more}"]
 
 
-def _by_noise(estimate: Answer) -> str:
+def _by_noise(estimate: Estimate) -> str:
     """Say what makes a prediction from the forces worse than none, where the cost is in order."""
     worst = max((p.relative_error for p in estimate.prediction.values() if p), default=0.0)
     if worst < SPOILT or estimate.status != "ok" or estimate.misfit is None:
@@ -127,16 +131,6 @@ def _by_noise(estimate: Answer) -> str:
         " (of little meaning here: near a lightly damped resonance the noise of the measured "
         "forces moves the model as far as the machine moved; see the misfit)"
     )
-
-
-def _own(estimate: Answer) -> list[tuple[str, tuple[Value, ...]]]:
-    return [("parameters", estimate.parameters), ("nuisance", estimate.nuisance)]
-
-
-def derived(estimate: Answer) -> list[tuple[str, tuple[Value, ...]]]:
-    """Return what is derived, but for what is so by its own name alone."""
-    names = {value.name for value in estimate.parameters}
-    return [("derived", tuple(v for v in estimate.derived if v.name not in names))]
 
 
 def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> Table:
@@ -150,9 +144,9 @@ def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> T
     return table((title, "value", "std", "std %", "unit"), rows)
 
 
-def _alternative_tables(estimate: Answer) -> list[Table]:
+def _alternative_table(estimate: Estimate) -> Table | None:
     if not estimate.alternatives:
-        return []
+        return None
     others = [dict(alternative.parameters) for alternative in estimate.alternatives]
     names = dict.fromkeys(name for other in others for name in other)
     own = {value.name: value.value for value in estimate.parameters}
@@ -163,10 +157,10 @@ def _alternative_tables(estimate: Answer) -> list[Table]:
         for name in names
     ]
     costs = ("misfit", *("" if c is None else f"{c:.4g}" for c in cost))
-    return [table(headings, [*rows, costs])]
+    return table(headings, [*rows, costs])
 
 
-def _mode_tables(estimate: Answer) -> list[Table]:
+def _mode_table(estimate: Estimate) -> Table:
     rows = []
     for m in estimate.modes:
         turning = f" at {m.speed_rad_s / (2 * math.pi):g} rev/s" if m.speed_rad_s else ""
@@ -177,12 +171,11 @@ def _mode_tables(estimate: Answer) -> list[Table]:
             pairs.append((f"{name}, damping ratio", *ratio, ""))
         for label, value, std, fitted, unit in pairs:
             away = f"{(fitted - value) / std:+.2f}"
-            rows.append((label, f"{value:.6g}", _two_digits(std), f"{fitted:.6g}", away, unit))
-    headings = ("natural frequencies", "measured", "std", "fitted", "off by std", "unit")
-    return [table(headings, rows)] if rows else []
+            rows.append((label, f"{value:.6g}", two_digits(std), f"{fitted:.6g}", away, unit))
+    return table(("natural frequencies", "measured", "std", "fitted", "off by std", "unit"), rows)
 
 
-def _unbalance_tables(estimate: Answer, *, intervals: bool) -> list[Table]:
+def _unbalance_table(estimate: Estimate, *, intervals: bool) -> Table:
     rows: list[tuple[str, ...]] = []
     for plane in estimate.unbalance:
         unit, factor = _BY_HAND.get(plane.unit, (plane.unit, 1.0))
@@ -190,24 +183,21 @@ def _unbalance_tables(estimate: Answer, *, intervals: bool) -> list[Table]:
         angles = [
             None if a is None else math.degrees(a) for a in (plane.angle_rad, plane.angle_std_rad)
         ]
-        told = _ends if intervals else _value_and_std
-        first = told(Value("", "", *sizes))
-        second = told(Value("", "", angles[0] or 0.0, angles[1]))
+        first, second = (
+            _ends(value) if intervals else _row(value)[1:3]
+            for value in (Value("", "", *sizes), Value("", "", angles[0] or 0.0, angles[1]))
+        )
         if angles[1] is not None and angles[1] > ANYWHERE:
             second = ("any", *("" for _ in second[1:]))
         rows.append((plane.plane, *first, unit, *second))
-    headings: tuple[str, ...]
-    if intervals:
-        headings = ("unbalance", "amount", "95 % from", "to", "unit", "at deg", "95 % from", "to")
-    else:
-        headings = ("unbalance", "amount", "std", "unit", "at deg", "std")
-    return [table(headings, rows)] if rows else []
+    spread = ("95 % from", "to") if intervals else ("std",)
+    return table(("unbalance", "amount", *spread, "unit", "at deg", *spread), rows)
 
 
-def _suspect_tables(estimate: Answer) -> list[Table]:
+def _suspect_table(estimate: Estimate) -> Table | None:
     """Return what the model may lack, what explains most first; nothing where nothing is wrong."""
     if estimate.status == "ok":
-        return []
+        return None
     rows = [
         (
             s.term,
@@ -220,14 +210,14 @@ def _suspect_tables(estimate: Answer) -> list[Table]:
     ]
     headings = ("suspect", "misfit reduction", "% of the excess", "fitted value", "unit")
     known = 5 if any(row[2] for row in rows) else 2  # results of version 1 hold the drop alone
-    return [table(headings[:known], (row[:known] for row in rows))] if rows else []
+    return table(headings[:known], (row[:known] for row in rows))
 
 
-def _misfit_tables(estimate: Answer) -> list[Table]:
+def _misfit_table(estimate: Estimate) -> Table | None:
     """Return where the misfit lies, worst first; nothing where it is what noise leaves."""
     rows = sorted(estimate.line_misfit, key=lambda row: row.cost - row.expected, reverse=True)
-    if not rows or estimate.misfit is None or estimate.misfit.p_value > NOTICED:
-        return []
+    if estimate.misfit is None or estimate.misfit.p_value > NOTICED:
+        return None
     several = len({row.record for row in rows}) > 1
     cells = [
         (
@@ -237,7 +227,7 @@ def _misfit_tables(estimate: Answer) -> list[Table]:
         )
         for row in rows[:WORST]
     ]
-    return [table(("misfit by line", "found", "by noise"), cells)]
+    return table(("misfit by line", "found", "by noise"), cells)
 
 
 def _inflated(values: Sequence[Value]) -> bool:
@@ -251,23 +241,16 @@ def as_zero(value: float, spread: float) -> float:
 
 def _row(value: Value) -> tuple[str, ...]:
     unit = "" if value.unit == "1" else value.unit
-    inflated = "" if value.std_inflated is None else _two_digits(value.std_inflated)
+    inflated = "" if value.std_inflated is None else two_digits(value.std_inflated)
     if value.std and as_zero(value.value, value.std) == 0:
-        return value.name, "0", _two_digits(value.std), "", inflated, unit
+        return value.name, "0", two_digits(value.std), "", inflated, unit
     if value.fixed or value.std is None or not value.std > 0:
         std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"
         return value.name, f"{value.value:.6g}", std, "", "", unit
-    digits = 6
-    if np.isfinite([value.value, value.std]).all():
-        digits = int(np.floor(np.log10(abs(value.value))) - np.floor(np.log10(value.std))) + 2
     far = value.std > FAR * abs(value.value)  # a percentage of what may as well be zero
-    percent = "" if far else _two_digits(100 * value.std / abs(value.value))
-    number = _plain(f"{value.value:#.{min(max(digits, 2), 12)}g}")
-    return value.name, number, _two_digits(value.std), percent, inflated, unit
-
-
-def _value_and_std(value: Value) -> tuple[str, ...]:
-    return _row(value)[1:3]
+    percent = "" if far else two_digits(100 * value.std / abs(value.value))
+    number = figures(value.value, value.std)
+    return value.name, number, two_digits(value.std), percent, inflated, unit
 
 
 def _ends(value: Value) -> tuple[str, ...]:
@@ -287,8 +270,17 @@ def _ends(value: Value) -> tuple[str, ...]:
     return first, second, third
 
 
-def _two_digits(number: float) -> str:
-    return _plain(f"{number:#.2g}")
+def figures(value: float, spread: float) -> str:
+    """Return a value to the second digit of its spread."""
+    if value == 0 or not (math.isfinite(value) and 0 < spread < math.inf):
+        return f"{value:.6g}"
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(spread)) + 2
+    return _plain(f"{value:#.{min(max(digits, 2), 12)}g}")
+
+
+def two_digits(number: float) -> str:
+    """Return a spread, nothing for one that there is not."""
+    return _plain(f"{number:#.2g}") if math.isfinite(number) else ""
 
 
 def _plain(text: str) -> str:

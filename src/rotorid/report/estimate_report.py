@@ -19,7 +19,17 @@ from rotorid.answer.contents import (
     Value,
 )
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.estimate_tables import FAR, HALF_WIDTH, ROUNDING, as_zero, on_data, on_fit
+from rotorid.answer.estimate_tables import (
+    FAR,
+    HALF_WIDTH,
+    ROUNDING,
+    as_zero,
+    figures,
+    on_data,
+    on_fit,
+    two_digits,
+    value_tables,
+)
 from rotorid.answer.validation import ChannelError
 from rotorid.answer.validation import verdict_of as validated
 from rotorid.core.errors import InputError
@@ -170,8 +180,6 @@ def _open(estimate: Estimate) -> Verdict:
 
 
 WIDTH = 140  # of a row's bars, in pixels
-PLAIN = (1e-3, 1e7)
-"""Sizes between which a number is written without an exponent."""
 _MARGIN = 4
 PM = "\N{PLUS-MINUS SIGN}"
 Ends = tuple[float, float]
@@ -194,16 +202,11 @@ class Row:
 
 def groups(estimate: Estimate) -> list[tuple[str, list[Row]]]:
     """Return parameters, constants of the measurement, and what follows from them, with titles."""
-    names = {value.name for value in estimate.parameters}
-    parts: Iterable[tuple[str, Iterable[Value]]] = (
-        ("", (value for value in estimate.parameters if not value.fixed)),
-        ("of the measurement", estimate.nuisance),
-        ("what follows from them", (v for v in estimate.derived if v.name not in names)),
-    )
     known = estimate.evidence
+    titles = ("", "of the measurement", "what follows from them")
     found = [
-        (title, [_row(value, known.prior(value.name) if known else None) for value in part])
-        for title, part in parts
+        (title, [_row(v, known.prior(v.name) if known else None) for v in part if not v.fixed])
+        for title, part in zip(titles, estimate.quantities.values(), strict=True)
     ]
     return [(title, rows) for title, rows in found if rows]
 
@@ -308,26 +311,6 @@ def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
     return pixels(prior.value, before), pixels(value.value, half), told
 
 
-def figures(value: float, half: float) -> str:
-    if not math.isfinite(value):
-        return ""
-    if value == 0 or not (math.isfinite(half) and half > 0):
-        return f"{value:.6g}"
-    places = 1 - math.floor(math.log10(half))
-    if PLAIN[0] <= abs(value) < PLAIN[1] and -3 <= places <= 9:
-        return f"{round(value, places):.{max(places, 0)}f}"
-    digits = math.floor(math.log10(abs(value))) + places + 1
-    return f"{value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
-
-
-def two_digits(number: float) -> str:
-    if not math.isfinite(number):
-        return ""
-    if 10 <= abs(number) < PLAIN[1]:
-        return f"{float(f'{number:.2g}'):.0f}"
-    return f"{number:#.2g}".rstrip(".")
-
-
 KINDS = {
     "periods": "periods",
     "lines": "lines of the whole record",
@@ -369,7 +352,7 @@ def estimate_report(estimate: Estimate) -> str:
         lacking = f"{error.found}: the equations of motion are not shown; {error.cure}."
         remarks = (lacking, *remarks)
     records = estimate.evidence.records if estimate.evidence else ()
-    values = {one.headings[0] for one in estimate.value_tables}
+    values = value_tables(estimate)
     tables = [one for one in estimate.summary(intervals=True) if isinstance(one, Table)]
     others = [one for one in tables if one.headings[0] not in values]
     verdict = verdict_of(estimate)

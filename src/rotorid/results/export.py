@@ -17,6 +17,7 @@ import numpy as np
 
 from rotorid.answer.contents import Value
 from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate_tables import value_tables
 from rotorid.core.errors import InputError, one_line, printable, require_names
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen
@@ -388,7 +389,7 @@ def _mat(estimate: Estimate, speed: float | str) -> bytes:
 
 
 def _tex(estimate: Estimate, _: float | str) -> bytes:
-    tables = [(t.headings, t.rows, t.numeric) for t in estimate.value_tables]
+    tables = [(t.headings, t.rows, t.numeric) for t in value_tables(estimate).values()]
     names = _covariance_names(estimate)
     if names:
         rows = tuple(
