@@ -102,14 +102,14 @@ def content(found: Balance, centred: Sequence[Feedforward]) -> dict[str, Any]:
             {**vars(each), "masses": [{"mass_kg": m, "angle_rad": a} for m, a in each.masses]}
             for each in found.corrections
         ],
-        "residual": [vars(each) for each in found.residual],
-        "speeds_rad_s": list(found.speeds),
+        "residual": found.residual,
+        "speeds_rad_s": found.speeds,
         "rotor_mass_kg": found.rotor_mass,
         "grade_mm_s": found.grade_mm_s,
         "share_left": found.share,
-        "covariance_kg2_m2": None if found.covariance is None else found.covariance.tolist(),
-        "feedforward": [vars(each) for each in centred],
+        "covariance_kg2_m2": found.covariance,
+        "feedforward": centred,
         "model": found.model,
         "status": found.status,
-        "remarks": list(found.remarks),
+        "remarks": found.remarks,
     }

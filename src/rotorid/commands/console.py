@@ -302,14 +302,21 @@ def as_text(text: Callable[[], str], kind: Kind) -> Content:
 
 def as_json(data: Any, kind: Kind) -> Content:
     marked = {**data, "written": MARK}
-    return as_text(lambda: json.dumps(_finite(marked), indent=2, allow_nan=False) + "\n", kind)
+    return as_text(lambda: json.dumps(_plain(marked), indent=2, allow_nan=False) + "\n", kind)
 
 
-def _finite(data: Any) -> Any:
+def _plain(data: Any) -> Any:
+    """Return data as JSON has them: classes as tables, arrays as lists, null for no number."""
+    if hasattr(data, "tolist"):
+        data = data.tolist()
+    if hasattr(data, "__dataclass_fields__"):
+        data = {name: getattr(data, name) for name in data.__dataclass_fields__}
+    if isinstance(data, complex):
+        data = [data.real, data.imag]
     if isinstance(data, dict):
-        return {key: _finite(value) for key, value in data.items()}
+        return {key: _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
-        return [_finite(value) for value in data]
+        return [_plain(value) for value in data]
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 

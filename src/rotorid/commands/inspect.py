@@ -54,7 +54,7 @@ def _one(one: Inspection) -> dict[str, Any]:
         "checks": [check.as_check for check in one.checks],
         "period_samples": None if periods is None else periods.samples,
         "periods": None if periods is None else periods.periods,
-        "harmonics": None if periods is None else periods.harmonics.tolist(),
+        "harmonics": None if periods is None else periods.harmonics,
         "sample_rate_hz": one.record.sample_rate,
         "speed_rad_s": one.record.speed,
         "channels": [{key: getattr(c, key) for key in (*_LEVELS, *_SAMPLED)} for c in one.channels],
@@ -71,6 +71,6 @@ def _table(one: LineInspection) -> dict[str, Any]:
         "speed_rad_s": float(lines.speed[0]) if len(set(lines.speed.tolist())) == 1 else None,
         "kind": "phasors" if one.turning else "responses",
         "rows": len(lines.frequency),
-        "frequency_hz": [float(lines.frequency.min()), float(lines.frequency.max())],
+        "frequency_hz": [lines.frequency.min(), lines.frequency.max()],
         "channels": [{key: getattr(c, key) for key in _LEVELS} for c in one.channels],
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,12 @@ from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
 from rotorid.models import Model, load_model
 from rotorid.report.machines import modes_page, modes_report
-from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
+from rotorid.results.critical import (
+    Campbell,
+    CriticalSpeed,
+    campbell,
+    response_of,
+)
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import Modes, finite_speed, modes
 
@@ -33,12 +39,15 @@ def run(
     watch("computing")
     found = modes(read, speed=speed, record=record)
     diagram = None if to is None else campbell(read, to, record=record)
-    response = _response(read, finite_speed(speed), record)
-    page = modes_page(found, diagram, response, machine_of(read, record).model)
+    machine, turning = machine_of(read, record), finite_speed(speed)
+    response = None
+    if turning and machine.linear.load_terms:
+        response = response_of(machine, np.array([turning]))
 
     def html() -> str:
         return modes_report(read, found, diagram, done(answer.given, [Path(source)]))
 
+    page = modes_page(found, diagram, response, machine.model)
     answer.give(page, content(found, diagram), html)
     return OK if found.status in ("ok", "rejected") else NO_ANSWER
 
@@ -48,62 +57,38 @@ def source_of(source: str) -> Estimate | Model:
     return load_estimate(source) if source.lower().endswith(".json") else load_model(source)
 
 
-def _response(read: Estimate | Model, speed: float, record: int) -> UnbalanceResponse | None:
-    machine = machine_of(read, record)
-    if not speed or not machine.linear.load_terms:
-        return None
-    return response_of(machine, np.array([speed]))
-
-
 _FIGURES = ("frequency_hz", "std_hz", "damping_ratio", "damping_std", "whirl", "count", "close")
+_CURVES = ("whirl", "frequency_hz", "std_hz", "damping_ratio")
+_CRITICAL = ("speed_rad_s", "std", "whirl", "damping_ratio")
 
 
 def content(found: Modes, diagram: Campbell | None) -> dict[str, Any]:
+    critical: Sequence[CriticalSpeed] = () if diagram is None else diagram.critical
+    curves = None
+    if diagram is not None:  # a row for each, null where it does not oscillate
+        curves = {key: np.asarray(getattr(diagram, key)).T for key in _CURVES}
+        curves["speed_rad_s"] = diagram.speed
     return {
         "speed_rad_s": found.speed,
         "modes": [
             {
-                **{key: getattr(mode, key) for key in _FIGURES},
-                "interval_hz": mode.interval_hz,
-                "eigenvalue_rad_s": [mode.eigenvalue.real, mode.eigenvalue.imag],
-                "shape": {
-                    name: [value.real, value.imag]
-                    for name, value in zip(found.coordinates, mode.shape, strict=True)
-                },
+                **{key: getattr(mode, key) for key in (*_FIGURES, "interval_hz")},
+                "eigenvalue_rad_s": mode.eigenvalue,
+                "shape": dict(zip(found.coordinates, mode.shape, strict=True)),
             }
             for mode in found.modes
         ],
-        "critical_speeds": []
-        if diagram is None
-        else [
+        "critical_speeds": [
             {
-                "speed_rad_s": each.speed_rad_s,
-                "std": each.std,
-                "whirl": each.whirl,
-                "damping_ratio": each.damping_ratio,
+                **{key: getattr(each, key) for key in _CRITICAL},
                 "interval_rad_s": each.interval,
             }
-            for each in diagram.critical
+            for each in critical
         ],
         "model": found.model,
         "status": found.status,
         "poles_at_zero": found.rigid,
-        "real_poles_rad_s": list(found.real_poles),
-        "remarks": list(found.remarks),
-        "campbell": None if diagram is None else _curves(diagram),
-    }
-
-
-def _curves(diagram: Campbell) -> dict[str, Any]:
-    """Return the curves of a Campbell diagram; null where a mode does not oscillate."""
-
-    def rows(values: Any) -> list[list[float | None]]:
-        return [[None if v != v else v for v in row] for row in values.T.tolist()]
-
-    return {
-        "speed_rad_s": diagram.speed.tolist(),
-        "whirl": list(diagram.whirl),
-        "frequency_hz": rows(diagram.frequency_hz),
-        "std_hz": rows(diagram.std_hz),
-        "damping_ratio": rows(diagram.damping_ratio),
+        "real_poles_rad_s": found.real_poles,
+        "remarks": found.remarks,
+        "campbell": curves,
     }

@@ -17,7 +17,12 @@ from rotorid.experiment.read import Recording, measured, periods_of, reference_n
 from rotorid.force.laws import Linear
 from rotorid.io.columns import Source
 from rotorid.report.machines import sensitivity_page, sensitivity_report
-from rotorid.results.sensitivity import AxisSensitivity, sensitivity, worst_of
+from rotorid.results.sensitivity import sensitivity, worst_of
+
+_FIGURES = (
+    *("axis", "peak", "peak_db", "peak_hz", "interval", "zone"),
+    *("frequency_hz", "sensitivity", "std"),
+)
 
 
 def run(
@@ -40,7 +45,8 @@ def run(
     def html() -> str:
         return sensitivity_report(found, experiment.name, done(answer.given, plan.files))
 
-    data = {"axes": [_axis(each) for each in found], "verdict": worst_of(found)}
+    axes = [{key: getattr(each, key) for key in _FIGURES} for each in found]
+    data = {"axes": axes, "verdict": worst_of(found)}
     answer.give(sensitivity_page(found), data, html)
     return OK
 
@@ -129,17 +135,3 @@ def _beside(channels: Recording, pairs: Mapping[str, str]) -> dict[str, Source]:
         said = (command.unit, command.scale, command.expected)
         found[reference_name(r)] = Source(r, *said, overrule=command.overrule)
     return found
-
-
-def _axis(each: AxisSensitivity) -> dict[str, Any]:
-    return {
-        "axis": each.axis,
-        "peak": each.peak,
-        "peak_db": each.peak_db,
-        "peak_hz": each.peak_hz,
-        "interval": list(each.interval),
-        "zone": each.zone,
-        "frequency_hz": each.frequency_hz.tolist(),
-        "sensitivity": [[s.real, s.imag] for s in each.sensitivity.tolist()],
-        "std": each.std.tolist(),
-    }

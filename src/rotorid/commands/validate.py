@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
-from rotorid.answer.validation import ChannelError, at_best_phase, channel_errors, verdict_of
+from rotorid.answer.validation import at_best_phase, channel_errors, verdict_of
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import Outputs, done, source_of
 from rotorid.core.errors import InputError, naming
@@ -57,7 +55,8 @@ def run(
         work = [*done(answer.given, [result, *plan.files]), *information_lines(told), *fitted]
         return validation_report(estimate, plan.model, found, shown, work)
 
-    content = {"verdict": reached.verdict, "channels": channels(found)}
+    rows = [{"record": k, **vars(one)} for k, record in enumerate(found) for one in record]
+    content = {"verdict": reached.verdict, "channels": rows}
     answer.give(page, content, html)
     return OK if reached.verdict == "predicts" else NO_ANSWER
 
@@ -91,13 +90,4 @@ def _fitted(angles: Sequence[float | None]) -> list[str]:
         "which fits best, was taken: the amount of the unbalance is tested, its direction is not"
         for number, angle in enumerate(angles)
         if angle is not None
-    ]
-
-
-def channels(records: Sequence[Sequence[ChannelError]]) -> list[dict[str, Any]]:
-    """Return one row per channel and record: how far the prediction is off."""
-    return [
-        {"record": index, **dataclasses.asdict(channel)}
-        for index, record in enumerate(records)
-        for channel in record
     ]

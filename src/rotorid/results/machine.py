@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import PurePath
@@ -284,7 +284,7 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
         values, equations that are not linear in the coordinates.
     """
     if isinstance(source, Model):
-        return _machine(source, _nominal(source), {}, None, "ok", ())
+        return _machine(source, _nominal(source), {}, {})
     if source.status == "not_converged":
         raise InputError(
             "a result that has not converged",
@@ -316,36 +316,13 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     fixed = {v.name: v.value for v in source.parameters if v.fixed}
     values, renamed = _of_record(model, values, record)
     fixed = {name: values[name] for name in values if renamed.get(name, name) in fixed}
-    free = {renamed.get(n, n): n for n in values if n not in fixed}
-    free |= {v.name: v.name for v in source.nuisance}
-    rows = None if covariance is None else (names, covariance, free)
-    machine = _machine(model, values, fixed, rows, source.status, tuple(remarks))
-    return _with_nuisance(machine, source, rows)
-
-
-def _with_nuisance(machine: Machine, estimate: Estimate, rows: Rows | None) -> Machine:
-    extra = [v for v in estimate.nuisance if np.isfinite(v.value) and v.name not in machine.names]
-    if not extra or estimate.method != "ml":
-        return machine
-    names = (*machine.names, *(v.name for v in extra))
-    covariance = machine.covariance
-    if covariance is not None and rows is not None:
-        whole = _arranged(names, *rows)
-        whole = np.where(np.isfinite(whole), whole, 0.0)
-        n = len(machine.names)
-        whole[:n, :n] = covariance
-        lost = np.flatnonzero(np.diag(covariance) == 0)
-        whole[lost, n:] = whole[n:, lost] = 0.0
-        covariance = whole
-    exponents = np.pad(machine.model.monomials, ((0, 0), (0, len(extra))))
-    return replace(
-        machine,
-        names=names,
-        values=np.append(machine.values, [v.value for v in extra]),
-        covariance=covariance,
-        monomials=Monomials.from_exponents(exponents),
-        nuisance=tuple(v.name for v in extra),
-    )
+    beside = {v.name: v.value for v in source.nuisance if v.name not in values}
+    known = None
+    if covariance is not None:
+        rows = {renamed.get(n, n): n for n in (*values, *beside) if n not in fixed}
+        known = covariance, {rows[name]: k for k, name in enumerate(names) if name in rows}
+    extra = {n: x for n, x in beside.items() if source.method == "ml" and np.isfinite(x)}
+    return _machine(model, values, fixed, extra, known, source.status, tuple(remarks))
 
 
 def _inflation(estimate: Estimate) -> float:
@@ -385,18 +362,20 @@ def _nominal(model: Model) -> dict[str, float]:
     return values
 
 
-Rows = tuple[list[str], Floats, dict[str, str]]
-"""Names of the rows of a covariance, the covariance, and which unknown is in which row's name."""
+Known = tuple[Floats, dict[str, int]]
+"""A covariance, and its row of each unknown."""
 
 
 def _machine(
     model: Model,
     values: Mapping[str, float],
     fixed: Mapping[str, float],
-    rows: Rows | None,
-    status: str,
-    remarks: tuple[str, ...],
+    extra: Mapping[str, float],
+    known: Known | None = None,
+    status: str = "ok",
+    remarks: tuple[str, ...] = (),
 ) -> Machine:
+    """Return a machine; `extra` holds the nuisance parameters."""
     physical = {*model.parameter_names} <= values.keys()
     reduced = model.substitute({n: v for n, v in fixed.items() if n in model.parameter_names})
     linear = _linear(reduced)
@@ -410,7 +389,7 @@ def _machine(
             "use a result of this model",
         )
     found = np.array([values[name] for name in names], dtype=float)
-    covariance = None if rows is None else _arranged(names, *rows)
+    covariance = None if known is None else _arranged(names, known)
     if not physical:
         fitted = _fitted(reduced, linear, found, covariance)
         if fitted is not None:
@@ -423,14 +402,20 @@ def _machine(
         used[list(reduced.base.kept)] = 1.0
         exponents = np.zeros((len(exponents), len(names)), dtype=np.int64)
         exponents[list(reduced.base.kept), np.arange(len(names))] = 1
+    if covariance is not None and known is not None:
+        whole = _arranged((*names, *extra), known)
+        whole = np.where(np.isfinite(whole), whole, 0.0)
+        whole[: len(names), : len(names)] = covariance
+        covariance = whole
     machine = Machine(
         reduced,
         linear,
-        tuple(names),
-        found,
+        (*names, *extra),
+        np.append(found, list(extra.values())),
         covariance,
-        Monomials.from_exponents(exponents),
+        Monomials.from_exponents(np.pad(exponents, ((0, 0), (0, len(extra))))),
         used,
+        nuisance=tuple(extra),
         fixed=tuple((n, float(v)) for n, v in fixed.items()),
         status=status,
         remarks=remarks,
@@ -454,14 +439,12 @@ def _fitted(
     return values, None if covariance is None else np.asarray(spread @ spread.T)
 
 
-def _arranged(
-    names: tuple[str, ...], rows: list[str], covariance: Floats, free: dict[str, str]
-) -> Floats:
+def _arranged(names: Sequence[str], known: Known) -> Floats:
     """Return the covariance of the unknowns, in their order."""
-    place = {free[row]: k for k, row in enumerate(rows) if row in free}
+    covariance, rows = known
     found = np.zeros((len(names), len(names)))
-    at = [i for i, name in enumerate(names) if name in place]
-    chosen = [place[names[i]] for i in at]
+    at = [i for i, name in enumerate(names) if name in rows]
+    chosen = [rows[names[i]] for i in at]
     found[np.ix_(at, at)] = covariance[np.ix_(chosen, chosen)]
     return found
 

@@ -19,6 +19,7 @@ from rotorid.core.values import Floats, Integers
 from rotorid.force.laws import magnet_fluxes
 from rotorid.rig.machine import Schedule
 from rotorid.rig.plant import Lags
+from rotorid.rig.rotation import angle_and_speed
 
 
 class Events(NamedTuple):
@@ -131,6 +132,7 @@ class Log(NamedTuple):
 
 
 _fluxes = njit(magnet_fluxes, error_model="numpy")
+_angle_and_speed = njit(angle_and_speed, error_model="numpy")
 
 # Dormand and Prince 1980: nodes; stages, the last the step of order 5; its difference to order 4.
 _C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
@@ -146,20 +148,6 @@ _A = np.array(
     ]
 )
 _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-
-
-@njit(cache=True, error_model="numpy")
-def angle_and_speed(rotation: Any, time: float) -> tuple[float, float]:
-    """Return phi and Omega as `Rotation.angle_at` and `Rotation.speed_at`."""
-    speed, acceleration, drift, period, phase = rotation
-    t = max(time, 0.0)
-    rate = 2 * np.pi / period
-    angle = phase + speed * time + acceleration * t * t / 2
-    omega = speed + acceleration * t
-    if drift != 0.0:
-        angle += drift / rate * (1 - np.cos(rate * t))
-        omega += drift * np.sin(rate * t)
-    return angle, omega
 
 
 @njit(cache=True, error_model="numpy")
@@ -349,7 +337,7 @@ def integrate(
         for stage in range(0 if first else 1, 7):
             c = _C[stage]
             _stage_point(y, stages, stage, h)
-            angle, omega = angle_and_speed(rotation, begin + done + c * h)
+            angle, omega = _angle_and_speed(rotation, begin + done + c * h)
             s = (omega - rotor.centre) / rotor.width
             _currents(lag, slew, coil, held, done + c * h, current)
             for j in range(len(current)):

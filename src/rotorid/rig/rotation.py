@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -29,6 +31,19 @@ def check_rate(rate: float, place: str) -> None:
     if not (np.isfinite(rate) and rate > 0):
         cure = "give how often its clock ticks in a second"
         raise InputError(f"{rate} Hz", "more than 0 Hz", cure, place=place)
+
+
+def angle_and_speed(rotation: Any, time: Any) -> tuple[Any, Any]:
+    """Return phi and Omega at a time, or at several: compiled, for the kernel too."""
+    speed, acceleration, drift, period, phase = rotation
+    t = np.maximum(time, 0.0)
+    angle = phase + speed * time + acceleration * t * t / 2
+    omega = speed + acceleration * t
+    if drift != 0.0:
+        rate = 2 * np.pi / period
+        angle = angle + drift / rate * (1 - np.cos(rate * t))
+        omega = omega + drift * np.sin(rate * t)
+    return angle, omega
 
 
 @frozen
@@ -69,17 +84,16 @@ class Rotation:
     def constant(self) -> bool:
         return self.acceleration == 0 and self.drift == 0
 
+    @property
+    def numbers(self) -> Floats:
+        """What `angle_and_speed` takes."""
+        return np.array([getattr(self, name) for name in self.__dataclass_fields__])
+
     def speed_at(self, time: ArrayLike) -> Floats:
-        t = np.maximum(np.asarray(time, dtype=float), 0.0)
-        rate = 2 * np.pi / self.drift_period
-        return np.asarray(self.speed + self.acceleration * t + self.drift * np.sin(rate * t))
+        return np.asarray(angle_and_speed(self.numbers, np.asarray(time, dtype=float))[1])
 
     def angle_at(self, time: ArrayLike) -> Floats:
-        time = np.asarray(time, dtype=float)
-        t = np.maximum(time, 0.0)
-        rate = 2 * np.pi / self.drift_period
-        wander = self.drift / rate * (1 - np.cos(rate * t))
-        return np.asarray(self.phase + self.speed * time + self.acceleration * t**2 / 2 + wander)
+        return np.asarray(angle_and_speed(self.numbers, np.asarray(time, dtype=float))[0])
 
     def range_until(self, end: float) -> tuple[float, float]:
         """Return the lowest and the highest speed in rad/s between the start and an end in s."""

@@ -165,8 +165,6 @@ def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
 
 def rotor_table(rig: RigMachine, plant: Plant) -> RotorTable:
     n = len(plant.force)
-    turn = rig.rotation
-    rotation = (turn.speed, turn.acceleration, turn.drift, turn.drift_period, turn.phase)
     return RotorTable(
         motion=np.ascontiguousarray(plant.motion),
         load=np.ascontiguousarray(plant.load),
@@ -175,7 +173,7 @@ def rotor_table(rig: RigMachine, plant: Plant) -> RotorTable:
         noise=noise_matrix(rig, plant),
         centre=plant.centre,
         width=plant.width,
-        rotation=np.array(rotation),
+        rotation=rig.rotation.numbers,
         tolerance=rig.tolerance,
         floor=np.repeat([_POSITION_FLOOR, _VELOCITY_FLOOR], n),
     )
