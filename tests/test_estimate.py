@@ -33,8 +33,7 @@ from rotorid import (
     Value,
     load_estimate,
 )
-from rotorid.answer.contents import SourceFile
-from rotorid.answer.estimate import check_units
+from rotorid.answer.estimate import SourceFile, check_units
 from rotorid.core.notes import Severity
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

@@ -1,14 +1,14 @@
 # The public names and where they live; read by type checkers, and when rotorid is imported.
-from .answer.contents import Alternative as Alternative
-from .answer.contents import LineMisfit as LineMisfit
-from .answer.contents import Misfit as Misfit
-from .answer.contents import ModeFit as ModeFit
-from .answer.contents import Prediction as Prediction
-from .answer.contents import Provenance as Provenance
-from .answer.contents import Suspect as Suspect
-from .answer.contents import Unbalance as Unbalance
-from .answer.contents import Value as Value
+from .answer.estimate import Alternative as Alternative
 from .answer.estimate import Estimate as Estimate
+from .answer.estimate import LineMisfit as LineMisfit
+from .answer.estimate import Misfit as Misfit
+from .answer.estimate import ModeFit as ModeFit
+from .answer.estimate import Prediction as Prediction
+from .answer.estimate import Provenance as Provenance
+from .answer.estimate import Suspect as Suspect
+from .answer.estimate import Unbalance as Unbalance
+from .answer.estimate import Value as Value
 from .answer.identify import Estimator as Estimator
 from .answer.identify import identify as identify
 from .answer.predict import predict as predict

@@ -29,7 +29,7 @@ from rotorid import (
     simulate,
     with_evidence,
 )
-from rotorid.answer.contents import Evidence, Prior, SourceFile
+from rotorid.answer.estimate import Evidence, Prior, SourceFile
 from rotorid.answer.validation import ChannelError
 from rotorid.demo import DemoResult, findings, run_demo
 from rotorid.demo.paper import TABLE, demo_report

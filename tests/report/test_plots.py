@@ -18,7 +18,7 @@ from rotorid import (
     identify,
     load_model,
 )
-from rotorid.answer.contents import RecordEvidence
+from rotorid.answer.estimate import RecordEvidence
 from rotorid.demo.paper import ESTIMATORS, FUNDAMENTAL, HARMONICS, simulate_record
 from rotorid.report import html as interactive
 from rotorid.report.drawn import (

@@ -7,7 +7,7 @@ import pytest
 from severities import causes
 
 from rotorid import Estimate, Misfit, Note, Prediction, Suspect, Value
-from rotorid.answer.contents import ChannelEvidence, Evidence, RecordEvidence
+from rotorid.answer.estimate import ChannelEvidence, Evidence, RecordEvidence
 from rotorid.report import html
 from rotorid.report.estimate_report import channel_ratios, verdict_of
 from rotorid.report.panels import Axis, Curve, Panel, thinned

@@ -9,7 +9,7 @@ from linear_machines import SUPPORTED, estimate_of, model_of
 
 import rotorid as rid
 from rotorid import cli
-from rotorid.answer.contents import Evidence, RecordEvidence
+from rotorid.answer.estimate import Evidence, RecordEvidence
 from rotorid.core.distributions import bound_of_length
 from rotorid.results.balancing import Balance, Masses, chosen
 from rotorid.results.machine import machine_of

@@ -9,7 +9,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import with_evidence
-from rotorid.answer.contents import Evidence, Prior
+from rotorid.answer.estimate import Evidence, Prior
 from rotorid.answer.validation import at_best_phase, channel_errors
 from rotorid.report.estimate_report import estimate_report
 from rotorid.results import evidence as gathering

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.answer.contents import SourceFile
+from rotorid.answer.estimate import SourceFile
 
 FREE = """
 title = "a mass between springs"

@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rotorid.answer.contents import Value
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, Value
 from rotorid.core.linalg import column_lengths
 from rotorid.core.values import Booleans, Floats
 from rotorid.models import Model

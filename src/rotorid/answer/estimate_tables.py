@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.answer.contents import Prediction, Value
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, Prediction, Value
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, table

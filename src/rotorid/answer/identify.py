@@ -9,8 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rotorid.answer.contents import Provenance, Value
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, Provenance, Value
 from rotorid.answer.judge import of_data
 from rotorid.answer.unbalance import with_unbalance
 from rotorid.core.errors import InputError, require_names

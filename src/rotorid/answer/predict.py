@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.answer.contents import Prediction
 from rotorid.answer.derived import base_of
-from rotorid.answer.estimate import Estimate, check_units
+from rotorid.answer.estimate import Estimate, Prediction, check_units
 from rotorid.core.errors import InputError
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.preparation import Knowledge, prepare

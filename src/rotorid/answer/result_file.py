@@ -10,8 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
-from rotorid.answer.contents import Suspect
-from rotorid.answer.estimate import SCHEMA, Estimate, adapter
+from rotorid.answer.estimate import SCHEMA, Estimate, Suspect, adapter
 from rotorid.core.errors import InputError, ReadError, naming, one_line
 from rotorid.core.files import read_regular
 from rotorid.core.frozen import frozen

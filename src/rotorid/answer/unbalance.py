@@ -6,9 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from rotorid.answer.contents import Unbalance
 from rotorid.answer.derived import base_of, deviation
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, Unbalance
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes
 from rotorid.models import Model

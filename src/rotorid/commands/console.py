@@ -41,7 +41,7 @@ from rotorid.core.watch import Pace, watch, watched, words
 if TYPE_CHECKING:
     from rich.live import Live
 
-    from rotorid.answer.contents import SourceFile
+    from rotorid.answer.estimate import SourceFile
 
 HASHED_BYTES = 16_000_000_000
 """Of a file whose sha256 is kept with a result: ten to twenty seconds. Of a larger one, or one of
@@ -341,7 +341,7 @@ def environment() -> str:
 
 def source_of(path: Path) -> SourceFile:
     """Return a file with its sha256; without it, where it is beyond measure or made of holes."""
-    from rotorid.answer.contents import SourceFile
+    from rotorid.answer.estimate import SourceFile
 
     found = check_regular(path)
     if is_hollow(found) or found.st_size > HASHED_BYTES:

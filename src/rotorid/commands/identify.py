@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorid.answer.contents import Provenance
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, Provenance
 from rotorid.answer.identify import Estimator, identify
 from rotorid.commands import NO_ANSWER, OK, REJECTED
 from rotorid.commands.console import Outputs, environment, source_of

@@ -20,8 +20,7 @@ import numpy as np
 import scipy
 
 from rotorid.answer import machine_checks
-from rotorid.answer.contents import DOUBTFUL
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import DOUBTFUL, Estimate
 from rotorid.answer.judge import STATUSES, Status
 from rotorid.core.distributions import Expectation
 from rotorid.core.errors import InputError

@@ -15,7 +15,7 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.answer.contents import Value
+from rotorid.answer.estimate import Value
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats

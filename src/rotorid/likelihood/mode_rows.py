@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.contents import ModeFit
+from rotorid.answer.estimate import ModeFit
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorid.answer.contents import EXPLAINS
+from rotorid.answer.estimate import EXPLAINS
 from rotorid.answer.judge import SUSPECTS
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note

@@ -9,9 +9,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from rotorid.answer import machine_checks
-from rotorid.answer.contents import Value
 from rotorid.answer.derived import physical_from_base
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, Value
 from rotorid.answer.judge import OPEN, judge
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen

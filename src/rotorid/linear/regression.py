@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.answer.contents import Prediction
+from rotorid.answer.estimate import Prediction
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Complexes, Floats, Integers

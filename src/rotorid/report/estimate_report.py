@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 from markupsafe import Markup
 
-from rotorid.answer.contents import (
+from rotorid.answer.estimate import (
     DOUBTFUL,
     EXPLAINS,
     ChannelEvidence,
+    Estimate,
     Prior,
     RecordEvidence,
     Value,
 )
-from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import (
     FAR,
     HALF_WIDTH,

@@ -11,8 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.answer.contents import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import (
+    ChannelEvidence,
+    Estimate,
+    Evidence,
+    Numbers,
+    Prior,
+    RecordEvidence,
+    RecordKind,
+)
 from rotorid.answer.identify import Estimator
 from rotorid.answer.predict import missing_values
 from rotorid.answer.validation import Forecast
@@ -156,7 +163,7 @@ def _at_its_phase(record: Observation, estimate: Estimate, number: int) -> Obser
     return record.with_lines(record.lines.turned(phase)) if math.isfinite(phase) else record
 
 
-def _kind(record: Observation) -> Kind:
+def _kind(record: Observation) -> RecordKind:
     if record.lines.transient is not None:
         return "lines"
     clock = record.lines.clock

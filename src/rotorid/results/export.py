@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.contents import Value
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, Value
 from rotorid.answer.estimate_tables import value_tables
 from rotorid.core.errors import InputError, one_line, printable, require_names
 from rotorid.core.files import MARK, Kind, write_whole

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rotorid import Channel, MaximumLikelihood, identify
-from rotorid.answer.contents import EXPLAINS
+from rotorid.answer.estimate import EXPLAINS
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals_channels as leads
 from rotorid.models.structure import find_structure
