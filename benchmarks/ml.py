@@ -23,7 +23,7 @@ from rotorid import MaximumLikelihood
 from rotorid.answer.identify import identify
 from rotorid.data.observation import Observation, bind
 from rotorid.data.record import PeriodicRecord
-from rotorid.demo.paper import demo_plan
+from rotorid.demo import demo_plan
 from rotorid.likelihood.fit import Fit, Fitting, answered
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.solver import STAGES

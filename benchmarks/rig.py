@@ -18,11 +18,10 @@ import numpy as np
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from rotorid.rig import tables
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.kernel import _forces
 from rotorid.rig.parts import ProcessNoise
-from rotorid.rig.rig import Rig
+from rotorid.rig.rig import Rig, bearing_table, excitation_table, rotor_table
 
 DURATION, SHORT = 13.0, 0.1
 MAGNETS = """[actuators.all]
@@ -71,8 +70,8 @@ def derivative(motion, load, harmonics, per_force, angle, y, force):
 def by_scipy(rig: Rig, duration: float, method: str, rtol: float) -> np.ndarray:
     """Positions at the samples of a quiet rig, each interval of constant inputs by solve_ivp."""
     plant = rig.plant(duration)
-    bearings, rotor = tables.bearing_table(rig, plant), tables.rotor_table(rig, plant)
-    table, controller = tables.excitation_table(rig), rig.controller
+    bearings, rotor = bearing_table(rig, plant), rotor_table(rig, plant)
+    table, controller = excitation_table(rig), rig.controller
     reads = rig.reads[rig.fed_back]
     n, inputs = plant.force.shape
     force, floor = np.zeros(inputs), np.repeat([1e-6, 1e-3], n)

@@ -28,8 +28,8 @@ from rotor_files import CORED
 import rotorid as rid
 import rotorid.models
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
-from rotorid.results.critical import critical_speeds
 from rotorid.results.machine import machine_of
+from rotorid.results.modes import critical_speeds
 from rotorid.testing import line_record
 
 FLEXIBLE = (Path(rotorid.models.__file__).parent / "library" / "flexible.toml").read_text("utf-8")

@@ -14,11 +14,9 @@ import numpy as np
 
 from rotorid import MaximumLikelihood, PeriodicRecord, Record, average, cli, identify, load_model
 from rotorid.commands.files import NOISE
-from rotorid.demo import run_demo
-from rotorid.demo.paper import FUNDAMENTAL, HARMONICS, PERIODS, rms_panel, simulate_record
-from rotorid.report.drawn import waves
+from rotorid.demo import FUNDAMENTAL, HARMONICS, PERIODS, rms_panel, run_demo, simulate_record
+from rotorid.report.drawn import BLUE, GREY, Axis, Curve, Panel, waves
 from rotorid.report.figure import figure_of
-from rotorid.report.panels import BLUE, GREY, Axis, Curve, Panel
 from rotorid.results.evidence import record_evidence
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))

@@ -20,8 +20,7 @@ import rotorid as rid
 from rotorid import load_rig
 from rotorid.core.values import Complexes, Floats
 from rotorid.results.sensitivity import zone_of
-from rotorid.rig import tables
-from rotorid.rig.rig import Rig
+from rotorid.rig.rig import Rig, excitation_table
 from rotorid.signals.multisine import Multisine
 
 FUNDAMENTAL = 5.0
@@ -227,7 +226,7 @@ def measured(rig: Rig, periods: int, rng: np.random.Generator) -> rid.Record:
     found = rig.run(periods * count / rig.logger.sample_rate, rng)
     names = list(rig.model.inputs)
     commands = found.samples[:, [found.names.index(name) for name in names]]
-    table = tables.excitation_table(rig)
+    table = excitation_table(rig)
     added = np.tile(table, (periods, 1))[: len(commands)]
     channels = [*(rid.Channel(f"e_{n}") for n in names), *(rid.Channel(f"r_{n}") for n in names)]
     return rid.Record(

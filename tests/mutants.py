@@ -30,7 +30,7 @@ LEFT_OUT = {
     "rotorid.models.polynomials": {"*"},  # beyond them the algebra does the same, but slower
     "rotorid.commands": {"INTERRUPTED"},  # a shell's own number
     "rotorid.commands.files": {"NOISE"},  # starts a generator: one start is as good as another
-    "rotorid.demo.paper": {"*"},  # conditions of the paper's example: test_demo pins them
+    "rotorid.demo": {"*"},  # conditions of the paper's example: test_demo pins them
 }
 
 

@@ -22,8 +22,8 @@ from rotorid.data.observation import bind_all
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.solver import Solution, solve
-from rotorid.results.critical import critical_speeds
 from rotorid.results.machine import machine_of
+from rotorid.results.modes import critical_speeds
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 OMEGA = 2 * np.pi * 20.0 * np.array(HARMONICS)

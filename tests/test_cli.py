@@ -325,7 +325,7 @@ def test_an_interrupt_is_one_line_and_no_file(
     def interrupt(*_: object, **__: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr("rotorid.demo.levitated.run_machine", interrupt)
+    monkeypatch.setattr("rotorid.demo.run_machine", interrupt)
     # A shell starts what runs in the background with the signal ignored, these tests included.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -8,16 +8,19 @@ import pytest
 
 from rotorid import InputError, average, identify, load_model
 from rotorid.core.watch import watched
-from rotorid.demo import ESTIMATORS, DemoResult, findings, run_demo
-from rotorid.demo.paper import (
+from rotorid.demo import (
     COLUMNS,
+    ESTIMATORS,
     FUNDAMENTAL,
     HARMONICS,
     SPEED,
     TABLE,
+    DemoResult,
     bias_share,
     excitation,
+    findings,
     ratio_of_errors,
+    run_demo,
     simulate_record,
 )
 
@@ -233,7 +236,7 @@ def test_ten_records_tell_bias_from_scatter(demo: DemoResult, runs: int, enough:
 def test_a_difference_counts_from_two_standard_errors(
     demo: DemoResult, monkeypatch: pytest.MonkeyPatch, mean: float, verdict: str
 ) -> None:
-    monkeypatch.setattr("rotorid.demo.paper.ratio_of_errors", lambda *_: (mean, 0.1))
+    monkeypatch.setattr("rotorid.demo.ratio_of_errors", lambda *_: (mean, 0.1))
     assert f"the ranking {verdict}" in findings(imagined(demo, runs=20))[3]
 
 

@@ -40,7 +40,7 @@ WORK = {
     "new": ("experiment.draft.draft",),
     "models": ("models.load_model",),
     "schema": ("core.toml.json_schema",),
-    "demo": ("demo.paper.run_demo",),
+    "demo": ("demo.run_demo",),
 }
 ERRORS = {
     WRONG_INPUT: [

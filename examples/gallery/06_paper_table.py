@@ -12,8 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import rotorid as rid
-from rotorid.demo import run_demo
-from rotorid.demo.paper import FUNDAMENTAL, HARMONICS, simulate_record
+from rotorid.demo import FUNDAMENTAL, HARMONICS, run_demo, simulate_record
 
 result = run_demo(20, rng=np.random.default_rng(2026))
 print(f"{'rms error in %':20}" + "".join(f"{name:>12}" for name in (*result.estimators, "bound")))

@@ -46,14 +46,14 @@ from .models.constraints import Constraint as Constraint
 from .models.rotor.rotor_model import from_ross as from_ross
 from .results.balancing import balance as balance
 from .results.balancing import centring as centring
-from .results.critical import campbell as campbell
-from .results.critical import unbalance_response as unbalance_response
 from .results.evidence import with_evidence as with_evidence
 from .results.export import export as export
 from .results.export import state_space as state_space
 from .results.loops import loop_sensitivity as loop_sensitivity
 from .results.machine import own_model as own_model
+from .results.modes import campbell as campbell
 from .results.modes import modes as modes
+from .results.modes import unbalance_response as unbalance_response
 from .results.sensitivity import sensitivity as sensitivity
 from .rig import simulate as simulate
 from .rig import steady_state as steady_state

@@ -1,7 +1,7 @@
 """The command line: what commands there are, their options, and what an error becomes.
 
 Nothing here does work or loads what works: each command is handed to the module of its name in
-`rotorid.commands`, or to the function of its name in `files` there, which is imported then.
+`rotorid.commands`, or to the function of its name in `files` or `machines` there.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ _FILE = click.Path(path_type=Path)
 _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
 _PLANE = "A place, or the pair of coordinates or inputs of its force: x2,y2. Again for more."
-_OF_FILES = ("demo", "export", "models", "new", "report", "schema", "simulate")
+_MODULES = dict.fromkeys(("balance", "modes"), "machines") | dict.fromkeys(
+    ("demo", "export", "models", "new", "report", "schema", "simulate"), "files"
+)
 _Command = Callable[..., Any]
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
@@ -44,8 +46,8 @@ def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
     targets = (*options.values(), *options.get("answer", ()))
     with progress(quiet), silence(quiet or STDOUT in targets):
         watch("loading")
-        module, name = ("files", command) if command in _OF_FILES else (command, "run")
-        work: Callable[..., int] = getattr(import_module(f"rotorid.commands.{module}"), name)
+        module = import_module(f"rotorid.commands.{_MODULES.get(command, command)}")
+        work: Callable[..., int] = getattr(module, command if command in _MODULES else "run")
         # What is beyond all bounds is told by the checks of an answer, not by numpy on stderr.
         with import_module("numpy").errstate(over="ignore", invalid="ignore", divide="ignore"):
             try:

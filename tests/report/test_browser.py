@@ -12,8 +12,7 @@ from browser import Browser, browser
 
 import rotorid as rid
 from rotorid import cli, with_evidence
-from rotorid.demo import run_demo
-from rotorid.demo.paper import demo_report, simulate_record
+from rotorid.demo import demo_report, run_demo, simulate_record
 from rotorid.report.estimate_report import estimate_report
 from rotorid.report.machines import sensitivity_report
 from rotorid.results.sensitivity import AxisSensitivity

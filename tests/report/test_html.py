@@ -31,8 +31,7 @@ from rotorid import (
 )
 from rotorid.answer.estimate import Evidence, Prior, SourceFile
 from rotorid.answer.validation import ChannelError
-from rotorid.demo import DemoResult, findings, run_demo
-from rotorid.demo.paper import TABLE, demo_report
+from rotorid.demo import TABLE, DemoResult, demo_report, findings, run_demo
 from rotorid.report.estimate_report import (
     estimate_report,
     figures,

@@ -22,9 +22,8 @@ from rotorid.report.machines import (
     ringing_curves,
     summary,
 )
-from rotorid.results.critical import response_of
 from rotorid.results.machine import machine_of
-from rotorid.results.modes import partners
+from rotorid.results.modes import partners, response_of
 
 SPEED = 2 * np.pi * 140.0
 

@@ -19,11 +19,16 @@ from rotorid import (
     load_model,
 )
 from rotorid.answer.estimate import RecordEvidence
-from rotorid.demo.paper import ESTIMATORS, FUNDAMENTAL, HARMONICS, simulate_record
+from rotorid.demo import ESTIMATORS, FUNDAMENTAL, HARMONICS, simulate_record
 from rotorid.report import html as interactive
 from rotorid.report.drawn import (
+    Axis,
+    Curve,
+    Panel,
     correlation,
     differences,
+    envelope,
+    label,
     lines,
     misfit,
     residual,
@@ -32,7 +37,6 @@ from rotorid.report.drawn import (
     waves,
 )
 from rotorid.report.figure import figure_of
-from rotorid.report.panels import Axis, Curve, Panel, envelope, label
 from rotorid.results.evidence import record_evidence
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"

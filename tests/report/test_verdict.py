@@ -9,8 +9,8 @@ from severities import causes
 from rotorid import Estimate, Misfit, Note, Prediction, Suspect, Value
 from rotorid.answer.estimate import ChannelEvidence, Evidence, RecordEvidence
 from rotorid.report import html
+from rotorid.report.drawn import Axis, Curve, Panel, thinned
 from rotorid.report.estimate_report import channel_ratios, verdict_of
-from rotorid.report.panels import Axis, Curve, Panel, thinned
 
 ESTIMATE = Estimate(
     "jeffcott",

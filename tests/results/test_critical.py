@@ -8,8 +8,8 @@ from linear_machines import SUPPORTED, estimate_of, model_of
 
 import rotorid as rid
 from rotorid.results import modes
-from rotorid.results.critical import Campbell, critical_speeds
 from rotorid.results.machine import machine_of
+from rotorid.results.modes import Campbell, critical_speeds
 
 
 def speeds_of(found: Campbell) -> list[float]:

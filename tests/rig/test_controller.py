@@ -12,8 +12,8 @@ import pytest
 from scipy import signal
 
 from rotorid import InputError, load_rig
-from rotorid.rig import tables
 from rotorid.rig.controller import Controller, as_controller, pid, side_by_side
+from rotorid.rig.rig import growth
 
 T = 1e-4
 
@@ -118,7 +118,7 @@ def test_the_example_of_a_centralised_controller_holds_the_rotor_by_all_axes() -
     controller = example.centralised(rig)
     assert (controller.positions, controller.commands) == (4, 4)
     held = replace(rig, controller=controller)
-    assert tables.growth(held, held.plant(1.0), rig.rotation.speed)[0] < 0
+    assert growth(held, held.plant(1.0), rig.rotation.speed)[0] < 0
     # From one axis and end to the others: no four controllers side by side.
     across = np.abs(controller.response([2 * np.pi * 140.0])[0])
     assert across[0, 1:].min() > 1e-3 * across[0, 0]

@@ -16,14 +16,20 @@ from scipy import integrate as ode
 from rotorid import InputError, load_rig
 from rotorid.cli import run
 from rotorid.force.laws import Differential, Linear
-from rotorid.rig import tables
 from rotorid.rig.controller import Controller
 from rotorid.rig.faults import FAULTS, find_fault, with_faults
 from rotorid.rig.kernel import _played
-from rotorid.rig.parts import Actuator, Coil
+from rotorid.rig.parts import (
+    Actuator,
+    Coil,
+    Encoder,
+    Keyphasor,
+    Rotation,
+    encoder_counts,
+    keyphasor_pulses,
+)
 from rotorid.rig.plant import eddy_weights
-from rotorid.rig.rig import Rig
-from rotorid.rig.rotation import Encoder, Keyphasor, Rotation, encoder_counts, keyphasor_pulses
+from rotorid.rig.rig import Rig, bearing_table, growth, noise_matrix
 
 # -------------------------------------------------------------------------------------------------
 # Faults by name: each is one entry, vanishes as its size does, and acts where it belongs.
@@ -262,7 +268,7 @@ def test_base_motion_accelerates_the_rotor_as_seen_from_the_housing() -> None:
     np.testing.assert_allclose(
         part.size(np.array([0.0, 1 / 140.0])), size * (2 * np.pi * 70) ** 2 * np.array([1, -1])
     )
-    matrix = tables.noise_matrix(free, free.plant(1.0))
+    matrix = noise_matrix(free, free.plant(1.0))
     np.testing.assert_allclose(matrix[:, -1], [1.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
@@ -325,7 +331,7 @@ def test_gaps_that_grow_change_the_linear_law_as_the_magnets() -> None:
     part = Actuator(Linear(slope.ki, slope.ks), heating=rate)
     rig = rig_of("three-mass")
     hot = replace(rig, actuators=dict.fromkeys(rig.actuators, part))
-    table = tables.bearing_table(hot, hot.plant(1.0))
+    table = bearing_table(hot, hot.plant(1.0))
     np.testing.assert_allclose(
         table.heating[0, :2] * step, [later.ki - slope.ki, later.ks - slope.ks], rtol=1e-5
     )
@@ -336,8 +342,8 @@ def test_a_seal_drives_the_forward_whirl() -> None:
     rig = rig_of("three-mass")
     plain, sealed = rig, replace(rig, cross=3e4)
     speed = rig.rotation.speed
-    slower = tables.growth(plain, plain.plant(1.0), speed)[0]
-    assert tables.growth(sealed, sealed.plant(1.0), speed)[0] > slower
+    slower = growth(plain, plain.plant(1.0), speed)[0]
+    assert growth(sealed, sealed.plant(1.0), speed)[0] > slower
     plant, other = plain.plant(1.0), sealed.plant(1.0)
     n = len(plant.force)
     moved = other.motion[0, :, :n] - plant.motion[0, :, :n]

@@ -14,7 +14,7 @@ from rotorid import InputError, load_experiment
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.file import load_rig, parse_rig, shipped_rigs
 from rotorid.rig.files import experiment_text, record_bytes
-from rotorid.rig.rotation import Encoder
+from rotorid.rig.parts import Encoder
 from rotorid.signals.multisine import multisine
 
 TEXT = load_rig("three-mass").text
@@ -45,7 +45,7 @@ def test_the_seeds_rotor_as_it_is_described() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_rigs())
 def test_shipped_rigs_float_at_rest_and_at_speed(name: str) -> None:
-    from rotorid.rig.tables import growth
+    from rotorid.rig.rig import growth
 
     rig = load_rig(name).rig
     for speed in (0.0, rig.rotation.speed / 2, rig.rotation.speed):

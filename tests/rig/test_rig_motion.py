@@ -14,10 +14,9 @@ from rotorid import InputError, load_rig, parse_model
 from rotorid.force.laws import Differential
 from rotorid.rig.kernel import coil_current
 from rotorid.rig.machine import merge_clocks
-from rotorid.rig.parts import Actuator, Logger
+from rotorid.rig.parts import Actuator, Logger, Rotation
 from rotorid.rig.plant import rotor_plant
-from rotorid.rig.rotation import Rotation
-from rotorid.rig.tables import excitation_table, growth, pairs
+from rotorid.rig.rig import excitation_table, growth, pairs
 
 # -------------------------------------------------------------------------------------------------
 # Motion of the rig against closed forms and a reference integrator.

@@ -9,8 +9,7 @@ from rotorid import average
 from rotorid.force.laws import Flux
 from rotorid.force.reading import forces
 from rotorid.rig.logger import how_recorded
-from rotorid.rig.parts import FluxSensors, Logger, SensorRunout
-from rotorid.rig.rotation import Encoder, Keyphasor, Rotation
+from rotorid.rig.parts import Encoder, FluxSensors, Keyphasor, Logger, Rotation, SensorRunout
 
 LINES = [1, 3, 5, 7, 9, 11]
 FINE = 40

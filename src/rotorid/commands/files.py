@@ -133,14 +133,12 @@ def demo(runs: int, machine: Path | None, answer: Outputs) -> int:
     """Identify the levitated machine, then the paper's example, each with its report."""
     import numpy as np
 
-    from rotorid.demo import levitated, paper
+    from rotorid import demo as shows
 
     check_apart(answer.check(machine), [])
-    shown = levitated.run_machine(np.random.default_rng(NOISE))
-    Outputs(None, machine).give(
-        levitated.machine_page(shown), {}, lambda: levitated.machine_report(shown)
-    )
-    result = paper.run_demo(runs, rng=np.random.default_rng(NOISE))
-    told = ["", "The example of Levy and Arogeti", *paper.demo_page(result)]
-    answer.give(told, result.to_dict(), lambda: paper.demo_report(result))
+    shown = shows.run_machine(np.random.default_rng(NOISE))
+    Outputs(None, machine).give(shows.machine_page(shown), {}, lambda: shows.machine_report(shown))
+    result = shows.run_demo(runs, rng=np.random.default_rng(NOISE))
+    told = ["", "The example of Levy and Arogeti", *shows.demo_page(result)]
+    answer.give(told, result.to_dict(), lambda: shows.demo_report(result))
     return OK

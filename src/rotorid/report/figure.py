@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from rotorid.report.panels import Curve, Matrix, Panel, key_of, label
+from rotorid.report.drawn import Curve, Matrix, Panel, key_of, label
 
 P = ParamSpec("P")
 

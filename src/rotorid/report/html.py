@@ -25,7 +25,7 @@ from rotorid.core.files import MARK
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import Table
 from rotorid.models import Model
-from rotorid.report.panels import Axis, Curve, Floats, Matrix, Panel, key_of, label, thinned
+from rotorid.report.drawn import Axis, Curve, Floats, Matrix, Panel, key_of, label, thinned
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -17,9 +17,16 @@ from rotorid.report import drawn
 from rotorid.report.drawn import GMM, NODE, RPM
 from rotorid.report.html import Mood, Passage, page_of
 from rotorid.results.balancing import POOR, Balance, Feedforward
-from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
 from rotorid.results.machine import Machine, machine_of
-from rotorid.results.modes import Modes, modes, partners
+from rotorid.results.modes import (
+    Campbell,
+    Modes,
+    UnbalanceResponse,
+    campbell,
+    modes,
+    partners,
+    response_of,
+)
 from rotorid.results.sensitivity import LIMITS, AxisSensitivity, worst_of
 
 DEGREES = 180 / np.pi

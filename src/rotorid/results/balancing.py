@@ -28,9 +28,8 @@ from rotorid.core.linalg import rank_of_columns
 from rotorid.core.units import quantity
 from rotorid.core.values import ByContent, Complexes, Floats
 from rotorid.models.linear_form import solved
-from rotorid.results.critical import amplitude_std
 from rotorid.results.machine import Machine, laws_of, machine_of, own_model
-from rotorid.results.modes import finite_speed
+from rotorid.results.modes import amplitude_std, finite_speed
 from rotorid.results.planes import directions_of, plane_column, rotor_mass, shares_of
 
 FREE = 360

@@ -20,9 +20,17 @@ from rotorid.core.units import to_si
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.controller import Controller
-from rotorid.rig.parts import Actuator, Coil, Disturbance, PositionSensor, SensorRunout
+from rotorid.rig.parts import (
+    Actuator,
+    Coil,
+    Disturbance,
+    Encoder,
+    Keyphasor,
+    PositionSensor,
+    Rotation,
+    SensorRunout,
+)
 from rotorid.rig.rig import Rig, Spoil
-from rotorid.rig.rotation import Encoder, Keyphasor, Rotation
 from rotorid.signals.spectrum import shifted
 
 Wanted = Literal["right", "warned", "rejected"]

@@ -31,15 +31,18 @@ from rotorid.rig.faults import find_fault, with_faults
 from rotorid.rig.logger import Logged, RigRecord, read
 from rotorid.rig.parts import (
     Actuator,
+    Encoder,
     FluxSensors,
+    Keyphasor,
     Logger,
     PositionSensor,
     ProcessNoise,
+    Rotation,
     SensorRunout,
+    check_rate,
     sensor_unit,
 )
 from rotorid.rig.rig import RIG_SAMPLES, Rig
-from rotorid.rig.rotation import Encoder, Keyphasor, Rotation, check_rate
 from rotorid.signals.multisine import (
     Multisine,
     full_harmonics,

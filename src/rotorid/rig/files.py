@@ -18,9 +18,8 @@ from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.rig.file import RigPlan
 from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, Truth, actuator_position, label
-from rotorid.rig.parts import sensor_unit
+from rotorid.rig.parts import Encoder, Keyphasor, sensor_unit
 from rotorid.rig.rig import Rig
-from rotorid.rig.rotation import Encoder, Keyphasor
 from rotorid.signals.multisine import Multisine
 
 RECORD = Kind("rotorid simulate")

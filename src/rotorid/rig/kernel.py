@@ -18,8 +18,8 @@ from numba import njit
 from rotorid.core.values import Floats, Integers
 from rotorid.force.laws import magnet_fluxes
 from rotorid.rig.machine import Schedule
+from rotorid.rig.parts import angle_and_speed
 from rotorid.rig.plant import Lags
-from rotorid.rig.rotation import angle_and_speed
 
 
 class Events(NamedTuple):

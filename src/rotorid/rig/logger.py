@@ -17,9 +17,16 @@ from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential, Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
 from rotorid.rig.machine import RigMachine
-from rotorid.rig.parts import Actuator, sensor_unit
+from rotorid.rig.parts import (
+    Actuator,
+    Encoder,
+    Keyphasor,
+    encoder_counts,
+    keyphasor_pulses,
+    read_mark,
+    sensor_unit,
+)
 from rotorid.rig.plant import Plant
-from rotorid.rig.rotation import Encoder, Keyphasor, encoder_counts, keyphasor_pulses, read_mark
 from rotorid.signals.spectrum import shifted
 
 if TYPE_CHECKING:

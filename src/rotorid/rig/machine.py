@@ -21,9 +21,10 @@ from rotorid.rig.parts import (
     Logger,
     PositionSensor,
     ProcessNoise,
+    Rotation,
+    check_rate,
 )
 from rotorid.rig.plant import Lags, Plant, build_lags, quarter_turn, rotor_plant
-from rotorid.rig.rotation import Rotation, check_rate
 from rotorid.signals.multisine import Multisine
 
 MAX_EVENTS = 20_000

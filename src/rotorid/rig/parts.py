@@ -1,18 +1,233 @@
-"""Parts of a rig: actuators, sensors, marks of the rotor angle, the logger. All are values."""
+"""Parts of a rig, all values: rotation and its marks, actuators, sensors, the logger."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Flux, Linear
-from rotorid.rig.rotation import Encoder, Keyphasor, check
+from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
+
+
+def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...] = ()) -> None:
+    """Refuse values that are not positive, or negative, where they must not be."""
+    for name in (*positive, *zero):
+        value, strict = getattr(part, name), name in positive
+        if value is None or value > 0 or (value == 0 and not strict):
+            continue
+        raise InputError(
+            f"{name} = {value}",
+            "more than 0" if strict else "0 or more",
+            f"give a {'positive ' if strict else ''}size, without a sign",
+            place=name,
+        )
+
+
+def check_rate(rate: float, place: str) -> None:
+    if not (np.isfinite(rate) and rate > 0):
+        cure = "give how often its clock ticks in a second"
+        raise InputError(f"{rate} Hz", "more than 0 Hz", cure, place=place)
+
+
+def angle_and_speed(rotation: Any, time: Any) -> tuple[Any, Any]:
+    """Return phi and Omega at a time, or at several: compiled, for the kernel too."""
+    speed, acceleration, drift, period, phase = rotation
+    t = np.maximum(time, 0.0)
+    angle = phase + speed * time + acceleration * t * t / 2
+    omega = speed + acceleration * t
+    if drift != 0.0:
+        rate = 2 * np.pi / period
+        angle = angle + drift / rate * (1 - np.cos(rate * t))
+        omega = omega + drift * np.sin(rate * t)
+    return angle, omega
+
+
+@frozen
+class Rotation:
+    """Speed over time, ``Omega = speed + acceleration t + drift sin(2 pi t / drift_period)``.
+
+    t = 0 is the first sample of the record; before it the rig settles at the speed of t = 0.
+
+    Examples
+    --------
+    >>> ramp = Rotation(speed=10.0, acceleration=2.0)
+    >>> float(ramp.speed_at(3.0)), float(ramp.angle_at(3.0))
+    (16.0, 39.0)
+    """
+
+    speed: float = 0.0  # rad/s at t = 0
+    acceleration: float = 0.0  # rad/s^2: a ramp
+    drift: float = 0.0  # rad/s: the amplitude of a slow wandering
+    drift_period: float = 10.0  # s
+    phase: float = 0.0  # rotor angle in rad at t = 0
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not np.isfinite(value):
+                raise InputError(
+                    f"{value}", "a finite number", "give a number, or leave it out", place=name
+                )
+        if self.drift and self.drift_period <= 0:
+            raise InputError(
+                f"{self.drift_period}",
+                "more than 0 s",
+                "give the time in which the speed drifts to and fro",
+                place="drift_period",
+            )
+
+    @property
+    def constant(self) -> bool:
+        return self.acceleration == 0 and self.drift == 0
+
+    @property
+    def numbers(self) -> Floats:
+        """What `angle_and_speed` takes."""
+        return np.array([getattr(self, name) for name in self.__dataclass_fields__])
+
+    def speed_at(self, time: ArrayLike) -> Floats:
+        return np.asarray(angle_and_speed(self.numbers, np.asarray(time, dtype=float))[1])
+
+    def angle_at(self, time: ArrayLike) -> Floats:
+        return np.asarray(angle_and_speed(self.numbers, np.asarray(time, dtype=float))[0])
+
+    def range_until(self, end: float) -> tuple[float, float]:
+        """Return the lowest and the highest speed in rad/s between the start and an end in s."""
+        speeds = self.speed_at(np.linspace(0.0, end, 2049))
+        return float(speeds.min()), float(speeds.max())
+
+
+@frozen
+class Encoder:
+    """A disc with lines; the logger reads a counter."""
+
+    lines: int  # counts per revolution
+    jitter: float = 0.0  # standard deviation of each reading before it is counted, in rad
+    # lines that the counter loses in the record, each at a time of its own; negative where it
+    # counts them twice
+    lost: int = 0
+    # the counter is set to 0 at every revolution, so that what is lost is found again
+    index: bool = False
+
+    def __post_init__(self) -> None:
+        check(self, positive=("lines",), zero=("jitter",))
+
+
+@frozen
+class Keyphasor:
+    """A mark that passes a sensor once per revolution, at phi = 0.
+
+    The logger samples the pulse, whose flanks last two samples each, as its low-pass makes them;
+    a logic level has no samples on its flanks.
+    """
+
+    jitter: float = 0.0  # standard deviation of the pulses' times in s
+    noise: float = 0.0  # standard deviation of the samples; a pulse is 1 high
+    width: float = 0.1  # part of a revolution that the mark lasts
+    logic: bool = False  # the pulse is a logic level
+    # pulses that are not seen, or come twice, in the record
+    missing: int = 0
+    double: int = 0
+
+    def __post_init__(self) -> None:
+        check(self, positive=("width",), zero=("jitter", "noise", "missing", "double"))
+
+
+def encoder_counts(
+    encoder: Encoder, rotation: Rotation, time: Floats, rng: np.random.Generator
+) -> Floats:
+    """Return the counter at times in s, afresh at every revolution."""
+    angle = rotation.angle_at(time) + encoder.jitter * rng.normal(size=len(time))
+    lines = np.floor(angle * (encoder.lines / (2 * np.pi)))
+    if not encoder.lost:
+        return np.asarray(lines % encoder.lines)
+    (own,) = rng.spawn(1)
+    at = np.sort(own.choice(len(time), abs(encoder.lost), replace=False))
+    lost = np.sign(encoder.lost) * np.searchsorted(at, np.arange(len(time)), side="right")
+    if encoder.index:
+        # What was lost before this revolution began does not count any more.
+        turn = np.floor_divide(lines, encoder.lines)
+        first = np.searchsorted(np.maximum.accumulate(turn), turn)
+        lost = lost - lost[first]
+    return np.asarray((lines - lost) % encoder.lines)
+
+
+def keyphasor_pulses(
+    mark: Keyphasor, rotation: Rotation, time: Floats, rng: np.random.Generator
+) -> Floats:
+    """Return the sampled pulses: high from phi = 2 pi n, with flanks of two samples."""
+    step = time[1] - time[0]
+    turns = rotation.angle_at(time[[0, -1]]) / (2 * np.pi)
+    speeds = rotation.speed_at(time)
+    if speeds.min() <= 0 <= speeds.max():
+        raise InputError(
+            f"a keyphasor at {speeds.min():.4g} rad/s",
+            "a rotor that turns one way",
+            "choose another speed, or leave the keyphasor out",
+        )
+    shortest = 2 * np.pi * min(mark.width, 1 - mark.width) / np.abs(speeds).max()
+    if shortest < (1 if mark.logic else 4) * step:
+        raise InputError(
+            f"pulses of {shortest / step:.3g} samples",
+            "four or more, so that their flanks can be seen; one of a logic level",
+            "sample faster, or make the mark wider",
+            place="keyphasor",
+        )
+    numbers = np.arange(np.floor(turns.min()) - 1, np.ceil(turns.max()) + 2)
+    rise = _times_of(numbers, rotation, time) + mark.jitter * rng.normal(size=len(numbers))
+    fall = _times_of(numbers + mark.width, rotation, time)
+    first, last = np.minimum(rise, fall), np.maximum(rise, fall)
+    if mark.missing or mark.double:
+        (own,) = rng.spawn(1)
+        first, last = _misread(mark, first, last, own)
+    order = np.argsort(first)
+    first, last = first[order], last[order]
+    if mark.logic:
+        pulse = np.maximum(np.searchsorted(first, time, side="right") - 1, 0)
+        level = np.where((time >= first[pulse]) & (time < last[pulse]), 1.0, 0.0)
+    else:
+        knots = np.stack([first - step, first + step, last - step, last + step], axis=1).ravel()
+        level = np.interp(time, knots, np.tile([0.0, 1.0, 1.0, 0.0], len(first)))
+    return np.asarray(level + mark.noise * rng.normal(size=len(level)))
+
+
+def _misread(
+    mark: Keyphasor, first: Floats, last: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Leave pulses out, and add others half a revolution after one."""
+    inner = np.arange(3, len(first) - 3)
+    chosen = rng.choice(inner, mark.missing + mark.double, replace=False)
+    twice = chosen[mark.missing :]
+    half = (first[twice + 1] - first[twice]) / 2
+    kept = np.delete(np.arange(len(first)), chosen[: mark.missing])
+    return (
+        np.concatenate([first[kept], first[twice] + half]),
+        np.concatenate([last[kept], last[twice] + half]),
+    )
+
+
+def _times_of(turns: Floats, rotation: Rotation, time: Floats) -> Floats:
+    """Return when the rotor has made so many turns (Newton's method on the angle)."""
+    mean = (rotation.angle_at(time[-1]) - rotation.angle_at(time[0])) / (time[-1] - time[0])
+    t = time[0] + (2 * np.pi * turns - rotation.angle_at(time[0])) / mean
+    for _ in range(20):
+        t = t - (rotation.angle_at(t) - 2 * np.pi * turns) / rotation.speed_at(t)
+    return np.asarray(t)
+
+
+def read_mark(mark: Encoder | Keyphasor, column: Floats, sample_rate: float) -> MeasuredAngle:
+    """Return what a reader makes of the column of the angle."""
+    if isinstance(mark, Encoder):
+        return encoder_angle(column, sample_rate, per_revolution=mark.lines, lines=mark.lines)
+    times, half = pulse_edges(column, sample_rate)
+    return keyphasor_angle(times, len(column), sample_rate, half=half)
 
 
 @frozen

@@ -19,8 +19,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.models.linear_form import LinearForm
 from rotorid.models.model import Model
-from rotorid.rig.parts import Actuator, PositionSensor
-from rotorid.rig.rotation import Rotation
+from rotorid.rig.parts import Actuator, PositionSensor, Rotation
 
 _DEGREE = 4
 _ANGLES = 64

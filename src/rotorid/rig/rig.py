@@ -6,17 +6,18 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy import linalg
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.core.watch import polled
-from rotorid.force.laws import Differential
+from rotorid.force.laws import Differential, Linear
 from rotorid.rig import kernel
+from rotorid.rig.kernel import Bearings, Events, Log, Loop, RotorTable, Steps
 from rotorid.rig.logger import Logged, RigRecord, logged, read
 from rotorid.rig.machine import RigMachine
-from rotorid.rig.plant import Plant
-from rotorid.rig.tables import growth, kernel_tables, load_table, log_table
+from rotorid.rig.plant import Lags, Plant, Rows, pairs
 
 RIG_SAMPLES = 5_000_000
 """Of a record that a rig makes, with the settling before it: eight minutes at 10 kHz, a third of
@@ -131,3 +132,285 @@ class Rig(RigMachine):
                     "check the sign and the size of the gains against k_i and k_s, add damping, or "
                     "shorten the delay",
                 ).of(0.0, axis)
+
+
+FRICTION = 0.15  # of a steel shaft in a dry auxiliary bearing
+HUM = 50.0  # Hz, of the mains
+_POSITION_FLOOR, _VELOCITY_FLOOR = 1e-6, 1e-3  # m, m/s: below, errors count absolutely
+
+
+def exact_steps(rig: RigMachine, plant: Plant, lags: Lags, speed: float) -> Steps:
+    """Return the exact steps of a rig linearized at its centre, at a speed (matrix exponential)."""
+    a, cuts = _continuous(rig, plant.at(speed), lags, speed)
+    lengths = rig.schedule.length
+    step = {length: linalg.expm(a * length) for length in set(lengths)}
+    steps = np.array([step[length] for length in lengths])[:, : cuts[0]]
+    blocks = np.split(steps, cuts, axis=2)
+    return Steps(True, *(np.ascontiguousarray(block) for block in blocks))
+
+
+def _continuous(
+    rig: RigMachine, plant: Plant, lags: Lags, speed: float
+) -> tuple[Floats, list[int]]:
+    """Return the rates of [x, commands, random forces, loads], and where each of these begins."""
+    n, inputs = plant.force.shape
+    ki, ks = np.array([part.slopes for part in rig.parts]).T
+    lag = np.array([part.time_constant for part in rig.parts])
+    noise = noise_matrix(rig, plant)
+    lagging, z = np.flatnonzero(lag > 0), 2 * n + np.count_nonzero(lag)
+    states = z + len(lags.floor)
+    first, last = states + inputs, states + inputs + noise.shape[1]
+    size = last + 2 * len(plant.harmonics)
+    # What [i, h] is, without hysteresis: the commands, or the states of the amplifiers that lag.
+    current = np.zeros((inputs, size))
+    current[:, states:first] = np.diag(lag == 0)
+    current[lagging, 2 * n + np.arange(len(lagging))] = 1.0
+
+    def rows(signal: Rows) -> Floats:
+        motion, electric, state = signal
+        found = (electric[:, :inputs] + electric[:, inputs:]) @ current
+        found[:, : 2 * n] += motion
+        found[:, z:states] += state
+        return np.asarray(found)
+
+    a = np.zeros((size, size))
+    a[:n, n : 2 * n] = np.eye(n)
+    a[n : 2 * n, : 2 * n] = plant.motion[0]
+    a[n : 2 * n, :n] += (plant.force * ks) @ plant.displacement
+    a[n : 2 * n] += (plant.force * ki) @ rows(lags.effective)
+    rates = 1.0 / lag[lagging]
+    a[2 * n : z, 2 * n : z] = -np.diag(rates)
+    a[2 * n + np.arange(len(lagging)), states + lagging] = rates
+    a[z:states] = rows(lags.rate)
+    a[n : 2 * n, first:last] = noise
+    a[n : 2 * n, last:] = plant.load[0].transpose(1, 0, 2).reshape(n, -1)
+    for h, multiple in enumerate(plant.harmonics):
+        turn = np.array([[0.0, -1.0], [1.0, 0.0]]) * multiple * speed
+        a[last + 2 * h : last + 2 * h + 2, last + 2 * h : last + 2 * h + 2] = turn
+    return a, [states, first, last]
+
+
+def noise_matrix(rig: RigMachine, plant: Plant) -> Floats:
+    """Return the accelerations per random force and per disturbance, shape (coordinate, noise)."""
+    n = len(plant.force)
+    columns = [_acceleration(rig, plant, name, force=True) for name in rig.process_noise.std]
+    for part in rig.disturbances:
+        parts = [f * _acceleration(rig, plant, name, force=False) for name, f in part.on.items()]
+        columns.append(np.sum(parts, axis=0))
+    return np.ascontiguousarray(np.array(columns).reshape(len(columns), n).T, dtype=float)
+
+
+def _acceleration(rig: RigMachine, plant: Plant, name: str, *, force: bool) -> Floats:
+    """Return the accelerations by one N at an input; of a coordinate by a force, or its own."""
+    if name in rig.model.inputs:
+        return plant.force[:, rig.model.inputs.index(name)]
+    own = np.eye(len(plant.force))[rig.model.coordinates.index(name)]
+    return np.asarray(np.linalg.solve(plant.mass, own) if force else own, dtype=float)
+
+
+def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, str]:
+    """Return growth rate (1/s), frequency (Hz) and axis of the loop's least stable motion."""
+    lags = rig.lags(plant)
+    steps = exact_steps(rig, plant, lags, speed)
+    motion, _, state = lags.reading
+    reads = np.zeros((len(rig.fed_back), steps.state.shape[1]))
+    reads[:, : motion.shape[1]] = motion[rig.fed_back]
+    reads[:, reads.shape[1] - len(lags.floor) :] = state[rig.fed_back]
+    values, vectors = np.linalg.eig(_loop_matrix(rig, steps, reads))
+    worst = int(np.argmax(np.abs(values)))
+    radius, angle = float(np.abs(values[worst])), float(np.abs(np.angle(values[worst])))
+    moving = np.abs(vectors[:, worst])
+    at_actuators = np.abs(plant.displacement @ moving[: len(plant.force)])
+    axis = rig.model.inputs[int(np.argmax(at_actuators))]
+    duration = rig.schedule.duration
+    return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
+
+
+def kernel_tables(
+    rig: RigMachine, plant: Plant, samples: int, rng: np.random.Generator
+) -> tuple[Events, Steps, Bearings, RotorTable, Lags, Loop]:
+    """Return what the kernel works on, for a record of so many samples."""
+    plan, lags = rig.schedule, rig.lags(plant)
+    # The pattern of events is repeated until the record is complete.
+    settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
+    readings = samples * rig.logger.oversampling
+    events = Events(plan, settling + -(-readings // plan.logs), settling)
+    steps, loop = step_table(rig, plant, lags), loop_table(rig, events, samples, rng)
+    return events, steps, bearing_table(rig, plant), rotor_table(rig, plant), lags, loop
+
+
+def step_table(rig: RigMachine, plant: Plant, lags: Lags) -> Steps:
+    """Return the exact steps of a linear rig; of another one only their sizes matter."""
+    n, inputs = plant.force.shape
+    if rig.linear:
+        return exact_steps(rig, plant, lags, rig.rotation.speed)
+    events, size = len(rig.schedule.offset), 2 * n + len(lags.floor)
+    noises = len(rig.process_noise.std) + len(rig.disturbances)
+    shapes = ((size, size), (size, inputs), (size, noises), (size, 0))
+    return Steps(False, *(np.zeros((events, *shape)) for shape in shapes))
+
+
+def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
+    parts = rig.parts
+    law, heating = np.zeros((2, len(parts), 7))
+    for row, rate, part in zip(law, heating, parts, strict=True):
+        match part.law:
+            case Differential() as magnets:
+                row[:] = magnets.numbers
+                rate[2] = part.heating * magnets.gap
+            case Linear(ki=ki, ks=ks):  # as 1 / gap^2 and 1 / gap^3 go
+                row[:2] = ki, ks
+                rate[:2] = -2 * part.heating * ki, -3 * part.heating * ks
+            case None:
+                row[:2] = 1.0, 0.0
+    lag = np.array([part.time_constant for part in parts])
+    pairs_of = [part.law if isinstance(part.law, Differential) else None for part in parts]
+    return Bearings(
+        kind=np.array([0 if m is None else 2 if not m.bias else 1 for m in pairs_of]),
+        law=law,
+        heating=heating,
+        limit=np.array([part.limit for part in parts]),
+        bias=np.array([np.inf if m is None else m.most for m in pairs_of]),
+        time_constant=lag,
+        lagging=np.flatnonzero(lag > 0),
+        slew=np.array([part.slew for part in parts]),
+        hysteresis=np.array([part.hysteresis for part in parts]),
+        displacement=np.ascontiguousarray(plant.displacement),
+        clearance=np.array(
+            [rig.clearance if m is None else min(rig.clearance, m.reach) for m in pairs_of]
+        ),
+        pair=pairs(rig.model.inputs),
+        contact=rig.contact,
+        friction=FRICTION,
+    )
+
+
+def rotor_table(rig: RigMachine, plant: Plant) -> RotorTable:
+    n = len(plant.force)
+    return RotorTable(
+        motion=np.ascontiguousarray(plant.motion),
+        load=np.ascontiguousarray(plant.load),
+        harmonics=plant.harmonics,
+        force=np.ascontiguousarray(plant.force),
+        noise=noise_matrix(rig, plant),
+        centre=plant.centre,
+        width=plant.width,
+        rotation=rig.rotation.numbers,
+        tolerance=rig.tolerance,
+        floor=np.repeat([_POSITION_FLOOR, _VELOCITY_FLOOR], n),
+    )
+
+
+def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Generator) -> Loop:
+    """Return controller, sensors and their errors, excitation, and the random forces."""
+    plan = events.pattern
+    steps = events.repeats * plan.controls
+    start = events.settling * plan.duration
+    control_time = np.arange(steps, dtype=float) * rig.controller.period - start
+    log_time = np.arange(samples, dtype=float) / rig.logger.sample_rate
+    apart = bool(((plan.log >= 0) & (plan.control < 0)).any())
+    deviations = np.array(list(rig.process_noise.std.values()))
+    process = rng.normal(size=(steps, len(deviations))) * deviations
+    middle = control_time + rig.controller.period / 2
+    known = [part.size(middle) for part in rig.disturbances]
+    recorded = control_time[control_time > -rig.controller.period / 2]
+    gain = np.ones(1) if rig.gain is None else rig.gain(recorded)
+    return Loop(
+        **{name: getattr(rig.controller, name) for name in "ABCD"},
+        reads=rig.fed_back,
+        quantum=np.array([sensor.quantum for sensor in rig.sensors]),
+        cubic=np.array([sensor.cubic for sensor in rig.sensors]),
+        heating=np.array([sensor.heating for sensor in rig.sensors]),
+        filtered=bool(np.isfinite(rig.logger.filter)),
+        process=np.column_stack([process, *known]),
+        error_at_control=_errors(rig, control_time, rng),
+        error_at_log=_errors(rig, log_time if apart else log_time[:0], rng),
+        excitation=excitation_table(rig),
+        gain=gain,
+    )
+
+
+def _errors(rig: RigMachine, time: Floats, rng: np.random.Generator) -> Floats:
+    """Draw the noise, and add bias and runout, at given times; shape (time, sensor)."""
+    angle = rig.rotation.angle_at(time)
+    errors = rng.normal(size=(len(time), len(rig.sensors)))
+    for j, sensor in enumerate(rig.sensors):
+        runout = np.zeros_like(angle)
+        for part in sensor.runout:
+            runout += part.cos * np.cos(part.order * angle) + part.sin * np.sin(part.order * angle)
+        errors[:, j] = sensor.noise * errors[:, j] + sensor.bias + runout
+        errors[:, j] += sensor.hum * np.cos(2 * np.pi * HUM * time)
+    return errors
+
+
+def excitation_table(rig: RigMachine) -> Floats:
+    """Return one period of what is added to the commands, shape (step, input)."""
+    inputs = rig.model.inputs
+    if rig.excitation is None:
+        return np.zeros((1, len(inputs)))
+    played = rig.excitation.samples(1 / rig.controller.period)
+    table = np.zeros((len(played), len(inputs)))
+    for name, column in zip(rig.excitation.names, played.T, strict=True):
+        part = rig.actuators[name]
+        if rig.excitation.unit not in ("N", part.unit):
+            raise InputError(
+                f"an excitation in {rig.excitation.unit}",
+                f"N or {part.unit}",
+                "give forces, or commands in the actuator's unit",
+                place=f"excitation.{name}",
+            )
+        per_newton = part.slopes[0] if rig.excitation.unit == "N" else 1.0
+        table[:, inputs.index(name)] = column / per_newton
+    return table
+
+
+def load_table(rig: RigMachine, plant: Plant, events: Events) -> Floats:
+    """Return cosine and sine of the loads' harmonics at each event of a linear rig."""
+    if not rig.linear:
+        return np.zeros((0, 0))
+    patterns = np.arange(events.repeats) - events.settling
+    time = (patterns[:, None] * events.pattern.duration + events.pattern.offset).ravel()
+    turns = rig.rotation.angle_at(time)[:, None] * plant.harmonics
+    return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(time), -1)
+
+
+def log_table(rig: RigMachine, samples: int) -> Log:
+    inputs = len(rig.model.inputs)
+    every = rig.logger.oversampling
+    states, sensors = 2 * len(rig.model.coordinates), len(rig.sensors)
+    return Log(
+        state=np.zeros((samples, states)),
+        reading=np.zeros((samples, sensors)),
+        command=np.zeros((samples, inputs)),
+        current=np.zeros((samples, inputs)),
+        force=np.zeros((samples, inputs)),
+        recorded=np.zeros((samples * every, inputs)),
+        effective=np.zeros((samples * every, inputs)),
+        every=every,
+    )
+
+
+def _loop_matrix(rig: RigMachine, steps: Steps, reads: Floats) -> Floats:
+    """Return the matrix that carries the loop over one pattern of events, without inputs.
+
+    Its states are those of the rotor and the amplifiers, of the controller, and the commands that
+    wait or are held, as the kernel keeps them.
+    """
+    schedule, controller = rig.schedule, rig.controller
+    rotor, memory, inputs = steps.state.shape[1], controller.states, controller.commands
+    slots = schedule.lag + 1  # commands that wait at the start of a pattern, the newest last
+    size = rotor + memory + (slots + 1) * inputs
+    identity = np.eye(size)
+    x, m = identity[:rotor], identity[rotor : rotor + memory]
+    rest = identity[rotor + memory :].reshape(slots + 1, inputs, size)
+    held, waiting = rest[0], list(rest[1:])
+    for e in range(len(schedule.offset)):
+        if schedule.control[e] >= 0:
+            y = reads @ x
+            waiting.append(controller.C @ m + controller.D @ y)
+            m = controller.A @ m + controller.B @ y
+        if schedule.apply[e] >= 0:
+            # Commands since the pattern began, and those from before it, counted from its start.
+            held = waiting[slots + schedule.apply[e] - schedule.lag]
+        x = steps.state[e] @ x + steps.command[e] @ held
+    return np.vstack([x, m, held, *waiting[-slots:]])
