@@ -1,4 +1,4 @@
-"""Natural frequencies, damping and whirl, with deviations.
+"""Natural frequencies, damping and whirl, Campbell diagram and critical speeds, with deviations.
 
 Where a coordinate x and its partner y move as ``Re(X exp(i omega t))``, ``Re(Y exp(i omega t))``,
 the orbit is the sum of a circle of radius ``|X + i Y| / 2`` run through from x to y and one of
@@ -9,6 +9,12 @@ Notation: lambda of ``L = lambda^2 M + lambda (D + Omega G) + K`` with right and
 close that their order or their shapes are not certain, the eigenvalues of the block
 ``diag(lambda) + sum_u A_u dx_u``, with ``A_u = - (Y^H dL_u X) / (Y^H ((lambda_i + lambda_j) M +
 D + Omega G) X)``, are drawn from the covariance.
+
+A critical speed is where a free vibration rings with the rotation: ``Im lambda(Omega) = |Omega|``.
+Roots are bracketed on a grid of speeds by the number of modes above the rotation, which is
+continuous where curves cross each other, and no curve is followed for it. The grid holds the speeds
+between the eigenvalues of ``Omega^2 (i G - M) + i Omega D + K``, so that no two roots fall into one
+of its intervals where matrices do not depend on the speed otherwise.
 """
 
 from __future__ import annotations
