@@ -116,15 +116,13 @@ class Mirrors:
         if as_free:
             loose = (replace(u, std=None) if u.fixed else u for u in layout.unknowns)
             layout = replace(layout, unknowns=tuple(loose))
-        names, links = _links(layout, records, unknowns)
-        web = _web(problem, layout, names, links, unknowns)
-        turns = _turns(layout.model, web, names, len(layout.unknowns))
-        if len(links) > LARGE:  # what some records do not tell, all are asked by the cost
-            names, links = _links(layout, records, unknowns, LARGE)
-            web = _web(problem, layout, names, links, unknowns)
+        web = _web(problem, layout, records, unknowns)
+        turns = _turns(layout.model, web, len(layout.unknowns))
+        if len(web.links) > LARGE:  # what some records do not tell, all are asked by the cost
+            web = _web(problem, layout, records, unknowns, LARGE)
         free = [int(i) for i in layout.free if i < layout.named]
         fixed = {i: float(unknowns[i]) for i, u in enumerate(layout.unknowns) if u.fixed}
-        return cls(layout, turns, _exchanges(layout.model, web, names, free, fixed))
+        return cls(layout, turns, _exchanges(layout.model, web, free, fixed))
 
     def as_started(self, solution: Solution) -> Solution:
         """Return the one of its mirror images whose signs are those of the start."""
@@ -218,7 +216,7 @@ def _broken(exact: Relations, unknowns: Floats) -> bool:
 
 
 def _links(
-    layout: Layout, records: Sequence[Observation], unknowns: Floats, most: float = np.inf
+    layout: Layout, records: Sequence[Observation], unknowns: Floats, most: float
 ) -> tuple[list[Place], list[Link]]:
     """Return the nodes and the terms of all records, those of records that are alike once.
 
@@ -285,11 +283,12 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
 def _web(
     problem: Problem,
     layout: Layout,
-    names: Sequence[Place],
-    links: Sequence[Link],
+    records: Sequence[Observation],
     unknowns: Floats,
+    most: float = np.inf,
 ) -> Web:
-    """Say which nodes may turn their signs, and which may change places."""
+    """Return the terms of records with which nodes may turn their signs, and change places."""
+    names, links = _links(layout, records, unknowns, most)
     used = {f for link in links for f in link.factors}
     movable = {i for i in used if i < layout.named} - layout.idle
     colours: list[Hashable] = []
@@ -305,7 +304,7 @@ def _web(
             still.add(node)
     priors = [u.name for u in layout.unknowns]
     alike = [*_alike(problem.exact, ()), *_alike(problem.known.relations, priors)]
-    return Web(tuple(links), tuple(colours), still, alike)
+    return Web(tuple(links), tuple(colours), still, alike, names)
 
 
 def _held(problem: Problem, node: int, unknowns: Floats) -> bool:
@@ -330,9 +329,9 @@ def _alike(relations: Relations, priors: Sequence[str]) -> Iterator[frozenset[in
 
 
 @fact
-def _turns(model: Model, web: Web, names: Sequence[Place], unknowns: int) -> tuple[Turn, ...]:
+def _turns(model: Model, web: Web, unknowns: int) -> tuple[Turn, ...]:
     """Return independent changes of sign: those of unknowns alone, then those with coordinates."""
-    ends = [node for node, (what, _) in enumerate(names) if what in MOVING]
+    ends = [node for node, (what, _) in enumerate(web.names) if what in MOVING]
     own, found = (1 << unknowns) - 1, list[Turn]()
     pivots: dict[int, Bits] = {}
     for alone, basis in ((True, web.turns(ends)), (False, web.turns())):
@@ -343,26 +342,24 @@ def _turns(model: Model, web: Web, names: Sequence[Place], unknowns: int) -> tup
             if not turned & own:
                 continue
             pivots[((turned & own) & -(turned & own)).bit_length() - 1] = turned
-            which = [node for node in range(len(names)) if turned >> node & 1]
+            which = [node for node in range(len(web.names)) if turned >> node & 1]
             turning = tuple(node for node in which if node < unknowns)
-            found.append(Turn(turning, () if alone else _coordinates(model, names, which)))
+            found.append(Turn(turning, () if alone else _coordinates(model, web, which)))
     return tuple(found)
 
 
-def _coordinates(model: Model, names: Sequence[Place], nodes: Sequence[int]) -> tuple[str, ...]:
-    found: Any = [name for what, name in (names[node] for node in nodes) if what == "coordinate"]
+def _coordinates(model: Model, web: Web, nodes: Sequence[int]) -> tuple[str, ...]:
+    named = (web.names[node] for node in nodes)
+    found: Any = [name for what, name in named if what == "coordinate"]
     return tuple(dict.fromkeys(model.coordinates[column] for _, column in found))
 
 
 @fact
 def _exchanges(
-    model: Model,
-    web: Web,
-    names: Sequence[Place],
-    free: Sequence[int],
-    fixed: Mapping[int, float],
+    model: Model, web: Web, free: Sequence[int], fixed: Mapping[int, float]
 ) -> tuple[Exchange, ...]:
     """Return the ways in which free parameters may change places; `fixed`: values of others."""
+    names = web.names
     count, found = sum(what == "unknown" for what, _ in names), list[Exchange]()
     used = {factor for link in web.links for factor in link.factors}
     free = [i for i in free if i in used]
@@ -377,7 +374,7 @@ def _exchanges(
         if factors is None:
             continue
         pairs = [
-            _coordinates(model, names, [node, place])
+            _coordinates(model, web, [node, place])
             for node, place in enumerate(places)
             if place > node and names[node][0] == "coordinate"
         ]
@@ -463,6 +460,7 @@ class Web:
     colours: Sequence[Hashable]  # of each node; only those of one colour may change places
     still: frozenset[int] | set[int]  # nodes that keep their signs
     alike: Sequence[frozenset[int]] = ()  # nodes whose signs must multiply to one
+    names: Sequence[Place] = ()  # what each node is
 
     def turns(self, still: Sequence[int] = ()) -> list[Bits]:
         """Return a basis of the sets of nodes that may turn their signs together."""

@@ -266,7 +266,7 @@ class LinearEstimator:
         )
 
     def _variance(self, regression: Regression) -> Floats:
-        return np.ones(regression.rows)
+        return np.ones(len(regression.model.texts))
 
 
 @frozen
@@ -410,11 +410,10 @@ def plan_stages(problem: LeastSquaresProblem) -> list[Stage]:
 
     A stage whose rows cannot tell its unknowns apart takes in further rows that hold them.
     """
-    first = problem.regressions[0]
     structure = problem.structure
     holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
     known: Booleans = np.zeros(holds.shape[1], dtype=bool)
-    rows, left = driven_rows(problem.model), set(range(first.rows))
+    rows, left = driven_rows(problem.model), set(range(structure.shape[1]))
     stages = []
     while rows:
         unknowns = holds[rows].any(axis=0) & ~known

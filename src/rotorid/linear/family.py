@@ -366,7 +366,7 @@ def information(model: Model, data: Data) -> Information:
     """
     regression = Regression(bind(model, data))
     record, design, target = regression.record, regression.design, regression.target
-    plain, _ = Block(design, target, np.ones(regression.rows), record).whitened()
+    plain, _ = Block(design, target, np.ones(len(model.texts)), record).whitened()
     driven = list(np.flatnonzero((model.input_matrix != 0).any(axis=1)))
     variance = force_variance(regression)[:, driven] / record.periods
     weighted, _ = Block(design[:, driven], target[:, driven], variance, record).whitened()

@@ -286,10 +286,6 @@ class Regression(Equations):
     def predicted(self, base: Floats) -> Predicted:
         return self._predicted(base, self.inputs.mean(axis=0), self.record.multiplicity)
 
-    @property
-    def rows(self) -> int:
-        return len(self.model.texts)
-
 
 NOISY = 3.0
 """Deviations of its noise below which an expression has no sign: one in 400 has it by chance."""

@@ -487,12 +487,11 @@ def test_places_are_searched_among_three_thousand_terms(overhung, monkeypatch, c
     problem, _ = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
     asked = []
 
-    def links(*given):
-        asked.append(given[3:])
-        return [], [None] * count
+    def web(*given):
+        asked.append(given[4:])
+        return SimpleNamespace(links=[None] * count)
 
-    monkeypatch.setattr(mirrors, "_links", links)
-    monkeypatch.setattr(mirrors, "_web", lambda *_: None)
+    monkeypatch.setattr(mirrors, "_web", web)
     monkeypatch.setattr(mirrors, "_turns", lambda *_: ())
     monkeypatch.setattr(mirrors, "_exchanges", lambda *_: ())
     Mirrors.of(problem, (), problem.layout.start)

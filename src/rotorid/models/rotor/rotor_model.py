@@ -380,32 +380,23 @@ def _to_ross(rotor: Rotor, known: Mapping[str, float]) -> Any:
     shaft = []
     for node, section, beam in spans(rotor):
         modulus = section.material.E.times(section.stiffness).value(known)
-        density = section.material.density.value(known)
-        material = ross.Material(
-            f"m{node}", rho=density, E=modulus, G_s=modulus / section.material.ratio
-        )
-        shaft.append(
-            ross.ShaftElement(
-                beam.length, idl=beam.inner, odl=beam.outer, material=material, n=node
-            )
-        )
+        constants = {"rho": section.material.density.value(known), "E": modulus}
+        material = ross.Material(f"m{node}", **constants, G_s=modulus / section.material.ratio)
+        size = {"idl": beam.inner, "odl": beam.outer}
+        shaft.append(ross.ShaftElement(beam.length, **size, material=material, n=node))
     discs = [
         ross.DiskElement(
             rotor.node(d.at), d.mass.value(known), d.I_t.value(known), d.I_p.value(known)
         )
         for d in rotor.discs.values()
     ]
-    bearings = [_bearing(ross, rotor, support, known) for support in rotor.supports.values()]
+    bearings = []
+    for support in rotor.supports.values():
+        every = [quantity.value(known) for kind in "kc" for quantity in support.table(kind)]
+        names = (kind + axes for kind in "kc" for axes in CROSSED)
+        constants = dict(zip(names, every, strict=True))
+        bearings.append(ross.BearingElement(rotor.node(support.at), **constants))
     return ross.Rotor(shaft, discs, bearings)
-
-
-def _bearing(ross: Any, rotor: Rotor, support: Support, known: Mapping[str, float]) -> Any:
-    constants = {
-        kind + axes: quantity.value(known)
-        for kind in "kc"
-        for axes, quantity in zip(CROSSED, support.table(kind), strict=True)
-    }
-    return ross.BearingElement(rotor.node(support.at), **constants)
 
 
 def from_ross(
@@ -480,7 +471,11 @@ def from_ross(
         sections=sections, discs=discs, supports=supports, actuators=pushed, sensors=read
     )
     model = rotor_model(drawn, parameters, name="ross", title=str(getattr(rotor, "tag", "")))
-    return model if unknown is None else _only(model, tuple(unknown))
+    if unknown is None:
+        return model
+    cure = "take names from there"
+    require_names(unknown, model.parameter_names, "no parameter {}", cure, place="unknown")
+    return model.substitute({n: v for n, v in model.nominal.items() if n not in unknown})
 
 
 def _support(
@@ -493,13 +488,6 @@ def _support(
         for axes in CROSSED
     }
     return Support(at=at, **quantities)
-
-
-def _only(model: RotorModel, unknown: Sequence[str]) -> RotorModel:
-    """Return the model with some of its parameters, the others put in."""
-    cure = "take names from there"
-    require_names(unknown, model.parameter_names, "no parameter {}", cure, place="unknown")
-    return model.substitute({n: v for n, v in model.nominal.items() if n not in unknown})
 
 
 def _in_order(rotor: Any) -> list[Any]:
