@@ -17,7 +17,7 @@ def stages_of(problem, constraints=(), **fixed):
         bind_all(problem.model, problem.records), {**problem.known, **fixed}, constraints
     )
     names = posed.names
-    return [(list(s.rows), [names[u] for u in s.unknowns]) for s in plan_stages(posed)]
+    return [(rows, [names[u] for u in unknowns]) for rows, unknowns in plan_stages(posed)]
 
 
 def test_stages_of_the_seed():

@@ -72,17 +72,8 @@ def refuse_filtered(records: Sequence[Observation], method: str) -> None:
             )
 
 
-@frozen
-class _Fit:
-    solution: LeastSquaresSolution
-    scatter: Scatter
-    values: Floats
-
-    def shares(self, change: Floats) -> Floats:
-        """Return a change of the values in deviations, (free,), zero for what is not known."""
-        spread = np.sqrt(np.diag(self.scatter.covariance).clip(0))
-        known = np.isfinite(change) & (spread > 0) & ~self.scatter.alone
-        return np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
+Sampled = tuple[LeastSquaresSolution, Scatter, Floats]
+"""A solution on samples, what blocks say of it, and its values as far as equations reach them."""
 
 
 @frozen
@@ -97,20 +88,19 @@ class SampledProblem(Posed):
     weight: float | None = None
 
     def summarize(self, method: str) -> Estimate:
-        fit = self.fit()
-        scatter, doubts = fit.scatter, list(_doubted(self.names, fit.scatter))
-        given = fit.values, scatter.covariance, fit.solution, doubts
+        solution, scatter, values = self.fit()
+        given = values, scatter.covariance, solution, list(_doubted(self.names, scatter))
         estimate = self.estimate(method, *given, unknown=scatter.alone)
         return estimate.with_notes(
             *_said(self.regressions, scatter),
             *machine_checks.physical(self.full, estimate),
-            *self.moved(fit),
-            *self.late(fit),
+            *self.moved(scatter, values),
+            *self.late(scatter, values),
             *machine_checks.prediction(estimate, {}),
             *machine_checks.agreement(self.names, *scatter.halves()),
         )
 
-    def fit(self, *, late: bool = False) -> _Fit:
+    def fit(self, *, late: bool = False) -> Sampled:
         """Solve, and leave out blocks; `late`: with one unknown more, how early all forces come."""
         rows = len(self.model.texts)
         blocks = [self._block(r, np.ones(rows), late) for r in self.regressions]
@@ -125,7 +115,7 @@ class SampledProblem(Posed):
         numbers = np.repeat(block_numbers(counts, BLOCKS), rows)
         gains = np.concatenate(solution.gains, axis=1)
         scatter = scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
-        return _Fit(solution, scatter, self.reached(solution))
+        return solution, scatter, self.reached(solution)
 
     def _block(self, regression: SampledRegression, variance: Floats, late: bool) -> Block:
         design, target = self.free_equations(regression)
@@ -143,22 +133,22 @@ class SampledProblem(Posed):
         largest = float(variance[~free].max(initial=0.0))
         return np.asarray(np.where(free, self.weight * largest, variance))
 
-    def late(self, fit: _Fit) -> Iterator[Note]:
+    def late(self, scatter: Scatter, values: Floats) -> Iterator[Note]:
         """Judge whether forces and motion come at one time, with the lag for an unknown.
 
         ``u(t - lag) = u - lag u'``: what elastic parts and filters do looks like a lag too.
         """
-        freed = self.fit(late=True)
-        lag = -float(freed.values[-1])
-        std = float(np.sqrt(max(freed.scatter.covariance[-1, -1], 0.0)))
-        shares = fit.shares(freed.values[:-1] - fit.values)
+        _, spread, freed = self.fit(late=True)
+        lag = -float(freed[-1])
+        std = float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
+        shares = scatter.shares(freed[:-1] - values)
         if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or shares.max() <= MOVED:
             return
         worst = int(shares.argmax())
         text = (
             f"the forces come as if {abs(lag) * 1e3:.3g} ms {'late' if lag > 0 else 'early'} "
             f"({abs(lag) / std if std > 0 else np.inf:.3g} deviations), and {self.names[worst]} is "
-            f"{freed.values[worst]:.5g} {self._unit(worst)} without that: give the delay of the "
+            f"{freed[worst]:.5g} {self._unit(worst)} without that: give the delay of the "
             "channels, or look for filters before the logger, or for something elastic that the "
             "equations leave out"
         )
@@ -166,13 +156,13 @@ class SampledProblem(Posed):
         severity: Severity = "rejects" if sure else "doubts"
         yield Note("delay", severity, text, on=(self.names[worst],), value=lag, unit="s")
 
-    def moved(self, fit: _Fit) -> Iterator[Note]:
+    def moved(self, scatter: Scatter, values: Floats) -> Iterator[Note]:
         """Judge whether a lower cut-off moves a parameter by more than its deviations."""
         lower = tuple(r.lowered(LOWER) for r in self.regressions)
-        other = replace(self, regressions=lower).fit()
-        change = other.values - fit.values
-        clear = np.abs(change) > CLEAR * _spread_of_change(fit.scatter, other.scatter)
-        shares = np.where(clear, fit.shares(change), 0.0)
+        _, spread, other = replace(self, regressions=lower).fit()
+        change = other - values
+        clear = np.abs(change) > CLEAR * _spread_of_change(scatter, spread)
+        shares = np.where(clear, scatter.shares(change), 0.0)
         if shares.max(initial=0.0) <= MOVED:
             return
         worst = int(shares.argmax())
@@ -357,12 +347,8 @@ class Batch(LinearEstimator):
         return np.where(free, self.free_weight * np.where(largest > 0, largest, 1.0), variance)
 
 
-@frozen
-class Stage:
-    """Rows that are solved together, and the unknowns that they determine."""
-
-    rows: tuple[int, ...]
-    unknowns: tuple[int, ...]
+Stage = tuple[list[int], list[int]]
+"""Rows that are solved together, and the unknowns that they determine."""
 
 
 @frozen
@@ -414,14 +400,14 @@ def plan_stages(problem: LeastSquaresProblem) -> list[Stage]:
     holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
     known: Booleans = np.zeros(holds.shape[1], dtype=bool)
     rows, left = driven_rows(problem.model), set(range(structure.shape[1]))
-    stages = []
+    stages: list[Stage] = []
     while rows:
         unknowns = holds[rows].any(axis=0) & ~known
         while unknowns.any() and (more := _rows_that_help(structure, rows, unknowns, left)):
             rows = sorted({*rows, *more})
             unknowns = holds[rows].any(axis=0) & ~known
         if unknowns.any():
-            stages.append(Stage(tuple(rows), tuple(int(u) for u in np.flatnonzero(unknowns))))
+            stages.append((rows, np.flatnonzero(unknowns).tolist()))
         left -= set(rows)
         known |= unknowns
         rows = sorted(r for r in left if (holds[r] & known).any())
@@ -446,10 +432,10 @@ def _solve_stages(problem: LeastSquaresProblem, stages: Sequence[Stage]) -> Leas
     equations = [problem.free_equations(r) for r in problem.regressions]
     gains = [np.zeros((count, *target.shape), dtype=complex) for _, target in equations]
     condition, directions = 1.0, np.zeros((count, 0))
-    waiting: tuple[int, ...] = ()
-    for planned in stages:
+    waiting: list[int] = []
+    for planned, _ in stages:
         # Rows whose unknowns the stage before left open wait for the rows of this one.
-        rows = [*waiting, *planned.rows]
+        rows = [*waiting, *planned]
         own = np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))
         known = np.flatnonzero(np.isfinite(values))
         designs = [design[:, rows] for design, _ in equations]
@@ -477,7 +463,7 @@ def _solve_stages(problem: LeastSquaresProblem, stages: Sequence[Stage]) -> Leas
         condition = max(condition, solution.condition_number)
         directions = np.zeros((count, solution.undetermined.shape[1]))
         directions[own] = solution.undetermined
-        waiting = tuple(row for row in rows if (holds[row] & np.isnan(values))[own].any())
+        waiting = [row for row in rows if (holds[row] & np.isnan(values))[own].any()]
     return LeastSquaresSolution(values, tuple(gains), condition, directions)
 
 

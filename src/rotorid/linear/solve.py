@@ -192,6 +192,12 @@ class Scatter:
     def blocks(self) -> int:
         return len(self.shifts)
 
+    def shares(self, change: Floats) -> Floats:
+        """Return a change of the values in deviations, (free,), zero for what is not known."""
+        spread = np.sqrt(np.diag(self.covariance).clip(0))
+        known = np.isfinite(change) & (spread > 0) & ~self.alone
+        return np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
+
     def halves(self) -> tuple[Floats, Floats]:
         """Return what the halves add, shape (half, free), and the deviation of half of that.
 
