@@ -78,12 +78,8 @@ class Posed:
                     place="parameters",
                 )
             if turning and not record.lines.phase_known:
-                raise InputError(
-                    "a rotor angle of unknown phase",
-                    "a known phase",
-                    "use ml",
-                    file=record.lines.source,
-                )
+                found, file = "a rotor angle of unknown phase", record.lines.source
+                raise InputError(found, "a known phase", "use ml", file=file)
         elimination = eliminate(reduced, constraints_in_si(constraints, model), fixed)
         if not elimination.kept:
             raise InputError("every parameter constrained", "something to estimate", "free one")

@@ -39,44 +39,6 @@ from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 ROUNDING = 1e-12
 
 
-def signal_spectra(
-    model: Model, record: PeriodicRecord, coordinates: Complexes, time: Floats, angle: Floats
-) -> Complexes:
-    """Return the lines of the model's signals on the motion that has these lines."""
-    derivatives = [
-        differentiate(coordinates, record.harmonics, record.samples, record.sample_rate, order)
-        for order in range(3)
-    ]
-    lines = np.empty((*coordinates.shape[:-1], len(model.signals)), dtype=complex)
-    others = []
-    for index, factor in enumerate(model.motion_factors):
-        if factor is None:
-            others.append(index)
-        else:
-            column, order, scale = factor
-            gain = speed_factor(scale, record.speed)
-            lines[..., index] = gain * derivatives[order][..., column]
-    if any(model.moves(index) for index in others):
-        waves = [synthesize(d, record.harmonics, record.samples) for d in derivatives]
-    else:
-        still = (*coordinates.shape[:-2], record.samples, len(model.coordinates))
-        waves = [np.zeros(still)] * 3
-    motion = Motion(waves[0], waves[1], waves[2], time, angle, record.speed)
-    for index in others:
-        lines[..., index] = _sampled_lines(model, record, index, motion)
-    return lines
-
-
-def _sampled_lines(model: Model, record: PeriodicRecord, index: int, motion: Motion) -> Complexes:
-    value = _finite_signal(model, index, motion, record.source)
-    axes = motion.position.ndim - 1
-    mean = value.mean(axis=0) if value.ndim > axes else value
-    whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
-    lines = line_spectra(whole[..., None], record.harmonics)[..., 0]
-    # What rounding leaves on a line is no signal: an unbalance whose line is not kept.
-    return np.where(np.abs(lines) > ROUNDING * np.abs(whole).max(), lines, 0)
-
-
 def _finite_signal(model: Model, index: int, motion: Motion, source: str) -> Floats:
     value = model.signal_value(index, motion)
     if not is_usable(value):
@@ -158,14 +120,12 @@ class Equations(ABC):
         seen = self.observation
         if seen.hidden or seen.indirect:
             derived = [s.channel.name for s in seen.indirect]
-            raise InputError(
-                f"no sensor of {', '.join(seen.hidden)}"
-                if seen.hidden
-                else f"{derived[0]}, which reads a derivative or holds parameters",
-                "every coordinate measured, by sensors of positions",
-                "measure it, or use ml, which needs no such sensor",
-                file=seen.lines.source,
-            )
+            found = f"no sensor of {', '.join(seen.hidden)}"
+            if not seen.hidden:
+                found = f"{derived[0]}, which reads a derivative or holds parameters"
+            expected = "every coordinate measured, by sensors of positions"
+            cure = "measure it, or use ml, which needs no such sensor"
+            raise InputError(found, expected, cure, file=seen.lines.source)
         self.check_forces()
         return [sensor.column for sensor in seen.direct], np.asarray(np.linalg.pinv(seen.reads).T)
 
@@ -173,12 +133,8 @@ class Equations(ABC):
         """Refuse an input whose channel holds a current."""
         for channel in self.observation.inputs:
             if channel.drive is not None:
-                raise InputError(
-                    f"a current in the channel of {channel.name}",
-                    "a force",
-                    "use ml",
-                    file=self.observation.lines.source,
-                )
+                found = f"a current in the channel of {channel.name}"
+                raise InputError(found, "a force", "use ml", file=self.observation.lines.source)
 
     @property
     @abstractmethod
@@ -255,9 +211,40 @@ class Regression(Equations):
         return self.record.spectra[slice(*self.kept)][..., list(self.observation.input_columns)]
 
     def _signals(self, coordinates: Complexes) -> Complexes:
-        timed = any(symbol("t") in signal.free_symbols for signal in self.model.signals)
-        clock = SampledClock.of(self.record).grid(timed=timed)
-        return signal_spectra(self.model, self.record, coordinates, *clock)
+        """Return the lines of the model's signals on the motion that has these lines."""
+        model, record = self.model, self.record
+        derivatives = [
+            differentiate(coordinates, record.harmonics, record.samples, record.sample_rate, order)
+            for order in range(3)
+        ]
+        lines = np.empty((*coordinates.shape[:-1], len(model.signals)), dtype=complex)
+        others = []
+        for index, factor in enumerate(model.motion_factors):
+            if factor is None:
+                others.append(index)
+            else:
+                column, order, scale = factor
+                gain = speed_factor(scale, record.speed)
+                lines[..., index] = gain * derivatives[order][..., column]
+        still = (*coordinates.shape[:-2], record.samples, len(model.coordinates))
+        waves = [np.zeros(still)] * 3
+        if any(model.moves(index) for index in others):
+            waves = [synthesize(d, record.harmonics, record.samples) for d in derivatives]
+        timed = any(symbol("t") in signal.free_symbols for signal in model.signals)
+        time, angle = SampledClock.of(record).grid(timed=timed)
+        motion = Motion(waves[0], waves[1], waves[2], time, angle, record.speed)
+        for index in others:
+            lines[..., index] = self._sampled_lines(index, motion)
+        return lines
+
+    def _sampled_lines(self, index: int, motion: Motion) -> Complexes:
+        record, axes = self.record, motion.position.ndim - 1
+        value = _finite_signal(self.model, index, motion, record.source)
+        mean = value.mean(axis=0) if value.ndim > axes else value
+        whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
+        lines = line_spectra(whole[..., None], record.harmonics)[..., 0]
+        # What rounding leaves on a line is no signal: an unbalance whose line is not kept.
+        return np.where(np.abs(lines) > ROUNDING * np.abs(whole).max(), lines, 0)
 
     @cached_property
     def signals(self) -> Complexes:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -236,25 +236,24 @@ class LinearForm:
 
     def load_columns(self, time: ArrayLike, angle: ArrayLike, speed: float) -> Floats:
         """Return the columns of g: ``g = load_columns @ mu``."""
-        time, angle = np.asarray(time, dtype=float), np.asarray(angle, dtype=float)
-        columns = np.zeros((*angle.shape, self.rows, self.monomials))
-        for term in self.load_terms:
-            signal = evaluate(term.signal, {"t": time, "phi": angle, "Omega": speed})
-            if not is_usable(signal):
-                raise _not_finite(term.signal, speed)
-            columns[..., term.row, term.monomial] += term.coefficient * signal
-        return columns
+        at: dict[str, ArrayLike] = {"t": time, "phi": angle, "Omega": speed}
+        columns = np.zeros((*np.shape(angle), self.rows, self.monomials))
+        return np.asarray(self._filled(columns, lambda signal: evaluate(signal, at), speed))
 
     def rotation_columns(self, speed: float) -> Complexes:
         """Return the columns of g, of ``Re(g exp(i phi))``: what turns with the rotor."""
         columns = np.zeros((self.rows, self.monomials), dtype=complex)
-        lines: dict[Expression, complex] = {}
+        return np.asarray(self._filled(columns, lambda x: rotation_line(x, speed), speed))
+
+    def _filled(self, columns: Any, value: Callable[[Expression], Any], speed: float) -> Any:
+        """Add the loads to their columns, by the value of each signal."""
+        values: dict[Expression, Any] = {}
         for term in self.load_terms:
-            if term.signal not in lines:
-                lines[term.signal] = rotation_line(term.signal, speed)
-            if not is_usable(lines[term.signal]):
+            if term.signal not in values:
+                values[term.signal] = value(term.signal)
+            if not is_usable(values[term.signal]):
                 raise _not_finite(term.signal, speed)
-            columns[term.row, term.monomial] += term.coefficient * lines[term.signal]
+            columns[..., term.row, term.monomial] += term.coefficient * values[term.signal]
         return columns
 
 
