@@ -17,6 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import column_lengths
 from rotorid.core.values import Floats, Integers
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
@@ -253,8 +254,9 @@ class Tangent:
         root = np.sqrt(values**2 + max(damping, RANK * values.max(initial=0.0) ** 2))
         free, sides = -values / root * self.projected, self.normals / root
         gap = -self.distances - sides @ free
-        length = np.sqrt((sides**2).sum(axis=1) + gap**2)
-        rows = np.vstack([sides.T, gap]) / length
+        # A bound that holds with equality, and that no step moves, is a column of zeros.
+        rows = np.vstack([sides.T, gap])
+        rows = rows / column_lengths(rows)
         target = np.append(np.zeros(len(root)), 1.0)
         if not np.isfinite(rows).all():
             return None
