@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
@@ -149,45 +150,38 @@ def onto_grid(
         while interpolation_error(offset, grid, highest) > BEARABLE and highest > rate / 100:
             highest *= 0.8
     found = np.empty((count, samples.shape[1]))
-    for part, first, weights in _weights(offset, grid):
+    for part, taken, weights in _weights(offset, grid):
         for channel in range(samples.shape[1]):
-            column = samples[:, channel]
-            found[part, channel] = sum(
-                weights[:, tap] * column[first + tap] for tap in range(weights.shape[1])
-            )
+            found[part, channel] = (weights * samples[taken, channel]).sum(axis=1)
     return found, interpolation_error(offset, grid, highest), highest
 
 
 def interpolation_error(time: Floats, grid: Floats, frequency: float) -> float:
     """Return the error of a wave of that frequency, interpolated from times to a grid."""
     total, count = 0.0, 0
-    for part, first, weights in _weights(time, grid):
-        wave: Complexes = np.zeros(len(first), dtype=complex)
-        for tap in range(weights.shape[1]):
-            wave += weights[:, tap] * np.exp(
-                2j * np.pi * frequency * (time[first + tap] - grid[part])
-            )
+    for part, taken, weights in _weights(time, grid):
+        angles = 2 * np.pi * frequency * (time[taken] - grid[part, None])
+        wave: Complexes = (weights * np.exp(1j * angles)).sum(axis=1)
         total += float((np.abs(wave - 1) ** 2).sum())
-        count += len(first)
+        count += len(wave)
     return float(np.sqrt(total / count))
 
 
 def _weights(time: Floats, grid: Floats) -> Iterator[tuple[slice, np.ndarray, Floats]]:
-    """Yield parts of the grid, the first sample that each of its points takes, and the weights."""
+    """Yield parts of the grid, the samples that each of its points takes, and their weights."""
     taps = min(_TAPS, len(time))
     for begin in range(0, len(grid), _BLOCK):
         part = slice(begin, min(begin + _BLOCK, len(grid)))
         points = grid[part]
         nearest = np.searchsorted(time, points, side="right")
         first = np.clip(nearest - taps // 2, 0, len(time) - taps)
-        nodes = np.stack([time[first + tap] for tap in range(taps)], axis=1)
+        taken = first[:, None] + np.arange(taps)
+        nodes = time[taken]
         weights = np.ones_like(nodes)
-        for tap in range(taps):
-            for other in range(taps):
-                if other != tap:
-                    span = nodes[:, tap] - nodes[:, other]
-                    weights[:, tap] *= (points - nodes[:, other]) / span
-        yield part, first, weights
+        for tap, other in permutations(range(taps), 2):
+            span = nodes[:, tap] - nodes[:, other]
+            weights[:, tap] *= (points - nodes[:, other]) / span
+        yield part, taken, weights
 
 
 TOGETHER = 0.01
