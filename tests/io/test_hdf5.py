@@ -65,7 +65,7 @@ def test_names(path: Path) -> None:
         ("complex", "'complex' of complex numbers; expected real numbers"),
         ("force", "no column 'force'"),
         ("a\0b", "no column"),
-        ("packd", "did you mean 'packed'"),
+        ("packd", "did you mean packed"),
         ("adc[99999999999]", "no column"),
     ],
 )
@@ -77,7 +77,7 @@ def test_names_that_are_no_columns(path: Path, name: str, message: str) -> None:
 def test_scalars(path: Path) -> None:
     opened = open_table(path)
     assert (opened.scalar("gain"), opened.scalar("gain2")) == (2.5, 3.5)
-    with pytest.raises(ReadError, match=r"no scalar variable 'gian'.*did you mean 'gain'"):
+    with pytest.raises(ReadError, match=r"no scalar variable 'gian'.*did you mean gain"):
         opened.scalar("gian")
 
 

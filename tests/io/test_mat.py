@@ -55,7 +55,7 @@ def test_names_that_are_no_columns(path: Path, name: str) -> None:
 
 
 def test_scalars_by_name(path: Path) -> None:
-    with pytest.raises(ReadError, match=r"no scalar variable 'gtua'.*did you mean 'gtau'"):
+    with pytest.raises(ReadError, match=r"no scalar variable 'gtua'.*did you mean gtau"):
         open_table(path).scalar("gtua")
 
 

@@ -102,7 +102,7 @@ def test_how_a_channel_was_recorded(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        (Source("xx"), "channels.q.column: found no column 'xx'.*did you mean 'x'"),
+        (Source("xx"), "channels.q.column: found no column 'xx'.*did you mean x"),
         (Source("x", unit="mm"), "channels.q.unit: found unit 'mm', where the file says 'um'"),
         (Source("x", expected="N"), "channels.q.unit: found unit 'um'; .* converts to N"),
         (Source("x", unit="V", scale=2, expected="m"), "found unit 'V'; .* converts to m"),

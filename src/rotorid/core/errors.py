@@ -15,6 +15,9 @@ LINE = 590  # characters of a message: what is read as one line, and below what 
 PART = 240  # of one part of it, so that a long one leaves room for the others
 CELL = 300  # of a cell of a table: longer than any honest name or finding
 SENTENCE = 4_000  # of a sentence between tables: a warning may list fifty names
+NAMES, NAME_CHARACTERS = 500, 100
+"""Names, and characters of each, among which the nearest to a misspelt one is sought: likeness
+takes the product of two lengths, 10 us for two of ten letters."""
 _GAP = " ... "
 
 
@@ -56,7 +59,8 @@ def nearest(name: str, there: Sequence[str], otherwise: str = "take a name from 
     """Return the cure for a misspelt name: the likest of those that are there."""
     from difflib import get_close_matches
 
-    near = get_close_matches(name, there, n=1)
+    likely = [other for other in there[:NAMES] if max(len(name), len(other)) <= NAME_CHARACTERS]
+    near = get_close_matches(name, likely, n=1)
     return f"did you mean {near[0]}?" if near else otherwise
 
 

@@ -6,7 +6,6 @@ A binary format is an `ArrayFile`, opened in a child (`sandbox`), where it finds
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from collections import Counter
@@ -21,7 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import NAME_CHARACTERS, InputError, ReadError, nearest
 from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
@@ -32,10 +31,6 @@ RATES = (1e-9, 1e12)
 
 COLUMNS = 10_000
 """Of a file: loggers have hundreds of channels."""
-
-NAMES, NAME_CHARACTERS = 500, 100
-"""Names of a file, and characters of each, among which the nearest to a misspelt one is sought:
-likeness takes the product of two lengths, 10 us for two of ten letters."""
 
 DEPTH = 64
 """Groups in groups, and structures in structures: loggers nest up to five."""
@@ -163,14 +158,12 @@ def check_held(size: int, held: int, file: str) -> None:
 def no_column(name: str, names: Iterable[str], file: str = "", kind: str = "column") -> ReadError:
     """Return the error for a name that is not in the file, with the nearest that is."""
     there = list(names)
-    likely = [other for other in there[:NAMES] if len(other) <= NAME_CHARACTERS]
-    near = difflib.get_close_matches(name, likely, n=1) if len(name) <= NAME_CHARACTERS else []
     shown = ", ".join(other[:NAME_CHARACTERS] for other in there[:8])
     shown += f", ... ({len(there)} in all)" if len(there) > 8 else ""
     return ReadError(
         f"no {kind} {name!r}",
         f"one of {shown}" if there else f"a {kind}; the file has none",
-        f"did you mean {near[0]!r}?" if near else "take a name from there",
+        nearest(name, there),
         file=file,
     )
 
