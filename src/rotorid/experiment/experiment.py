@@ -415,7 +415,10 @@ def _inspected(
 
 def _draft_records(path: Path) -> list[DraftRecord] | None:
     """Return the records of a file that leaves something open, None where it does not."""
-    data = read_bytes(path)
+    try:
+        data = read_bytes(path)
+    except ReadError:  # told where the file is read in earnest
+        return None
     entries = table_within(data).get("records")
     tables = entries if isinstance(entries, list) else []
     keys = [one.keys() if isinstance(one, dict) else set() for one in tables]
