@@ -32,9 +32,9 @@ def _phase(value: object) -> float | None:
     return None if value == "unknown" else to_si(value, "rad")
 
 
-def _short(key: str) -> BeforeValidator:
-    """Take a value that is no table for a table of one key."""
-    return BeforeValidator(lambda one: one if isinstance(one, dict | Schema) else {key: one})
+def _short(key: str, kind: Any) -> BeforeValidator:
+    """Take a value of a kind for a table of one key."""
+    return BeforeValidator(lambda value: {key: value} if isinstance(value, kind) else value)
 
 
 def _one_of(*kinds: str, beside: str = "", expected: str, cure: str) -> Any:
@@ -58,7 +58,7 @@ class DelayEntry(Schema):
     std: Annotated[float, _quantity("s"), Field(gt=0, allow_inf_nan=False)] | None = None
 
 
-Delay = Annotated[DelayEntry, _short("value")]
+Delay = Annotated[DelayEntry, _short("value", str | int | float)]
 
 
 def _constant(name: str, unit: str) -> BeforeValidator:
@@ -372,7 +372,7 @@ class RecordKeys(Schema):
     header_row: Count | None = None
     sample_rate: Hertz | None = None
     overrule: StrictBool = False
-    time: Annotated[TimeEntry | None, _short("column")] = None
+    time: Annotated[TimeEntry | None, _short("column", str)] = None
     speed: Annotated[SpeedEntry, BeforeValidator(_speed)] = SpeedEntry()
     angle: AngleEntry | None = None
     keyphasor: str | None = None
