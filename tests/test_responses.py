@@ -171,7 +171,7 @@ class TestRefused:
             ({"coherence": 0.0}, "coherence below 0.01 on every line"),
             ({"coherence": 0.5, "averages": None}, "found no averages"),
             ({"coherence": 0.5, "averages": 1}, "of one average every coherence is 1"),
-            ({"coherence": np.nan}, "a coherence that is no number"),
+            ({"coherence": np.nan}, "a coherence of nan"),
         ],
     )
     def test_noise_that_is_none(self, told: dict, said: str) -> None:

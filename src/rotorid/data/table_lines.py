@@ -431,18 +431,17 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Flo
             place="coherence",
         )
     found = np.asarray(coherence, dtype=np.float64)
-    if found.shape != responses.shape or not np.isfinite(found).all():
+    if found.shape != responses.shape:
         raise InputError(
-            f"coherence of shape {found.shape}"
-            if found.shape != responses.shape
-            else "a coherence that is no number",
+            f"coherence of shape {found.shape}",
             "one for each line and response",
             "give a coherence of the same lines",
             place="coherence",
         )
-    if (found < 0).any() or (found > 1).any():
+    wrong = found[~((found >= 0) & (found <= 1))]
+    if wrong.size:
         raise InputError(
-            f"a coherence of {found.max() if (found > 1).any() else found.min():g}",
+            f"a coherence of {wrong[0]:g}",
             "numbers from 0 to 1",
             "divide percent by 100, or square it where the analyser gives its root",
             place="coherence",

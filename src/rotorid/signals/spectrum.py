@@ -105,9 +105,7 @@ def shifted(samples: Floats, steps: float, period: int | None = None) -> Floats:
     if abs(steps) < 1e-9:
         return samples
     offsets = np.arange(1 - _HALF, 1 + _HALF)
-    if abs(part) < 1e-9:
-        offsets = np.zeros(1, dtype=int)
-    away = offsets - part if len(offsets) > 1 else np.zeros(1)
+    away = offsets - part
     weights = np.sinc(away) * np.i0(_BETA * np.sqrt(np.maximum(1 - (away / _HALF) ** 2, 0.0)))
     weights /= weights.sum()
     first, last = whole + offsets[0], whole + offsets[-1]

@@ -10,7 +10,7 @@ alone in what the mean over periods leaves; on one of them it is seen only where
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import scipy
@@ -430,7 +430,7 @@ def _moved(lines: Complexes, motion: Complexes, stated: float) -> float | None:
     reach = APART - 1.0  # to each side; a place is looked for within a line of it
     tried = [_place(lines, motion, nearest, aside) for aside in (-reach, reach)]
     place, left = min(tried, key=lambda found: found[1])
-    gain = _left(lines, motion, window, stated) - left
+    gain = _left(lines[window], motion[window], window, stated) - left
     near = abs(place - stated) <= APART
     return place if near and gain > np.log(MUCH) * lines.shape[1] else None
 
@@ -440,12 +440,9 @@ def _place(
 ) -> tuple[float, float]:
     """Return where about a line a tone takes up most, and the logarithm of what it leaves."""
     window = np.arange(middle - AROUND, middle + AROUND + 1)
-
-    def misfit(place: float) -> float:
-        return _left(lines, design, window, place)
-
+    misfit = partial(_left, lines[window], design[window], window)
     places = middle + aside + np.linspace(-1, 1, GRID)
-    best = places[int(np.argmin([misfit(place) for place in places]))]
+    best = places[int(np.argmin(list(map(misfit, places))))]
     step = places[1] - places[0]
     found = scipy.optimize.minimize_scalar(
         misfit, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-5}
@@ -456,18 +453,14 @@ def _place(
 def _left(lines: Complexes, design: Complexes, window: Integers, place: float) -> float:
     """Return the logarithm of what a tone at a place leaves, summed over the channels."""
     tone = np.where(window % 2, -1.0, 1.0) * np.sinc(window - place)
-    return float(np.log(_power_left(lines[window], np.column_stack([design[window], tone]))).sum())
+    columns = np.column_stack([design, tone])
+    size = np.sqrt((np.abs(columns) ** 2).sum(axis=0))
+    basis, _ = np.linalg.qr(columns / np.where(size > 0, size, 1.0))
+    left = lines - basis @ (basis.conj().T @ lines)
+    return float(np.log(np.maximum((np.abs(left) ** 2).sum(axis=0), 1e-300)).sum())
 
 
 def _strength(lines: Complexes, near: Integers) -> Floats:
     around = np.arange(near.min() - AROUND, near.max() + AROUND + 1)
     usual = np.median(np.abs(lines[around]) ** 2, axis=0)
     return np.asarray((np.abs(lines[near]) ** 2 / np.where(usual > 0, usual, np.inf)).sum(axis=1))
-
-
-def _power_left(lines: Complexes, columns: Complexes) -> Floats:
-    size = np.sqrt((np.abs(columns) ** 2).sum(axis=0))
-    basis, _ = np.linalg.qr(columns / np.where(size > 0, size, 1.0))
-    left = lines - basis @ (basis.conj().T @ lines)
-    power = (np.abs(left) ** 2).sum(axis=0)
-    return np.asarray(np.maximum(power, 1e-300))
