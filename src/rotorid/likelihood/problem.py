@@ -303,8 +303,9 @@ def tangent(point: Point, bounded: bool = False) -> Tangent:
         raise np.linalg.LinAlgError("a residual or its derivative beyond all bounds")
     rows = np.asarray(np.linalg.qr(np.column_stack([jacobian, point.residual]), mode="r"))
     typical = np.maximum(np.abs(point.unknowns[free]), 1e-300)
-    relations, every = problem.exact.jacobian(point.unknowns)[:, free], np.ones(len(free), bool)
-    linear = Linearized.of(rows[:, :-1], rows[:, -1], relations, typical, every)
+    relations = problem.exact.jacobian(point.unknowns)[:, free]
+    moving = np.abs(rows[:, :-1]).max(axis=0, initial=0.0) > 1e-150
+    linear = Linearized.of(rows[:, :-1], rows[:, -1], relations, typical, moving)
     normals, distances = np.zeros((0, len(linear.values))), np.zeros(0)
     if bounded and len(problem.bounds):
         normals = problem.bounds.jacobian(point.unknowns)[:, free] * linear.scale
