@@ -11,9 +11,8 @@ import rotorid as rid
 from rotorid import cli
 from rotorid.answer.estimate import Evidence, RecordEvidence
 from rotorid.core.distributions import bound_of_length
-from rotorid.results.balancing import Balance, Masses, chosen
+from rotorid.results.balancing import Balance, Masses, chosen, rotor_mass
 from rotorid.results.machine import machine_of
-from rotorid.results.planes import rotor_mass
 
 ENDS = ["F_xa,F_ya", "F_xb,F_yb"]
 UNBALANCE = ("xi", "zeta", "mu", "eta")

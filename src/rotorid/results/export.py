@@ -22,9 +22,8 @@ from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.values import ByContent, Floats, Integers
 from rotorid.models import Model
-from rotorid.results.machine import Machine, machine_of
+from rotorid.results.machine import Machine, machine_of, require_shares
 from rotorid.results.modes import finite_speed
-from rotorid.results.planes import require_shares
 
 SINGULAR = 1e-12
 """Reciprocal condition of a scaled matrix below which it is singular to rounding."""

@@ -24,9 +24,8 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.models import Model
-from rotorid.results.machine import Machine, laws_of, machine_of
+from rotorid.results.machine import Machine, directions_of, laws_of, machine_of, require_shares
 from rotorid.results.modes import NORMAL, finite_speed
-from rotorid.results.planes import directions_of, require_shares
 from rotorid.results.sensitivity import AxisSensitivity, peak_of
 
 COARSE = np.deg2rad(100.0)

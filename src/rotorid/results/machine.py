@@ -22,9 +22,11 @@ from rotorid.force.laws import Differential, Linear
 from rotorid.likelihood.mode_rows import Pencil
 from rotorid.likelihood.relations import Monomials
 from rotorid.models import LinearForm, Model, load_model, parse_model, shipped_models
+from rotorid.models.equations import polynomial
 from rotorid.models.expressions import Expression
 from rotorid.models.linear_form import solved, speed_factor
-from rotorid.models.structure import force_balance
+from rotorid.models.rotor import RotorModel
+from rotorid.models.structure import ForceBalance, force_balance
 
 
 def own_model(estimate: Estimate) -> Model:
@@ -511,4 +513,47 @@ def laws_of(estimate: Estimate) -> dict[str, tuple[float, float]]:
         if isinstance(built, Linear | Differential):
             slope = built.linearize()
             found[name] = (slope.ki, slope.ks)
+    return found
+
+
+def directions_of(machine: Machine) -> ForceBalance:
+    """Return which equation tells the forces on each coordinate, by virtual work."""
+    return force_balance(machine.model, np.real(machine.matrices(0.0)[2]))
+
+
+def shares_of(machine: Machine, text: str) -> Floats | None:
+    """Return the coordinates that a text combines, shape (coordinate,); None where it does not."""
+    model = machine.model
+    names = list(model.coordinates)
+    if isinstance(model, RotorModel) and text in model.readings:
+        known = model.readings[text]
+        return np.array([known.get(name, 0.0) for name in names])
+    if text in names:
+        return np.asarray(np.eye(len(names))[names.index(text)])
+    values = {**dict(machine.fixed), **dict(zip(machine.names, machine.values, strict=True))}
+    parameters = [name for name in values if name.isidentifier()]
+    try:
+        terms = polynomial(text, [*names, *parameters])
+    except InputError:
+        return None
+    found = np.zeros(len(names))
+    for powers, coefficient in terms.items():
+        own = np.array(powers[: len(names)])
+        if own.sum() != 1:
+            return None
+        size = [values[p] ** n for p, n in zip(parameters, powers[len(names) :], strict=True)]
+        found[int(own.argmax())] += float(coefficient) * float(np.prod(size))
+    return found
+
+
+def require_shares(machine: Machine, kind: str, text: str, cure: str) -> Floats:
+    """Return the coordinates that a text combines, shape (coordinate,), or refuse it."""
+    found = shares_of(machine, text)
+    if found is None:
+        raise InputError(
+            f"the {kind} {text[:60]!r}",
+            f"a combination of {', '.join(machine.model.coordinates[:8])}",
+            cure,
+            place=f"{kind}s",
+        )
     return found

@@ -20,8 +20,10 @@ of its intervals where matrices do not depend on the speed otherwise.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
+from itertools import pairwise
 from typing import Literal, TypeVar, cast
 
 import numpy as np
@@ -144,17 +146,6 @@ class Modes:
     remarks: tuple[str, ...]
 
 
-@frozen
-class Eigen:
-    """The modes of a machine at a speed with the derivatives of their eigenvalues."""
-
-    found: Eigenmodes
-    # (mode, unknown): d lambda / d unknown; empty where nothing is known of the unknowns
-    slopes: Complexes
-    # sequence of int arrays: modes that come close to one another, by two or more
-    clusters: tuple[Integers, ...]
-
-
 def modes(
     source: Estimate | Model,
     *,
@@ -196,8 +187,7 @@ def modes(
     ([36.85, 175.53, 175.53], 'forward')
     """
     machine = machine_of(source, record)
-    omega = finite_speed(speed)
-    return modes_at(machine, omega, rng)
+    return modes_at(machine, finite_speed(speed), rng)
 
 
 def finite_speed(speed: float | str, place: str = "speed") -> float:
@@ -208,32 +198,17 @@ def finite_speed(speed: float | str, place: str = "speed") -> float:
 
 
 def modes_at(machine: Machine, speed: float, rng: np.random.Generator | None = None) -> Modes:
-    eigen = eigen_at(machine, speed)
-    spread, intervals = deviations(machine, speed, eigen, rng)
-    whirls = whirls_of(machine, speed, eigen.found)
-    found = tuple(
-        _mode(eigen, group, whirls, spread, intervals)
-        for group in eigen.found.grouped(pattern_of(machine, speed))
-    )
+    at = Eigen(machine, speed)
     return Modes(
         machine.model.name,
         speed,
         machine.model.coordinates,
-        found,
-        eigen.found.rigid,
-        tuple(eigen.found.real.tolist()),
+        tuple(at.modes(rng)),
+        at.found.rigid,
+        tuple(at.found.real.tolist()),
         machine.status,
         machine.remarks,
     )
-
-
-def pattern_of(machine: Machine, speed: float) -> tuple[int, ...]:
-    """Return how many modes each distinct natural frequency has, in general."""
-    return tuple(len(group) for group in distinct(eigenvalues_at(machine.elsewhere, speed)))
-
-
-def eigenmodes_at(machine: Machine, speed: float) -> Eigenmodes:
-    return _solved(eigenmodes, machine, speed)
 
 
 def eigenvalues_at(machine: Machine, speed: float) -> Complexes:
@@ -256,160 +231,172 @@ def _solved(solve: Callable[..., Found], machine: Machine, speed: float) -> Foun
     return found
 
 
-def _mode(
-    eigen: Eigen,
-    group: Integers,
-    whirls: Sequence[Whirl],
-    spread: Floats | None,
-    intervals: Floats | None,
-) -> NaturalMode:
-    value = complex(eigen.found.values[group].mean())
-    std = (None, None) if spread is None else tuple(spread[group].mean(axis=0).tolist())
-    first = int(group[0])
-    shape = eigen.found.right[first]
-    return NaturalMode(
-        frequency_hz=value.imag / (2 * np.pi),
-        std_hz=std[0],
-        damping_ratio=-value.real / abs(value),
-        damping_std=std[1],
-        whirl=whirls[first],
-        interval_hz=None if intervals is None else tuple(intervals[group].mean(axis=0).tolist()),
-        close=any(first in cluster for cluster in eigen.clusters),
-        count=len(group),
-        eigenvalue=value,
-        shape=tuple((shape / shape[int(np.abs(shape).argmax())]).tolist()),
-    )
-
-
-def whirls_of(machine: Machine, speed: float, found: Eigenmodes) -> list[Whirl]:
-    """Return how each mode whirls.
-
-    Modes of a machine that is the same in two planes are planar; those that coincide by chance
-    whirl as they do when they part.
-    """
-    pairs = partners(machine.model.coordinates)
-    weight = machine.inertia(speed)
-    whirls = [whirl_of(shape, pairs, weight, speed) for shape in found.right]
-    if all(len(group) == 1 for group in found.distinct):
-        return whirls
-    parted_ = eigenmodes_at(machine.elsewhere, speed)
-    apart = [i for group in parted_.distinct if len(group) == 1 for i in group]
-    for group in found.distinct:
-        for i in group if len(group) > 1 else ():
-            alone = i in apart and len(parted_.values) == len(found.values)
-            whirls[i] = whirl_of(parted_.right[i], pairs, weight, speed) if alone else "planar"
-    return whirls
-
-
-def eigen_at(machine: Machine, speed: float, lowest: int | None = None) -> Eigen:
-    """Return the modes of a machine, or its lowest, and how they follow from the unknowns."""
-    found = eigenmodes_at(machine, speed)
-    if lowest is not None:
-        found = chosen(found, slice(lowest))
-    _, damping, mass = machine.matrices(speed)
-    if machine.covariance is None:
-        return Eigen(found, np.zeros((len(found.values), 0), dtype=np.complex128), ())
-    slopes = np.zeros((len(found.values), len(machine.values)), dtype=np.complex128)
-    pencil = machine.pencil(speed)
-    for group in found.distinct:
-        value = complex(found.values[group].mean())
-        left, right = found.left[group], found.right[group]
-        gram = left.conj() @ (2 * value * mass + damping) @ right.T
-        inner = pencil.slopes(value, left, right, machine.values)
-        slopes[group] = parted(gram, inner, machine.spread)
-    return Eigen(found, slopes, _clusters(machine, speed, found, slopes))
-
-
-def _clusters(
-    machine: Machine, speed: float, found: Eigenmodes, slopes: Complexes
-) -> tuple[Integers, ...]:
-    """Return the modes whose order or shapes are not certain, together."""
-    values, root, count = found.values, machine.root, len(found.values)
-    if count < 2:
-        return ()
-    pairs = np.array(
-        [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + BESIDE, count))]
-    ).reshape(-1, 2)
-    apart = np.linalg.norm((slopes[pairs[:, 0]] - slopes[pairs[:, 1]]) @ root, axis=1)
-    blocks = block_of(machine, speed, found, pairs)
-    across = [np.linalg.norm(blocks[:, i, 1 - i] @ root, axis=1) for i in (0, 1)]
-    spread = np.hypot(apart, 2 * np.sqrt(across[0] * across[1]))
-    near = np.abs(np.diff(values[pairs], axis=1)[:, 0]) < CLOSE * spread
-    joined = np.arange(count)
-    for i, j in pairs[near & (spread > 1e-9 * np.abs(values[pairs[:, 0]]))]:
-        joined[joined == joined[j]] = joined[i]
-    groups = (np.flatnonzero(joined == k) for k in np.unique(joined))
-    return tuple(group for group in groups if len(group) > 1)
-
-
-def block_of(machine: Machine, speed: float, found: Eigenmodes, group: Integers) -> Complexes:
-    """Return A_u of some modes, shape (mode, mode, unknown); of several groups, (group, mode)."""
-    pencil = machine.pencil(speed)
-    groups, size = group.reshape(-1, group.shape[-1]), group.shape[-1]
-    parts = []
-    chunk = max(1, TERMS // (size**2 * max(len(pencil.row), 1)))
-    for first in range(0, len(groups), chunk):
-        here = chosen(found, groups[first : first + chunk])
-        inner = pencil.slopes(here.values.mean(axis=1), here.left, here.right, machine.values)
-        right = inner.reshape(len(inner), size, -1)
-        parts.append(-np.linalg.solve(gram(machine, speed, here, here), right).reshape(inner.shape))
-    shape = (*group.shape, size, len(machine.values))
-    return np.concatenate(parts).reshape(shape) if parts else np.zeros(shape, dtype=np.complex128)
-
-
 def chosen(found: Eigenmodes, modes: slice | Integers) -> Eigenmodes:
     return replace(
         found, values=found.values[modes], right=found.right[modes], left=found.left[modes]
     )
 
 
-def gram(machine: Machine, speed: float, one: Eigenmodes, two: Eigenmodes) -> Complexes:
-    """Return ``Y^H ((lambda_i + lambda_j) M + D + Omega G) X``, Y of one and X of two."""
-    _, damping, mass = machine.matrices(speed)
-    sums = one.values[..., :, None] + two.values[..., None, :]
-    left, right = one.left.conj(), two.right.swapaxes(-1, -2)
-    return np.asarray(sums * (left @ mass @ right) + left @ damping @ right)
+@frozen
+class Eigen:
+    """The modes of a machine at a speed, or its lowest, and how they follow from the unknowns."""
 
+    machine: Machine
+    speed: float
+    lowest: int | None = None
 
-def drawn_blocks(
-    machine: Machine, speed: float, eigen: Eigen, cluster: Integers, rng: np.random.Generator
-) -> Complexes:
-    """Return draws of ``sum_u A_u dx_u`` of close modes, shape (draw, mode, mode)."""
-    block = block_of(machine, speed, eigen.found, cluster)
-    moved = rng.standard_normal((DRAWS, len(machine.values))) @ machine.root.T
-    return np.asarray(np.einsum("iju,du->dij", block, moved))
+    @cached_property
+    def found(self) -> Eigenmodes:
+        return chosen(_solved(eigenmodes, self.machine, self.speed), slice(self.lowest))
 
+    @cached_property
+    def groups(self) -> list[Integers]:
+        """Which modes are one, as they are in general."""
+        apart = distinct(eigenvalues_at(self.machine.elsewhere, self.speed))
+        return self.found.grouped(tuple(map(len, apart)))
 
-def deviations(
-    machine: Machine, speed: float, eigen: Eigen, rng: np.random.Generator | None = None
-) -> tuple[Floats | None, Floats | None]:
-    """Return the deviations of frequency (Hz) and damping ratio, and intervals of 95 percent (Hz).
+    @cached_property
+    def whirls(self) -> list[Whirl]:
+        """How each mode whirls.
 
-    Shapes (mode, 2); ``None`` where nothing is known of the unknowns.
-    """
-    if machine.covariance is None:
-        return None, None
-    values, root = eigen.found.values, machine.root
-    hertz = values.imag / (2 * np.pi)
-    frequency = np.linalg.norm((eigen.slopes.imag / (2 * np.pi)) @ root, axis=1)
-    along = (values.conj()[:, None] * eigen.slopes).real / np.abs(values)[:, None] ** 2
-    ratio = (values.real[:, None] * along - eigen.slopes.real) / np.abs(values)[:, None]
-    spread = np.column_stack([frequency, np.linalg.norm(ratio @ root, axis=1)])
-    intervals = hertz[:, None] + np.outer(frequency, [-NORMAL, NORMAL])
-    draws = np.random.default_rng(0) if rng is None else rng
-    for cluster in eigen.clusters:
-        moved = drawn_blocks(machine, speed, eigen, cluster, draws)
-        drawn = np.linalg.eigvals(np.diag(values[cluster]) + moved)
-        order = np.argsort(drawn.imag, axis=1, kind="stable")
-        drawn = np.take_along_axis(drawn, order, axis=1)
-        off = drawn.imag / (2 * np.pi) - hertz[cluster]
-        spread[cluster, 0] = np.sqrt((off**2).mean(axis=0))
-        damped = -drawn.real / np.abs(drawn)
-        here = -values[cluster].real / np.abs(values[cluster])
-        spread[cluster, 1] = np.sqrt(((damped - here) ** 2).mean(axis=0))
-        low, high = np.quantile(off, [0.025, 0.975], axis=0)
-        intervals[cluster] = hertz[cluster, None] + np.column_stack([low, high])
-    return spread, intervals
+        Modes of a machine that is the same in two planes are planar; those that coincide by chance
+        whirl as they do when they part.
+        """
+        machine, speed, found = self.machine, self.speed, self.found
+        pairs, weight = partners(machine.model.coordinates), machine.inertia(speed)
+        whirls = [whirl_of(shape, pairs, weight, speed) for shape in found.right]
+        if all(len(group) == 1 for group in found.distinct):
+            return whirls
+        parted_ = _solved(eigenmodes, machine.elsewhere, speed)
+        apart = [i for group in parted_.distinct if len(group) == 1 for i in group]
+        for group in found.distinct:
+            for i in group if len(group) > 1 else ():
+                alone = i in apart and len(parted_.values) == len(found.values)
+                whirls[i] = whirl_of(parted_.right[i], pairs, weight, speed) if alone else "planar"
+        return whirls
+
+    @cached_property
+    def slopes(self) -> Complexes:
+        """D lambda / d unknown, (mode, unknown); empty where nothing is known of the unknowns."""
+        machine, found = self.machine, self.found
+        if machine.covariance is None:
+            return np.zeros((len(found.values), 0), dtype=np.complex128)
+        _, damping, mass = machine.matrices(self.speed)
+        slopes = np.zeros((len(found.values), len(machine.values)), dtype=np.complex128)
+        pencil = machine.pencil(self.speed)
+        for group in found.distinct:
+            value = complex(found.values[group].mean())
+            left, right = found.left[group], found.right[group]
+            gram = left.conj() @ (2 * value * mass + damping) @ right.T
+            inner = pencil.slopes(value, left, right, machine.values)
+            slopes[group] = parted(gram, inner, machine.spread)
+        return slopes
+
+    @cached_property
+    def clusters(self) -> tuple[Integers, ...]:
+        """The modes whose order or shapes are not certain, together: two or more each."""
+        values, count = self.found.values, len(self.found.values)
+        if count < 2 or self.machine.covariance is None:
+            return ()
+        root = self.machine.root
+        pairs = np.array(
+            [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + BESIDE, count))]
+        ).reshape(-1, 2)
+        apart = np.linalg.norm((self.slopes[pairs[:, 0]] - self.slopes[pairs[:, 1]]) @ root, axis=1)
+        blocks = self._block(pairs)
+        across = [np.linalg.norm(blocks[:, i, 1 - i] @ root, axis=1) for i in (0, 1)]
+        spread = np.hypot(apart, 2 * np.sqrt(across[0] * across[1]))
+        near = np.abs(np.diff(values[pairs], axis=1)[:, 0]) < CLOSE * spread
+        joined = np.arange(count)
+        for i, j in pairs[near & (spread > 1e-9 * np.abs(values[pairs[:, 0]]))]:
+            joined[joined == joined[j]] = joined[i]
+        groups = (np.flatnonzero(joined == k) for k in np.unique(joined))
+        return tuple(group for group in groups if len(group) > 1)
+
+    def gram(self, one: Eigenmodes, two: Eigenmodes) -> Complexes:
+        """Return ``Y^H ((lambda_i + lambda_j) M + D + Omega G) X``, Y of one and X of two."""
+        _, damping, mass = self.machine.matrices(self.speed)
+        sums = one.values[..., :, None] + two.values[..., None, :]
+        left, right = one.left.conj(), two.right.swapaxes(-1, -2)
+        return np.asarray(sums * (left @ mass @ right) + left @ damping @ right)
+
+    def _block(self, group: Integers) -> Complexes:
+        """Return A_u of modes, (mode, mode, unknown); of several groups, (group, mode)."""
+        pencil, values = self.machine.pencil(self.speed), self.machine.values
+        groups, size = group.reshape(-1, group.shape[-1]), group.shape[-1]
+        parts = []
+        chunk = max(1, TERMS // (size**2 * max(len(pencil.row), 1)))
+        for first in range(0, len(groups), chunk):
+            here = chosen(self.found, groups[first : first + chunk])
+            inner = pencil.slopes(here.values.mean(axis=1), here.left, here.right, values)
+            right = inner.reshape(len(inner), size, -1)
+            parts.append(-np.linalg.solve(self.gram(here, here), right).reshape(inner.shape))
+        shape = (*group.shape, size, len(values))
+        if not parts:
+            return np.zeros(shape, dtype=np.complex128)
+        return np.concatenate(parts).reshape(shape)
+
+    def drawn(self, cluster: Integers, rng: np.random.Generator) -> Complexes:
+        """Return draws of ``sum_u A_u dx_u`` of close modes, shape (draw, mode, mode)."""
+        moved = rng.standard_normal((DRAWS, len(self.machine.values))) @ self.machine.root.T
+        return np.asarray(np.einsum("iju,du->dij", self._block(cluster), moved))
+
+    def deviations(self, rng: np.random.Generator | None) -> tuple[Floats | None, Floats | None]:
+        """Return the deviations of frequency (Hz) and damping ratio, and intervals of 95 % (Hz).
+
+        Shapes (mode, 2); ``None`` where nothing is known of the unknowns.
+        """
+        if self.machine.covariance is None:
+            return None, None
+        values, slopes, root = self.found.values, self.slopes, self.machine.root
+        hertz = values.imag / (2 * np.pi)
+        frequency = np.linalg.norm((slopes.imag / (2 * np.pi)) @ root, axis=1)
+        along = (values.conj()[:, None] * slopes).real / np.abs(values)[:, None] ** 2
+        ratio = (values.real[:, None] * along - slopes.real) / np.abs(values)[:, None]
+        spread = np.column_stack([frequency, np.linalg.norm(ratio @ root, axis=1)])
+        intervals = hertz[:, None] + np.outer(frequency, [-NORMAL, NORMAL])
+        draws = np.random.default_rng(0) if rng is None else rng
+        for cluster in self.clusters:
+            drawn = np.linalg.eigvals(np.diag(values[cluster]) + self.drawn(cluster, draws))
+            order = np.argsort(drawn.imag, axis=1, kind="stable")
+            drawn = np.take_along_axis(drawn, order, axis=1)
+            off = drawn.imag / (2 * np.pi) - hertz[cluster]
+            spread[cluster, 0] = np.sqrt((off**2).mean(axis=0))
+            damped = -drawn.real / np.abs(drawn)
+            here = -values[cluster].real / np.abs(values[cluster])
+            spread[cluster, 1] = np.sqrt(((damped - here) ** 2).mean(axis=0))
+            low, high = np.quantile(off, [0.025, 0.975], axis=0)
+            intervals[cluster] = hertz[cluster, None] + np.column_stack([low, high])
+        return spread, intervals
+
+    def modes(self, rng: np.random.Generator | None) -> Iterator[NaturalMode]:
+        spread, intervals = self.deviations(rng)
+        for group in self.groups:
+            value, first = complex(self.found.values[group].mean()), int(group[0])
+            std = (None, None) if spread is None else tuple(spread[group].mean(axis=0).tolist())
+            ends = None if intervals is None else tuple(intervals[group].mean(axis=0).tolist())
+            shape = self.found.right[first]
+            yield NaturalMode(
+                frequency_hz=value.imag / (2 * np.pi),
+                std_hz=std[0],
+                damping_ratio=-value.real / abs(value),
+                damping_std=std[1],
+                whirl=self.whirls[first],
+                interval_hz=ends,
+                close=any(first in cluster for cluster in self.clusters),
+                count=len(group),
+                eigenvalue=value,
+                shape=tuple((shape / shape[int(np.abs(shape).argmax())]).tolist()),
+            )
+
+    def by_speed(self, group: Integers) -> Complexes:
+        """Return how the eigenvalues of some modes move with the speed, shape (mode, mode)."""
+        stiffness_by, damping_by, mass_by = self.machine.matrices_by_speed(self.speed)
+        found = chosen(self.found, group)
+        middle = complex(found.values.mean())
+        moved = middle**2 * mass_by + middle * damping_by + stiffness_by
+        right = found.left.conj() @ moved @ found.right.T
+        return np.asarray(-np.linalg.solve(self.gram(found, found), right))
 
 
 POINTS = 61
@@ -505,50 +492,42 @@ def campbell(
         raise InputError("0", "a speed to go to", "give the highest speed", place="to")
     speeds = np.linspace(0.0, last, POINTS)
     eigen = [
-        eigen_at(machine, speed, CURVES + SPARE)
+        Eigen(machine, speed, CURVES + SPARE)
         for speed in counting(speeds.tolist(), "modes at speeds")
     ]
-    order = _curves(machine, speeds, eigen)
+    order = _curves(eigen)
     shape = (len(speeds), order.shape[1])
     hertz, std, ratio = (np.full(shape, np.nan) for _ in range(3))
-    for k, (speed, at) in enumerate(zip(speeds.tolist(), eigen, strict=True)):
+    for k, at in enumerate(eigen):
         there = order[k] >= 0
         values = at.found.values[order[k, there]]
         hertz[k, there] = values.imag / (2 * np.pi)
         ratio[k, there] = -values.real / np.abs(values)
-        spread, _ = deviations(machine, speed, at, rng)
+        spread, _ = at.deviations(rng)
         if spread is not None:
             std[k, there] = spread[order[k, there], 0]
+    ends = [int(np.flatnonzero(curve >= 0)[-1]) for curve in order.T]
     return Campbell(
         machine.model.name,
         speeds,
         hertz,
         std,
         ratio,
-        _whirls(machine, speeds, eigen, order),
+        tuple(eigen[k].whirls[int(order[k, curve])] for curve, k in enumerate(ends)),
         tuple(critical_speeds(machine, last, rng)),
         machine.status,
         machine.remarks,
     )
 
 
-def _whirls(
-    machine: Machine, speeds: Floats, eigen: Sequence[Eigen], order: Floats
-) -> tuple[Whirl, ...]:
-    """Return the whirl of each curve, at the last speed at which it oscillates."""
-    last = [int(np.flatnonzero(curve >= 0)[-1]) for curve in order.T]
-    at = {k: whirls_of(machine, float(speeds[k]), eigen[k].found) for k in set(last)}
-    return tuple(at[k][int(order[k, curve])] for curve, k in enumerate(last))
-
-
-def _curves(machine: Machine, speeds: Floats, eigen: Sequence[Eigen]) -> Floats:
+def _curves(eigen: Sequence[Eigen]) -> Floats:
     """Return which mode each curve is at each speed, (speed, curve); -1 where it is none."""
     first = len(eigen[0].found.values)
     rows = [list(range(first))]
-    for k in range(len(speeds) - 1):
-        found = _followed(machine, speeds[k], speeds[k + 1], eigen[k], eigen[k + 1], HALVINGS)
+    for at, to in pairwise(eigen):
+        found = _followed(at, to, HALVINGS)
         rows.append([found.get(i, -1) for i in rows[-1]])
-        new = [j for j in range(len(eigen[k + 1].found.values)) if j not in found.values()]
+        new = [j for j in range(len(to.found.values)) if j not in found.values()]
         rows[-1] += new
     width = max(map(len, rows))
     table = np.array([[*row, *[-1] * (width - len(row))] for row in rows], dtype=np.int64)
@@ -560,11 +539,9 @@ def _curves(machine: Machine, speeds: Floats, eigen: Sequence[Eigen]) -> Floats:
     return np.asarray(table[:, np.sort(np.argsort(height, kind="stable")[:CURVES])])
 
 
-def _followed(
-    machine: Machine, here: float, there: float, at: Eigen, to: Eigen, left: int
-) -> dict[int, int]:
+def _followed(at: Eigen, to: Eigen, left: int) -> dict[int, int]:
     """Return which mode at the next speed each mode is."""
-    overlap = _overlap(machine, here, at, to)
+    overlap = _overlap(at, to)
     if not overlap.size:
         return {}
     away = np.abs(at.found.values.imag[:, None] - to.found.values.imag)
@@ -577,19 +554,16 @@ def _followed(
                 sure |= np.isin(placed, group)
     if sure.all() or left == 0:
         return dict(zip(rows.tolist(), columns.tolist(), strict=True))
-    middle = (here + there) / 2
-    half = eigen_at(replace(machine, covariance=None), middle, CURVES + SPARE)
-    one = _followed(machine, here, middle, at, half, left - 1)
-    two = _followed(machine, middle, there, half, to, left - 1)
+    half = replace(at, speed=(at.speed + to.speed) / 2)
+    one, two = _followed(at, half, left - 1), _followed(half, to, left - 1)
     return {i: two[j] for i, j in one.items() if j in two}
 
 
-def _overlap(machine: Machine, speed: float, at: Eigen, to: Eigen) -> Floats:
+def _overlap(at: Eigen, to: Eigen) -> Floats:
     """Return how alike the modes of two speeds are, (mode, mode): 1 for the same shape."""
     one, two = at.found, to.found
-    crossed = gram(machine, speed, one, two)
-    back = gram(machine, speed, two, one).T
-    size = np.outer(*(np.abs(np.diag(gram(machine, speed, each, each))) for each in (one, two)))
+    crossed, back = at.gram(one, two), at.gram(two, one).T
+    size = np.outer(*(np.abs(np.diag(at.gram(each, each))) for each in (one, two)))
     return np.sqrt(np.abs(crossed * back) / np.where(size > 0, size, np.inf)).clip(0, 1)
 
 
@@ -674,54 +648,44 @@ def _critical(
     machine: Machine, speed: float, rng: np.random.Generator | None
 ) -> list[CriticalSpeed]:
     """Return what is at a critical speed: one, or those of modes that coincide there by chance."""
-    eigen = eigen_at(machine, speed)
+    eigen = Eigen(machine, speed)
     values = eigen.found.values
     found = []
-    for group in eigen.found.grouped(pattern_of(machine, speed)):
+    for group in eigen.groups:
         near = int(group[0])
         if abs(values[near].imag - abs(speed)) > FALSE * abs(speed):
             continue
-        whirl = whirls_of(machine, speed, eigen.found)[near]
+        whirl = eigen.whirls[near]
         ratio = float(-values[near].real / abs(values[near]))
         spread: tuple[float | None, tuple[float, float] | None] = (None, None)
         if machine.covariance is not None:
-            spread = _spread(machine, speed, eigen, near, rng)
+            spread = _spread(eigen, near, rng)
         found.append(CriticalSpeed(speed, spread[0], whirl, ratio, spread[1]))
     return found
 
 
 def _spread(
-    machine: Machine, speed: float, eigen: Eigen, near: int, rng: np.random.Generator | None
+    eigen: Eigen, near: int, rng: np.random.Generator | None
 ) -> tuple[float, tuple[float, float]]:
     """Return the deviation of a critical speed, and the interval that holds 95 percent."""
-    sign = -1.0 if speed < 0 else 1.0
+    speed, sign = eigen.speed, -1.0 if eigen.speed < 0 else 1.0
     group = next(g for g in (*eigen.clusters, *eigen.found.distinct) if near in g)
-    by_speed = sign * _by_speed(machine, speed, eigen, group)
+    by_speed = sign * eigen.by_speed(group)
     if not any(near in c for c in eigen.clusters):
         slope = complex(np.trace(by_speed)) / len(group)
         along = -eigen.slopes[near].imag / (slope.imag - 1)
-        std = float(np.linalg.norm(along @ machine.root))
+        std = float(np.linalg.norm(along @ eigen.machine.root))
         reach = NORMAL * std
         return std, (speed - reach, speed + reach)
     draws = np.random.default_rng(0) if rng is None else rng
     away = np.diag(eigen.found.values[group]) - 1j * abs(speed) * np.eye(len(group))
-    matrices = away + drawn_blocks(machine, speed, eigen, group, draws)
+    matrices = away + eigen.drawn(group, draws)
     turning = 1j * np.eye(len(group)) - by_speed
     drawn = np.sort(np.linalg.eigvals(np.linalg.solve(turning, matrices)).real, axis=1)
     here = np.sort(np.linalg.eigvals(np.linalg.solve(turning, away)).real)
     off = sign * drawn[:, int(np.abs(here).argmin())]
     low, high = np.quantile(off, [0.025, 0.975]).tolist()
     return float(np.sqrt((off**2).mean())), (speed + low, speed + high)
-
-
-def _by_speed(machine: Machine, speed: float, eigen: Eigen, group: Integers) -> Complexes:
-    """Return how the eigenvalues of some modes move with the speed, shape (mode, mode)."""
-    stiffness_by, damping_by, mass_by = machine.matrices_by_speed(speed)
-    found = chosen(eigen.found, group)
-    middle = complex(found.values.mean())
-    moved = middle**2 * mass_by + middle * damping_by + stiffness_by
-    right = found.left.conj() @ moved @ found.right.T
-    return np.asarray(-np.linalg.solve(gram(machine, speed, found, found), right))
 
 
 @frozen
