@@ -276,7 +276,7 @@ CASES = {
         "more than 400 digits", experiment=("[1]", f"[{'9' * 10000}]")
     ),
     "a band without end": Case(
-        "a band up to 1e.11 Hz",
+        "the band 0 to 1e.11 Hz; expected 0 Hz to 50 Hz",
         place="records.0.band",
         experiment=("harmonics = [1]", 'band = ["0 Hz", "1e11 Hz"]'),
     ),

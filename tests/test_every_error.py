@@ -3,7 +3,6 @@
 import builtins
 import struct
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -131,11 +130,10 @@ def test_an_error_is_one_line(
     command: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = sorted(here.iterdir())
-    own = find_spec(f"rotorid.commands.{command}")
-    module = import_module(f"rotorid.commands.{command}" if own else "rotorid.commands.files")
+    module = import_module(f"rotorid.commands.{cli._MODULES.get(command, command)}")
     for code, error in CASES:
         with monkeypatch.context() as patch:
-            patch.setattr(module, "run" if own else command, raiser(error))
+            patch.setattr(module, command if command in cli._MODULES else "run", raiser(error))
             assert cli.run([command, *COMMANDS[command]]) == code, error
         assert "--debug" in one_line(capsys) or code == WRONG_INPUT
     assert sorted(here.iterdir()) == before

@@ -189,6 +189,20 @@ def test_equations_stand_in_any_order(equations):
         assert "a negative inertia of x" in rejecting(judged(-2.0))[0]
 
 
+@pytest.mark.parametrize(
+    ("mass", "hertz", "faults"),
+    [(-2e-7, (1.0, 10.0), 1), (-2e-9, (1.0, 10.0), 0), (-2e-9, (300.0,), 1), (-2e-9, (), 1)],
+)
+def test_a_mass_that_is_rounding_of_the_forces_is_not_judged(mass, hertz, faults):
+    """At 10 Hz 1e-9 of a stiffness of 1e5 N/m is the force of 2.5e-8 kg."""
+    model = parse_model(PLANE.format(equations=[f"{IN_X} = F", f"{IN_Y} = G"]))
+    values = {**model.nominal, "m": mass}
+    found = tuple(Value(p.name, p.unit, values[p.name]) for p in model.parameters)
+    nothing = np.zeros((len(found), len(found)))
+    estimate = Estimate("plane", "ls", "ok", found, covariance=nothing, lines_hz=hertz)
+    assert len(rejecting(gate.physical(model, estimate))) == faults
+
+
 @pytest.mark.parametrize("name", ["m", "I_t"])
 def test_what_the_model_declares_positive_is_positive(name):
     found = gate.physical(RIGID, rigid_estimate(**{name: -1.0}))

@@ -80,7 +80,8 @@ def physical(model: Model, estimate: Estimate) -> list[Note]:
     told += _positive_sums(reduced, base, covariance)
     if reduced.linear is not None and judge(told) == "ok":  # one reason is enough
         # Of a balance of inertias noise says nothing that a user could act on.
-        inertia = _inertia(reduced, reduced.linear, base, covariance)
+        omega = 2 * np.pi * max(estimate.lines_hz, default=0.0)
+        inertia = _inertia(reduced, reduced.linear, base, covariance, omega)
         told += [note for note in inertia if note.severity == "rejects"]
     return told
 
@@ -128,13 +129,16 @@ def _positive_sums(reduced: Model, base: Floats, covariance: Floats) -> Iterator
             yield from _negative("positive", float(base[index]), std, text, name)
 
 
-def _parts(reduced: Model, linear: LinearForm) -> tuple[Floats, Floats]:
-    """Return M and G by base parameter, (base + 1, row, coordinate); the last part is known."""
+def _parts(reduced: Model, linear: LinearForm, base: Floats, omega: float) -> tuple[Floats, Floats]:
+    """Return M and G by base parameter, (base + 1, row, coordinate); the last part is known.
+
+    An inertia whose force is rounding of the forces in its row, at the fastest motion, is none.
+    """
     count = len(reduced.base.names)
     kept = {monomial: b for b, monomial in enumerate(reduced.base.kept)}
     kept |= {int(k): count for k in np.flatnonzero(~reduced.monomials.any(axis=1))}
     shape = (count + 1, linear.rows, linear.coordinates)
-    mass, gyroscopic = np.zeros(shape), np.zeros(shape)
+    mass, gyroscopic, forces = np.zeros(shape), np.zeros(shape), np.zeros(shape[1:])
     table = linear.stiffness
     part = np.array([kept.get(m, -1) for m in range(linear.monomials)])[table.monomial]
     for number, (order, factor, _) in enumerate(table.kinds):
@@ -144,15 +148,20 @@ def _parts(reduced: Model, linear: LinearForm) -> tuple[Floats, Floats]:
             np.add.at(mass, where, table.coefficient[chosen] * speed_factor(factor, 0.0))
         elif order == 1 and factor == symbol("Omega"):
             np.add.at(gyroscopic, where, table.coefficient[chosen])
+        size = omega**order * abs(speed_factor(factor, omega))
+        np.add.at(forces, where[1:], size * np.abs(table.coefficient[chosen] * base[where[0]]))
+    if omega > 0:  # of natural frequencies alone there are no lines
+        inertial = omega**2 * np.abs(np.tensordot(base, mass, 1))
+        mass[:, inertial < ROUNDING * forces.sum(axis=1, keepdims=True)] = 0.0
     return mass, gyroscopic
 
 
 def _inertia(
-    reduced: Model, linear: LinearForm, base: Floats, covariance: Floats
+    reduced: Model, linear: LinearForm, base: Floats, covariance: Floats, omega: float
 ) -> Iterator[Note]:
     """Judge M, which is positive, and G, which no polar inertia makes larger than M allows."""
-    mass, gyroscopic = _parts(reduced, linear)
     base, covariance = np.append(base, 1.0), np.pad(covariance, (0, 1))
+    mass, gyroscopic = _parts(reduced, linear, base, omega)
     whole = np.tensordot(base, mass, 1)
     if linear.rows != linear.coordinates or not whole.any():
         return

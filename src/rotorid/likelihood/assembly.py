@@ -163,7 +163,7 @@ def _constant(
 def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
     """Return the displacement in the bearing of an input, levers that are parameters included."""
     assert channel.drive is not None
-    terms = combined(channel.drive.position, layout.model, "a force law", channel.name)
+    terms = combined(channel.drive.position, layout.model, "a force law at", channel.name)
     if any(t.order for t in terms):
         raise InputError(
             "a force law at a velocity or an acceleration",

@@ -24,10 +24,8 @@ from rotorid.answer.estimate_tables import (
     HALF_WIDTH,
     ROUNDING,
     as_zero,
-    figures,
     on_data,
     on_fit,
-    two_digits,
     value_tables,
 )
 from rotorid.answer.validation import ChannelError
@@ -51,6 +49,8 @@ allows: with tens of lines chance makes 1.3 of it."""
 TOLD = 0.5
 """Relative error from which on it is not told: a prediction from noisy forces beside a resonance
 says nothing of the fit, which the misfit does."""
+PLAIN = (1e-3, 1e7)
+"""Sizes between which a number is written without an exponent."""
 METHODS = {
     "ml": "maximum likelihood",
     "batch": "batch least squares",
@@ -309,6 +309,26 @@ def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
     now = f"{figures(value.value, half)} {PM} {two_digits(half)}"
     told = f"before {_before(prior)}, now {now}"
     return pixels(prior.value, before), pixels(value.value, half), told
+
+
+def figures(value: float, half: float) -> str:
+    if not math.isfinite(value):
+        return ""
+    if value == 0 or not (math.isfinite(half) and half > 0):
+        return f"{value:.6g}"
+    places = 1 - math.floor(math.log10(half))
+    if PLAIN[0] <= abs(value) < PLAIN[1] and -3 <= places <= 9:
+        return f"{round(value, places):.{max(places, 0)}f}"
+    digits = math.floor(math.log10(abs(value))) + places + 1
+    return f"{value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
+
+
+def two_digits(number: float) -> str:
+    if not math.isfinite(number):
+        return ""
+    if 10 <= abs(number) < PLAIN[1]:
+        return f"{float(f'{number:.2g}'):.0f}"
+    return f"{number:#.2g}".rstrip(".")
 
 
 KINDS = {
