@@ -34,6 +34,10 @@ TRYING = "trying possible mistakes"
 """What that is where the data reject the model."""
 
 
+def _nothing() -> None:
+    """Return no answer: there is none yet."""
+
+
 @frozen
 class Progress:
     """A step of a search: what comes next, how far that is, and the best answer so far.
@@ -61,7 +65,7 @@ class Progress:
     done: int = 0
     of: int | None = None
     left: float | None = None
-    answer: Callable[[], Estimate | None] = field(default=lambda: None, repr=False, compare=False)
+    answer: Callable[[], Estimate | None] = field(default=_nothing, repr=False, compare=False)
 
     @cached_property
     def best(self) -> Estimate | None:

@@ -93,7 +93,7 @@ class Solved:
 
 
 @frozen
-class Measured:
+class MeasuredRow:
     """A measured mode at a point: lambda of the model, and what finds its derivative."""
 
     mode: Mode
@@ -151,14 +151,14 @@ class Configuration:
         at = self.solved(unknowns)
         return np.array([at.modes.values[group].mean() for group in at.groups])
 
-    def measured(self, unknowns: Floats) -> Iterator[Measured]:
+    def measured(self, unknowns: Floats) -> Iterator[MeasuredRow]:
         at = self.solved(unknowns)
         if number(self.modes[-1]) > len(at.groups):
             raise np.linalg.LinAlgError("fewer natural frequencies than were measured")
         for mode in self.modes:
             group = at.groups[number(mode) - 1]
             value = complex(at.modes.values[group].mean())
-            yield Measured(mode, value, partial(self._slope, unknowns, at, group, value))
+            yield MeasuredRow(mode, value, partial(self._slope, unknowns, at, group, value))
 
     def _slope(self, unknowns: Floats, at: Solved, group: Integers, value: complex) -> Complexes:
         together = next(each for each in at.modes.distinct if group[0] in each)
@@ -201,7 +201,7 @@ class ModalRows:
         at = number(first.modes[0]) - 1
         return float(found[at]) if at < len(found) else float("nan")
 
-    def measured(self, unknowns: Floats) -> Iterator[Measured]:
+    def measured(self, unknowns: Floats) -> Iterator[MeasuredRow]:
         for each in self.configurations:
             yield from each.measured(unknowns)
 
