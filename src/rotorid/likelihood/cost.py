@@ -70,10 +70,10 @@ class EntrySlopes:
     They are a sparse matrix times the sources, these times the weights of each kind.
     """
 
-    # (pair,): of the terms, for each unknown that they depend on: from which source and weight, to
-    # which unknown and row, and whose derivative is multiplied by the coefficient
+    # (pair,): of the terms, for each unknown that they depend on, by unknowns and rows: from which
+    # source and weight, and whose derivative is multiplied by the coefficient
     source: Integers
-    target: Integers
+    ends: Integers  # (unknown and row + 1,): the pairs that lead to each, as sparse rows have it
     monomial: Integers
     unknown: Integers
     coefficient: Floats  # (pair,)
@@ -85,16 +85,19 @@ class EntrySlopes:
         term, which = np.nonzero(factors < count)
         once = np.unique(term * count + factors[term, which])  # a power is one factor
         term, unknown = np.divmod(once, count)
-        source = entries.kind[term] * columns + entries.column[term]
         target = unknown * rows + entries.row[term]
-        return cls(source, target, entries.monomial[term], unknown, entries.coefficient[term], rows)
+        order = np.argsort(target, kind="stable")
+        term, unknown = term[order], unknown[order]
+        source = entries.kind[term] * columns + entries.column[term]
+        ends = np.searchsorted(target[order], np.arange(count * rows + 1))
+        return cls(source, ends, entries.monomial[term], unknown, entries.coefficient[term], rows)
 
     def of_sources(self, sources: Complexes, weights: Complexes, slopes: Floats) -> Complexes:
         """Return the derivatives, (unknown, row, line); `slopes` are those of the monomials."""
         weighed = np.multiply(weights.T[:, None], sources.T, order="C").reshape(-1, len(sources))
         values = self.coefficient * slopes[self.monomial, self.unknown]
-        shape = slopes.shape[1] * self.rows, len(weighed)
-        matrix = scipy.sparse.csr_array((values, (self.target, self.source)), shape)
+        shape = len(self.ends) - 1, len(weighed)
+        matrix = scipy.sparse.csr_array((values, self.source, self.ends), shape)
         parts = matrix @ weighed.view(float)
         return as_complex(parts.view(complex).reshape(-1, self.rows, len(sources)))
 
