@@ -226,9 +226,9 @@ def run_case(case: Case, folder: Path) -> Outcome:
             code = run(list(case.arguments))
         except BaseException:
             traceback.print_exc()
-    gc.collect()  # what a process of its own tidies at its end: children that read files
     seconds = _processor() - started
     more = max(_peak(), _largest() if _largest() > largest else 0) - held
+    gc.collect()  # what a process of its own tidies at its end: children that read files
     out, told = said
     faults = faults_of(case, code, out, told) + _file_faults(case, code, before, folder)
     status, wrong = _result_faults(case, folder)

@@ -80,6 +80,22 @@ def test_deviations_count() -> None:
     assert verdict_of([channel_errors(trial.machine.model, sure, record)]).verdict == "fails"
 
 
+def test_rounding_of_the_covariance_moves_no_deviation() -> None:
+    """Variances of a stiffness and of an unbalance lie 20 powers of ten apart."""
+    trial, estimate = identified("jeffcott", 3)
+    record, model = further(trial), trial.machine.model
+    spread = np.sqrt(np.diag(estimate.covariance))
+    assert spread.max() > 1e8 * spread.min()
+    rounding = 1e-14 * trial.rng.standard_normal(estimate.covariance.shape)
+    rounded = estimate.covariance + (rounding + rounding.T) * np.outer(spread, spread)
+    one, other = (
+        channel_errors(model, estimate.with_(covariance=c), record)
+        for c in (estimate.covariance, rounded)
+    )
+    for a, b in zip(one, other, strict=True):
+        assert a.deviations == pytest.approx(b.deviations, rel=1e-9)
+
+
 def test_a_record_that_hides_any_error_proves_nothing() -> None:
     hidden = ChannelError("F", 0.4, 0.4, 0.5, 0.31)  # together .506
     told = verdict_of([[hidden, ChannelError("x", 0.6, 0.6, 0.5, 0.0)]])

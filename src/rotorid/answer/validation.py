@@ -13,6 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.predict import predict_lines
 from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import covariance_root
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.observation import Data, Observation, bind
 from rotorid.linear.regression import Predicted
@@ -185,9 +186,7 @@ class Forecast:
                 continue
             there = replace(self, estimate=_moved(self.estimate, value.name, step))
             columns.append(self._change(there) / step)
-        size, along = np.linalg.eigh(covariance)
-        root = along * np.sqrt(size.clip(0))
-        return np.asarray(np.stack(columns, axis=2) @ root)
+        return np.asarray(np.stack(columns, axis=2) @ covariance_root(covariance))
 
     def _change(self, other: Forecast) -> Complexes:
         return np.asarray(_error(other.at) - _error(self.at))

@@ -67,6 +67,18 @@ def coupled(matrix: NDArray[Any]) -> list[Integers]:
     return groups
 
 
+def covariance_root(covariance: Floats) -> Floats:
+    """Return R with ``R R' = covariance``, shape (n, n), by the correlations.
+
+    Variances in SI lie twenty powers of ten apart, in N/m and in m: of the matrix itself the small
+    ones would be rounding.
+    """
+    size = np.sqrt(np.diag(covariance).clip(0))
+    scale = np.where(size > 0, size, 1.0)
+    values, along = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * along * np.sqrt(values.clip(0)))
+
+
 def leave_out(share: Floats, score: Floats, least: float) -> tuple[Floats, Floats]:
     """Return ``(1 - share)^-1 score``, of an answer without one group of rows (the jackknife).
 

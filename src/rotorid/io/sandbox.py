@@ -30,7 +30,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ReadError
 
-LEAST, SPEED = 4, 5e6
+LEAST, SPEED = 3, 5e6
 """Seconds of the processor that reading any file may take, and bytes a second beyond: packages read
 faster by ten times, and with a damaged file some never end."""
 

@@ -15,6 +15,7 @@ from rotorid.answer.derived import physical_fit
 from rotorid.answer.estimate import Estimate, check_units
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import covariance_root
 from rotorid.core.toml import table_within
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.force.entry import LawEntry, law_keys
@@ -234,10 +235,8 @@ class Machine:
     @property
     def root(self) -> Floats:
         """R with ``R R' = covariance``, shape (unknown, unknown)."""
-        scale = np.where(self.spread > 0, self.spread, 1.0)
         assert self.covariance is not None
-        size, along = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        return np.asarray(scale[:, None] * along * np.sqrt(size.clip(0)))
+        return covariance_root(self.covariance)
 
     def changes(self, found: Callable[[Machine], Floats | Complexes]) -> Complexes:
         """Return how what follows from a machine changes along the columns of `root`, (column, ..).
