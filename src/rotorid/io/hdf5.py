@@ -282,9 +282,9 @@ def _kind(dtype: Any) -> str | None:
 
 def _matlab_kind(dataset: h5py.Dataset) -> str | None:
     """Say where MATLAB wrote no numbers: text as codes, or an empty array as its size."""
-    if "MATLAB_empty" in dataset.attrs:
+    if h5py.h5a.exists(dataset.id, b"MATLAB_empty"):
         return "nothing"
-    kind = dataset.attrs.get("MATLAB_class", b"")
+    kind = dataset.attrs["MATLAB_class"] if h5py.h5a.exists(dataset.id, b"MATLAB_class") else b""
     return "text or cells" if isinstance(kind, bytes) and kind in _TEXTS else None
 
 
@@ -338,14 +338,13 @@ class _Contents(Mapping[str, tuple[int, ...]]):
 
     def _arrays(self, path: str, node: Hdf5Node) -> Iterator[tuple[str, tuple[int, ...]]]:
         """Yield a data set of numbers, or the fields of one that is a table of records."""
-        if node.dataset.shape is None:
+        if (shape := node.dataset.shape) is None:
             return
-        names = node.dataset.dtype.names
-        if node.field is None and names:
+        if node.field is None and (names := node.dataset.dtype.names):
             for name in names:
                 yield from self._arrays(f"{path}/{name}", replace(node, field=name))
         elif (kind := node.kind) is None:
-            yield path, tuple(node.dataset.shape)
+            yield path, tuple(shape)
         else:
             self.others[path] = kind
 
@@ -368,7 +367,7 @@ def find(data: h5py.File, path: str, others: dict[str, str]) -> Hdf5Node | None:
             others[path.strip("/")] = f"a link into another file ({file[:80]}: name it in files)"
         if key is None or kind != h5py.h5l.TYPE_HARD:
             return None
-        node = _open(above[-1], key)
+        node = _open(above[-1], key, h5py.h5o.get_info(above[-1].id, key).type)
         if isinstance(node, h5py.Dataset):
             field = steps[0] if len(steps) == 1 else None
             fitting = not steps if field is None else field in (node.dtype.names or ())
@@ -386,17 +385,17 @@ def _walk(data: h5py.File) -> Iterator[tuple[str, Hdf5Node]]:
     while waiting:
         prefix, above = waiting.pop()
         inner: list[tuple[str, tuple[h5py.Group, ...]]] = []
-        for key in (group := above[-1]):
+        count += len(group := above[-1])
+        _check_bounds(count, prefix)
+        for key in group:
             key, shown = _raw(key), _shown(key)
             path = prefix + shown
             if shown[:1] == "#" or group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
                 continue  # "#refs#" holds the cells of MATLAB
-            count += 1
-            _check_bounds(count, path)
-            node = _open(group, key)
-            if node is None or (address := h5py.h5o.get_info(node.id).addr) in seen:
-                continue  # a type that has a name, or what was seen already
-            seen.add(address)
+            info = h5py.h5o.get_info(group.id, key)
+            if info.addr in seen or (node := _open(group, key, info.type)) is None:
+                continue  # what was seen already, or a type that has a name
+            seen.add(info.addr)
             if isinstance(node, h5py.Group):
                 inner.append((f"{path}/", (*above, node)))
             else:
@@ -444,12 +443,12 @@ def _raw(key: str | bytes) -> bytes:
     return key if isinstance(key, bytes) else key.encode("utf-8", "surrogateescape")
 
 
-def _open(group: h5py.Group, name: bytes) -> Any:
+def _open(group: h5py.Group, name: bytes, kind: int) -> Any:
     """Open a node; what a data set keeps in files beside it counts from the folder of its file."""
-    access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
-    access.set_efile_prefix(b"${ORIGIN}")
-    match h5py.h5o.get_info(group.id, name).type:
+    match kind:
         case h5py.h5o.TYPE_DATASET:
+            access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
+            access.set_efile_prefix(b"${ORIGIN}")
             return h5py.Dataset(h5py.h5d.open(group.id, name, access))
         case h5py.h5o.TYPE_GROUP:
             return h5py.Group(h5py.h5g.open(group.id, name))

@@ -119,7 +119,8 @@ def _last_unsettled(d: Floats, terms: int) -> int:
     that begins below three times the scatter biases no mean by more than its deviation.
     """
     half = len(d) // 2
-    low, middle, high = np.quantile(d[half:], [0.25, 0.5, 0.75])
+    settled = np.sort(d[half:])
+    low, middle, high = np.interp([0.25, 0.5, 0.75], np.linspace(0, 1, len(settled)), settled)
     if d[0] <= _LARGE**2 * middle:
         return 0
     late = d > middle + 5 * max((high - low) / 1.35, 1 / np.sqrt(terms))
