@@ -344,6 +344,7 @@ class _Contents(Mapping[str, tuple[int, ...]]):
             for name in names:
                 yield from self._arrays(f"{path}/{name}", replace(node, field=name))
         elif (kind := node.kind) is None:
+            self._nodes[path] = node
             yield path, tuple(shape)
         else:
             self.others[path] = kind
