@@ -1,19 +1,44 @@
-"""The kernel: gradient, invariance, agreement with the output-error likelihood."""
+"""The kernel: gradient, invariance, loads, indirect sensors, whitening, the expected cost."""
 
-from dataclasses import replace
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from differences import gradient_holds
+from test_spectra import KNOWN, levitated, lines_of
+from test_spectra import MODEL as QUIET_MODEL
 
-from rotorid import Channel, Drive, Lines, PeriodicRecord, load_model
+import rotorid as rid
+from rotorid import (
+    Channel,
+    Drive,
+    InputError,
+    LeastSquares,
+    Lines,
+    MaximumLikelihood,
+    PeriodicRecord,
+    identify,
+    load_model,
+)
+from rotorid.data.lines import Beside
 from rotorid.data.observation import bind
-from rotorid.likelihood import cost
-from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood import cost, whitening
+from rotorid.likelihood import expected_cost as by_errors
+from rotorid.likelihood.assembly import assemble, every_load, load_lines, phase_steps
 from rotorid.likelihood.cost import Likelihood
 from rotorid.likelihood.layout import Layout
+from rotorid.likelihood.other_answers import _idle_share
 from rotorid.likelihood.unknowns import Nuisances, Scalar, unknowns_of
+from rotorid.likelihood.whitening import by_qr, by_reflections, projection
+from rotorid.models.expressions import Expression, number, product, symbol
 from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
+
+# The kernel: gradient, invariance, agreement with the output-error likelihood.
+
 
 MODEL = load_model("three-mass")
 
@@ -185,3 +210,390 @@ def test_a_rotor_as_stiff_is_projected_once(demo, bearings, monkeypatch):
         assert len(count) == projected
         np.testing.assert_allclose(found.residual, fresh.residual, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(found.jacobian() * x, fresh.jacobian() * x, rtol=1e-9, atol=1e-9)
+
+
+# Loads that depend on time alone: the columns of g are those of the regression.
+
+
+LOADED = """
+title = "a mass on a spring, shaken at a frequency of its own"
+equations = ["m*x'' + k*x = F + a*cos(2*pi*12.5*t)"]
+coordinates = { x = "m" }
+inputs = { F = "N" }
+parameters = { m = { unit = "kg" }, k = { unit = "N/m" }, a = { unit = "N" } }
+"""
+
+
+def test_a_load_that_periods_do_not_repeat_is_averaged_over_all_of_them():
+    model = rid.parse_model(LOADED)
+    channels = (rid.Channel("F"), rid.Channel("x"))
+    record = rid.Record(channels, np.zeros((500, 2)), 1000.0)
+    periods = rid.average(record, 10.0, harmonics=[1, 2])
+    layout = Layout(model, ())
+    lines = Lines.of_periods(periods)
+    columns, orders = load_lines(every_load(layout), lines, np.ones(1), False)
+    np.testing.assert_array_equal(orders, [0.0])
+    time = np.arange(500) / 1000.0
+    wave = np.cos(2 * np.pi * 12.5 * time)
+    wanted = [np.mean(wave * np.exp(-2j * np.pi * f * time)) for f in (10.0, 20.0)]
+    found = columns[0][:, 0].sum(axis=-1)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+PHI, OMEGA = symbol("phi"), symbol("Omega")
+COS, SIN = Expression("cos", (PHI,)), Expression("sin", (PHI,))
+SQUARE = product([(COS, Fraction(2)), (SIN, Fraction(1)), (OMEGA, Fraction(-1))])
+
+
+@pytest.mark.parametrize(
+    ("signals", "steps"),
+    [
+        ([], 1),
+        ([OMEGA], 1),
+        ([product([(OMEGA, Fraction(2)), (COS, Fraction(1))]), SIN], 3),
+        ([COS, SQUARE], 7),
+        ([Expression("sum", (SQUARE, number(1)))], 7),
+        ([product([(COS, Fraction(-1))])], 16),
+        ([Expression("cos", (product([(PHI, Fraction(1)), (number(2), Fraction(1))]),))], 5),
+        ([SIN, PHI], 16),
+        ([product([(Expression("abs", (COS,)), Fraction(1)), (OMEGA, Fraction(1))])], 16),
+    ],
+)
+def test_as_many_angles_as_a_load_has_orders(signals, steps):
+    assert phase_steps(signals) == steps
+
+
+@pytest.mark.parametrize(
+    "load", ["cos(phi) + b*Omega*sin(phi)^3*cos(phi)", "b*Omega*sin(phi)*exp(cos(phi))"]
+)
+def test_a_phase_turns_a_load_of_any_order(load):
+    """The columns by order, turned and added, are those of the rotor angle moved."""
+    text = LOADED.replace("cos(2*pi*12.5*t)", f"({load})").replace(
+        "parameters = {", 'parameters = { b = { unit = "s" },'
+    )
+    model = rid.parse_model(text)
+    loads = every_load(Layout(model, ()))
+    channels = (rid.Channel("F"), rid.Channel("x"))
+
+    def columns(phase, unknown):
+        angle = 2 * np.pi * 10.0 * np.arange(400) / 1000.0 + phase
+        record = rid.Record(channels, np.zeros((400, 2)), 1000.0, 20 * np.pi, angle=angle)
+        periods = rid.average(record, 10.0, harmonics=[1, 2, 3, 4])
+        return load_lines(loads, Lines.of_periods(periods), np.ones(1), unknown)
+
+    by_order, orders = columns(0.0, True)
+    turned = np.tensordot(np.exp(1j * orders * 0.7), by_order, axes=1)
+    wanted = columns(0.7, False)[0][0]
+    np.testing.assert_allclose(turned, wanted, atol=1e-6 * np.abs(wanted).max())
+
+
+# Sensors of derivatives, and sensors with parameters among their coefficients.
+
+
+def derived(record: PeriodicRecord, name: str, order: int) -> PeriodicRecord:
+    """Return the record with a sensor of a derivative in place of that of a position."""
+    index = record.index(name)
+    reads = {name + "'" * order: 1.0}
+    channels = list(record.channels)
+    channels[index] = Channel(f"d{order}_{name}", "m/s^2", reads=reads)
+    spectra = record.spectra.copy()
+    spectra[:, :, index] *= (1j * record.omega) ** order
+    return replace(record, channels=tuple(channels), spectra=spectra)
+
+
+def leaned(record: PeriodicRecord, model) -> PeriodicRecord:
+    """Return the record whose sensor x1 reads ``x1 - L1*theta_y`` instead."""
+    x1, theta = record.index("x1"), record.index("theta_y")
+    spectra = record.spectra.copy()
+    spectra[:, :, x1] -= 0.3 * spectra[:, :, theta]
+    channels = list(record.channels)
+    channels[x1] = Channel("leaning", "m", reads={"x1": 1.0, "L1*theta_y": -1.0})
+    keep = [k for k, c in enumerate(channels) if c.name not in ("theta_x", "theta_y", "x2", "y2")]
+    return replace(
+        record,
+        channels=tuple(channels[k] for k in keep),
+        spectra=spectra[:, :, keep],
+        mean=record.mean[:, keep],
+        variance=record.variance[:, keep],
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_derivatives_give_what_positions_give(demo, bearings, order):
+    record = demo.record([*bearings, "x2", "y2"])
+    for name in ("x2", "y2"):
+        record = derived(record, name, order)
+    start = demo.start(np.random.default_rng(2), 0.1)
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
+    for name, value in demo.truth.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-6), name
+    assert max(p.relative_error for p in estimate.prediction.values()) < 1e-5
+
+
+def test_a_parameter_may_be_a_coefficient_of_a_sensor(demo):
+    record = leaned(demo.record(), demo.model)
+    start = demo.start(np.random.default_rng(3), 0.05)
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L2": 0.3}, start=start))
+    for name, value in demo.truth.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-6), name
+    assert "leaning" in estimate.prediction
+    assert max(p.relative_error for p in estimate.prediction.values()) < 1e-5
+
+
+@pytest.mark.parametrize("transient", [None, 2])
+def test_gradient_with_indirect_sensors_agrees_with_differences(demo, bearings, transient):
+    rng = np.random.default_rng(5)
+    record = demo.noisy(demo.record([*bearings, "x2", "theta_y"], periods=40), rng)
+    record = derived(record, "x2", 2)
+    theta = record.index("theta_y")
+    channels = list(record.channels)
+    channels[theta] = Channel("arm", "m", reads={"L1*theta_y": 1.0, "y3": 0.1})
+    record = replace(record, channels=tuple(channels))
+    lines = replace(Lines.of_periods(record), transient=transient)
+    model = demo.model
+    unknowns = tuple(Scalar(p.name, p.unit, p.nominal or 0.0) for p in model.parameters)
+    kernel = assemble(Layout(model, unknowns), bind(model, lines))
+    x = demo.values * (1 + 0.1 * rng.uniform(-1, 1, 13))
+    gradient_holds(kernel.evaluate, x, x, rtol=1e-8, atol=1e-8)
+
+
+def test_least_squares_needs_positions(demo):
+    record = derived(demo.record(), "x2", 2)
+    with pytest.raises(InputError, match=r"no sensor of x2.*use ml"):
+        identify(demo.model, record, LeastSquares())
+
+
+# Projecting out what no sensor reads: by reflections that are formed, and one by one.
+
+
+@pytest.fixture
+def machine():
+    """Two lines of 17 rows and 15 coordinates, of which 12 combinations are hidden."""
+    rng = np.random.default_rng(0)
+    stiffness = rng.standard_normal((2, 17, 15)) + 1j * rng.standard_normal((2, 17, 15))
+    return stiffness, np.linalg.qr(rng.standard_normal((15, 12)))[0]
+
+
+@pytest.mark.parametrize("way", [by_qr, by_reflections])
+def test_nothing_is_left_of_what_is_hidden_and_its_motion_explains_the_rest(machine, way):
+    stiffness, hidden = machine
+    found = way(stiffness, hidden)
+    eye = np.broadcast_to(np.eye(5), (2, 5, 5))
+    np.testing.assert_allclose(
+        found.null_h @ found.null_h.conj().transpose(0, 2, 1), eye, atol=1e-13
+    )
+    assert np.abs(found.null_h @ stiffness @ hidden).max() < 1e-12
+    w = np.arange(1.0, 13.0) * (1 + 2j)
+    left = stiffness @ (hidden @ w)
+    np.testing.assert_allclose(found.motion(-left), np.stack(2 * [hidden @ w]), rtol=1e-11)
+
+
+def test_twelve_hidden_coordinates_are_many(machine, monkeypatch):
+    stiffness, hidden = machine
+    monkeypatch.setattr(whitening, "by_reflections", lambda *_: "one by one")
+    assert projection(stiffness, hidden) == "one by one"
+    assert projection(stiffness, hidden[:, 1:]) != "one by one"
+    assert projection(stiffness, hidden[:, :0]) is None
+
+
+# The expected cost of a whole record by its equation errors: mean, variance, what it leaves.
+
+
+LINES = 500
+
+
+@dataclass
+class Errors:
+    """An evaluation that holds equation errors of unit noise, and nothing else."""
+
+    values: np.ndarray
+    null_h: None = None
+
+    @property
+    def problem(self):
+        return SimpleNamespace(
+            equations=self.values.shape[1],
+            multiplicity=np.full(len(self.values), 2.0),
+            noise=SimpleNamespace(factor=self.columns),
+        )
+
+    @property
+    def columns(self):
+        return np.broadcast_to(np.eye(self.values.shape[1]), (len(self.values), 2, 2))
+
+    def errors(self):
+        return self.values
+
+
+def complex_noise(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    return rng.standard_normal((*shape, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+
+
+def beside(rng: np.random.Generator, references: int, **more) -> Beside:
+    columns = np.column_stack([complex_noise(rng, LINES, references), np.ones(LINES)])
+    number = np.arange(LINES)
+    return Beside(columns, np.ones(LINES, dtype=bool), number, number, **more)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("references", "quiet"), [(0, False), (4, False), (0, True)])
+def test_mean_and_variance_of_the_sum(references, quiet):
+    """Noise of unit size on two equations, 120 times: as predicted by counting."""
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(120):
+        noise = complex_noise(rng, LINES, 2) if quiet else None
+        near = beside(rng, references, noise=noise)
+        found.append(by_errors._sum_of(Errors(complex_noise(rng, LINES, 2)), near, [0, 1]))
+    cost, mean = np.array([s.cost for s in found]), np.mean([s.mean for s in found])
+    variance = np.mean([s.variance for s in found])
+    assert abs(cost.mean() - mean) < 3 * np.sqrt(variance / 120)
+    assert 0.7 < cost.var(ddof=1) / variance < 1.4
+    # Chi-squared would be four of each equation of a line; here it is far off.
+    assert variance < 0.5 * 4 * 2 * LINES or quiet
+    assert variance > 2 * 4 * 2 * LINES or not quiet
+
+
+def test_noise_of_the_channels_is_told_by_the_errors():
+    """Three channels behind two equations that change from line to line."""
+    rng = np.random.default_rng(3)
+    rows = complex_noise(rng, 400, 2, 3) * np.linspace(0.1, 3, 400)[:, None, None]
+    truth = np.array([4.0, 1.0, 0.25])
+    noise = complex_noise(rng, 400, 3) * np.sqrt(truth)
+    errors = (rows @ noise[:, :, None])[:, :, 0]
+    found = by_errors._channel_noise(rows, errors, np.ones(3))
+    assert found / truth == pytest.approx(1, abs=0.5)
+    assert 5 < found[0] / found[2] < 40
+
+
+def test_noise_of_the_channels_is_told_in_ten_rounds():
+    """Of two channels behind one equation: v + v^2 (1 - s) / s^2 from v, s the sum of both."""
+    told = np.array([3.0, 1.0])
+    for _ in range(10):
+        told = told + told**2 * (1 - told.sum()) / told.sum() ** 2
+    start = np.array([3.0, 1.0])
+    found = by_errors._channel_noise(np.ones((5, 1, 2)) + 0j, np.ones((5, 1)) + 0j, start)
+    assert found == pytest.approx(told, rel=1e-12)
+
+
+def test_some_hundreds_of_lines_tell_the_noise(monkeypatch):
+    seen, told = [], by_errors._channel_noise
+
+    def watched(rows, *rest):
+        seen.append(len(rows))
+        return told(rows, *rest)
+
+    monkeypatch.setattr(by_errors, "_channel_noise", watched)
+    number = np.arange(1600)
+    near = Beside(np.ones((1600, 1)) + 0j, number >= 0, number, number)
+    by_errors._whitened(Errors(complex_noise(np.random.default_rng(8), 1600, 2)), near, [0, 1])
+    assert seen == [400]
+
+
+def test_a_line_that_stands_out_is_in_its_own_cost_alone():
+    rng = np.random.default_rng(6)
+    errors = complex_noise(rng, LINES, 2)
+    errors[250] *= 100
+    near = beside(rng, 1)
+    ordinary = near.ordinary.copy()
+    ordinary[250] = False
+    hidden = by_errors._sum_of(Errors(errors), near, [0, 1])
+    seen = by_errors._sum_of(Errors(errors), replace(near, ordinary=ordinary), [0, 1])
+    assert seen.cost > 5 * seen.mean
+    assert hidden.cost < 1.1 * hidden.mean
+
+
+def test_too_few_lines_and_no_noise_tell_nothing():
+    rng = np.random.default_rng(7)
+    near = beside(rng, 1)
+    few = slice(0, 20)
+    short = Beside(near.columns[few], near.ordinary[few], near.centre[few], near.where[few])
+    assert by_errors._sum_of(Errors(complex_noise(rng, 20, 2)), short, [0, 1]) is None
+    nothing = Errors(np.zeros((LINES, 2), dtype=complex))
+    assert by_errors._sum_of(nothing, near, [0, 1]) is None
+
+
+@dataclass
+class Mode(Errors):
+    """Errors of one equation of two channels, the first of which weighs more beside a mode."""
+
+    rows: np.ndarray = None
+
+    @property
+    def problem(self):
+        noise = SimpleNamespace(factor=np.broadcast_to(np.eye(2), (LINES, 2, 2)))
+        return SimpleNamespace(noise=noise)
+
+    @property
+    def columns(self):
+        return self.rows
+
+
+def test_loads_of_a_quiet_record_tell_no_noise():
+    """They leak into all of its lines; errors come out of one size, beside the mode and away.
+
+    With sizes told by the quiet record J was .35 % below what it should be, in 240 records.
+    """
+    rng = np.random.default_rng(9)
+    offset = np.arange(LINES) - 250.5
+    rows = np.stack([50 / (1 + offset**2), np.ones(LINES)], axis=1)[:, None, :] + 0j
+    noise, still = complex_noise(rng, 2, LINES, 2)
+    still[:, 1] += 300 / offset
+    errors = (rows @ noise[:, :, None])[:, :, 0]
+    white, _ = by_errors._whitened(Mode(errors, rows=rows), beside(rng, 0, noise=still), [0, 1])
+    size, near = (np.abs(white) ** 2).sum(axis=1), np.abs(offset) < 12
+    assert 0.5 < size[near].mean() / size[~near].mean() < 2
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return lines_of(levitated(3))
+
+
+@pytest.mark.parametrize(("wide", "low", "high"), [(1.0, 0.97, 1.03), (1.08, 0.97, 1.03)])
+def test_noise_that_bends_moves_the_expectation(lines, wide, low, high):
+    """C a little too large, as of noise that bends in its window: the misfit is no smaller."""
+    covariance = replace(lines.covariance, matrices=wide * lines.covariance.matrices)
+    misfit = identify(QUIET_MODEL, replace(lines, covariance=covariance), KNOWN).misfit
+    assert low < misfit.cost / misfit.expected < high
+    assert 1e-3 < misfit.p_value < 1 - 1e-3
+
+
+def test_a_covariance_that_holds_motion_is_told(lines):
+    """C much too large is no bend of noise: the cost is too good, and that is said."""
+    covariance = replace(lines.covariance, matrices=1.15 * lines.covariance.matrices)
+    estimate = identify(QUIET_MODEL, replace(lines, covariance=covariance), KNOWN)
+    assert estimate.misfit.cost < 0.9 * estimate.misfit.expected
+
+
+def test_columns_exchanged_are_exchanged_in_the_quiet_record_too():
+    """Sensors taken for one another, one upside down: as if both records were logged so."""
+    record, quiet = levitated(2), levitated(4, excitation=0.0)
+    matrix = np.eye(6)
+    matrix[2:4, 2:4] = [[0.0, 1.0], [-1.0, 0.0]]
+    logged = [replace(each, samples=each.samples @ matrix.T) for each in (record, quiet)]
+    expected = lines_of(logged[0], quiet=logged[1])
+    found = bind(QUIET_MODEL, lines_of(record, quiet=quiet)).with_columns(matrix[:4, :4]).lines
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12)
+    np.testing.assert_allclose(found.beside.noise, expected.beside.noise, rtol=1e-12)
+
+
+def test_what_a_controller_makes_of_noise_drives_the_rotor():
+    """Noise of an input that is larger than V allows is force: V - s^2 b b^H stays positive."""
+    rng = np.random.default_rng(8)
+    rows = complex_noise(rng, 5, 2, 3)
+    matrices = rows @ rows.conj().transpose(0, 2, 1)
+    lower, columns = np.linalg.cholesky(matrices), complex_noise(rng, 5, 2, 2)
+    factor = np.stack([np.diag([10.0, 1e-3])] * 5).astype(complex)  # of the loop; of an amplifier
+    at = SimpleNamespace(
+        whitened_columns=lambda: np.linalg.solve(lower, columns),
+        problem=SimpleNamespace(noise=SimpleNamespace(factor=factor)),
+    )
+    share = _idle_share(at, 2)
+    np.testing.assert_allclose(share[:, 1], 1.0)
+    for line in range(5):
+        left = matrices[line] - (10 * share[line, 0]) ** 2 * np.outer(
+            columns[line, :, 0], columns[line, :, 0].conj()
+        )
+        smallest, largest = np.linalg.eigvalsh(left)
+        assert abs(smallest) < 1e-9 * largest

@@ -1,4 +1,4 @@
-"""The runner: what is tried, in which order it is told, and what is said of it."""
+"""The runner of rival hypotheses, and what it names: channels, lines, speeds, bounds."""
 
 from __future__ import annotations
 
@@ -7,13 +7,26 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from adverse_cases import CASES
+from fitting import fit
 
 import rotorid as rid
-from rotorid import load_model
+from rotorid import Channel, Constraint, InputError, MaximumLikelihood, identify, load_model
+from rotorid.answer.estimate import EXPLAINS
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals
+from rotorid.likelihood import rivals_channels as leads
+from rotorid.likelihood import rivals_records as line_leads
 from rotorid.likelihood import unknowns as channels
 from rotorid.likelihood.case import Case, Rival, Slopes
+from rotorid.likelihood.preparation import Knowledge
+from rotorid.likelihood.problem import Point
+from rotorid.likelihood.relations import Relations
+from rotorid.likelihood.unknowns import Nuisances
+from rotorid.models.structure import find_structure
+from rotorid.testing import add_noise, line_record
+
+# The runner: what is tried, in which order it is told, and what is said of it.
 
 
 def rival(
@@ -350,3 +363,445 @@ def test_runout_is_suspected_where_a_line_holds_it(demo, harmonics, held) -> Non
     )
     found = {r.term for r in entered("channel", case) if "order" in r.term}
     assert {term[-2] for term in found} == set(held)
+
+
+# Mistakes that are no small changes: undone, the data fit, and the first suspect names them.
+
+
+@pytest.fixture(scope="module")
+def record(demo):
+    """A record with little noise: what is wrong stands out."""
+    quiet = replace(demo, force_noise=0.05, position_noise=5e-7)
+    return quiet.noisy(demo.record(periods=60), np.random.default_rng(5))
+
+
+def with_spectra(record, change):
+    spectra = record.spectra.copy()
+    change(spectra, record.names)
+    return replace(record, spectra=spectra)
+
+
+def exchange(*pairs):
+    def change(spectra, names):
+        for a, b in pairs:
+            i, j = names.index(a), names.index(b)
+            spectra[:, :, [i, j]] = spectra[:, :, [j, i]]
+
+    return change
+
+
+def scale(factor, *channels):
+    def change(spectra, names):
+        for name in channels:
+            spectra[:, :, names.index(name)] *= factor
+
+    return change
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "term", "value"),
+    [
+        (exchange(("x1", "y1")), "swap[x1, y1]", None),
+        (scale(-1.0, "x2"), "sign[x2]", -1.0),
+        (scale(1e-3, "y3"), "unit[y3]", 1e-3),
+        (scale(-1 / 25.4, "x1"), "gain[x1]", -1 / 25.4),
+    ],
+)
+def test_mistakes_are_named(demo, record, change, term, value):
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    assert estimate.status != "ok"
+    first = estimate.suspects[0]
+    assert first.term == term
+    assert first.share > 0.999
+    assert first.value == (None if value is None else pytest.approx(value, rel=1e-3))
+    assert first.term.partition("[")[2].rstrip("]").split(", ")[0] in estimate.warnings[0]
+    assert "first suspect" in estimate.warnings[0]
+
+
+def test_a_known_value(demo, record):
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"m2": 12.0}))
+    first = estimate.suspects[0]
+    assert first.term == "prior m2"
+    assert first.value == pytest.approx(demo.truth["m2"], rel=0.01)
+    known = MaximumLikelihood(known={"L1": (0.31, 0.0005)})
+    assert identify(demo.model, record, known).suspects[0].term == "prior L1"
+
+
+def test_a_sensor_beside_its_plane(demo, record):
+    """It reads 5 mm of theta_y besides; the model says nothing of it."""
+
+    def change(spectra, names):
+        spectra[:, :, names.index("x1")] += 0.005 * spectra[:, :, names.index("theta_y")]
+
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    first = estimate.suspects[0]
+    assert (first.term, first.unit) == ("plane[x1]", "m")
+    assert first.value == pytest.approx(0.005, rel=0.05)
+
+
+def test_a_plane_that_is_elsewhere(demo, record):
+    """Both sensors read 5 mm of their angles: x + theta_y l, y - theta_x l."""
+
+    def change(spectra, names):
+        spectra[:, :, names.index("x1")] += 0.005 * spectra[:, :, names.index("theta_y")]
+        spectra[:, :, names.index("y1")] -= 0.005 * spectra[:, :, names.index("theta_x")]
+
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    first = estimate.suspects[0]
+    assert (first.term, first.unit) == ("plane[x1, y1]", "m")
+    assert first.value == pytest.approx(0.005, rel=0.05)
+
+
+def test_axes_that_are_turned(demo, record):
+    def change(spectra, names):
+        i, j = names.index("x1"), names.index("y1")
+        x, y = spectra[:, :, i].copy(), spectra[:, :, j].copy()
+        spectra[:, :, i], spectra[:, :, j] = x + 0.01 * y, y - 0.01 * x
+
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    assert estimate.suspects[0].term == "rotation[x1, y1]"
+    assert estimate.suspects[0].value == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_load_where_the_model_has_none(demo, record):
+    """20 g mm of unbalance on the first mass."""
+    size = 2e-5 * record.speed**2 / 2
+    once = list(record.harmonics).index(7)
+
+    def change(spectra, names):
+        spectra[:, once, names.index("F_x1")] -= size
+        spectra[:, once, names.index("F_y1")] -= -1j * size
+
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    first = estimate.suspects[0]
+    assert first.term in ("load at x1, y1", "load at x1", "load at y1")
+    assert first.value == pytest.approx(2e-5, rel=0.05)
+
+
+@pytest.mark.slow
+def test_nothing_explains_noise_in_the_wrong_place(demo, record):
+    """Errors at random on every line and channel: where no suspect explains a fifth, it says so."""
+    rng = np.random.default_rng(8)
+    shape = record.spectra.shape[1:]
+    wrong = 1 + 0.02 * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+    changed = replace(record, spectra=record.spectra * wrong)
+    estimate = identify(demo.model, changed, MaximumLikelihood())
+    assert estimate.status != "ok"
+    told = estimate.suspects[0].share > EXPLAINS
+    assert ("none of the" in estimate.warnings[0]) != told
+
+
+def test_what_undoes_a_mistake_undoes_it(demo, record):
+    seen = bind(demo.model, record)
+    twice = leads.exchanged(leads.exchanged(seen, [("x1", "y2")]), [("x1", "y2")])
+    np.testing.assert_allclose(twice.lines.mean, seen.lines.mean)
+    scaled = leads.multiplied(seen, {"x1": 2.0, "F_y1": -1.0})
+    where = [seen.lines.names.index(n) for n in ("x1", "F_y1")]
+    np.testing.assert_allclose(
+        scaled.lines.covariance.matrices[:, where[0], where[1]],
+        -2 * seen.lines.covariance.matrices[:, where[0], where[1]],
+    )
+    np.testing.assert_allclose(scaled.lines.scatter[:, :, where[0]], 2 * record.spectra[:, :, 4])
+
+
+def test_planes_of_sensors_that_read_combinations(demo):
+    pair = [
+        Channel("s_x", "m", reads={"x2": 1.0, "theta_y": 0.1}),
+        Channel("s_y", "m", reads={"y2": 1.0, "theta_x": -0.1}),
+    ]
+    plan = demo.plan([*pair, "x1", "y1"])
+    seen = bind(demo.model, plan.lines(demo.model))
+    structure = find_structure(demo.model, demo.values, 100.0)
+    case = SimpleNamespace(
+        records=[seen], model=demo.model, values=demo.values, structure=structure
+    )
+    found = {frozenset(p) for p in leads.planes(case)}
+    assert {"s_x", "s_y"} in found
+    assert {"x1", "y1"} in found
+    assert {"F_x1", "F_y1"} in found
+    assert len(found) == 4
+
+
+# A line that something else fills is named, and only where nothing else explains the data.
+
+
+@pytest.fixture(scope="module")
+def filtered_record(demo):
+    quiet = replace(demo, force_noise=0.05, position_noise=5e-7)
+    return quiet.noisy(demo.record(periods=60), np.random.default_rng(5))
+
+
+def shaken(filtered_record, harmonic, size=2e-6):
+    """Add a tone of one phase to all displacements along x."""
+    spectra = filtered_record.spectra.copy()
+    columns = [filtered_record.index(name) for name in ("x1", "x2", "x3")]
+    spectra[:, list(filtered_record.harmonics).index(harmonic), columns] += size * np.exp(0.4j)
+    return replace(filtered_record, spectra=spectra)
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(
+    ("harmonic", "hertz", "told"),
+    [
+        (3, 60, "where hum of the mains stands"),
+        (5, 100, "where hum of the mains stands"),
+        (11, 220, "which something else makes, such as a base that shakes"),
+    ],
+)
+def test_a_line_that_something_else_fills_is_named(demo, filtered_record, harmonic, hertz, told):
+    estimate = identify(demo.model, shaken(filtered_record, harmonic), MaximumLikelihood())
+    assert estimate.status == "rejected"
+    assert estimate.suspects[0].term == f"line {hertz} Hz"
+    assert estimate.suspects[0].share > 0.99
+    assert f"the line at {hertz} Hz, {told}" in estimate.warnings[0]
+    assert "leave it out of the harmonics" in estimate.warnings[0]
+
+
+def test_how_near_to_the_mains_a_line_is_theirs():
+    assert line_leads.source(49.96).startswith("where hum")
+    assert line_leads.source(49.9).startswith("which")
+    assert line_leads.source(150.0) == line_leads.source(240.0) == line_leads.source(50.0)
+    assert line_leads.source(0.01).startswith("which")
+
+
+@pytest.mark.slow
+def test_the_line_of_the_rotation_is_left_to_runout(demo, filtered_record):
+    estimate = identify(demo.model, shaken(filtered_record, 7, 1e-5), MaximumLikelihood())
+    assert estimate.status == "rejected"
+    assert not any(s.term.startswith("line ") for s in estimate.suspects)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["no speed", "rad/s given as rpm", "runout of a sensor"])
+def test_a_wrong_speed_is_no_odd_line(what):
+    """Of the right speed's own line nothing is known then, and leaving it out would do as well."""
+    (case,) = (c for c in CASES if c.what == what)
+    for seed in range(2):
+        assert not any(
+            text.startswith("line ") and "below" not in text
+            for text in (*case.run(100 + seed).said,)
+        )
+
+
+def test_the_drop_is_what_a_refit_without_the_line_gains(demo, filtered_record):
+    bad = bind(demo.model, shaken(filtered_record, 3, 2e-8))
+    found = fit(demo.model, [bad], Knowledge(), Nuisances())
+    point = found.solution.point
+    case = Case(found.problem, found.records, point.unknowns, found=point)
+    drops = {line: drop for drop, _, line in line_leads._drops(case)}
+    assert sorted(drops) == [0, 1, 2, 4, 5]  # not the rotation's, 140 Hz
+    worst = max(drops, key=lambda k: drops[k])
+    assert bad.lines.frequency[worst] == 60
+    again = case.reading(lambda records: line_leads.without(records, 0, worst))
+    assert case.point.cost - again.minimized().cost == pytest.approx(drops[worst], rel=0.02)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.49, False), (0.51, True)])
+def test_a_line_that_holds_half_of_the_misfit_is_one_too_many(monkeypatch, share, told):
+    monkeypatch.setattr(line_leads, "_drops", lambda case: iter([(1e3 * share, 0, 1)]))
+    lines = SimpleNamespace(frequency=np.array([20.0, 40.0]))
+    point = SimpleNamespace(cost=1100.0)
+    case = SimpleNamespace(records=[SimpleNamespace(lines=lines)], point=point, expected=100.0)
+    assert len(list(line_leads._line(case))) == told
+
+
+@pytest.mark.parametrize(
+    ("hertz", "hum"),
+    [
+        (50.04, True),
+        (50.06, False),
+        (149.86, True),
+        (59.95, True),
+        (60.07, False),
+        (180.1, True),
+        (25.0, False),
+        (30.0, False),
+        (75.0, False),
+        (90.0, False),
+    ],
+)
+def test_lines_of_the_mains(hertz, hum):
+    """A thousandth beside them, or on their multiples."""
+    assert ("hum of the mains" in line_leads.source(hertz)) == hum
+
+
+def test_lines_of_the_rotation_are_no_odd_ones():
+    """The first three orders, from a quarter of the lines' distance on; and lines of no period."""
+    frequency = 10.0 * np.arange(1, 13) - 2.4
+    lines = SimpleNamespace(frequency=frequency, speed=np.full(12, 2 * np.pi * 30.0), scatter=1)
+    at = SimpleNamespace(problem=SimpleNamespace(equations=1, lines=12), residual=np.ones(24))
+    at.jacobian = lambda: np.zeros((24, 0))
+    known = SimpleNamespace(jacobian=lambda *at: np.zeros((0, 0)))
+    layout = SimpleNamespace(free=np.zeros(0, dtype=int), unknowns=())
+    problem = SimpleNamespace(layout=layout, exact=Relations((), 0), known=known)
+    none = np.zeros(0)
+    point = Point(problem, none, [at], none)
+    case = SimpleNamespace(records=[SimpleNamespace(lines=lines)], point=point)
+    assert [line for *_, line in line_leads._drops(case)] == [0, 1, 3, 4, 6, 7, 9, 10, 11]
+    lines.frequency = frequency - 0.2  # .26 of the distance
+    assert len(list(line_leads._drops(case))) == 12
+
+
+def test_a_line_that_is_left_out_weighs_a_millionth(demo, filtered_record):
+    seen = bind(demo.model, filtered_record)
+    (without,) = line_leads.without([seen], 0, 2)
+    ratio = without.lines.covariance.matrices / seen.lines.covariance.matrices
+    weight = 1 / np.sqrt(np.abs(ratio[:, 0, 0]))
+    assert weight == pytest.approx([1, 1, 1e-6, 1, 1, 1])
+
+
+# One wrong speed among several records: the record is named, and its own speed told.
+
+
+TRUTH = {"m": 2.0, "c": 30.0, "k": 2e5, "xi": 2e-5, "zeta": 1e-5}
+MODEL = load_model("jeffcott")
+NOISE = {"F_x": 0.02, "F_y": 0.02, "x": 1e-7, "y": 1e-7}
+
+
+@pytest.fixture(scope="module")
+def records():
+    """Records at 20, 30 and 40 Hz, whose lines stand at 10 to 70 Hz."""
+    rng = np.random.default_rng(8)
+    found = []
+    for hertz in (20.0, 30.0, 40.0):
+        clean = line_record(
+            MODEL,
+            MODEL.values({**MODEL.nominal, **TRUTH}),
+            np.array([[3 - 4j, 5], [5j, 4 - 3j], [4, -5j], [-3j, 4], [5, 3j], [2j, -4]]),
+            harmonics=(1, 2, 3, 4, 5, 7),
+            fundamental=10.0,
+            sample_rate=2000.0,
+            periods=40,
+            speed=2 * np.pi * hertz,
+        )
+        found.append(add_noise(clean, NOISE, rng))
+    return found
+
+
+def told_otherwise(record, hertz):
+    """Return a record that is said to have turned at another speed."""
+    speed = 2 * np.pi * hertz
+    return replace(record, speed=speed, angle=np.asarray(record.time) * speed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "hertz", "words"),
+    [
+        (2, -40.0, "the rotor of record 3 turning the other way"),
+        (1, 30 * np.pi / 30, "speed of record 2"),  # rad/s taken for rpm
+        (0, 30.0, "a speed of record 1 of 1200 rpm, which the data show"),
+    ],
+)
+def test_the_record_with_a_wrong_speed_is_named(records, number, hertz, words):
+    given = [told_otherwise(r, hertz) if k == number else r for k, r in enumerate(records)]
+    estimate = identify(MODEL, given, MaximumLikelihood())
+    first = estimate.suspects[0]
+    assert (first.term, first.unit) == (f"speed[{number}]", "rad/s")
+    assert first.value == pytest.approx(records[number].speed, rel=1e-6)
+    assert words in estimate.warnings[0]
+    assert f"{records[number].speed * 30 / np.pi:.6g} rpm would do" in estimate.warnings[0]
+
+
+# A wrong bound is a suspect like a wrong value, and what contradicts itself is refused.
+
+
+STIFF = {"m": 2.0, "c": 30.0, "k": 2e5}
+
+
+@pytest.fixture(scope="module")
+def stiff_record():
+    """A rotor on a shaft at 1800 rpm, with little noise."""
+    clean = line_record(
+        MODEL,
+        MODEL.values({**MODEL.nominal, **STIFF}),
+        np.array([[3 - 4j, 5], [5j, 4 - 3j], [4, -5j], [-3j, 4]]),
+        harmonics=(1, 2, 3, 7),
+        fundamental=10.0,
+        sample_rate=2000.0,
+        periods=40,
+        speed=2 * np.pi * 30.0,
+    )
+    noise = {"F_x": 0.02, "F_y": 0.02, "x": 2e-7, "y": 2e-7}
+    return add_noise(clean, noise, np.random.default_rng(3))
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(
+    ("bounds", "term", "value"),
+    [
+        # Without the bound all is said; a force in kilograms would keep it, and explain as much.
+        ({"k": (2.05e5, None)}, "bound k >= 205000", 2e5),
+        ({"c": (None, 20.0)}, "bound c <= 20", 30.0),
+        ({"k/2 - 1e4*m": (None, 7e4)}, "bound k/2 - 1e4*m <= 70000", 8e4),
+        ({"k": (2.05e5, None), "c": (None, 20.0)}, "bound k >= 205000, c <= 20", None),
+    ],
+)
+def test_a_wrong_bound_is_the_first_suspect(stiff_record, bounds, term, value):
+    estimate = identify(MODEL, stiff_record, MaximumLikelihood(bounds=bounds))
+    assert estimate.status == "rejected"
+    first = estimate.suspects[0]
+    assert first.term == term
+    assert first.share > 0.999
+    assert first.value == (None if value is None else pytest.approx(value, rel=2e-3))
+    assert "first suspect" in estimate.warnings[0]
+    assert "check th" in estimate.warnings[0]
+
+
+@pytest.mark.slow
+def test_a_sign_that_the_model_forbids_is_looked_for_in_the_channels(stiff_record):
+    """All forces upside down: a negative rotor would explain it, and m >= 0 is right."""
+    spectra = stiff_record.spectra.copy()
+    spectra[:, :, :2] *= -1
+    bounds = {name: (0.0, None) for name in ("m", "k")}
+    wrong = replace(stiff_record, spectra=spectra)
+    estimate = identify(MODEL, wrong, MaximumLikelihood(bounds=bounds))
+    assert estimate.suspects[0].term == "sign[F_x, F_y]"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("limit", "likely"), [(2e5 / 1.49, True), (2e5 / 1.51, False)])
+def test_a_bound_far_from_what_it_forbids_is_not_the_likeliest_mistake(stiff_record, limit, likely):
+    """A force in other units would keep it, and explain as much."""
+    estimate = identify(MODEL, stiff_record, MaximumLikelihood(bounds={"k": (None, limit)}))
+    assert (estimate.suspects[0].term == f"bound k <= {limit:g}") == likely
+
+
+def test_without_a_bound_held_nothing_is_said_of_bounds(stiff_record):
+    estimator = MaximumLikelihood(fixed={"m": 2.1}, bounds={"k": (1e5, None)})
+    estimate = identify(MODEL, stiff_record, estimator)
+    assert estimate.suspects
+    assert not [s.term for s in estimate.suspects if s.term.startswith("bound")]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            {"fixed": {"m": 2.0}, "constraints": (Constraint("m", 2.0051, 1e-3),)},
+            r"m = 2, fixed, which m = 2.0051 contradicts",
+        ),
+        ({"fixed": {"m": 2.0}, "bounds": {"m": (2.1, None)}}, r"m = 2, fixed, which m >= 2.1"),
+        (
+            {"known": {"m": (3.0, 1e-3)}, "bounds": {"m": (None, 2.5)}},
+            r"m = 3, known with a deviation, which m <= 2.5 contradicts",
+        ),
+    ],
+)
+def test_what_contradicts_itself_is_refused(stiff_record, given, said):
+    with pytest.raises(InputError, match=said) as caught:
+        identify(MODEL, stiff_record, MaximumLikelihood(**given))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"fixed": {"m": 2.0}, "constraints": (Constraint("m", 2.0049, 1e-3),)},
+        {"known": {"m": (2.0, 1e-3)}, "bounds": {"m": (1.9, 2.1), "m*k": (1.0, None)}},
+        {"known": {"m": (2.0, 1e-3)}, "constraints": (Constraint("m", 2.01, 1e-2),)},
+    ],
+)
+def test_what_agrees_is_taken(stiff_record, given):
+    assert identify(MODEL, stiff_record, MaximumLikelihood(**given)).status in ("ok", "rejected")
