@@ -174,7 +174,7 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -
     """Refuse what an experiment file says twice, or too little to tell records apart."""
     _check_records(plans, model.inputs)
     check_modes(file.modes)
-    if file.estimator.runout:
+    if file.estimator.unknown["runout"]:
         check_told(file.records)
 
 

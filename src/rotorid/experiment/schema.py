@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Set
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_validator
+from pydantic import BeforeValidator, Field, StrictBool, StrictInt, create_model, model_validator
 
 from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
 from rotorid.force.channel_dynamics import Constant
 from rotorid.force.entry import LawEntry, LawName, law_keys, stated_constant
+from rotorid.likelihood.unknowns import Nuisances
 
 
 def _quantity(unit: str) -> BeforeValidator:
@@ -548,21 +549,40 @@ class ModeEntry(Schema):
     mode: Annotated[StrictInt | None, Field(ge=1, le=10**6)] = None
 
 
-class EstimatorEntry(Schema):
-    """How to estimate."""
+def _unknown_of_measurement() -> dict[str, Any]:
+    """Return the fields of `Nuisances` as keys of a table; `each` stands at each parameter."""
+    kinds = get_type_hints(Nuisances, include_extras=True)
+    del kinds["each"]
+    return {
+        name: (list[get_args(kind)[0]], Field(default_factory=list))  # type: ignore[misc]
+        if get_origin(kind) is tuple
+        else (kind, getattr(Nuisances, name))
+        for name, kind in kinds.items()
+    }
+
+
+class MethodKeys(Schema):
+    """What says how to compute."""
 
     method: Method | None = None
     free_weight: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 100.0
-    runout: StrictBool = False
-    gains: list[Literal["ki", "ks", "ks*"]] = Field(default_factory=list)
-    delays: list[Literal["force", "position"]] = Field(default_factory=list)
-    force_scale_std: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
+
+
+if TYPE_CHECKING:
+    UnknownKeys = MethodKeys
+else:
+    UnknownKeys = create_model("UnknownKeys", __base__=MethodKeys, **_unknown_of_measurement())
+
+
+class EstimatorEntry(UnknownKeys):
+    """How to estimate."""
+
     effort: Effort = "full"
 
     @property
     def unknown(self) -> dict[str, Any]:
         """What is unknown of the measurement, by its keys."""
-        return self.model_dump(exclude={"method", "free_weight", "effort"})
+        return self.model_dump(include={*_unknown_of_measurement()})
 
 
 OPEN = "?"

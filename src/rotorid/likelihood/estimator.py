@@ -195,20 +195,8 @@ class MaximumLikelihood(Nuisances):
     bounds : mapping of str to (lower, upper)
         Expressions such as ``"2*I_t - I_p"`` kept within bounds; parameters that the model calls
         positive are kept so anyway.
-    runout : bool
-        Each position sensor reads an unknown 1x runout, common to all records.
-    gains : sequence of {"ki", "ks", "ks*"}
-        Constants of the force laws to estimate: the force per current of each input; the force
-        per displacement, one for all or one per input.
-    delays : sequence of {"force", "position"}
-        One unknown delay common to all channels of the kind.
-    each : sequence of str
-        Parameters that every record has to itself: ``u_x[0]``, ``u_x[1]``, names that may stand
-        in `fixed`, `known` and `start` too.
     modes : sequence of Mode
         Measured natural frequencies and damping ratios, beside the records or without any.
-    force_scale_std : float
-        Relative deviation of a scale common to all forces, `scale[force]`; 0 takes it as exact.
     base : bool
         Estimate the base parameters.
     covariance : {"auto", "white", "correlated"}

@@ -12,9 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
-from typing import Literal
+from inspect import cleandoc
+from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
+from pydantic import Field, Strict
 
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
@@ -57,22 +59,47 @@ class Scalar:
 
 @frozen(kw_only=True)
 class Nuisances:
-    """Which constants of the measurement are unknown; `MaximumLikelihood` explains the fields."""
+    """Which constants of the measurement are unknown.
 
-    runout: bool = False
-    gains: tuple[str, ...] = ()
-    delays: tuple[str, ...] = ()
+    Its fields are those of `MaximumLikelihood` too, and, but for `each`, keys of the table
+    ``[estimator]`` of an experiment file, which holds values to the types that stand here.
+
+    Parameters
+    ----------
+    runout : bool
+        Each position sensor reads an unknown 1x runout, common to all records.
+    gains : sequence of {"ki", "ks", "ks*"}
+        Constants of the force laws to estimate: the force per current of each input; the force
+        per displacement, one for all or one per input.
+    delays : sequence of {"force", "position"}
+        One unknown delay common to all channels of the kind.
+    each : sequence of str
+        Parameters that every record has to itself: ``u_x[0]``, ``u_x[1]``, names that may stand
+        in `fixed`, `known` and `start` too.
+    force_scale_std : float
+        Relative deviation of a scale common to all forces, `scale[force]`; 0 takes it as exact.
+    """
+
+    runout: Annotated[bool, Strict()] = False
+    gains: tuple[Literal["ki", "ks", "ks*"], ...] = ()
+    delays: tuple[Literal["force", "position"], ...] = ()
     each: tuple[str, ...] = ()
-    force_scale_std: float = 0.0
+    force_scale_std: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
+
+    def __init_subclass__(cls) -> None:
+        """Describe the fields in the estimator that has them."""
+        told = cleandoc(Nuisances.__doc__ or "").partition("----------\n")[2]
+        own, references, rest = cleandoc(cls.__doc__ or "").partition("\n\nReferences\n")
+        cls.__doc__ = f"{own}\n{told}{references}{rest}"
 
     def __post_init__(self) -> None:
-        for name in ("gains", "delays", "each"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        for given, allowed, key in (
-            (self.gains, ("ki", "ks", "ks*"), "gains"),
-            (self.delays, ("force", "position"), "delays"),
-        ):
-            require_names(given, allowed, cure="name one of these, or leave it out", place=key)
+        for name, kind in get_type_hints(Nuisances).items():
+            if get_origin(kind) is tuple:
+                object.__setattr__(self, name, tuple(getattr(self, name)))
+                allowed = get_args(get_args(kind)[0])  # of a list of any names none
+                given = getattr(self, name) if allowed else ()
+                cure = "name one of these, or leave it out"
+                require_names(given, allowed, cure=cure, place=name)
         if not 0 <= self.force_scale_std < 1:
             raise InputError(
                 f"{self.force_scale_std}",
