@@ -16,6 +16,9 @@ from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
 from rotorid.models.model import fact
 
+ROUNDING = 1e-12
+"""Share of its start below which an unknown is zero: a step to a bound leaves rounding there."""
+
 
 @frozen
 class Layout:
@@ -42,6 +45,11 @@ class Layout:
     @cached_property
     def free(self) -> Integers:
         return np.flatnonzero([not unknown.fixed for unknown in self.unknowns])
+
+    def sizes(self, unknowns: Floats) -> Floats:
+        """Return the size of each unknown: that of its start, where it is zero but for rounding."""
+        size, start = np.abs(unknowns), np.abs(self.start)
+        return np.where(size > ROUNDING * start, size, start)
 
     def places(self) -> Iterator[tuple[Unknown, Integers]]:
         first = self.parameters

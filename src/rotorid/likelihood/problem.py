@@ -179,7 +179,7 @@ class Point:
     @cached_property
     def linear(self) -> Linearized:
         layout, free = self.problem.layout, self.problem.layout.free
-        size = np.abs(self.unknowns[free])
+        size = layout.sizes(self.unknowns)[free]
         typical = np.where(size > 0, size, 1.0)
         relations = self.problem.exact.jacobian(self.unknowns)[:, free]
         shifts = np.array([layout.unknowns[i].additive for i in free], dtype=bool)

@@ -377,8 +377,8 @@ def _same(problem: Problem, one: Floats, other: Floats) -> bool:
 
 
 def bounds_held(problem: Problem, unknowns: Floats) -> tuple[int, ...]:
-    bounds = problem.bounds
-    reached = bounds.values(unknowns) <= HELD * bounds.sizes(unknowns)
+    bounds, sizes = problem.bounds, problem.layout.sizes(unknowns)
+    reached = bounds.values(unknowns) <= HELD * bounds.sizes(sizes)
     return tuple(int(i) for i in np.flatnonzero(reached))
 
 

@@ -597,7 +597,8 @@ def test_a_bound_holds_where_it_is_reached_but_for_rounding(distance, held) -> N
     bounds = SimpleNamespace(
         values=lambda x: np.array([5.0 * distance]), sizes=lambda x: np.array([5.0])
     )
-    assert bounds_held(SimpleNamespace(bounds=bounds), np.ones(1)) == held
+    problem = SimpleNamespace(bounds=bounds, layout=SimpleNamespace(sizes=np.abs))
+    assert bounds_held(problem, np.ones(1)) == held
 
 
 @pytest.mark.parametrize(("deviations", "seen"), [(2.9, False), (3.1, True)])

@@ -259,6 +259,20 @@ def test_four_steps_lead_back_to_the_floor_of_a_valley(
     assert (radius == 4.0) == at_once  # a step that is good at once makes the next one longer
 
 
+@pytest.mark.parametrize(("share", "held"), [(0.0, True), (0.9e-12, True), (1.1e-12, False)])
+def test_what_a_step_to_a_bound_of_zero_leaves_is_zero(share, held):
+    """Exactly 0 and the rounding of the start are one answer: at the bound, and determined.
+
+    Of more the size counts: the whole value moves the residual by no more than rounding.
+    """
+    problem = problem_of(rotor_case(SETTINGS["8 sensors, +-40 %"], 0))
+    free, unknowns = problem.layout.free.tolist(), problem.layout.start.copy()
+    mass = problem.layout.index["m2"]
+    unknowns[mass] *= share
+    assert bool(solver.bounds_held(problem, unknowns)) == held
+    assert problem.at(unknowns).linear.undetermined[free.index(mass)] != held
+
+
 @pytest.mark.parametrize(("off", "same"), [(0.0099, True), (0.0101, False)])
 def test_ways_join_within_a_hundredth_of_each_unknown_but_what_is_linear(off, same) -> None:
     problem = SimpleNamespace(rigid=np.array([0, 1]))
