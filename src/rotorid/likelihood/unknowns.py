@@ -70,7 +70,8 @@ class Nuisances:
         Each position sensor reads an unknown 1x runout, common to all records.
     gains : sequence of {"ki", "ks", "ks*"}
         Constants of the force laws to estimate: the force per current of each input; the force
-        per displacement, one for all or one per input.
+        per displacement, one for all inputs whose laws state the same (those of a bearing), or one
+        per input.
     delays : sequence of {"force", "position"}
         One unknown delay common to all channels of the kind.
     each : sequence of str
@@ -400,7 +401,8 @@ def _bend(term: str, unit: str, names: Sequence[str], shape: Callable[[Floats], 
 def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return ki, the force per current of an input, or per unit of its channel, and ks.
 
-    That is the force per displacement, one for all inputs (``ks``) or one per input (``ks*``).
+    That is the force per displacement, one for the inputs whose laws state the same (``ks``) or one
+    per input (``ks*``).
     """
     inputs = _inputs(records)
     asked = {"ki", "ks", "ks*"} if wanted is None else {*wanted.gains}
@@ -416,12 +418,17 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     for name in inputs if "ki" in asked else ():
         unit, ki = ("N/A", driven[name].ki) if name in driven else ("1", 1.0)
         found.append(_driving("ki", f"ki[{name}]", unit, ki, [name]))
-    if "ks" in asked and driven:
-        mean = float(np.mean([drive.ks for drive in driven.values()]))
-        found.append(replace(_driving("ks", "ks", "N/m", mean, driven), rival="term"))
-    for name, drive in driven.items() if "ks*" in asked else ():
-        one = _driving("ks", f"ks[{name}]", "N/m", drive.ks, [name])
-        found.append(replace(one, rival="term", alternative_to="ks" if len(driven) > 1 else ""))
+    alike: dict[float, list[str]] = {}
+    for name, drive in driven.items():
+        alike.setdefault(drive.ks, []).append(name)
+    for ks, names in alike.items():
+        together = "ks" if len(alike) == 1 else f"ks[{', '.join(names)}]"
+        if "ks" in asked:
+            found.append(replace(_driving("ks", together, "N/m", ks, names), rival="term"))
+        if "ks*" in asked and not ("ks" in asked and len(names) == 1 < len(alike)):
+            each = [_driving("ks", f"ks[{name}]", "N/m", ks, [name]) for name in names]
+            other = together if len(names) > 1 else ""
+            found += [replace(one, rival="term", alternative_to=other) for one in each]
     return found
 
 

@@ -223,8 +223,8 @@ class Machine:
         """Return ki and ks of an input: as they were identified, else as known, else NaN."""
         values = dict(zip(self.names, self.values.tolist(), strict=True))
         ki, ks = known.get(name, (np.nan, np.nan))
-        ki = values.get(f"ki[{name}]", ki)
-        return ki, values.get(f"ks[{name}]", values.get("ks", ks))
+        several = (v for n, v in values.items() if n[:3] == "ks[" and name in n[3:-1].split(", "))
+        return values.get(f"ki[{name}]", ki), next(several, values.get("ks", ks))
 
     @property
     def spread(self) -> Floats:

@@ -142,6 +142,38 @@ def test_force_slope_of_each_input(levitated):
     assert estimate["ks[F_x1]"].unit == "N/m"
 
 
+def test_force_slope_of_each_bearing(levitated):
+    """Inputs whose laws state the same have one in common; two bearings that differ, two."""
+    truth, model = levitated.truth, levitated.machine.model
+    rng = np.random.default_rng(36)
+    records = [
+        on_half(levitated.noisy(levitated.record(hertz), rng), ("F_x3", "F_y3"))
+        for hertz in (140.0, 100.0)
+    ]
+    total = Constraint("m1 + m2 + m3", sum(truth[name] for name in ("m1", "m2", "m3")))
+    estimator = MaximumLikelihood(
+        fixed={"L1": 0.3}, runout=True, gains=("ki", "ks"), constraints=(total,)
+    )
+    estimate = identify(model, records, estimator)
+    assert estimate.status == "ok", estimate.warnings
+    each = {"ks[F_x1, F_y1]": truth["ks"], "ks[F_x3, F_y3]": 2 * truth["ks"]}
+    assert "ks" not in [value.name for value in estimate.parameters]
+    assert_agrees(estimate, {**{n: v for n, v in truth.items() if n != "ks"}, **each})
+
+
+def on_half(record, inputs):
+    """State twice the slope at half the displacement: the same force by another law."""
+
+    def other(channel):
+        if channel.name not in inputs:
+            return channel
+        drive = channel.drive
+        halves = {name: 0.5 * share for name, share in drive.position.items()}
+        return replace(channel, drive=replace(drive, ks=2 * drive.ks, position=halves))
+
+    return replace(record, channels=tuple(other(c) for c in record.channels))
+
+
 def test_known_force_law_is_not_a_nuisance(levitated):
     """Currents with known constants: the displacement in the law is the true one."""
     quiet = replace(levitated, runout={})
