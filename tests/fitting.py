@@ -3,11 +3,11 @@
 from collections import deque
 from collections.abc import Sequence
 
+from rotorid import Model
 from rotorid.data.observation import Observation
 from rotorid.likelihood.fit import CovarianceChoice, Fit, Fitting, answered
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.unknowns import Nuisances
-from rotorid.models import Model
 
 
 def fit(

@@ -18,12 +18,12 @@ from rotor_bank import RATE, noisy_record
 import rotorid as rid
 from rotorid import Drive
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.observation import bind_all
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.solver import Solution, solve
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import critical_speeds
+from rotorid.testing import bind_all
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 OMEGA = 2 * np.pi * 20.0 * np.array(HARMONICS)

@@ -21,9 +21,9 @@ from scipy import signal
 import rotorid as rid
 from rotorid import Channel, InputError
 from rotorid.data.filtered import END, SPILLED, LowPass, read_condition
-from rotorid.data.observation import bind
 from rotorid.linear.regression import SampledRegression
 from rotorid.results.evidence import record_evidence
+from rotorid.testing import bind
 
 # -------------------------------------------------------------------------------------------------
 # Nonlinear models on records without periods: filtered samples, from Python.

@@ -8,7 +8,7 @@ import pytest
 import rotorid as rid
 from rotorid.answer.identify import by_name
 from rotorid.core.linalg import SENSORS, sensor_rank
-from rotorid.data.observation import bind
+from rotorid.testing import bind
 
 MODEL = rid.load_model("jeffcott")
 METHODS = ("ls", "batch", "sequential", "ml")

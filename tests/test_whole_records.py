@@ -10,9 +10,9 @@ from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 
 import rotorid as rid
 from rotorid import InputError, cli
-from rotorid.data.observation import bind_all
 from rotorid.experiment.duplicates import ALIKE, LARGE, SAME_SPEED, TURNED, Wave, check_rotation
 from rotorid.likelihood.unknowns import Nuisances, phases
+from rotorid.testing import bind_all
 
 EXPERIMENT = """
 model = "jeffcott"

@@ -1,14 +1,31 @@
-"""The weighted solution, its gains and its sandwich, on plain matrices."""
+"""Least squares by weight, by stage, and with what is known."""
+
+from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from bank import ARM, BANK, CHAIN, JEFFCOTT, RIGID, THREE_MASS, TRAIN, Grid, line_response, table
 from sampled_bank import coloured
 from scipy.optimize import brentq
 from scipy.stats import t as student
 
-from rotorid import Channel, PeriodicRecord
+from rotorid import (
+    Batch,
+    Channel,
+    Constraint,
+    InputError,
+    LeastSquares,
+    ModelError,
+    PeriodicRecord,
+    Record,
+    Sequential,
+    average,
+    parse_model,
+)
+from rotorid.linear.estimators import _solve_stages, plan_stages
+from rotorid.linear.family import LeastSquaresProblem
 from rotorid.linear.solve import (
     ALONE,
     BLOCKS,
@@ -24,7 +41,12 @@ from rotorid.linear.solve import (
     scatter_of_blocks,
     solve,
 )
+from rotorid.models.constraints import constraint_polynomial, eliminate
 from rotorid.signals.spectrum import synthesize
+from rotorid.testing import bind_all
+
+# The weighted solution, its gains and its sandwich, on plain matrices.
+
 
 # -------------------------------------------------------------------------------------------------
 # The weighted solution, its gains and its sandwich, on plain matrices.
@@ -310,3 +332,447 @@ def test_halves_differ_by_what_lies_between_them_alone() -> None:
     within = np.concatenate([half - half.mean() for half in np.split(quiet[:, 0], 2)])
     wider = student.isf(student.sf(CHANCE, 1e9), 30) / CHANCE
     assert std == pytest.approx(wider * np.sqrt((within**2).sum() * 32 / 30), rel=1e-3)
+
+
+# Stages derived from the model, and how the error of one goes into the next.
+
+
+def stages_of(problem, constraints=(), **fixed):
+    posed = LeastSquaresProblem.of(
+        bind_all(problem.model, problem.records), {**problem.known, **fixed}, constraints
+    )
+    names = posed.names
+    return [(rows, [names[u] for u in unknowns]) for rows, unknowns in plan_stages(posed)]
+
+
+def test_stages_of_the_seed():
+    """The paper's (10) and (11)."""
+    first, second = stages_of(THREE_MASS)
+    assert first == ([0, 1, 6, 7], ["m1", "m3", "k1", "k1*L1", "k2", "k2*L2"])
+    assert second[0] == [2, 3, 4, 5]
+    assert set(first[1]) | set(second[1]) == set(THREE_MASS.base)
+    assert not set(first[1]) & set(second[1])
+
+
+def test_a_stage_for_each_mass_of_a_train():
+    assert stages_of(TRAIN) == [([2], ["a", "k"]), ([1], ["b", "h"]), ([0], ["c", "d"])]
+
+
+def test_rows_without_an_input_of_their_own():
+    assert stages_of(CHAIN) == [([0], ["m_1", "k", "k_3"]), ([1], ["m_2"])]
+    assert stages_of(RIGID) == [([0, 1, 2, 3], list(RIGID.base))]
+
+
+def test_fixed_values_and_constraints_move_unknowns():
+    # A known spring drives the second mass as an input does.
+    assert stages_of(TRAIN, k=3000.0) == [([1, 2], ["a", "b", "h"]), ([0], ["c", "d"])]
+    # b = 2 a, eliminated, leaves a in the rows of both
+    found = stages_of(TRAIN, [Constraint("b - 2*a", 0.0)])
+    assert found in (
+        [([2], ["a", "k"]), ([1], ["h"]), ([0], ["c", "d"])],
+        [([2], ["b", "k"]), ([1], ["h"]), ([0], ["c", "d"])],
+    )
+
+
+def test_a_stage_takes_in_the_rows_that_tell_its_unknowns_apart():
+    """a and b act through the same column of the driven row; the free row separates them."""
+    text = table(
+        "t",
+        ["m*x'' + (a + b)*x = F", "n*y'' + a*y + b*x = 0"],
+        coordinates={"x": "m", "y": "m"},
+        inputs={"F": "N"},
+        parameters={"m": "kg", "n": "kg", "a": "N/m", "b": "N/m"},
+    )
+    truth = {"m": 2.0, "n": 1.0, "a": 500.0, "b": 300.0}
+
+    def columns(p, grid):
+        M, K = np.diag([p.m, p.n]), np.array([[p.a + p.b, 0], [p.b, p.a]])
+        u = np.cos(grid.omega * grid.time) + np.sin(2 * grid.omega * grid.time)
+        right = np.column_stack([u, 0 * u])
+        q = line_response(grid, (1, 2), lambda w: K - w**2 * M + 0j, right)
+        return {"F": u, "x": q[:, 0], "y": q[:, 1]}
+
+    problem = replace(
+        TRAIN, text=text, truth=truth, columns=columns, harmonics=(1, 2), base=("m", "n", "a", "b")
+    )
+    assert stages_of(problem) == [([0, 1], ["m", "n", "a", "b"])]
+    estimate = Sequential().estimate(problem.model, problem.records)
+    for name, value in truth.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-9)
+
+
+def confounded(second):
+    """Return a model whose first stage cannot tell c from g at one speed; `second` is row 2."""
+    text = table(
+        "t",
+        ["a*x'' + c*x' + g*Omega*x' + k*(x - y) = u", f"b*y'' + {second} + k*(y - x) = 0"],
+        coordinates={"x": "m", "y": "m"},
+        inputs={"u": "N"},
+        parameters={"a": "kg", "b": "kg", "c": "N s/m", "g": "N s^2/m", "k": "N/m"},
+    )
+    truth = {"a": 1.0, "b": 2.0, "c": 7.0, "g": 0.2, "k": 900.0}
+
+    def columns(p, grid):
+        below = p.g * grid.speed if "Omega" in second else 0.0 if second == "0" else p.c
+        M, D = np.diag([p.a, p.b]), np.diag([p.c + p.g * grid.speed, below])
+        K = p.k * np.array([[1, -1], [-1, 1]])
+        u = np.cos(2 * grid.omega * grid.time) + np.cos(3 * grid.omega * grid.time)
+        right = np.column_stack([u, 0 * u])
+        q = line_response(grid, (2, 3), lambda w: K + 1j * w * D - w**2 * M, right)
+        return {"u": u, "x": q[:, 0], "y": q[:, 1]}
+
+    return replace(
+        TRAIN,
+        text=text,
+        truth=truth,
+        columns=columns,
+        grids=(Grid(turns=4),),
+        harmonics=(2, 3),
+        base=("a", "b", "c", "g", "k"),
+    )
+
+
+@pytest.mark.parametrize("method", [Sequential, Batch], ids=lambda m: m.__name__)
+def test_what_one_stage_leaves_open_and_no_other_determines(method):
+    problem = confounded("0")
+    estimate = method().estimate(problem.model, problem.records)
+    assert estimate.status == "not_identifiable"
+    assert "not identifiable: c, g are determined only together" in estimate.warnings
+    assert np.isnan([estimate.value("c"), estimate.value("g")]).all()
+    for name in "abk":
+        assert estimate.value(name) == pytest.approx(problem.truth[name], rel=1e-9)
+
+
+@pytest.mark.parametrize("second", ["c*y'", "g*Omega*y'"])
+@pytest.mark.parametrize("method", [Sequential, Batch], ids=lambda m: m.__name__)
+def test_what_one_stage_leaves_open_is_no_zero_in_the_next(method, second):
+    """Row 2 tells c from g; the rows of the first stage wait for it."""
+    problem = confounded(second)
+    assert stages_of(problem) == [([0], ["a", "c", "g", "k"]), ([1], ["b"])]
+    estimate = method().estimate(problem.model, problem.records)
+    assert estimate.status == "ok"
+    assert estimate.warnings == ()
+    for name, value in problem.truth.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-9)
+
+
+def test_two_stages_by_hand():
+    """(5) and (6) with numpy.linalg.lstsq: forces weigh stage 1, transmitted forces stage 2."""
+    clean = CHAIN.record(periods=2)
+    noise = dict(zip(clean.names, 0.01 * clean.samples.std(axis=0), strict=True))
+    record = CHAIN.periodic(periods=40, noise=noise, rng=np.random.default_rng(1))
+    found = Sequential().estimate(CHAIN.model, [record])
+
+    grid, keep = Grid(), list(CHAIN.harmonics)
+    omega = grid.omega * np.arange(grid.samples // 2 + 1)
+
+    def filtered(x, order=0):
+        spectrum = np.fft.rfft(x, axis=-1)
+        masked = np.zeros_like(spectrum)
+        masked[..., keep] = spectrum[..., keep]
+        return np.fft.irfft((1j * omega) ** order * masked, grid.samples, axis=-1)
+
+    F, x1, x2 = (record.mean[:, record.index(n)] for n in ("F", "x1", "x2"))
+    stretch = filtered(x1) - filtered(x2)
+    columns = np.column_stack([filtered(x1, 2), stretch, filtered(stretch**3)])
+    weight = 1 / np.sqrt(record.variance[:, record.index("F")])
+    m_1, k, k_3 = np.linalg.lstsq(columns * weight[:, None], filtered(F) * weight, rcond=None)[0]
+
+    each = np.fft.irfft(_full(record.spectra, keep, grid.samples), grid.samples, axis=1)
+    own = each[..., record.index("x1")] - each[..., record.index("x2")]
+    transmitted = k * own + k_3 * filtered(own**3)
+    weight = 1 / transmitted.std(axis=0, ddof=1)
+    right = k * stretch + k_3 * filtered(stretch**3)
+    m_2 = np.linalg.lstsq((filtered(x2, 2) * weight)[:, None], right * weight, rcond=None)[0][0]
+    for name, value in {"m_1": m_1, "k": k, "k_3": k_3, "m_2": m_2}.items():
+        assert found.value(name) == pytest.approx(value, rel=1e-7)
+
+
+def _full(spectra, keep, samples):
+    whole = np.zeros((spectra.shape[0], samples // 2 + 1, spectra.shape[2]), dtype=complex)
+    whole[:, keep] = samples * spectra
+    return whole
+
+
+@pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
+@pytest.mark.parametrize("kind", ["batch", "sequential"])
+def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
+    clean = problem.record(periods=2)
+    noise = dict(zip(clean.names, 0.01 * clean.samples.std(axis=0), strict=True))
+    record = problem.periodic(periods=5, noise=noise, rng=np.random.default_rng(2))
+
+    def solve(one):
+        if kind == "batch":
+            return Batch(fixed=problem.known).solve(problem.model, [one])
+        posed = LeastSquaresProblem.of(bind_all(problem.model, [one]), problem.known, ())
+        return posed, _solve_stages(posed, plan_stages(posed))
+
+    posed, before = solve(record)
+    rng = np.random.default_rng(3)
+    inputs = [record.index(name) for name in problem.model.inputs]
+    size = np.abs(record.mean_spectrum[:, inputs]).max(axis=0)
+    change = 1e-6 * size * (rng.standard_normal((len(record.harmonics), len(inputs), 2)) @ [1, 1j])
+    change[record.harmonics == 0] = change[record.harmonics == 0].real
+    spectra = record.spectra.copy()
+    spectra[..., inputs] += change
+    _, after = solve(replace(record, spectra=spectra))
+    target = change @ posed.model.input_matrix.T
+    expected = np.einsum("fkr,kr->f", before.gains[0], target).real
+    scale = np.abs(before.values) * 1e-6
+    np.testing.assert_allclose((after.values - before.values) / scale, expected / scale, atol=5e-3)
+
+
+def test_a_driven_row_without_unknowns():
+    """Row 1 is normalized and known altogether; the other starts from it all the same."""
+    text = table(
+        "t",
+        ["x'' + 3*x' + 50*x = u", "m*y'' + k*(y - x) + 3*y' = 0"],
+        coordinates={"x": "m", "y": "m"},
+        inputs={"u": "N"},
+        parameters={"m": "kg", "k": "N/m"},
+    )
+    truth = {"m": 2.0, "k": 700.0}
+
+    def columns(p, grid):
+        u = np.cos(grid.omega * grid.time) + np.cos(2 * grid.omega * grid.time)
+
+        def stiffness(w):
+            return np.array([[50 + 3j * w - w**2, 0], [-p.k, p.k + 3j * w - p.m * w**2]])
+
+        q = line_response(grid, (1, 2), stiffness, np.column_stack([u, 0 * u]))
+        return {"u": u, "x": q[:, 0], "y": q[:, 1]}
+
+    problem = replace(
+        TRAIN, text=text, truth=truth, columns=columns, harmonics=(1, 2), base=("m", "k")
+    )
+    for method in (Sequential, Batch):
+        estimate = method().estimate(problem.model, problem.records)
+        for name, value in truth.items():
+            assert estimate.value(name) == pytest.approx(value, rel=1e-9)
+
+
+def test_standstill_record_beside_a_turning_one():
+    """Stages come from the structure, not from one record's data."""
+    grids = (Grid(250, 5000.0), Grid(250, 5000.0, turns=7))
+    problem = replace(THREE_MASS, grids=grids)
+    for method in (Sequential, Batch):
+        estimate = method().estimate(problem.model, problem.records)
+        for name, value in problem.true_base.items():
+            assert estimate.value(name) == pytest.approx(value, rel=1e-8)
+
+
+def test_no_stage_at_all():
+    """No input and no known term: nothing to start from."""
+    text = table(
+        "t",
+        ["m*x'' + k*x = 0"],
+        coordinates={"x": "m"},
+        inputs={},
+        parameters={"m": "kg", "k": "N/m"},
+    )
+    record = average(
+        Record([Channel("x")], np.random.default_rng(4).standard_normal((60, 1)), 10.0),
+        period_samples=20,
+        harmonics=[1, 2],
+    )
+    estimate = Sequential().estimate(parse_model(text), [record])
+    assert estimate.status == "not_identifiable"
+    assert np.isnan([v.value for v in estimate.parameters]).all()
+    assert any(w.startswith("not identifiable: m is in no row that") for w in estimate.warnings)
+
+
+# Constraints: eliminated exactly, or refused with the reason.
+
+
+FAMILY = (LeastSquares, Batch, Sequential)
+family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
+
+
+def noisy(problem, periods=20, level=0.02, seed=1):
+    clean = problem.record(periods=2)
+    noise = dict(zip(clean.names, level * clean.samples.std(axis=0), strict=True))
+    return problem.periodic(periods=periods, noise=noise, rng=np.random.default_rng(seed))
+
+
+CONSTRAINTS = [
+    ("m1 + m2 + m3", 12.98878),
+    ("2*m1 - 2*m3 + 1", 1.0),
+    ("k1", 8.8357e5),
+    ("k1*L1^2 + k2*L2^2", 2 * 8.8357e5 * 0.09),
+    ("L1*k1 - k2*L2", 0.0),
+    ("I_t*mu - I_p*mu", -1.3145 / (2 * np.pi * 140) ** 2),
+    ("mu*(I_t - I_p)/3", -1.3145 / (2 * np.pi * 140) ** 2 / 3),
+    ("m1 + k1/1e6", 0.83339 + 0.88357),
+]
+
+
+@pytest.mark.sampled(6)
+@family
+@pytest.mark.parametrize(("expression", "value"), CONSTRAINTS)
+def test_a_constraint_holds_exactly(method, expression, value):
+    constraint = Constraint(expression, value)
+    estimate = method(constraints=(constraint,)).estimate(THREE_MASS.model, [noisy(THREE_MASS)])
+    assert estimate.status == "ok"
+    model = THREE_MASS.model
+    index = {tuple(int(e) for e in m): i for i, m in enumerate(model.monomials)}
+    base = np.array([estimate.value(name) for name in model.base.names])
+    row, offset = np.zeros(len(index)), 0.0
+    for monomial, coefficient in constraint_polynomial(model, constraint).items():
+        if any(monomial):
+            row[index[monomial]] += coefficient
+        else:
+            offset = coefficient
+    weights = np.linalg.lstsq(model.base.gather.T, row, rcond=None)[0]
+    size = np.abs(weights * base).max()
+    assert weights @ base + offset == pytest.approx(value, abs=1e-12 * size)
+    # ... and is known without error: the covariance has no component along it.
+    spread = weights @ estimate.covariance @ weights
+    assert spread <= 1e-20 * size**2
+
+
+@family
+def test_all_constraints_together_on_noise_free_data(method):
+    constraints = tuple(Constraint(e, v) for e, v in CONSTRAINTS[:6])
+    estimate = method(constraints=constraints).estimate(THREE_MASS.model, THREE_MASS.records)
+    for name, value in THREE_MASS.true_base.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-8)
+
+
+def test_the_constrained_minimum_by_lagrange():
+    """min |X theta - b|^2 with row @ theta = value, by the KKT equations."""
+    record = noisy(TRAIN)
+    model = TRAIN.model
+    constraint = Constraint("a + b + c", 4.4)
+    found = LeastSquares(constraints=(constraint,)).estimate(model, [record])
+    problem = LeastSquaresProblem.of(bind_all(model, [record]), {}, ())
+    (regression,) = problem.regressions
+    scale = np.array(list(TRAIN.true_base.values()))
+    design = regression.design * scale
+    matrix = np.concatenate([design.real, design.imag]).reshape(-1, 6)
+    right = np.concatenate([regression.target.real, regression.target.imag]).reshape(-1)
+    row = np.array([1, 1, 1, 0, 0, 0]) * scale
+    kkt = np.block([[matrix.T @ matrix, row[:, None]], [row, 0]])
+    expected = np.linalg.solve(kkt, [*(matrix.T @ right), 4.4])[:6] * scale
+    np.testing.assert_allclose([found.value(n) for n in TRAIN.base], expected, rtol=1e-8)
+
+
+@family
+def test_a_constraint_cures_what_one_line_leaves_open(method):
+    one = replace(JEFFCOTT, harmonics=(4,))
+    plain = method().estimate(one.model, one.records)
+    assert plain.status == "not_identifiable"
+    cured = method(constraints=(Constraint("k - 225000*m", 0.0),))
+    estimate = cured.estimate(one.model, one.records)
+    assert estimate.status == "ok"
+    for name, value in one.true_base.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-8)
+
+
+@family
+def test_constraints_that_leave_nothing_free(method):
+    constraints = tuple(Constraint(n, v) for n, v in TRAIN.truth.items())
+    with pytest.raises(InputError, match="found every parameter constrained"):
+        method(constraints=constraints).estimate(TRAIN.model, TRAIN.records)
+    estimate = method(constraints=constraints[1:]).estimate(TRAIN.model, TRAIN.records)
+    assert estimate.value("a") == pytest.approx(1.0, rel=1e-9)
+
+
+def test_names_of_the_free_unknowns():
+    """The unknown that is kept gives the name, also where another answers to it more."""
+    constraint = Constraint("a - b", 0.0), Constraint("k - 5*h + 2000*c", 0.0)
+    problem = LeastSquaresProblem.of(bind_all(TRAIN.model, TRAIN.records), {}, constraint)
+    elimination = problem.elimination
+    assert len(problem.names) == 4
+    for position, index in enumerate(elimination.kept):
+        assert elimination.basis[index, position] == 1
+        assert elimination.origin[index] == 0
+        assert problem.names[position] == TRAIN.model.base.names[index]
+
+
+@family
+def test_constraints_with_fixed_values(method):
+    """A fixed parameter may stand in a constraint: its value counts."""
+    knowing = method(fixed={"a": 1.0}, constraints=(Constraint("a + b + c", 4.5),))
+    estimate = knowing.estimate(TRAIN.model, TRAIN.records)
+    assert estimate.value("b") + estimate.value("c") == pytest.approx(3.5, rel=1e-12)
+    assert estimate.value("h") == pytest.approx(5000.0, rel=1e-9)
+    fixed = {**RIGID.known, "m": 8.0}
+    lever = Constraint("I_t + m*L_a^2", 0.21 + 8.0 * 0.04)
+    estimate = method(fixed=fixed, constraints=(lever,)).estimate(RIGID.model, RIGID.records)
+    assert estimate.value("I_t") == pytest.approx(0.21, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("constraints", "fixed", "message"),
+    [
+        ([Constraint("m1", 0.8, 0.01)], {}, "m1' with a deviation; expected exact .*; use ml"),
+        ([Constraint("L1", 0.3)], {}, "L1', not linear in the base parameters; .*; use ml"),
+        ([Constraint("k1*L1^2", 1.0)], {}, "not linear in the base parameters"),
+        ([Constraint("I_t*mu", 1.0)], {}, "not linear in the base parameters"),
+        ([Constraint("m1*m2", 1.0)], {}, "not linear in the base parameters"),
+        ([Constraint("m1^2", 1.0)], {}, "not linear in the base parameters"),
+        ([Constraint("m1", 1.0), Constraint("2*m1", 2.0)], {}, "repeat or contradict one another"),
+        ([Constraint("m1", 1.0), Constraint("m1", 2.0)], {}, "repeat or contradict one another"),
+        ([Constraint(f"{i}*m1 + m2", 1.0) for i in range(16)], {}, "repeat or contradict"),
+        ([Constraint("2", 2.0)], {}, "which holds no free parameter"),
+        ([Constraint("m1 - m1", 0.0)], {}, "which holds no free parameter"),
+        ([Constraint("m1", 0.8)], {"m1": 0.8}, "which holds no free parameter"),
+    ],
+)
+@family
+def test_refused_constraints(method, constraints, fixed, message):
+    with pytest.raises(InputError, match=message):
+        method(constraints=tuple(constraints), fixed=fixed).estimate(
+            THREE_MASS.model, THREE_MASS.records
+        )
+
+
+@pytest.mark.parametrize(
+    ("expression", "message"),
+    [
+        ("m1 + q", "unknown name 'q'"),
+        ("m1/m2", "a division by m2, which holds m2"),
+        ("sqrt(m1)", "sqrt of m1"),
+        ("sin(m1)", "sin of m1"),
+        ("x1 + m1", "unknown name 'x1'"),
+        ("m1 +", "found the end of the text"),
+        ("", "found the end of the text"),
+        ("m1 = 3", "found '='"),
+        ("m" * 1000, "unknown name 'mmm"),
+    ],
+)
+def test_texts_that_are_no_polynomial(expression, message):
+    with pytest.raises(ModelError, match=rf"^constraint '.*': .*{message}") as caught:
+        constraint_polynomial(THREE_MASS.model, Constraint(expression, 1.0))
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("value", "std"), [(np.nan, 0.0), (np.inf, 0.0), (1.0, -1.0), (1.0, np.nan), (1.0, np.inf)]
+)
+def test_numbers_of_a_constraint(value, std):
+    with pytest.raises(InputError, match="finite numbers, the deviation not negative"):
+        Constraint("m1", value, std)
+
+
+def test_polynomials():
+    model = TRAIN.model
+    found = constraint_polynomial(model, Constraint("(a + 2*b)^2 - pi*c + 3", 0.0))
+    names = model.parameter_names
+    by_name = {
+        tuple((n, p) for n, p in zip(names, m, strict=True) if p): c for m, c in found.items()
+    }
+    assert by_name == {
+        (("a", 2),): 1,
+        (("a", 1), ("b", 1)): 4,
+        (("b", 2),): 4,
+        (("c", 1),): pytest.approx(-np.pi),
+        (): 3,
+    }
+
+
+def test_no_constraints_is_the_identity():
+    elimination = eliminate(ARM.model, ())
+    np.testing.assert_array_equal(elimination.basis, np.eye(5))
+    np.testing.assert_array_equal(elimination.origin, np.zeros(5))
+    assert elimination.kept == tuple(range(5))

@@ -1,5 +1,8 @@
-"""M, D, G, K, B and g against matrices written by hand, line by line."""
+"""Linear models: matrices, modal coordinates, forces in balance, turned about."""
 
+from __future__ import annotations
+
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -17,11 +20,22 @@ from bank import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from linear_machines import estimate_of
 
+import rotorid as rid
 from rotorid import InputError, ModelError, load_model, parse_model
-from rotorid.data.observation import bind
+from rotorid.answer.unbalance import with_unbalance
+from rotorid.likelihood.rivals_model import find_candidates
 from rotorid.linear.regression import Regression
+from rotorid.models import modal
+from rotorid.models.modal import _scales, eigenmodes, parted
+from rotorid.models.structure import find_structure, force_balance
+from rotorid.results.machine import machine_of
 from rotorid.signals.spectrum import line_spectra
+from rotorid.testing import bind
+
+# M, D, G, K, B and g against matrices written by hand, line by line.
+
 
 SPEEDS = (0.0, 1.0, 2 * np.pi * 140, -300.0)
 LINEAR = [p for p in BANK if p.linear]
@@ -235,3 +249,462 @@ def test_potential_energy_of_the_seed_s_rotor():
 
     q = np.random.default_rng(8).standard_normal(8)
     assert q @ K @ q / 2 == pytest.approx(potential(q), rel=1e-12)
+
+
+# Eigenvalues of the quadratic pencil against closed forms and numpy's.
+
+
+CHAIN_M = np.diag([2.0, 3.0, 1.5])
+CHAIN_K = np.array([[1.5e6, -1e6, 0], [-1e6, 3e6, -2e6], [0, -2e6, 2e6]])
+CHAIN_D = np.array([[30.0, -20, 0], [-20, 45, -25], [0, -25, 25]])
+
+
+def reference(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Return lambda with positive imaginary part, from the state matrix."""
+    n = len(mass)
+    lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    values = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower]))
+    kept = values[values.imag > 1e-3 * np.abs(values).max()]
+    return kept[np.argsort(kept.imag)]
+
+
+def test_eigenvalues_and_vectors_of_a_damped_chain() -> None:
+    found = eigenmodes(CHAIN_M, CHAIN_D, CHAIN_K)
+    np.testing.assert_allclose(found.values, reference(CHAIN_M, CHAIN_D, CHAIN_K), rtol=1e-10)
+    for value, right, left in zip(found.values, found.right, found.left, strict=True):
+        pencil = value**2 * CHAIN_M + value * CHAIN_D + CHAIN_K
+        size = np.abs(value**2 * CHAIN_M).max()
+        assert np.abs(pencil @ right).max() < 1e-10 * size * np.abs(right).max()
+        assert np.abs(left.conj() @ pencil).max() < 1e-10 * size * np.abs(left).max()
+
+
+def test_other_units_and_another_order_of_the_equations_change_nothing() -> None:
+    row, column = np.array([1e6, 1e-5, 1.0]), np.array([1.0, 1e-7, 1e4])
+    order = [2, 0, 1]
+    other = eigenmodes(*((row[:, None] * m * column)[order] for m in (CHAIN_M, CHAIN_D, CHAIN_K)))
+    np.testing.assert_allclose(other.values, reference(CHAIN_M, CHAIN_D, CHAIN_K), rtol=1e-9)
+
+
+def test_the_paper_rotor_at_its_speed() -> None:
+    model = load_model("three-mass")
+    assert model.linear is not None
+    m = model.linear.matrices(model.values(model.nominal), 2 * np.pi * 140)
+    found = eigenmodes(m.M, m.D + 2 * np.pi * 140 * m.G, m.K)
+    hertz = [found.values[group].mean().imag / (2 * np.pi) for group in found.distinct]
+    np.testing.assert_allclose(hertz, [36.85, 175.53, 340.32, 569.29], atol=0.006)  # theory, 1
+    assert [len(group) for group in found.distinct] == [1, 2, 1, 1]
+
+
+def test_rigid_body_modes_and_overdamped_poles_are_no_modes() -> None:
+    free = CHAIN_K - np.diag([5e5, 0, 0])
+    assert len(eigenmodes(CHAIN_M, np.zeros((3, 3)), free).values) == 2
+    single = [np.array([[1.0]]), np.array([[2.1]]), np.array([[1.0]])]
+    assert len(eigenmodes(*single).values) == 0
+    assert len(eigenmodes(single[0], 0.9 * single[1], single[2]).values) == 1
+
+
+def test_a_soft_mode_is_no_rigid_body_mode() -> None:
+    def count(soft: float) -> int:
+        stiffness = CHAIN_K - np.diag([5e5, 0, 0]) + np.diag([soft, 0, 0])
+        return len(eigenmodes(CHAIN_M, np.zeros((3, 3)), stiffness).values)
+
+    assert count(1e-3) == 3
+    assert count(3e-7) == 3  # a share of 3e-14 of the others: FREE is 1e-14
+    assert count(1e-8) == 2  # rounding leaves 1e-10 of a sum of 1e6
+
+
+def test_a_support_that_is_rigid_hides_no_soft_one() -> None:
+    """Beside 1e18 N/m a mode on 400 N/m has a share of 2e-8 of the highest frequency."""
+    stiffness = np.diag([1e18, 400.0])
+    found = eigenmodes(np.eye(2), np.zeros((2, 2)), stiffness)
+    assert found.rigid == 0
+    np.testing.assert_allclose(found.values.imag, [20.0, 1e9], rtol=1e-12)
+
+
+def test_zero_is_a_double_pole_but_where_damping_acts() -> None:
+    free = CHAIN_K - np.diag([5e5, 0, 0])
+    internal = CHAIN_D - np.diag([10.0, 0, 0])
+    assert eigenmodes(CHAIN_M, internal, free).rigid == 2
+    dragged = eigenmodes(CHAIN_M, internal + np.diag([1e-9, 0, 0]), free)  # UNDAMPED: 4e-11 > 1e-12
+    assert (dragged.rigid, len(dragged.real)) == (1, 1)
+    assert eigenmodes(CHAIN_M, internal + np.diag([1e-12, 0, 0]), free).rigid == 2
+
+
+def test_what_counts_as_real_and_as_one() -> None:
+    for imaginary, count in ((1e-4, 1), (1e-9, 0)):
+        ratio = np.sqrt(1 - imaginary**2)
+        damped = [np.array([[1.0]]), np.array([[2 * ratio]]), np.array([[1.0]])]
+        assert len(eigenmodes(*damped).values) == count
+    for apart, count in ((1e-6, 2), (1e-12, 1)):
+        stiffness = np.diag([1e6, 1e6 * (1 + apart)])
+        assert len(eigenmodes(np.eye(2), np.zeros((2, 2)), stiffness).distinct) == count
+
+
+def test_massless_coordinates_have_no_mode() -> None:
+    found = eigenmodes(np.diag([2.0, 0.0]), np.zeros((2, 2)), np.array([[2.0, -1], [-1, 3]]))
+    np.testing.assert_allclose(found.values, [1j * np.sqrt((2 - 1 / 3) / 2)], rtol=1e-10)
+
+
+def test_a_machine_beyond_all_bounds_is_refused() -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="beyond all bounds"):
+        eigenmodes(np.array([[np.inf]]), np.zeros((1, 1)), np.eye(1))
+
+
+def test_coinciding_frequencies_part_as_their_planes_do() -> None:
+    # two planes of one mass; unknowns: their stiffnesses. d omega = dk / (2 m omega), each its own
+    found = eigenmodes(np.diag([2.0, 2.0]), np.zeros((2, 2)), np.diag([8.0, 8.0]))
+    gram = found.left.conj() @ (2 * 2j * np.diag([2.0, 2.0])) @ found.right.T
+    slopes = found.left.conj()[:, None, :] * found.right[None, :, :]
+    away = parted(gram, slopes.astype(complex), np.array([1.0, -0.3])).imag
+    np.testing.assert_allclose(away, [[0, 1 / 8], [1 / 8, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("complex_stiffness", [False, True])
+def test_both_ways_to_the_poles_agree(monkeypatch, complex_stiffness):
+    """M divided by, and the pencil of two matrices, which a coordinate without inertia needs."""
+    model = load_model("three-mass")
+    assert model.linear is not None
+    m = model.linear.matrices(model.values(model.nominal), 2 * np.pi * 140)
+    held = m.K + np.diag([1e4] * 8) * (1 + 0.02j * complex_stiffness)
+    matrices = (m.M, m.D + 2 * np.pi * 140 * m.G + np.diag([3.0] * 8), held)
+    fast = eigenmodes(*matrices)
+    assert modal.eigenvalues(*matrices) == pytest.approx(fast.values, rel=1e-12)
+    monkeypatch.setattr(modal, "REGULAR", 0.0)
+    slow = eigenmodes(*matrices)
+    assert modal.eigenvalues(*matrices) == pytest.approx(slow.values, rel=1e-10)
+    assert fast.values == pytest.approx(slow.values, rel=1e-10)
+    for one, two in zip(fast.right, slow.right, strict=True):
+        assert abs(np.vdot(one, two)) ** 2 == pytest.approx(
+            (np.vdot(one, one) * np.vdot(two, two)).real, rel=1e-9
+        )
+    for value, left in zip(fast.values, fast.left, strict=True):
+        rest = left.conj() @ (value**2 * matrices[0] + value * matrices[1] + matrices[2])
+        assert np.abs(rest).max() < 1e-8 * (np.abs(left) @ np.abs(held)).max()
+    massless = np.diag([1.0, 0.0])
+    found = eigenmodes(massless, np.diag([0.1, 0.0]), np.array([[3.0, -1.0], [-1.0, 1.0]]))
+    assert found.values.imag == pytest.approx(np.sqrt(2 - 0.05**2), rel=1e-12)
+
+
+def test_scaling_goes_as_far_as_it_needs_to() -> None:
+    """A matrix that no scaling levels: a sweep halves what is left; after 8 it is 10 %."""
+    size = np.array([[1.0, 1e12], [0.0, 1.0]])
+    row, column = _scales(size)
+    least = float((row[:, None] * size * column).max(axis=0).min())
+    assert 0.8 < least < 0.95
+
+
+# Forces on a coordinate are told alike however its equation is typed, or it is said why not.
+
+
+PLANES = {
+    "jeffcott": ["x,y"],
+    "rigid": ["x - L_a*theta_y, y + L_a*theta_x", "F_xb,F_yb"],
+    "three-mass": ["x1,y1", "x3,y3"],
+}
+
+
+def rewritten(model: rid.Model, change) -> rid.Model:
+    """Return a model whose equations were changed, as lists of left and right sides."""
+    sides = [tuple(part.strip() for part in text.split("=")) for text in model.texts]
+    text = model.file_text
+    start = text.index("equations = [")
+    head, rest = text[:start], text[text.index("]\n", start) :]
+    made = ",\n".join(f'"{left} = {right}"' for left, right in change(sides))
+    return parse_model(f"{head}equations = [{made}\n{rest}", name=model.name)
+
+
+def times(row: int, factor: str):
+    def change(sides):
+        sides = list(sides)
+        sides[row] = tuple(f"{factor}*({side})" for side in sides[row])
+        return sides
+
+    return change
+
+
+def exchanged(one: int, other: int):
+    def change(sides):
+        sides = list(sides)
+        sides[one], sides[other] = sides[other], sides[one]
+        return sides
+
+    return change
+
+
+def summed(into: int, other: int, share: str = "1"):
+    def change(sides):
+        sides = list(sides)
+        pairs = zip(sides[into], sides[other], strict=True)
+        sides[into] = tuple(f"{a} + {share}*({b})" for a, b in pairs)
+        return sides
+
+    return change
+
+
+def answers(model: rid.Model) -> dict:
+    """Return what is read from the equations as forces: planes, corrections, terms that lack."""
+    estimate = estimate_of(model)
+    planes = {
+        u.plane: u.amount * np.exp(1j * u.angle_rad)
+        for u in with_unbalance(model, estimate).unbalance
+    }
+    found = rid.balance(estimate, PLANES[model.name], "6000 rpm")
+    masses = [c.unbalance_kg_m * np.exp(1j * c.angle_rad) for c in found.corrections]
+    return planes | {"masses": np.array(masses), "rotor": found.rotor_mass, "share": found.share}
+
+
+CHANGES = [
+    *[("jeffcott", times(row, factor)) for row in (0, 1) for factor in ("2", "-1")],
+    *[("jeffcott", times(1, factor)) for factor in ("1000", "0.3")],
+    ("jeffcott", exchanged(0, 1)),
+    ("jeffcott", lambda sides: exchanged(0, 1)(times(0, "-0.001")(sides))),
+    ("rigid", times(0, "-1")),
+    ("rigid", times(3, "1000")),
+    ("rigid", lambda sides: exchanged(0, 1)(exchanged(1, 2)(sides))),
+    *[("three-mass", times(row, "-2.5")) for row in (3, 5)],  # no input in them
+    ("three-mass", lambda sides: times(2, "3")(times(0, "2")(sides))),
+]
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize(("name", "change"), CHANGES)
+def test_a_factor_an_order_and_a_sign_change_nothing(name, change):
+    model = rid.load_model(name)
+    wanted, found = answers(model), answers(rewritten(model, change))
+    assert found.keys() == wanted.keys()
+    for key, value in wanted.items():
+        assert found[key] == pytest.approx(value, rel=1e-6, abs=1e-12), key
+
+
+@pytest.mark.parametrize("name", ["jeffcott", "three-mass"])
+def test_a_result_by_base_parameters_tells_the_same(name):
+    model = rid.load_model(name)
+    told = []
+    for each in (model, rewritten(model, times(1, "-2"))):
+        base = each.base_values([each.nominal[n] for n in each.parameter_names])
+        values = [rid.Value(n, "1", float(v)) for n, v in zip(each.base.names, base, strict=True)]
+        told.append(with_unbalance(each, rid.Estimate(name, "ls", "ok", tuple(values))).unbalance)
+    assert [u.plane for u in told[0]] == [u.plane for u in told[1]]
+    assert [u.amount for u in told[1]] == pytest.approx([u.amount for u in told[0]], rel=1e-9)
+    assert told[0]
+
+
+SUMS = [
+    ("jeffcott", summed(0, 1), "holds inertia that equation 2 does not"),
+    ("jeffcott", summed(1, 0, "-0.5"), "holds inertia that equation 1 does not"),
+    ("three-mass", summed(0, 2), "holds inertia that equation 3 does not"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "told"), SUMS)
+def test_sums_of_equations_are_refused_with_a_cure(name, change, told):
+    model = rewritten(rid.load_model(name), change)
+    with pytest.raises(rid.InputError, match=f"{told}.*write that equation as the force on x"):
+        rid.balance(estimate_of(model), PLANES[name][:1], "6000 rpm")
+    if name == "jeffcott":
+        assert with_unbalance(model, estimate_of(model)).unbalance == ()
+        assert told in with_unbalance(model, estimate_of(model)).notes[0].found
+
+
+def test_what_an_input_does_needs_no_coordinate():
+    wanted = answers(rid.load_model("jeffcott"))["masses"]
+    model = rewritten(rid.load_model("jeffcott"), summed(0, 1))
+    found = rid.balance(estimate_of(model), ["F_x,F_y"], "6000 rpm").corrections[0]
+    amount = found.unbalance_kg_m * np.exp(1j * found.angle_rad)
+    assert amount == pytest.approx(wanted[0], rel=1e-6)
+
+
+UNITS = {"F": "N", "i": "A", "m": "kg", "k": "N/m", "ki": "N/A", "u": "kg m"}
+UNITS |= {"w": "1/s^2", "b": "1/kg", "e": "m"}
+
+
+def one_of(*equations: str) -> rid.Model:
+    """Return a model of what stands in some equations."""
+    held = {name for text in equations for name in re.findall(r"\b[a-zA-Z]+", text)}
+
+    def table(names):
+        return ", ".join(f'{n} = {{ unit = "{UNITS[n]}" }}' for n in names if n in held)
+
+    inputs = ", ".join(f'{n} = "{UNITS[n]}"' for n in ("F", "i") if n in held)
+    places = ", ".join(f'{n} = "m"' for n in ("x", "y") if n in held)
+    return parse_model(f"""
+title = "one"
+equations = {list(equations)}
+coordinates = {{ {places} }}
+inputs = {{ {inputs} }}
+parameters = {{ {table([*UNITS][2:])} }}""")
+
+
+TURNING = "Omega^2*cos(phi)"
+
+
+@pytest.mark.parametrize(
+    ("equation", "scale"),
+    [
+        (f"m*x'' + k*x = F + u*{TURNING}", 1),
+        (f"-m*x'' - k*x = -F - u*{TURNING}", -1),
+        (f"m*x'' + k*x = -F + u*{TURNING}", 1),  # a sensor of force the other way
+        (f"m*x'' + k*x = 2*F + u*{TURNING}", 1),  # two magnets
+        (f"m*x'' + 2*k*x = 0.5*F + u*{TURNING}", 1),
+        (f"2*m*x'' + 2*k*x = F + 2*u*{TURNING}", 1),  # half the mass is asked for
+        (f"2*m*x'' + 4*k*x = 2*F + 2*u*{TURNING}", 2),
+        (f"1.37*(m*x'' + 2*k*x - F - u*{TURNING}) = 0", 1.37),
+        (f"m*x'' + k*x = 50*i + u*{TURNING}", 1),
+        (f"m*x'' + k*x = ki*i + u*{TURNING}", 1),
+        (f"m*x'' + k*x = 2*ki*i + u*{TURNING}", 1),
+        (f"3*m*x'' + 3*k*x = 3*ki*i + 3*u*{TURNING}", 3),
+        (f"m*x'' + 2*k*x = u*{TURNING}", 1),
+        (f"0.5*m*x'' + k*x = 0.5*u*{TURNING}", 1),  # half a rotor
+        (f"2*x'' + 2e4*x = F + u*{TURNING}", 1),
+    ],
+)
+def test_what_was_typed_tells_the_scale(equation, scale):
+    model = one_of(equation)
+    found = force_balance(model, np.array([[np.sign(scale) * 2.0]]))
+    assert not found.faults
+    assert found.scales == pytest.approx([scale])
+    fixed = model.substitute({name: 3.7 for name in model.parameter_names})
+    assert force_balance(fixed, np.array([[np.sign(scale) * 2.5]])).scales == pytest.approx([scale])
+
+
+@pytest.mark.parametrize(
+    ("equation", "told"),
+    [
+        (f"2*m*x'' + 2*k*x = 2*u*{TURNING}", "the balance of forces times 2"),
+        (f"2*m*x'' + k*x = 2*F + 2*u*{TURNING}", "the balance of forces times 2"),
+        (f"2*m*x'' + 3*k*x = 2*F + 2*u*{TURNING}", "the balance of forces times 2"),
+        (f"x'' + w*x = b*F + e*{TURNING}", "whose terms are in m s^-2"),
+    ],
+)
+def test_what_does_not_tell_the_scale_is_said(equation, told):
+    found = force_balance(one_of(equation), np.array([[2.0]]))
+    assert told in found.faults[0]
+
+
+def test_numbers_alone_do_not_tell_a_multiple():
+    found = force_balance(one_of("4*x'' + 4e4*x = 2*F", "m*y'' + k*y = 0"), np.eye(2))
+    assert found.faults == {0: "equation 1, which may be the balance of forces times 2"}
+
+
+def test_a_spring_that_pulls_unlike_is_told():
+    model = one_of("m*x'' + k*(x - y) = F", "m*y'' + 2*k*(y - x) = 0")
+    found = force_balance(model, np.eye(2))
+    assert "couple x and y unlike (2 to 1)" in found.faults[0]
+
+
+def test_terms_that_lack_have_the_size_that_they_have_at_the_coordinate():
+    model = rid.load_model("jeffcott")
+    doubled = rewritten(model, times(1, "2"))
+    values = np.array([model.nominal[name] for name in model.parameter_names])
+    plain, twice = (find_structure(each, values, 500.0) for each in (model, doubled))
+    candidates = [
+        {c.name: c for c in find_candidates(s, ["m", "m"]) if c.name.endswith("x, y")}
+        for s in (plain, twice)
+    ]
+    assert candidates[0].keys() == candidates[1].keys() >= {"mass at x, y", "load at x, y"}
+    for name, one in candidates[0].items():
+        found, expected = candidates[1][name].effects, one.effects
+        sizes = [each.coefficient * (1 + (each.row == 1)) for each in expected]
+        assert [each.coefficient for each in found] == pytest.approx(sizes)
+        places = [replace(each, coefficient=1.0) for each in expected]
+        assert [replace(each, coefficient=1.0) for each in found] == places
+
+
+def test_nothing_is_said_of_a_place_whose_forces_no_equation_tells():
+    model = rewritten(rid.load_model("jeffcott"), summed(0, 1))
+    values = np.array([model.nominal[name] for name in model.parameter_names])
+    found = find_candidates(find_structure(model, values, 500.0), ["m", "m"])
+    assert not [c.name for c in found if c.name.startswith(("mass at", "load at", "stiffness to"))]
+
+
+# What turns with the rotor: the line of a load once per revolution, against closed forms.
+
+
+FILE = """
+title = "a mass with an unbalance, and something more"
+equations = ["m*x'' + c*x' + k*x = F + Omega^2*u*cos(phi + 0.5) + {more}"]
+coordinates = {{ x = "m" }}
+inputs = {{ F = "N" }}
+parameters = {{ m = {{ unit = "kg", nominal = 2.0 }}, c = {{ unit = "N s/m", nominal = 30.0 }}, \
+k = {{ unit = "N/m", nominal = 2e5 }}, u = {{ unit = "kg m", nominal = 4e-5 }}, \
+b = {{ unit = "{unit}", nominal = 3e-5 }} }}
+"""
+
+
+def model_with(more: str, unit: str = "kg m") -> rid.Model:
+    return parse_model(FILE.format(more=more, unit=unit))
+
+
+def load_of(model: rid.Model, speed: float) -> complex:
+    """Return the load of the model at its nominal values: that of one row."""
+    found, _ = machine_of(model).load(speed)
+    return complex(found[0])
+
+
+def unbalance_at(model: rid.Model) -> complex:
+    values = tuple(rid.Value(p.name, p.unit, p.nominal, 1e-9) for p in model.parameters)
+    spread = 1e-18 * np.eye(len(values))
+    (found,) = with_unbalance(
+        model, rid.Estimate("m", "ml", "ok", values, covariance=spread)
+    ).unbalance
+    return found.amount * np.exp(1j * found.angle_rad)
+
+
+BESIDE = [
+    "b*Omega^2*cos(2*phi)",
+    "b*Omega^2*sin(15*phi)",  # blades
+    "b*Omega^2*cos(17*phi + 1)",
+    "b*Omega^2*cos(63*phi)",
+    "b*Omega^2*cos(255*phi)",
+    "b*Omega^2*cos(1.5*phi)",  # the shaft of a gear
+    "b*Omega^2*cos(2.5*phi + 0.2)",
+    "b*Omega^2*sin(0.98*phi)",  # a motor that slips
+    "b*Omega^2*cos(pi*phi)",
+    "b*Omega^2*cos(1.0035*phi)",
+    "b*Omega^2*cos(50*t)",  # not from the same zero, and turning as fast at 50 rad/s
+    "b*Omega^2",
+]
+
+
+@pytest.mark.parametrize("more", BESIDE)
+def test_what_turns_at_another_rate_is_no_unbalance(more):
+    model = model_with(more)
+    wanted = 4e-5 * np.exp(0.5j)
+    near = 2e-3 if "1.0035" in more else 1e-7
+    assert unbalance_at(model) == pytest.approx(wanted, rel=near)
+    for speed in (50.0, -30.0):
+        assert load_of(model, speed) == pytest.approx(wanted * speed**2, rel=near)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("cos(phi)", 1),
+        ("sin(phi)", -1j),
+        ("cos(phi)^3", 0.75),
+        ("sin(phi)*cos(2*phi)", 0.5j),
+        ("Omega*cos(phi - 1)", 7 * np.exp(-1j)),
+        ("cos(phi)*cos(1.5*phi)^2", 0.5),  # 1 and two others: cos^2 = (1 + cos(3 phi))/2
+    ],
+)
+def test_products_and_powers(text, wanted):
+    model = model_with(f"b*{text}", "N")
+    assert load_of(model, 7.0) == pytest.approx(4e-5 * 49 * np.exp(0.5j) + 3e-5 * wanted, rel=1e-9)
+
+
+def test_what_has_no_number_is_refused_where_it_is_needed():
+    model = model_with("b*cos(phi)/Omega", "N rad/s")
+    assert np.isfinite(load_of(model, 1.0))
+    with pytest.raises(rid.InputError, match="without a finite value at the speed 0"):
+        load_of(model, 0.0)
+
+
+@pytest.mark.parametrize("text", ["cos(Omega*t)", "sin(2*Omega*t + 0.3)", "cos(phi - Omega*t/3)"])
+def test_a_rotation_counted_from_the_record_is_refused(text):
+    with pytest.raises(rid.InputError, match=r"equation 1: found .*a load that turns.*write phi"):
+        model_with(f"b*Omega^2*{text}")
+
+
+@pytest.mark.parametrize("text", ["cos(314*t)", "exp(-3*t)*sin(phi)"])
+def test_loads_of_the_time_are_loads(text):
+    assert model_with(f"b*Omega^2*{text}").parameter_names[-1] == "b"

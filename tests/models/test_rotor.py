@@ -12,7 +12,6 @@ from rotor_files import random_rotor, uniform
 import rotorid as rid
 import rotorid.models
 from rotorid.commands.files import models
-from rotorid.data.observation import bind_all
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import starts as reduction
@@ -22,7 +21,7 @@ from rotorid.models.modal import eigenmodes
 from rotorid.models.rotor.fem import Beam, bending, points_of
 from rotorid.models.rotor.rotor_model import inertia
 from rotorid.report.drawn import drawing
-from rotorid.testing import add_noise, line_record
+from rotorid.testing import add_noise, bind_all, line_record
 
 BETA = (4.730040744862704, 7.853204624095838, 10.995607838001671)
 SENSORS = ["x_a", "y_a", "x_b", "y_b"]

@@ -1,4 +1,6 @@
-"""Correction masses and what they leave, held against closed forms and draws."""
+"""Balancing, trial masses, and where results of an estimate turn over."""
+
+from __future__ import annotations
 
 import json
 import time
@@ -6,13 +8,20 @@ import time
 import numpy as np
 import pytest
 from linear_machines import SUPPORTED, estimate_of, model_of
+from scipy.optimize import brentq
 
 import rotorid as rid
-from rotorid import cli
+from rotorid import InputError, cli
 from rotorid.answer.estimate import Evidence, RecordEvidence
 from rotorid.core.distributions import bound_of_length
-from rotorid.results.balancing import Balance, Masses, chosen, rotor_mass
+from rotorid.results import machine
+from rotorid.results.balancing import Balance, Masses, _nearest, _too_coarse, chosen, rotor_mass
+from rotorid.results.export import _solved
 from rotorid.results.machine import machine_of
+from rotorid.results.modes import whirl_of
+
+# Correction masses and what they leave, held against closed forms and draws.
+
 
 ENDS = ["F_xa,F_ya", "F_xb,F_yb"]
 UNBALANCE = ("xi", "zeta", "mu", "eta")
@@ -439,3 +448,227 @@ def known_rigid() -> rid.Estimate:
     found = [rid.Value(p.name, p.unit, p.nominal, 1e-3 * p.nominal) for p in model.parameters]
     spread = np.diag([value.std**2 for value in found])
     return rid.Estimate("rigid", "ml", "ok", tuple(found), covariance=spread)
+
+
+# From two runs, one with a trial mass, to the correction: by the command line alone.
+
+
+MODEL = """
+title = "Jeffcott rotor with a trial plane"
+equations = [
+  "m*x'' + c*x' + k*x = ki*i_x + Omega^2*((u_x + t_x)*cos(phi) - (u_y + t_y)*sin(phi))",
+  "m*y'' + c*y' + k*y = ki*i_y + Omega^2*((u_x + t_x)*sin(phi) + (u_y + t_y)*cos(phi))",
+]
+[coordinates]
+x = "m"
+y = "m"
+[inputs]
+i_x = "A"
+i_y = "A"
+[parameters]
+ki = { unit = "N/A", nominal = 100.0, positive = true }
+m = { unit = "kg", nominal = 4.0, positive = true }
+c = { unit = "N s/m", nominal = 80.0, positive = true }
+k = { unit = "N/m", nominal = 8e5, positive = true }
+u_x = { unit = "kg m", nominal = 0 }
+u_y = { unit = "kg m", nominal = 0 }
+t_x = { unit = "kg m", nominal = 0 }
+t_y = { unit = "kg m", nominal = 0 }
+"""
+EXPERIMENT = """
+model = "rotor.toml"
+[[records]]
+file = "bare.csv"
+sample_rate = "1 kHz"
+fundamental = "10 Hz"
+harmonics = [1, 3, 5, 7, 8, 9]
+speed = "3000 rpm"
+phase = "0 deg"
+"""
+TRIAL = """
+[[records]]
+file = "trial.csv"
+sample_rate = "1 kHz"
+fundamental = "10 Hz"
+harmonics = [1, 3, 5, 7, 8, 9]
+speed = "3000 rpm"
+phase = "0 deg"
+[records.parameters]
+t_x = { fixed = "0 g mm" }
+t_y = { fixed = "150 g mm" }
+"""
+REST = """
+[channels]
+i_x = { column = "ix", unit = "mA" }
+i_y = { column = "iy", unit = "mA" }
+x = { column = "x", unit = "um" }
+y = { column = "y", unit = "um" }
+[parameters]
+t_x = { fixed = "0 g mm" }
+t_y = { fixed = "0 g mm" }
+"""
+RUNOUT_UNKNOWN = """
+[estimator]
+runout = true
+"""
+TRUTH = {"m": 5.0, "c": 60.0, "k": 1e6, "ki": 120.0}
+RESIDUAL, MOUNTED = 9e-5 - 6e-5j, 150e-6j
+PERIODS, SPEED = 30, 2 * np.pi * 50.0
+
+
+def run_of(unbalance: complex, rng: np.random.Generator) -> np.ndarray:
+    """Return currents (mA) and readings (um) of a settled run with noise."""
+    omega = 2 * np.pi * 10.0 * np.array([1, 3, 5, 7, 8, 9])
+    current = 0.2 * np.exp(2j * np.pi * rng.random((6, 2)))
+    current[2] = 0  # the rotation has its line for itself
+    load = TRUTH["ki"] * current
+    load[2] = SPEED**2 * unbalance * np.array([1, -1j])
+    stiffness = TRUTH["k"] + 1j * omega * TRUTH["c"] - omega**2 * TRUTH["m"]
+    waves = np.exp(1j * np.outer(np.arange(100 * PERIODS) / 1000.0, omega))
+    motion = load / stiffness[:, None]
+    table = np.column_stack([1e3 * (waves @ current).real, 1e6 * (waves @ motion).real])
+    return table + np.array([0.5, 0.5, 0.5, 0.5]) * rng.standard_normal(table.shape)
+
+
+@pytest.fixture
+def runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(8)
+    (tmp_path / "rotor.toml").write_text(MODEL)
+    for name, unbalance in (("bare", RESIDUAL), ("trial", RESIDUAL + MOUNTED)):
+        table = run_of(unbalance, rng)
+        np.savetxt(f"{name}.csv", table, delimiter=",", header="ix,iy,x,y", comments="")
+    return tmp_path
+
+
+def balanced(*options: str) -> tuple[complex, float]:
+    """Return the correction and the stated residual of what `rotorid balance` writes, kg m."""
+    arguments = ["balance", "run.json", "--plane", "x,y", "--json", "b.json", "--force", *options]
+    assert cli.run(arguments) == 0
+    with open("b.json") as file:
+        found = json.load(file)
+    (one,), (left,) = found["corrections"], found["residual"]
+    return one["unbalance_kg_m"] * np.exp(1j * one["angle_rad"]), left["unbalance_kg_m"]
+
+
+@pytest.mark.slow
+def test_a_trial_mass_is_the_scale_where_no_force_is_known(runs, capsys):
+    (runs / "run.toml").write_text(EXPERIMENT + TRIAL + REST)
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
+    with open("run.json") as file:
+        found = {each["name"]: each for each in json.load(file)["parameters"]}
+    for name, value in TRUTH.items():
+        assert abs(found[name]["value"] - value) < 4 * found[name]["std"] < 0.05 * value
+    added, stated = balanced("--report", "b.html", "--radius", "40 mm")
+    assert abs(added + RESIDUAL) < stated < 0.05 * abs(RESIDUAL)
+    page = (runs / "b.html").read_text()
+    assert "rotorid balance run.json" in page
+    # With the trial mass left where it is, so much less is to be added.
+    after, _ = balanced("--record", "1")
+    assert after == pytest.approx(added - MOUNTED, abs=1e-9)
+
+
+def test_without_it_there_is_no_scale(runs, capsys):
+    (runs / "run.toml").write_text(EXPERIMENT + REST)
+    cli.run(["identify", "run.toml", "--json", "run.json"])
+    assert cli.run(["balance", "run.json", "--plane", "x,y"]) == 2
+    assert "a result that leaves m, c, k undetermined" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_it_does_not_part_runout_from_unbalance(runs, capsys):
+    """It moves the reading as much whatever the runout is: only the speed parts them."""
+    (runs / "run.toml").write_text(EXPERIMENT + TRIAL + REST + RUNOUT_UNKNOWN)
+    cli.run(["identify", "run.toml", "--json", "run.json"])
+    assert cli.run(["balance", "run.json", "--plane", "x,y"]) == 2
+    said = capsys.readouterr().err
+    assert "at a second speed where runout is unknown" in said
+    assert "with a trial mass where no force is known" in said
+
+
+# Where answers about a machine turn over: what is too coarse, what counts, what is a line.
+
+
+PAIR = [(0, 1)]
+
+
+def rigid(**values: float) -> rid.Estimate:
+    """Return an estimate of the shipped rigid rotor."""
+    model = rid.load_model("rigid")
+    found = tuple(
+        rid.Value(p.name, p.unit, values.get(p.name, p.nominal), 1e-3 * p.nominal)
+        for p in model.parameters
+    )
+    spread = np.diag([value.std**2 for value in found])
+    return rid.Estimate("rigid", "ml", "ok", found, covariance=spread)
+
+
+@pytest.mark.parametrize(("width", "whirl"), [(0.019, "planar"), (0.021, "forward")])
+def test_a_narrow_orbit_is_a_line(width: float, whirl: str) -> None:
+    assert whirl_of(np.array([1.0, -1j * width]), PAIR, np.ones(2), 100.0) == whirl
+
+
+@pytest.mark.parametrize(("share", "whirl"), [(0.019, "forward"), (0.021, "mixed")])
+def test_a_place_that_hardly_moves_does_not_say_how_a_mode_whirls(share: float, whirl: str) -> None:
+    inertia = np.array([1 - share, 1 - share, share, share])
+    shape = np.array([1.0, -1j, 1.0, 1j])
+    assert whirl_of(shape, [(0, 1), (2, 3)], inertia, 100.0) == whirl
+
+
+@pytest.mark.parametrize(("left", "told"), [(0.099, 0), (0.101, 1)])
+def test_masses_that_leave_a_tenth_are_too_coarse(left: float, told: int) -> None:
+    ideal = np.array([2e-4 * np.exp(0.3j)])
+    kit = Masses.of(0.1, ["1 g"], None)
+    assert len(_too_coarse(["x,y"], (1 - left) * ideal, ideal, kit)) == told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "graded"), [(0.19, True), (0.21, False)])
+def test_a_plane_that_leaves_a_fifth_gives_no_grade(share: float, graded: bool) -> None:
+    nominal = rid.load_model("rigid").nominal
+
+    def one_plane(couple: float) -> Balance:
+        less = {name: couple * nominal[name] for name in ("mu", "eta")}
+        return rid.balance(rigid(**less), ["x + 0.001*theta_y, y - 0.001*theta_x"], "6000 rpm")
+
+    couple = brentq(lambda c: one_plane(c).share - share, 0.0, 3.0, xtol=1e-6)
+    assert (one_plane(couple).grade_mm_s is not None) == graded
+
+
+@pytest.mark.parametrize(("apart", "told"), [(5e-7, False), (8e-7, True)])
+def test_planes_that_nearly_coincide_are_one(apart: float, told: bool) -> None:
+    planes = [f"x + {a}*theta_y, y - {a}*theta_x" for a in (0.2, 0.2 + apart)]
+    if told:
+        assert len(rid.balance(rigid(), planes, "6000 rpm").corrections) == 2
+    else:
+        with pytest.raises(InputError, match="planes of which one does what others do"):
+            rid.balance(rigid(), planes, "6000 rpm")
+
+
+def test_masses_go_where_hands_can_put_them() -> None:
+    """Two masses for three quarters of both stand 41.41 degrees beside it: on whole degrees, 41."""
+    kit = Masses.of(0.1, ["1 g"], None)
+    ideal = 1.5e-4 * np.exp(0.2j)
+    _, (mounted,) = chosen(kit, np.array([ideal]), (np.eye(1), np.array([-ideal])))
+    beside = sorted(np.degrees(angle - 0.2) for _, angle in mounted)
+    assert beside == pytest.approx([-41, 42]) or beside == pytest.approx([-41, 41])
+    assert len(_nearest(kit, ideal)) == 24  # are tried with those of the other planes
+
+
+def test_more_masses_than_are_tried_in_a_second_are_refused() -> None:
+    sizes = [f"{k} g" for k in range(1, 11)]
+    assert Masses.of(0.1, sizes, 400).holes == 400
+    with pytest.raises(InputError, match=r"10 masses in 401 places; expected 4000 choices"):
+        Masses.of(0.1, sizes, 401)
+
+
+@pytest.mark.parametrize(("away", "solved"), [(2e-12, False), (8e-12, True)])
+def test_a_matrix_is_singular_to_rounding(away: float, solved: bool) -> None:
+    """Two equations that differ by this share have a reciprocal condition of a quarter of it."""
+    of = machine.machine_of(rigid())
+    matrix = np.array([[1.0, 1.0], [1.0, 1.0 - away]])
+    if solved:
+        assert np.isfinite(_solved(of, matrix, np.eye(2))).all()
+    else:
+        with pytest.raises(InputError, match="that is singular"):
+            _solved(of, matrix, np.eye(2))

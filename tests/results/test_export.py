@@ -1,14 +1,25 @@
-"""Estimates for other programs, read back with readers of their own."""
+"""Models taken elsewhere: files, state space, the machine of an estimate."""
+
+from __future__ import annotations
 
 import csv
+import json
 import math
 
+import control
 import numpy as np
 import pytest
+from linear_machines import SUPPORTED, estimate_of, model_of
 from scipy.io import loadmat
 
-from rotorid import Estimate, InputError, Value, export, load_model
+import rotorid as rid
+from rotorid import Estimate, InputError, Value, cli, export, load_model
+from rotorid.answer.estimate import SourceFile
 from rotorid.cli import run
+from rotorid.results.machine import machine_of
+
+# Estimates for other programs, read back with readers of their own.
+
 
 ESTIMATE = Estimate(
     "three-mass",
@@ -103,3 +114,201 @@ def test_a_name_is_no_formula_of_a_spreadsheet(tmp_path):
     export(estimate, tmp_path / "a.csv")
     with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as stream:
         assert [row["name"] for row in csv.DictReader(stream)] == ["'-k1*L1 + k2", "'=1+1", "m1"]
+
+
+# State space: the response of the machine itself, in scipy, python-control and MATLAB's files.
+
+
+OMEGA = 2 * np.pi * np.array([0.7, 11.0, 36.0, 90.0, 333.0, 900.0])
+SENSOR = """
+title = "a mass, a massless joint and a sensor's dashpot"
+equations = ["m*x'' + k*(x - z) = F", "h*z + k*(z - x) = T", "c*s' + g*(s - z) = 0"]
+coordinates = { x = "m", z = "m", s = "m" }
+inputs = { F = "N", T = "N" }
+[parameters]
+m = { unit = "kg", nominal = 2.0 }
+k = { unit = "N/m", nominal = 3e5 }
+h = { unit = "N/m", nominal = 7e5 }
+c = { unit = "N s/m", nominal = 50.0 }
+g = { unit = "N/m", nominal = 2e4 }
+"""
+
+
+def direct(source: rid.Estimate | rid.Model, speed: float) -> np.ndarray:
+    """Return Z^-1 B on the lines, (line, coordinate, input)."""
+    machine = machine_of(source)
+    push = machine.input_matrix()
+    return np.array([np.linalg.solve(machine.dynamic_stiffness(w, speed), push) for w in OMEGA])
+
+
+@pytest.mark.parametrize("speed", [0.0, 800.0, -300.0])
+@pytest.mark.parametrize("name", ["three-mass", "jeffcott", "rigid", "supported", "sensor"])
+def test_the_response_is_that_of_the_machine(name, speed):
+    own = {"supported": SUPPORTED, "sensor": SENSOR}
+    model = model_of(own[name]) if name in own else rid.load_model(name)
+    plant = rid.state_space(model, speed=speed)
+    expected = direct(model, speed)
+    size = np.abs(expected).max()
+    found = plant.to_control()(1j * OMEGA, squeeze=False)
+    assert np.abs(np.moveaxis(found, 2, 0) - expected).max() < 1e-9 * size
+    for j in range(len(plant.inputs)):
+        scipys = plant.to_scipy()
+        a, b, c, d = scipys.A, scipys.B[:, [j]], scipys.C, scipys.D[:, [j]]
+        states = [np.linalg.solve(1j * w * np.eye(len(a)) - a, b) for w in OMEGA]
+        answer = np.array([c @ x + d for x in states])[..., 0]
+        assert np.abs(answer - expected[:, :, j]).max() < 1e-9 * size
+
+
+@pytest.mark.parametrize(("k", "count"), [(0.0, 0), (2e5, 1)])
+def test_a_machine_of_one_mode_or_none(k: float, count: int):
+    """With deviations, of which pairs of modes are told."""
+    text = SENSOR.replace(SENSOR[SENSOR.index("equations") : SENSOR.index("coord")], "E\n")
+    text = """
+    title = "a mass"
+    equations = ["m*s'' + k*s = F"]
+    coordinates = { s = "m" }
+    inputs = { F = "N" }
+    [parameters]
+    m = { unit = "kg", nominal = 2.0 }
+    k = { unit = "N/m", nominal = 2e5 }
+    """
+    found = rid.modes(estimate_of(model_of(text), {"k": k}))
+    assert len(found.modes) == count
+
+
+def test_a_machine_beyond_all_bounds():
+    with pytest.raises(rid.InputError, match="found a machine beyond all bounds"):
+        rid.state_space(estimate_of(model_of(SUPPORTED), {"m": 1e-310}))
+
+
+def test_an_estimate_is_exported_as_it_is():
+    estimate = estimate_of(model_of(SUPPORTED), {"m": 9.0})
+    plant = rid.state_space(estimate, speed="3000 rpm", outputs=["x - 0.2*theta_y", "y"])
+    assert plant.outputs == (("x - 0.2*theta_y", "m"), ("y", "m"))
+    expected = direct(estimate, 100 * np.pi)
+    found = plant.to_control()(1j * OMEGA, squeeze=False)
+    own = expected[:, 0] - 0.2 * expected[:, 3]
+    assert np.abs(found[0].T - own).max() < 1e-9 * np.abs(own).max()
+    assert [name for name, _ in plant.states][-2:] == ["theta_x'", "theta_y'"]
+    assert plant.states[-1][1] == "rad/s"
+
+
+def test_massless_coordinates():
+    plant = rid.state_space(model_of(SENSOR))
+    assert [name for name, _ in plant.states] == ["x", "s", "x'"]
+    assert plant.D[1, 1] == pytest.approx(1 / 1e6)  # the joint gives way at once
+
+
+def test_poles_are_those_of_the_modes():
+    model = model_of(SUPPORTED)
+    poles = np.linalg.eigvals(rid.state_space(model, speed=500.0).A)
+    found = rid.modes(model, speed=500.0)
+    own = np.sort(poles.imag[poles.imag > 1])
+    assert own == pytest.approx([mode.eigenvalue.imag for mode in found.modes])
+
+
+def test_files(tmp_path, capsys):
+    path = tmp_path / "run.json"
+    estimate = estimate_of(rid.load_model("three-mass"))
+    estimate.save(path)
+    to = str(tmp_path / "plant.json")
+    assert cli.run(["export", str(path), "--to", to, "--speed", "8400 rpm"]) == 0
+    assert "16 states at 8400 rpm" in capsys.readouterr().out
+    data = json.loads((tmp_path / "plant.json").read_text())
+    plant = rid.state_space(estimate, speed="8400 rpm")
+    assert data["schema"] == "rotorid-state-space/1"
+    assert data["inputs"][0] == {"name": "F_x1", "unit": "N"}
+    for name in "ABCD":
+        assert (np.array(data[name]) == getattr(plant, name)).all()
+    mat = str(tmp_path / "plant.mat")
+    assert cli.run(["export", str(path), "--to", mat, "--speed", "8400 rpm"]) == 0
+    struct = loadmat(mat, squeeze_me=True)["plant"]
+    system = control.ss(*(np.atleast_2d(struct[name].item()) for name in "ABCD"))
+    expected = direct(estimate, plant.speed)
+    found = np.moveaxis(system(1j * OMEGA), 2, 0)
+    assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
+    assert list(struct["input_name"].item()) == ["F_x1", "F_y1", "F_x3", "F_y3"]
+    assert struct["speed"].item() == plant.speed
+
+
+def test_what_has_no_state_space(tmp_path, capsys):
+    friction = rid.Estimate("emps", "ls", "ok", (rid.Value("M", "kg", 95.0, 1.0),))
+    rid.export(friction, tmp_path / "a.mat")
+    assert "plant" not in loadmat(tmp_path / "a.mat")
+    friction.save(tmp_path / "a.json")
+    assert cli.run(["export", str(tmp_path / "a.json"), "--to", str(tmp_path / "b.json")]) == 2
+    assert "leave that term out" in capsys.readouterr().err
+    assert not (tmp_path / "b.json").exists()
+    with pytest.raises(rid.InputError, match="the output 'z'"):
+        rid.state_space(model_of(SUPPORTED), outputs=["z"])
+    with pytest.raises(rid.InputError, match="1 coordinates and 0 equations without inertia"):
+        rid.state_space(model_of(SENSOR.replace("h*z +", "h*z + 0.1*c*x' +")))
+    flexible = rid.load_model("flexible").file_text
+    lossy = flexible.replace('internal = "c_i"', 'structural = "c_i"')
+    with pytest.raises(rid.InputError, match=r"structural damping.*internal or external"):
+        rid.state_space(model_of(lossy.replace('c_i = { unit = "s"', 'c_i = { unit = "1"')))
+
+
+# A result holds its model: also when the files are gone, and where values were substituted.
+
+
+FREE = """
+title = "a mass between springs"
+equations = ["m*x'' + c*x' + (k + k2)*x = F"]
+coordinates = { x = "mm" }
+inputs = { F = "N" }
+[parameters]
+m = { unit = "kg", nominal = 3.1 }
+c = { unit = "N s/m", nominal = 4.0 }
+k = { unit = "N/mm", nominal = 4.0 }
+k2 = { unit = "N/m" }
+"""
+
+
+def identified(model: rid.Model) -> rid.Estimate:
+    """Identify from a response without noise."""
+    frequency = np.array([2.0, 5.0, 9.0])
+    s = 2j * np.pi * frequency
+    response = 1 / (3.0 * s**2 + 4.0 * s + 5e3)
+    force, motion = rid.Channel("F", "N"), rid.Channel("x", "m")
+    lines = rid.response_lines(force, [motion], frequency, response[:, None], std=1e-9)
+    return rid.identify(model, lines, "ml")
+
+
+def test_the_result_holds_its_model_and_what_was_substituted(tmp_path):
+    model = rid.parse_model(FREE).substitute({"k2": 1e3})
+    estimate = identified(model)
+    estimate.save(tmp_path / "r.json")
+    again = rid.load_estimate(tmp_path / "r.json")
+    assert again == estimate
+    found = rid.own_model(again)
+    assert found.parameter_names == ("m", "c", "k")
+    assert found.equations == model.equations
+    assert found.name == "model"
+
+
+def test_a_model_file_is_held_also_when_it_is_gone(tmp_path):
+    (tmp_path / "mine.toml").write_text(FREE)
+    model = rid.load_model(tmp_path / "mine.toml")
+    estimate = identified(model.substitute({"k2": 0.0}))
+    (tmp_path / "mine.toml").unlink()
+    assert rid.own_model(estimate).name == "mine"
+    assert rid.own_model(estimate).units == model.units
+
+
+def test_older_results_fall_back_to_the_shipped_model_of_that_name(tmp_path):
+    mass = rid.Value("m", "kg", 2.0, std=0.01)
+    path = tmp_path / "old.json"
+    rid.Estimate("rigid", "ml", "ok", (mass,)).save(path)
+    data = json.loads(path.read_text())
+    data["provenance"] = {"files": [], "experiment": "", "version": "0.1", "command": ""}
+    path.write_text(json.dumps(data))
+    assert rid.own_model(rid.load_estimate(path)) == rid.load_model("rigid")
+
+
+@pytest.mark.parametrize("name", ["mine", "rigid"])
+def test_older_results_of_own_files_are_refused_with_the_cure(name):
+    files = (SourceFile("e.toml", "00"), SourceFile(f"models/{name}.toml", "00"))
+    estimate = rid.Estimate(name, "ml", "ok", (), provenance=rid.Provenance(files))
+    with pytest.raises(rid.InputError, match=r"without the text of its model.*identify again"):
+        rid.own_model(estimate)

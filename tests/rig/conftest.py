@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from rotorid import load_rig
 from rotorid.force.laws import Differential
-from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.logger import RigRecord
 from rotorid.rig.parts import ProcessNoise
 from rotorid.rig.rig import Rig
+from rotorid.testing import parse_rig
 
 
 def without_noise(rig: Rig) -> Rig:

@@ -1,22 +1,41 @@
-"""Motion of the rig against closed forms and a reference integrator."""
+"""The levitated rig in motion: plant, controller, amplifiers."""
 
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
 from dataclasses import replace
 from fractions import Fraction
+from importlib.resources import files
+from pathlib import Path
 
+import control
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import linalg
+from scipy import linalg, signal
 from scipy.integrate import solve_ivp
 
-from rotorid import InputError, load_rig, parse_model
+from rotorid import Channel, InputError, Record, load_rig, parse_model
+from rotorid.cli import run
+from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential
+from rotorid.force.reading import ForceReading, forces
+from rotorid.rig.controller import Controller, as_controller, pid, side_by_side
 from rotorid.rig.kernel import coil_current
+from rotorid.rig.logger import decimated
 from rotorid.rig.machine import merge_clocks
 from rotorid.rig.parts import Actuator, Logger, Rotation
 from rotorid.rig.plant import rotor_plant
 from rotorid.rig.rig import excitation_table, growth, pairs
+
+# Motion of the rig against closed forms and a reference integrator.
+
 
 # -------------------------------------------------------------------------------------------------
 # Motion of the rig against closed forms and a reference integrator.
@@ -392,3 +411,238 @@ def test_every_clock_ticks_as_often_as_it_should(p: int, q: int, tenths: int) ->
 def test_clocks_that_never_meet_are_refused(rates, message: str) -> None:
     with pytest.raises(InputError, match=message):
         merge_clocks(*rates)
+
+
+# Controllers: PID, and what python-control and scipy bring.
+
+
+T = 1e-4
+
+
+def test_pid_is_its_transfer_function() -> None:
+    """-(P + I T / (z - 1) + D (1 - a) / T (z - 1) / (z - a)), a = exp(-2 pi f T)."""
+    gain, reset, rate, f = 3e3, 2e5, 7.0, 1500.0
+    omega = 2 * np.pi * np.array([1.0, 10.0, 200.0, 4000.0])
+    z, a = np.exp(1j * omega * T), np.exp(-2 * np.pi * f * T)
+    expected = -(gain + reset * T / (z - 1) + rate * (1 - a) / T * (z - 1) / (z - a))
+    np.testing.assert_allclose(
+        pid(gain, reset, rate, f, T).response(omega)[:, 0, 0], expected, rtol=1e-10
+    )
+
+
+def test_pid_approaches_the_continuous_one_at_low_frequency() -> None:
+    omega = np.array([2 * np.pi * 5.0])
+    found = pid(3e3, 2e5, 7.0, 1500.0, T).response(omega)[0, 0, 0]
+    expected = -(3e3 + 2e5 / (1j * omega[0]) + 7.0 * 1j * omega[0])
+    assert found == pytest.approx(expected, rel=5e-3)
+
+
+def test_pid_without_integral_has_no_integrator() -> None:
+    assert pid(1.0, 0.0, 1.0, 100.0, T).states == 1
+    assert pid(1.0, 1.0, 1.0, 100.0, T).states == 2
+
+
+def test_axes_side_by_side_do_not_know_of_one_another() -> None:
+    axes = [pid(p, 10.0, 1.0, 500.0, T) for p in (1.0, 2.0, 3.0)]
+    both = side_by_side(axes).response([100.0])[0]
+    single = [axis.response([100.0])[0, 0, 0] for axis in axes]
+    np.testing.assert_allclose(both, np.diag(single))
+    assert axes[0].on_each(4).commands == 4
+
+
+NUMERATOR, DENOMINATOR = [-2e4, 1.9e4], [1.0, -0.6, 0.05]
+SPACE = ([[0.5, 0.1], [0.0, 0.2]], [[1.0], [0.5]], [[-1e4, 2.0]], [[-3e3]])
+SYSTEMS = {
+    "scipy transfer function": signal.dlti(NUMERATOR, DENOMINATOR, dt=T),
+    "control transfer function": control.TransferFunction(NUMERATOR, DENOMINATOR, T),
+    "scipy state space": signal.dlti(*SPACE, dt=T),
+    "control state space": control.StateSpace(*SPACE, T),
+    "control of unspecified period": control.StateSpace(*SPACE, True),
+    "a controller": Controller(*SPACE, T),
+}
+
+
+@pytest.mark.parametrize("kind", SYSTEMS)
+def test_systems_of_other_packages(kind: str) -> None:
+    z = np.exp(1j * np.array([50.0, 3000.0]) * T)
+    if "transfer" in kind:
+        expected = np.polyval(NUMERATOR, z) / np.polyval(DENOMINATOR, z)
+    else:
+        a, b, c, d = map(np.array, SPACE)
+        expected = [(c @ np.linalg.solve(x * np.eye(2) - a, b) + d)[0, 0] for x in z]
+    found = as_controller(SYSTEMS[kind], T)
+    np.testing.assert_allclose(found.response([50.0, 3000.0])[:, 0, 0], expected, rtol=1e-9)
+
+
+def test_python_control_is_not_imported_by_the_package() -> None:
+    code = (
+        "import sys, rotorid.rig.file, rotorid.cli; "
+        "from rotorid.rig.controller import as_controller; "
+        "from scipy import signal; as_controller(signal.dlti([1.0], [1.0, 0.5], dt=1e-4), 1e-4); "
+        "sys.exit('control' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: as_controller(signal.lti([1.0], [1.0, 1.0]), T), "discretize it at the contr"),
+        (lambda: as_controller(control.tf([1.0], [1.0, 1.0]), T), "a continuous Transfer"),
+        (lambda: as_controller(signal.dlti([1.0], [1.0, 0.5], dt=2e-4), T), "every 0.0002 s"),
+        (lambda: as_controller("pid", T), "'pid'; expected a discrete system"),
+        (lambda: Controller([[1.0]], [[1.0, 2.0]], [[1.0]], [[1.0]], T), r"B of shape \(1, 2\)"),
+        (lambda: Controller([], [], [], [[np.nan]], T), "not finite"),
+        (lambda: Controller([], [], [], [[1.0]], 0.0), "a period of 0.0 s"),
+        (lambda: pid(1.0, 0.0, 1.0, 0.0, T), "filter_frequency: found 0.0 Hz"),
+        (
+            lambda: Controller([], [], [], np.eye(2), T).on_each(2),
+            "2 positions, 2 commands; expected one of each",
+        ),
+        (
+            lambda: side_by_side([Controller([], [], [], [[1.0]], t) for t in (T, 2 * T)]),
+            "expected one period",
+        ),
+    ],
+)
+def test_bad_controllers_are_refused(build, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        build()
+
+
+def test_the_example_of_a_centralised_controller_holds_the_rotor_by_all_axes() -> None:
+    path = Path(__file__).parents[2] / "examples" / "centralised_control.py"
+    spec = importlib.util.spec_from_file_location("centralised_control", path)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    rig = load_rig("three-mass").rig
+    controller = example.centralised(rig)
+    assert (controller.positions, controller.commands) == (4, 4)
+    held = replace(rig, controller=controller)
+    assert growth(held, held.plant(1.0), rig.rotation.speed)[0] < 0
+    # From one axis and end to the others: no four controllers side by side.
+    across = np.abs(controller.response([2 * np.pi * 140.0])[0])
+    assert across[0, 1:].min() > 1e-3 * across[0, 0]
+    assert across[0, 3] > 0.05 * across[0, 0]
+
+
+# Lagging amplifiers: the rig's own files are right for its own reader, images and all.
+
+
+LIBRARY = files("rotorid.rig") / "library"
+RIGID = (LIBRARY / "rigid.toml").read_text("utf-8").replace('"10 s"', '"5 s"')
+LINEAR = (LIBRARY / "three-mass.toml").read_text("utf-8").replace('"13 s"', '"5 s"')
+FILES = {
+    "magnets, measured": RIGID,
+    "magnets, commanded": RIGID.replace('current = "measured"', 'current = "command"'),
+    "flux": RIGID.replace(
+        'bandwidth = "1.5 kHz"',
+        'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "1 mT" }',
+    ),
+    "linear, commanded": LINEAR.replace('limit = "3 A"', 'limit = "3 A"\nbandwidth = "1 kHz"'),
+}
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("name", FILES)
+def test_a_rigs_own_file_is_accepted(name: str, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(FILES[name])
+    out, result = tmp_path / "run.h5", tmp_path / "run.json"
+    assert run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
+    assert run(["identify", str(tmp_path / "run.toml"), "--json", str(result)]) == 0
+    found = json.loads(result.read_text())
+    assert found["status"] == "ok"
+    assert found["misfit"]["p_value"] > 0.001
+    truth = load_rig("rigid" if "linear" not in name else "three-mass").rig.values
+    for parameter in found["parameters"]:
+        if not parameter["fixed"]:
+            off = abs(parameter["value"] - truth[parameter["name"]])
+            assert off < 5 * parameter["std"], parameter["name"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in FILES if "linear" not in name])
+def test_a_rigs_own_file_is_accepted_at_a_hundredth_of_its_noise(name: str, tmp_path: Path) -> None:
+    """No image, and no kink of the currents, is left: a lag of .1 us would be rejected."""
+
+    def less(match: re.Match[str]) -> str:
+        return f'{match[1]}"{float(match[2]) / 100:g} {match[3]}"'
+
+    text = re.sub(r'((?:noise|jitter) = )"([\d.]+) (\w+)"', less, FILES[name])
+    text = re.sub(r'(\nF_\w+ = )"([\d.]+) (N)"', less, text).replace('"5 s"', '"2 s"')
+    (tmp_path / "rig.toml").write_text(text)
+    out, result = tmp_path / "run.h5", tmp_path / "run.json"
+    assert run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
+    assert run(["identify", str(tmp_path / "run.toml"), "--json", str(result)]) == 0
+    found = json.loads(result.read_text())
+    assert found["status"] == "ok"
+    assert found["misfit"]["cost"] < 2 * found["misfit"]["expected"]
+
+
+@pytest.mark.slow
+def test_a_rig_without_bias(tmp_path: Path) -> None:
+    """One magnet at a time; currents logged as fast as they bend give the rotor."""
+    text = RIGID.replace('"5 s"', '"2 s"').replace('bias = "2.5 A"', 'bias = "0 A"')
+    text = text.replace('limit = "2.4 A"', 'limit = "4 A"')
+    text = text.replace('sample_rate = "10 kHz"', 'sample_rate = "40 kHz"')
+    (tmp_path / "rig.toml").write_text(text.replace("oversampling = 8", "oversampling = 2"))
+    out, result = tmp_path / "run.h5", tmp_path / "run.json"
+    assert run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
+    assert 'bias = "0 A"' in out.with_suffix(".toml").read_text()
+    with h5py.File(out) as data:
+        force, current = data["truth/force"][:, 0], data["truth/current"][:, 0]
+    assert np.all(force * current >= 0)
+    assert np.min(np.abs(current)) < 0.01 < 1 < np.max(np.abs(current))
+    assert run(["identify", str(tmp_path / "run.toml"), "--json", str(result)]) == 0
+    found = json.loads(result.read_text())
+    assert found["status"] == "ok"
+    for parameter in found["parameters"]:
+        if not parameter["fixed"]:
+            off = parameter["value"] - load_rig("rigid").rig.values[parameter["name"]]
+            assert abs(off) < 4 * parameter["std"], parameter["name"]
+
+
+def test_an_amplifier_in_a_law_that_bends() -> None:
+    """A held command, a first-order lag, opposed magnets: the force against fine integration."""
+    rate, period, lag, fine = 10e3, 1000, 1 / (2 * np.pi * 1500.0), 40
+    law = Differential(constant=1e-5, bias=2.0, gap=4e-4)
+    t = np.arange(period) / rate
+    command = 0.6 * np.cos(2 * np.pi * 110.0 * t) + 0.4 * np.sin(2 * np.pi * 290.0 * t)
+
+    def place(time: np.ndarray) -> np.ndarray:
+        return 5e-5 * np.cos(2 * np.pi * 70.0 * time + 1.0)
+
+    step = 1 / rate / fine
+    steps = np.exp(-step * np.arange(fine) / lag)
+    current, flowing = 0.0, np.zeros(period * fine)
+    for _ in range(3):  # until it repeats
+        for k, held in enumerate(command):
+            flowing[k * fine : (k + 1) * fine] = held + (current - held) * steps
+            current = held + (current - held) * np.exp(-fine * step / lag)
+    # The rotor turns smoothly between the fine steps, on which the current is exact.
+    when = np.arange(period * fine) * step
+    truth = np.fft.rfft(law.force(flowing, place(when)))[:40] / fine
+    behind = FirstOrder(bandwidth=Constant("bandwidth", "Hz", 1500.0), actuator=True)
+    channels = [Channel("i", "A", hold=True, dynamics=behind), Channel("x", "m")]
+    samples = np.tile(np.stack([command, place(t)], axis=1), (4, 1))
+    record = Record(channels, samples, rate)
+    read = forces(record, {"F": ForceReading(law, ("i",), {"x": 1.0})}, period=period)
+    found = np.fft.rfft(read.column("F")[period : 2 * period])[:40]
+    assert np.abs(found - truth).max() < 3e-4 * np.abs(truth).max()
+    plain = replace(record, channels=(replace(channels[0], dynamics=None), channels[1]))
+    wrong = forces(plain, {"F": ForceReading(law, ("i",), {"x": 1.0})}, period=period)
+    lines = np.fft.rfft(wrong.column("F")[period : 2 * period])[:40]
+    assert np.abs(lines - truth).max() > 0.05 * np.abs(truth).max()
+
+
+def test_converters_let_lines_through_and_images_not() -> None:
+    every, count = 8, 4000
+    t = np.arange(count * every) / every
+    inside = np.cos(2 * np.pi * 0.09 * t + 0.3)
+    image = np.cos(2 * np.pi * 0.95 * t)
+    kept = decimated(np.stack([inside, image], axis=1), every)
+    assert kept.shape == (count, 2)
+    middle = slice(50, -50)
+    np.testing.assert_allclose(kept[middle, 0], inside[::every][middle], atol=3e-6)
+    assert np.abs(kept[middle, 1]).max() < 3e-6
+    np.testing.assert_array_equal(decimated(inside, 1), inside)

@@ -1,18 +1,30 @@
-"""Checks of the data before any model: each mistake is named, and noise is none."""
+"""Checks of a record before any model."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from adverse_cases import CASES
 from scipy.signal import lfilter
+from test_spectra import KNOWN, MODEL, SPEED, levitated
 
-from rotorid import Channel, Note, PeriodicRecord, Record, average
+import rotorid as rid
+from rotorid import Channel, InputError, Note, PeriodicRecord, Record, average
 from rotorid.core.notes import worst
 from rotorid.signals.checks import rotation as checks_rotation
-from rotorid.signals.checks.channels import check_copied
-from rotorid.signals.checks.registry import check_periods, check_record
+from rotorid.signals.checks.channels import check_copied, check_phases, check_probes
+from rotorid.signals.checks.periods import Settling, detect_settling
+from rotorid.signals.checks.references import DrivenMotion, check_quiet, check_references
+from rotorid.signals.checks.registry import check_periods, check_record, check_whole
+from rotorid.signals.checks.rotation import rotation_warnings, synchronism
+from rotorid.signals.inspection import detect_distortion
+
+# Checks of the data before any model: each mistake is named, and noise is none.
+
 
 RATE, F0, SIZE = 5000.0, 20.0, 250
 LINES = np.arange(1, 12, 2)
@@ -556,3 +568,575 @@ def test_a_tone_without_noise_in_samples_of_any_size() -> None:
         found = checks_rotation._on_grid(periods, [2, 3])
         assert [each.frequency for each in found] == [240.0, 240.0]
         assert all(1e20 < each.strength < np.inf for each in found)
+
+
+# Synchronism, settling, distortion: what a run tells before anything is identified.
+
+
+SLOW_RATE, SLOW_F0, PERIODS = 1000.0, 10.0, 60
+TIME = np.arange(int(PERIODS * SLOW_RATE / SLOW_F0)) / SLOW_RATE
+WAVE = sum(np.cos(2 * np.pi * SLOW_F0 * k * TIME + k) for k in (1, 3, 5))
+
+
+def wave_at(speed: float, drift: float = 0.0) -> PeriodicRecord:
+    record = Record(
+        [Channel("x", "m")],
+        WAVE[:, None],
+        SLOW_RATE,
+        speed=speed,
+        angle=speed * TIME + drift * TIME**2 / 2,
+    )
+    return average(record, SLOW_F0, harmonics=[1, 3, 5])
+
+
+def test_synchronous_rotation_gives_no_warning() -> None:
+    assert rotation_warnings(wave_at(2 * np.pi * 30.0)) == ()
+    assert rotation_warnings(wave_at(0.0)) == ()
+    found = synchronism(wave_at(2 * np.pi * 30.0))
+    assert found.turns == pytest.approx(3.0)
+    np.testing.assert_allclose(found.leakage, 0.0, atol=1e-9)
+
+
+def test_slip_is_said_with_its_leakage() -> None:
+    periods = wave_at(2 * np.pi * 30.05)
+    found = synchronism(periods)
+    slip = np.pi * 0.05 * TIME[-1]
+    assert found.loss == pytest.approx(1 - np.sin(slip) / slip, rel=1e-3)
+    assert found.slip == pytest.approx(2 * slip)
+    (warning,) = rotation_warnings(periods)
+    assert "3.005 revolutions per period" in warning
+    assert "108 degrees off over 60 periods" in warning
+    assert f"loses {100 * found.loss:.2g} %" in warning
+
+
+def test_leakage_is_the_spectrum_of_the_unbalance() -> None:
+    """Half way between two lines, the unbalance leaks into both as a window of that length."""
+    periods = wave_at(2 * np.pi * 40.15)
+    found = synchronism(periods)
+    off = 2 * np.pi * (40.15 - periods.frequency)
+    wave = np.abs([np.mean(np.exp(1j * w * TIME)) for w in off])
+    np.testing.assert_allclose(found.leakage, wave, rtol=1e-6)
+
+
+def test_drift_is_said() -> None:
+    (warning,) = rotation_warnings(wave_at(2 * np.pi * 30.0, drift=0.5))
+    assert "speed changing by 28.6 rpm" in warning
+
+
+def noisy(transient: float, sigma: float, seed: int) -> PeriodicRecord:
+    rng = np.random.default_rng(seed)
+    start = transient * np.exp(-8.0 * TIME) * np.cos(2 * np.pi * 11.0 * TIME)
+    samples = WAVE + start + sigma * rng.normal(size=len(TIME))
+    return average(
+        Record([Channel("x", "m")], samples[:, None], SLOW_RATE), SLOW_F0, harmonics=[1, 3, 5]
+    )
+
+
+def test_a_transient_is_found_and_twice_its_length_dropped() -> None:
+    for seed in range(10):
+        found = detect_settling(noisy(1.0, 0.1, seed))
+        assert 2 <= found.periods <= 9
+        assert found.drop == pytest.approx(2 * found.periods / SLOW_F0)
+        assert found.excess > 3
+
+
+@pytest.mark.slow
+def test_no_transient_is_found_in_noise() -> None:
+    found = [detect_settling(noisy(0.0, 0.1, seed)).periods for seed in range(200)]
+    assert np.count_nonzero(found) <= 2
+
+
+def test_without_noise_the_transient_is_followed_far_down() -> None:
+    found = detect_settling(noisy(1.0, 0.0, 0))
+    assert np.exp(-8.0 * found.periods / SLOW_F0) < 1e-7
+    assert detect_settling(noisy(0.0, 0.0, 0)).periods == 0
+
+
+def test_a_drift_is_no_transient() -> None:
+    samples = WAVE * (1 + 0.1 * np.exp(-0.1 * TIME))
+    record = Record([Channel("x", "m")], samples[:, None], SLOW_RATE)
+    assert detect_settling(average(record, SLOW_F0, harmonics=[1, 3, 5])).periods == 0
+
+
+def test_a_transient_longer_than_half_the_record_is_told() -> None:
+    """It dies away by a factor of 40 in the first half, and stands a hundred times above noise."""
+    start = np.exp(-1.25 * TIME) * np.cos(2 * np.pi * 11.0 * TIME)
+    rng = np.random.default_rng(3)
+    samples = WAVE + start + 1e-4 * rng.normal(size=len(TIME))
+    record = Record([Channel("x", "m")], samples[:, None], SLOW_RATE)
+    found = detect_settling(average(record, SLOW_F0, harmonics=[1, 3, 5]))
+    assert found.periods == PERIODS // 2
+    assert found.drop == pytest.approx(PERIODS // 2 / SLOW_F0)
+
+
+def test_another_level_in_the_first_half_is_no_transient() -> None:
+    rng = np.random.default_rng(3)
+    samples = WAVE * np.where(np.arange(len(TIME)) < 3120, 1.1, 1.0) + 0.01 * rng.normal(
+        size=len(TIME)
+    )
+    record = Record([Channel("x", "m")], samples[:, None], SLOW_RATE)
+    assert detect_settling(average(record, SLOW_F0, harmonics=[1, 3, 5])).periods == 0
+
+
+def test_few_periods_tell_nothing() -> None:
+    record = Record([Channel("x")], WAVE[:700, None], SLOW_RATE)
+    assert detect_settling(average(record, SLOW_F0, harmonics=[1])).periods == 0
+
+
+def distorted(odd: float, even: float, sigma: float, seed: int = 0) -> Record:
+    rng = np.random.default_rng(seed)
+    answer = WAVE + even * WAVE**2 + odd * WAVE**3 + sigma * rng.normal(size=len(TIME))
+    return Record([Channel("F", "N")], answer[:, None], SLOW_RATE)
+
+
+@pytest.mark.parametrize(("odd", "even"), [(0.01, 0.0), (0.0, 0.01), (0.01, 0.02)])
+def test_odd_and_even_distortion_are_told_apart(odd: float, even: float) -> None:
+    found = detect_distortion(distorted(odd, even, 0.0), SLOW_F0, [1, 3, 5], highest=15)
+    got_odd, got_even, noise = found.relative("F")
+    assert (got_odd > 1e-3) == (odd > 0)
+    assert (got_even > 1e-3) == (even > 0)
+    assert noise < 1e-12
+    np.testing.assert_array_equal(found.odd, [7, 9, 11, 13, 15])
+    np.testing.assert_array_equal(found.even, range(2, 16, 2))
+
+
+def test_distortion_has_its_size() -> None:
+    record = distorted(0.0, 0.02, 0.0)
+    found = detect_distortion(record, SLOW_F0, [1, 3, 5], highest=10)
+    square = np.abs(np.fft.rfft(0.02 * WAVE**2, norm="forward"))[::PERIODS][[2, 4, 6, 8, 10]]
+    assert found.even_level[0] == pytest.approx(np.sqrt((square**2).mean()), rel=1e-9)
+
+
+def test_noise_is_neither() -> None:
+    excess = []
+    for seed in range(30):
+        found = detect_distortion(distorted(0.0, 0.0, 0.1, seed), SLOW_F0, [1, 3, 5], highest=15)
+        excess.append([found.odd_excess[0], found.even_excess[0]])
+        assert found.noise[0] == pytest.approx(0.1 / np.sqrt(len(TIME)), rel=0.2)
+    np.testing.assert_allclose(np.mean(np.square(excess), axis=0), 1.0, atol=0.15)
+
+
+def test_the_rotation_is_left_aside() -> None:
+    turning = Record(
+        [Channel("F")], distorted(0.01, 0.0, 0.0).samples, SLOW_RATE, speed=2 * np.pi * 70.0
+    )
+    found = detect_distortion(turning, SLOW_F0, [1, 3, 5], highest=15)
+    assert 7 not in found.odd
+    assert 14 not in found.even
+
+
+def test_no_line_left_out_is_refused() -> None:
+    with pytest.raises(InputError, match="every harmonic up to 3 excited"):
+        detect_distortion(distorted(0, 0, 0), SLOW_F0, [1, 2, 3])
+    found = detect_distortion(distorted(0, 0, 0), SLOW_F0, [1, 3])
+    with pytest.raises(InputError, match="no channel 'G'"):
+        found.relative("G")
+
+
+def test_a_transient_of_one_period_is_told_as_one():
+    one, more = Settling(1, 0.2, 153.0), Settling(3, 0.6, 153.0)
+    scatter = "153 times the scatter of the later ones"
+    assert one.told == f"a transient in the first period, {scatter}"
+    assert more.told == f"a transient in the first 3 periods, {scatter}"
+
+
+# Channels before any model: that stay at their last value, that jump, and tables of phasors.
+
+
+# -------------------------------------------------------------------------------------------------
+# Channels that stay at their last value, exactly or to the last digit, where nothing repeats.
+
+
+COUNT, FIRST, AFTER = 6000, 2000, 3000
+PLAY = np.resize([0, 1, 0, -1], AFTER - FIRST)
+
+
+def slanted(steps: int) -> np.ndarray:
+    """Return counts that rise and fall by so many a sample, with a last digit of their own."""
+    n = np.arange(COUNT)
+    return (steps * (200 - np.abs(n % 400 - 200)) + n // 50 % 2).astype(float)
+
+
+def stopped(samples: np.ndarray, play: np.ndarray | float = 0.0) -> np.ndarray:
+    found = samples.copy()
+    found[FIRST + 107 : AFTER] = samples[FIRST + 106] + np.resize(play, AFTER - FIRST - 107)
+    return found
+
+
+def checks(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> list[Note]:
+    record = Record([Channel("c", unit)], samples[:, None], 1000.0)
+    periods = average(record, period_samples=3000, harmonics=[1]) if steady else None
+    return of_check(check_record(record, periods), "stuck")
+
+
+def of_check(notes: Iterable[Note], about: str) -> list[Note]:
+    return [note for note in notes if note.about == about and note.severity != "passes"]
+
+
+def verdict(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> str:
+    found = checks(samples, unit, steady=steady)
+    return found[0].verdict if found else "ok"
+
+
+@pytest.mark.parametrize("play", [0.0, PLAY])
+def test_a_sensor_stops_out_of_full_motion(play: np.ndarray | float) -> None:
+    """What comes to rest by and by may rest, where nothing has to repeat."""
+    found = [verdict(stopped(slanted(steps), play)) for steps in (9, 12)]
+    assert found == ["note", "refused"]
+    assert verdict(stopped(slanted(9)), steady=True) == "refused"
+    (check,) = checks(stopped(slanted(12), play))
+    assert "from 2.106 to 3 s" in check.found
+    assert "use the part in which it moves" in check.found
+
+
+def test_the_last_digit_may_play() -> None:
+    """Three levels are a last digit, four are none."""
+    moving = slanted(30)
+    assert verdict(stopped(moving, np.resize([0, 1, -1], 5))) == "refused"
+    assert verdict(stopped(moving, np.resize([0, 1, -1, 2], 5))) == "ok"
+    # Without steps it is a ten-thousandth of the deviation, times two and a half.
+    smooth = np.sin(np.arange(COUNT) / 5.0) + 1e-9 * np.random.default_rng(1).random(COUNT)
+    play = smooth.std() * np.resize([-0.5, 0.5], 2)
+    assert verdict(stopped(smooth, 2.2e-4 * play)) == "refused"
+    assert verdict(stopped(smooth, 2.7e-4 * play)) == "ok"
+
+
+def held(part: float, level: float) -> np.ndarray:
+    """Return a drive that changes in a part of its samples, and stops at a level."""
+    rng = np.random.default_rng(2)
+    changes = rng.random(COUNT) < part
+    noise = rng.standard_normal(COUNT)[
+        np.maximum.accumulate(np.where(changes, np.arange(COUNT), 0))
+    ]
+    noise = (noise - noise.mean()) / noise.std()
+    noise[FIRST:AFTER] = level
+    return noise
+
+
+def test_a_drive_stops_where_it_does_not_belong() -> None:
+    """It rests at its mean; and one of steps rests aside of that between them."""
+    assert [verdict(held(1.0, level), "N") for level in (0.15, 0.25)] == ["note", "warning"]
+    assert [verdict(held(part, 1.0), "N") for part in (0.45, 0.55)] == ["note", "warning"]
+    record = Record([Channel("r")], held(1.0, 1.0)[:, None], 1000.0)
+    (check,) = check_whole(record, (), ("r",))
+    assert (check.about, check.verdict) == ("stuck reference", "warning")
+
+
+@pytest.mark.parametrize(("levels", "told"), [(3, "warning"), (4, "note")])
+def test_a_channel_whose_last_digit_is_all_that_moves(levels: int, told: str) -> None:
+    samples = 4e-6 + 1e-7 * np.random.default_rng(3).integers(0, levels, COUNT)
+    record = Record([Channel("x", "m")], samples[:, None], 1000.0)
+    assert [check.verdict for check in of_check(check_record(record), "quantized")] == [told]
+    assert not of_check(check_record(record), "stuck")
+    force = replace(record, channels=(Channel("F", "N"),))
+    assert [check.verdict for check in of_check(check_record(force), "quantized")] == ["note"]
+
+
+# -------------------------------------------------------------------------------------------------
+# Samples that are missing in the middle of a whole record.
+
+
+PROBES = [Channel("F", "N"), *(Channel(f"x{k}", "m") for k in range(4))]
+
+
+def found(samples: np.ndarray, channels: list[Channel] = PROBES) -> list[Note]:
+    record = Record(channels, samples, 1000.0)
+    return [c for c in check_whole(record, record.channels, ()) if c.about == "lost samples"]
+
+
+def resting(size: float, columns: tuple[int, ...] = (1, 2, 3, 4), count: int = 400) -> np.ndarray:
+    """Return positions of noise that is one at every second difference, with a jump."""
+    noise = np.resize([0.0, 1.0], (count, 1)) / 2 * np.ones(5)
+    noise[count // 2 :, list(columns)] += size
+    return noise
+
+
+def test_how_large_a_jump_is() -> None:
+    """What is usual is one: steps of a half, forth and back, differ by one from their neighbours.
+
+    The jump is the other way than such a step.
+    """
+    assert not found(resting(8.9))
+    (told,) = found(resting(9.1))
+    assert (told.about, told.verdict) == ("lost samples", "warning")
+    assert told.found.startswith(
+        "4 positions jump within a sample at 0.1995 s: samples are missing"
+    )
+
+
+def test_it_takes_half_of_the_positions_and_two() -> None:
+    assert not found(resting(90.0, (1,)))
+    assert found(resting(90.0, (1, 2)))
+    more = [*PROBES, Channel("x4", "m")]
+    samples = np.column_stack([resting(90.0, (1, 2)), resting(0.0)[:, 1]])
+    assert not found(samples, more)
+    two = [Channel("x", "m"), Channel("y", "m")]
+    assert not found(resting(90.0, (1,))[:, :2], two)
+    assert not found(resting(90.0), [Channel(c.name, "N") for c in PROBES])
+
+
+def test_what_is_usual_is_told_by_what_lies_around() -> None:
+    """Of fifty samples on each side: what is loud farther away does not count."""
+    for quiet, told in ((46, False), (54, True)):
+        samples = resting(0.0, count=1000)
+        samples[np.abs(np.arange(1000) - 499.5) > quiet] *= 30.0
+        samples[500:] += 61.0
+        assert bool(found(samples)) == told
+    assert not found(resting(90.0, count=199))
+    assert found(resting(90.0, count=200))
+
+
+@pytest.mark.slow
+def test_a_gap_in_a_whole_record_is_told() -> None:
+    record = levitated(1)
+    samples = np.delete(record.samples, slice(12345, 12365), axis=0)
+    torn = rid.Record(record.channels, samples, record.sample_rate, record.speed)
+    answer = rid.identify(MODEL, rid.spectra(torn, (2.0, 120.0), references=["r_x", "r_y"]), KNOWN)
+    assert answer.status == "rejected"
+    assert any("2 positions jump within a sample at 2.4689 s: " in w for w in answer.warnings)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_whole_record_without_a_gap(seed: int) -> None:
+    record = levitated(seed, 2.0)
+    assert not found(record.samples, list(record.channels))
+
+
+# -------------------------------------------------------------------------------------------------
+# What a table of phasors shows before any model, at the limits.
+
+
+def probed(phasors: list[complex], std: float | None = None) -> list[tuple[str, str]]:
+    column = np.array(phasors, dtype=np.complex128)[:, None]
+    deviation = None if std is None else np.full(column.shape, std)
+    return [(c.about, c.verdict) for c in check_probes(["x"], column, deviation)]
+
+
+def test_a_probe_that_reads_nothing_or_ever_the_same() -> None:
+    assert probed([0, 0]) == [("dead", "refused")]
+    assert probed([0, 1]) == []
+    assert probed([1j, 1j, 1j]) == [("dead", "refused")]
+    assert probed([1j, 1j]) == []  # two rows may well agree
+
+
+@pytest.mark.parametrize(("highest", "silent"), [(2.8, True), (3.2, False)])
+def test_a_probe_that_does_not_rise_above_its_noise(highest: float, silent: bool) -> None:
+    assert probed([1, 1.1j, highest], 1.0) == ([("silent", "warning")] if silent else [])
+    assert probed([1, 1.1j, highest]) == []
+
+
+@pytest.mark.parametrize(
+    ("phases", "degrees", "verdicts"),
+    [
+        ([0.0, 1.0, 1.4], True, []),
+        ([0.0, 1.0, 1.6], True, ["warning"]),
+        ([0.0, 1.6], True, []),  # two rows say little
+        ([0.0, 3.0, 6.2], True, ["warning"]),
+        ([0.0, 3.0, 6.4], True, []),
+        ([0.0, 3.0, 12.4], False, []),
+        ([0.0, 3.0, 12.7], False, ["refused"]),
+        ([0.0, -12.7], False, ["refused"]),
+    ],
+)
+def test_phases_that_are_hardly_in_their_unit(
+    phases: list[float], degrees: bool, verdicts: list[str]
+) -> None:
+    checks = check_phases("x", np.array(phases), degrees=degrees)
+    assert [c.verdict for c in checks] == verdicts
+
+
+# What is added to a command moves the machine later, never earlier.
+
+
+# -------------------------------------------------------------------------------------------------
+# What is added to a command moves the machine later, never earlier.
+
+
+LENGTH = 8000
+REFERENCE_RATE = 1000.0
+
+
+def held_against(references: np.ndarray, channels: np.ndarray) -> list[rid.Note]:
+    lines = [np.fft.rfft(np.atleast_2d(part).T, axis=0) for part in (references, channels)]
+    names = [[f"{kind}{k}" for k in range(lines[n].shape[1])] for n, kind in enumerate("rc")]
+    return list(check_references(names[0], lines[0], names[1], lines[1], REFERENCE_RATE))
+
+
+def wave(top: float, seed: int = 1) -> np.ndarray:
+    """Return noise up to a frequency."""
+    lines = np.fft.rfft(np.random.default_rng(seed).standard_normal(LENGTH))
+    lines[round(top * LENGTH / REFERENCE_RATE) :] = 0.0
+    return np.fft.irfft(lines)
+
+
+@pytest.mark.parametrize(("top", "samples", "late"), [(100, 14, False), (100, 17, True)])
+def test_how_late_a_reference_is_at_least(top: float, samples: int, late: bool) -> None:
+    """Of a band of 100 Hz one and a half widths are 15 ms, at a thousand samples a second 15."""
+    told = held_against(wave(top), np.roll(wave(top), -samples))
+    assert bool(told) == late
+    if late:
+        assert f"c0 follows it 0.0{samples} s before it comes, {samples} samples" in told[0].found
+    assert not held_against(wave(top), np.roll(wave(top), 50))
+
+
+@pytest.mark.parametrize(
+    ("noise", "expected"),
+    [
+        (10.1, "c0 follows it"),
+        (10.4, ""),
+        (12.3, ""),
+        (12.6, "nothing that was measured follows it"),
+    ],
+)
+def test_what_follows_a_reference(noise: float, expected: str) -> None:
+    """One that hardly follows, in noise, tells no time; and one of noise alone does not follow."""
+    rng = np.random.default_rng(7)
+    channel = np.roll(wave(450.0), -40) + noise * rng.standard_normal(LENGTH)
+    told = held_against(wave(450.0), channel)
+    assert [check.found.startswith(expected) for check in told] == [True] * bool(expected)
+
+
+def test_axes_that_are_excited_in_turn() -> None:
+    """The second axis follows the first one's reference by half a record, and its own at once."""
+    half = np.arange(LENGTH) < LENGTH // 2
+    first = wave(450.0) * half
+    second = np.roll(first, LENGTH // 2 - 1)
+    assert not held_against(np.array([first, second]), np.array([first, second]))
+
+
+def test_excitation_with_a_period() -> None:
+    """Any period may be the one that a channel follows: the nearest is taken."""
+    period = np.tile(wave(450.0)[:800], 10)
+    assert not held_against(period, np.roll(period, 30))
+    (told,) = held_against(period, np.roll(period, -30))
+    assert " 30 samples" in told.found
+    # A second peak that stands out less is none: most lines are late, the others are not.
+    reference = np.fft.rfft(wave(450.0))
+    turns = np.exp(2j * np.pi * np.arange(LENGTH // 2 + 1) / LENGTH)
+    drawn = np.random.default_rng(1).random(len(turns))
+    for part, late in ((0.57, True), (0.535, False)):
+        lines = reference * np.where(drawn < part, turns**300, turns**-3)
+        assert bool(held_against(wave(450.0), np.fft.irfft(lines))) == late
+
+
+@pytest.mark.parametrize(("lines", "told"), [(21, False), (23, True)])
+def test_a_reference_of_few_lines_tells_nothing(lines: int, told: bool) -> None:
+    excited = np.zeros(LENGTH // 2 + 1, dtype=complex)
+    excited[500 : 500 + lines] = 1.0
+    reference = np.fft.irfft(excited)
+    noise = np.random.default_rng(1).standard_normal(LENGTH)
+    assert bool(held_against(reference, noise)) == told
+
+
+@pytest.mark.parametrize(("power", "told"), [(0.8e-2, True), (1.2e-2, False)])
+def test_lines_that_are_weak_do_not_count(power: float, told: bool) -> None:
+    """A channel that follows on the strong lines alone, and a reference that is weak elsewhere."""
+    rng = np.random.default_rng(3)
+    strong = np.arange(LENGTH // 2 + 1) < 60
+    phase = np.exp(2j * np.pi * rng.random(LENGTH // 2 + 1))
+    reference = np.where(strong, 1.0, np.sqrt(power)) * phase
+    other = np.exp(2j * np.pi * rng.random(LENGTH // 2 + 1))
+    shift = np.exp(2j * np.pi * np.arange(LENGTH // 2 + 1) * 400 / LENGTH)
+    lines = np.where(strong, phase * shift, other)
+    turning = list(
+        check_references(["r"], reference[:, None], ["c"], lines[:, None], REFERENCE_RATE)
+    )
+    assert ["c follows it" in check.found for check in turning] == [told]
+
+
+@pytest.mark.slow
+def test_the_references_of_a_loop() -> None:
+    record = levitated(1)
+    late = record.samples.copy()
+    late[:, 4:] = np.roll(late[:, 4:], 12, axis=0)
+
+    def turning(samples: np.ndarray) -> rid.Estimate:
+        given = rid.Record(record.channels, samples, record.sample_rate, record.speed)
+        lines = rid.spectra(given, (2.0, 120.0), references=["r_x", "r_y"])
+        return rid.identify(MODEL, lines, KNOWN)
+
+    assert not [check for check in turning(record.samples).checks if check.about == "reference"]
+    wrong = rotation_of(late)
+    assert wrong.status == "ok"  # it makes deviations wider, and none wrong
+    told = [check for check in wrong.checks if check.about == "reference"]
+    assert [(", ".join(check.on), check.verdict) for check in told] == [
+        ("r_x", "warning"),
+        ("r_y", "warning"),
+    ]
+    assert all(re.search(" (9|10|11) samples: it is late by as much", c.found) for c in told)
+
+
+# -------------------------------------------------------------------------------------------------
+# A quiet record is held against the one it goes with, by what the unbalance does in both.
+
+
+PAIR = [Channel("F", "N"), Channel("x", "m")]
+
+
+def motion(
+    size: float, noise: float = 1.0, place: float = 50.0, driven: float = 0.0
+) -> DrivenMotion:
+    """Return lines of which the rotation is one, in the second channel, beside noise and a wave."""
+    rng = np.random.default_rng(1)
+    turning = np.zeros((200, 2), dtype=np.complex128)
+    turning[round(place), 0] = 1.0
+    wave = rng.standard_normal((200, 1, 2)) @ np.array([1, 1j])
+    channels = noise * (rng.standard_normal((200, 2, 2)) @ np.array([1, 1j])) / np.sqrt(2)
+    channels[round(place)] = 0.0
+    channels[:, 1:] += size * turning[:, :1] + driven * wave * np.linspace(1, 2, 200)[:, None]
+    return DrivenMotion(channels, wave, turning, place)
+
+
+def rotation_of(record: DrivenMotion, quiet: DrivenMotion, other: float = SPEED) -> list[str]:
+    return [", ".join(check.on) for check in check_quiet(PAIR, record, quiet, (SPEED, other))]
+
+
+def test_the_size_of_the_rotation_and_its_deviation() -> None:
+    size, std = motion(100.0, driven=1e3).turning()
+    assert size[1] == pytest.approx(100.0, abs=2.0)
+    assert 0.5 < std[1] < 1.5
+    assert motion(1.0, place=12.0).turning() is None
+    assert motion(1.0, place=13.0).turning() is not None
+    assert motion(1.0, place=187.0).turning() is not None
+    assert motion(1.0, place=188.0).turning() is None
+
+
+def test_a_rotation_that_differs_is_told() -> None:
+    assert not rotation_of(motion(1e4), motion(0.71e4))
+    assert rotation_of(motion(1e4), motion(0.69e4)) == ["x"]
+    assert rotation_of(motion(0.69e4), motion(1e4)) == ["x"]
+    # Not where noise may have done it: two deviations of about one each.
+    _, std = motion(0.0).turning()
+    sure = 6 * np.sqrt(2) * std[1]
+    assert not rotation_of(motion(1.02 * sure), motion(0.1 * sure))
+    assert rotation_of(motion(1.12 * sure), motion(0.1 * sure)) == ["x"]
+
+
+def test_speeds_that_are_stated_apart_are_told() -> None:
+    assert not rotation_of(motion(1e4), motion(1e4), 1.049 * SPEED)
+    assert rotation_of(motion(1e4), motion(1e4), 1.051 * SPEED) == [""]
+    assert rotation_of(motion(1e4), motion(1e4), 0.0) == [""]
+
+
+def lines(quiet: rid.Record) -> rid.Lines:
+    return rid.spectra(levitated(1), (2.0, 120.0), references=["r_x", "r_y"], quiet=quiet)
+
+
+@pytest.mark.slow
+def test_a_quiet_record_at_standstill_that_is_said_to_turn() -> None:
+    quiet = levitated(2, excitation=0.0)
+    assert not lines(quiet).checks
+    rng = np.random.default_rng(1)
+    still = quiet.samples.std(axis=0) * 0.1 * rng.standard_normal(quiet.samples.shape)
+    wrong = replace(quiet, samples=still)
+    answer = rid.identify(MODEL, lines(wrong), KNOWN)
+    (told,) = [check for check in answer.checks if check.about == "quiet"]
+    assert told.verdict == "warning"
+    assert "one of the two was taken at another speed than stated" in told.found
+    assert told.found.endswith("at the speed and under the control of the record")
+
+
+@pytest.mark.slow
+def test_the_record_is_not_its_own_quiet_record() -> None:
+    with pytest.raises(rid.InputError, match="name the file that was recorded without excitation"):
+        lines(levitated(1))

@@ -1,12 +1,35 @@
-"""What is in a record before anything is identified."""
+"""What is seen of a record at once, and where signals turn over."""
+
+from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from adverse_cases import CASES
 from scipy import signal
 
-from rotorid import Channel, Record
+import rotorid as rid
+from rotorid import Channel, InputError, Record, average
+from rotorid.signals import period_search as periodicity
+from rotorid.signals.angle import (
+    MeasuredAngle,
+    _rhythm,
+    _without_excursions,
+    encoder_angle,
+    keyphasor_angle,
+    pulse_edges,
+)
+from rotorid.signals.average import _excerpt
+from rotorid.signals.checks import rotation as checks_rotation
+from rotorid.signals.checks import timing as checks_timing
+from rotorid.signals.checks.channels import _flat
+from rotorid.signals.checks.timing import _small_shifts, shifts_of
 from rotorid.signals.inspection import inspect_record
 from rotorid.signals.period_search import find_period
+
+# What is in a record before anything is identified.
+
 
 # -------------------------------------------------------------------------------------------------
 # What is in a record before anything is identified.
@@ -188,3 +211,444 @@ def test_what_rings_has_no_period() -> None:
     resonance = signal.iirpeak(57.0, 8.0, fs=5000.0)
     for drive in (signal.chirp(time, 10, 4, 300), rng.normal(size=20000)):
         assert find_period(signal.lfilter(*resonance, drive)) is None
+
+
+# Where what is said of a signal turns over, and how closely it is looked at.
+
+
+# -------------------------------------------------------------------------------------------------
+# Where what is said of a signal turns over, and how closely it is looked at.
+
+
+@pytest.mark.parametrize(("lost", "taken"), [(9, True), (10, False)])
+def test_a_fifth_of_the_pulses_may_be_missing(lost: int, taken: bool) -> None:
+    times = np.delete(0.01 + 0.02 * np.arange(50), 3 + 4 * np.arange(lost))
+    if taken:
+        assert keyphasor_angle(times, 1000, 1000.0).missing == lost
+    else:
+        with pytest.raises(InputError, match="10 pulses missing or too many, of 40"):
+            keyphasor_angle(times, 1000, 1000.0)
+
+
+@pytest.mark.parametrize(("lines", "left"), [(2.4, 2.4), (2.6, 0.0)])
+def test_a_counter_that_goes_off_and_comes_back(lines: float, left: float) -> None:
+    steady = np.arange(2000.0)
+    off = lines * ((steady > 900) & (steady < 960))
+    assert np.abs(_without_excursions(steady + off) - steady).max() == pytest.approx(left, abs=1e-9)
+
+
+@pytest.mark.parametrize("usual", [12, 13])
+def test_the_rhythm_is_that_of_the_first_pulses(usual: int) -> None:
+    """Of the first 25: neither that of more, nor of half of them."""
+    few, slower = np.full(usual, 1.0), np.full(50, 1.3)
+    assert _rhythm(np.concatenate([few, slower])) == (1.0 if usual == 13 else 1.3)
+    assert _rhythm(np.concatenate([few[:10], slower])) == 1.3
+
+
+@pytest.mark.parametrize(("low", "high", "half"), [(0.019, 0.97, 0.5), (0.021, 0.97, 0.0)])
+def test_a_sample_near_low_shows_no_flank(low: float, high: float, half: float) -> None:
+    pulse = np.concatenate([np.zeros(40), [low, high], np.ones(40), [0.5]])
+    _, open_ = pulse_edges(np.tile(pulse, 4), 1.0)
+    np.testing.assert_allclose(open_, half)
+
+
+@pytest.mark.parametrize(("count", "looked"), [(16384, 16384), (16500, 3 * 5400)])
+def test_a_long_record_is_looked_at_in_parts(count: int, looked: int) -> None:
+    record = Record([Channel("x", "m")], np.zeros((count, 1)), 1000.0)
+    assert len(_excerpt(record, 0, 100).samples) == looked
+
+
+@pytest.mark.parametrize(("share", "flat"), [(0.49, 490), (0.51, 0)])
+def test_a_signal_of_two_levels_is_not_clipped(share: float, flat: int) -> None:
+    samples = np.linspace(0.0, 0.9, 1000)
+    samples[: round(1000 * share)] = 1.0
+    assert _flat(samples, 1.0) == flat
+
+
+@pytest.mark.parametrize(("turns", "size"), [(10.0009, 1.0), (10.0011, 0.0)])
+def test_a_tone_on_the_grid_is_in_the_mean(turns: float, size: float) -> None:
+    wave = np.cos(2 * np.pi * 10 * np.arange(5000) / 1000)
+    record = Record([Channel("x", "m")], wave[:, None], 1000.0)
+    periods = average(record, 1.0, harmonics=[10])
+    found = checks_rotation._amplitude(record, periods, 0, turns)
+    assert abs(found) == pytest.approx(size, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("shown", "mistake"),
+    [
+        (60 / (2 * np.pi), "rad/s given as rpm"),
+        (2 * np.pi / 60, "rpm given as rad/s"),
+        (60, "Hz given as rpm"),
+        (1 / 60, "rpm given as Hz"),
+        (2 * np.pi, "Hz given as rad/s"),
+        (1 / (2 * np.pi), "rad/s given as Hz"),
+    ],
+)
+def test_a_speed_in_another_unit_is_named(shown: float, mistake: str) -> None:
+    tone = checks_rotation.Tone(140.0, 1.0, "x")
+    assert mistake in checks_rotation._wrong_speed([tone], 140.0 / shown, False).found
+    tone = checks_rotation.Tone(140.0 * 1.006, 1.0, "x")
+    assert mistake not in checks_rotation._wrong_speed([tone], 140.0 / shown, False).found
+
+
+@pytest.mark.parametrize(("count", "looked"), [(3, 0), (4, 1)])
+def test_four_periods_tell_a_step_of_time(monkeypatch, count: int, looked: int) -> None:
+    wave = np.cos(2 * np.pi * np.arange(100 * count) / 100)
+    periods = average(Record([Channel("x", "m")], wave[:, None], 100.0), 1.0, harmonics=[1])
+    seen: list[object] = []
+    monkeypatch.setattr(checks_timing, "_each_shift", lambda found: seen.append(found) or {})
+    checks_timing.check_timing(periods)
+    assert len(seen) == looked
+
+
+@pytest.mark.parametrize(("typed", "found"), [(12.34, 12.34), (12.345, None)])
+def test_a_frequency_that_somebody_typed_has_four_digits(typed: float, found: float) -> None:
+    assert periodicity.Period(1000.0, 0.5, 1.0).fundamental(1000 * typed) == found
+
+
+# -------------------------------------------------------------------------------------------------
+# Shifts of periods: all channels at once, against one by one.
+
+
+FEW_RATE, FEW_SIZE, COUNT = 1000.0, 200, 60
+FUNDAMENTAL = FEW_RATE / FEW_SIZE
+
+
+def periods_of(tau: np.ndarray, noise: float) -> rid.PeriodicRecord:
+    """Return periods that come late by tau, seen by two channels."""
+    rng = np.random.default_rng(1)
+    time = np.arange(FEW_SIZE) / FEW_RATE - tau[:, None]
+    waves = [sum(np.cos(2 * np.pi * k * FUNDAMENTAL * time + k) for k in (1, 3)), np.zeros(1)]
+    waves[1] = 2.0 * np.sin(2 * np.pi * FUNDAMENTAL * time)
+    samples = np.stack(waves, axis=-1).reshape(-1, 2)
+    samples = samples + noise * rng.standard_normal(samples.shape)
+    channels = [rid.Channel("x", "m"), rid.Channel("y", "m")]
+    return rid.average(rid.Record(channels, samples, FEW_RATE), FUNDAMENTAL, harmonics=[1, 3])
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.3])
+def test_all_channels_at_once_are_as_one_by_one(noise: float) -> None:
+    tau = 2e-4 * np.sin(np.arange(COUNT))
+    periods = periods_of(tau, noise)
+    found = _small_shifts(periods)
+    whole = shifts_of(periods, [0, 1])
+    assert found is not None
+    assert whole is not None
+    assert sorted(found) == [0, 1]
+    for channel, shifts in found.items():
+        one = shifts_of(periods, [channel], whole.tau)
+        assert one is not None
+        assert shifts.noise == pytest.approx(one.noise, rel=1e-9)
+        assert shifts.explained == pytest.approx(one.explained, abs=0.02)
+        assert np.abs(shifts.tau - one.tau).max() < 0.25 * one.noise + 2e-7
+    if noise < 0.1:
+        np.testing.assert_allclose(found[0].tau, tau - tau[0], atol=6 * found[0].noise)
+
+
+@pytest.mark.parametrize(("turn", "small"), [(0.95, True), (1.05, False)])
+def test_where_phases_could_wrap_it_is_one_by_one(turn: float, small: bool) -> None:
+    """Two periods of 60 come late and early so that the third line turns by `turn`."""
+    tau = np.zeros(COUNT)
+    tau[[20, 40]] = np.array([1, -1]) * turn / (2 * np.pi * 3 * FUNDAMENTAL)
+    assert (_small_shifts(periods_of(tau, 1e-4)) is not None) == small
+
+
+# Rotor angle from encoders and pulses.
+
+
+FAST_RATE = 10_000.0
+TIME = np.arange(20_000) / FAST_RATE
+SPEED, DRIFT = 2 * np.pi * 140.0, 3.0
+STEADY = 0.4 + SPEED * TIME
+RAMP = STEADY + DRIFT * TIME**2 / 2
+
+
+def counts(angle: np.ndarray, lines: int = 1024) -> np.ndarray:
+    return np.floor(angle * lines / (2 * np.pi)) % lines
+
+
+def level(times: np.ndarray, width: float = 1e-3, flank: float = 1.0) -> np.ndarray:
+    """Pulses that rise at given times, with flanks of so many samples on each side."""
+    edge = flank / FAST_RATE
+    knots = np.stack([times - edge, times + edge, times + width - edge, times + width + edge], 1)
+    return np.interp(TIME, knots.ravel(), np.tile([0.0, 1.0, 1.0, 0.0], len(times)))
+
+
+def off(found: MeasuredAngle, angle: np.ndarray) -> np.ndarray:
+    """Return the error of the angle, whole turns apart."""
+    error = found.angle - angle
+    return np.asarray(error - 2 * np.pi * np.round(error.mean() / (2 * np.pi)))
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("angle", [STEADY, RAMP])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_encoder_counts_leave_no_staircase(angle: np.ndarray, sign: int) -> None:
+    """Either direction of rotation: half a line is 0.18 degrees, a hundredth of it is left."""
+    found = encoder_angle(counts(sign * angle), FAST_RATE, per_revolution=1024, lines=1024)
+    error = off(found, sign * angle)
+    assert np.abs(error).max() < 0.02 * np.pi / 1024 + 3 * found.angle_std
+    assert np.ptp(error) < 0.1 * np.pi / 1024
+    assert np.sign(found.speed) == sign
+    assert found.angle_std < 0.1 * np.pi / 1024
+
+
+def test_what_a_speed_in_step_with_the_samples_leaves_open_is_stated() -> None:
+    """Three turns in 200 samples: pulses fall at three places of a sample, a third of it apart."""
+    rate, hz = 1e4, 150.0
+    rises = np.floor((np.arange(1, 600) - 0.2837) / hz * rate) / rate
+    half = np.full(len(rises), 0.5 / rate)
+    found = keyphasor_angle(rises + half, 40000, rate, half=half)
+    width = 2 * np.pi * hz / rate / 3
+    assert found.angle_std == pytest.approx(width / np.sqrt(12), rel=0.06)
+
+
+@pytest.mark.slow
+def test_what_a_whole_number_of_samples_leaves_open_is_stated() -> None:
+    """At 100 Hz and 5 kHz every edge falls at the same place between two samples."""
+    time = np.arange(25_000) / 5000.0
+    stated, errors = [], []
+    for start in np.linspace(0.02, 1.0, 7):
+        angle = start + 2 * np.pi * 100.0 * time
+        logic = (angle % (2 * np.pi) < 0.6).astype(float)
+        times, half = pulse_edges(logic, 5000.0)
+        found = keyphasor_angle(times, len(time), 5000.0, half=half)
+        errors.append(off(found, angle).mean())
+        stated.append(found.angle_std)
+    width = 2 * np.pi * 100.0 / 5000.0
+    np.testing.assert_allclose(stated, width / np.sqrt(12), rtol=0.12)
+    assert np.abs(errors).max() <= width / 2 * 1.01
+
+
+@pytest.mark.slow
+def test_a_slow_variation_of_the_speed_is_followed() -> None:
+    """0.1 % at 0.5 Hz, 10 degrees a sample: the angle moves by 16 degrees."""
+    time = np.arange(25_000) / 5000.0
+    angle = 0.3 + SPEED * time + 1e-3 * SPEED / np.pi * np.sin(np.pi * time)
+    logic = (angle % (2 * np.pi) < 0.6).astype(float)
+    times, half = pulse_edges(logic, 5000.0)
+    found = keyphasor_angle(times, len(time), 5000.0, half=half)
+    error = off(found, angle)
+    assert np.degrees(error.std()) < 0.25
+    assert np.degrees(found.angle_std) < 0.6
+
+
+@pytest.mark.slow
+def test_lost_and_double_lines_are_set_right() -> None:
+    total = np.floor(STEADY * 1024 / (2 * np.pi))
+    total[5000:] -= 1
+    total[12_000:] += 2
+    found = encoder_angle(total % 1024, FAST_RATE, per_revolution=1024, lines=1024)
+    assert (found.missing, found.extra) == (1, 2)
+    assert np.abs(off(found, STEADY)).max() < 0.1 * np.pi / 1024
+
+
+@pytest.mark.slow
+def test_a_coarse_encoder_with_more_jitter_than_lines() -> None:
+    jitter = np.radians(0.2) * np.random.default_rng(0).normal(size=len(TIME))
+    found = encoder_angle(counts(STEADY + jitter, 8192), FAST_RATE, per_revolution=8192, lines=8192)
+    assert found.jitter == pytest.approx(np.radians(0.2), rel=1.0)
+    assert np.abs(off(found, STEADY)).max() < 4 * found.angle_std < np.radians(0.1)
+
+
+@pytest.mark.slow
+def test_encoder_speed_and_drift() -> None:
+    found = encoder_angle(counts(RAMP), FAST_RATE, per_revolution=1024, lines=1024)
+    assert found.speed == pytest.approx(SPEED + DRIFT * TIME.mean(), rel=1e-6)
+    assert found.drift == pytest.approx(DRIFT, rel=1e-2)
+
+
+@pytest.mark.parametrize(("scale", "turn"), [(1.0, 2 * np.pi), (180 / np.pi, 360.0)])
+def test_an_angle_column_is_unwrapped(scale: float, turn: float) -> None:
+    wrapped = (STEADY * scale) % turn
+    found = encoder_angle(wrapped, FAST_RATE, per_revolution=turn)
+    np.testing.assert_allclose(found.angle, STEADY, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("readings", "message"),
+    [
+        (
+            counts(np.where(TIME < 1, STEADY, 2 * (0.4 + SPEED) - STEADY)),
+            r"turns around \d",
+        ),
+        (
+            counts(np.where(TIME < 1.5, STEADY, 2 * (0.4 + 1.5 * SPEED) - STEADY)),
+            r"turns around 1\.5\d* s after the first sample",
+        ),
+        (counts(34 * STEADY), "between two samples; expected well below half a revolution"),
+        (np.where(TIME == 0.5, np.nan, counts(STEADY)), "nan in sample 5000"),
+    ],
+)
+def test_bad_encoders_are_refused(readings: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        encoder_angle(readings, FAST_RATE, per_revolution=1024, lines=1024, source="run.h5")
+
+
+@pytest.mark.slow
+def test_one_line_of_flicker_is_no_turning_back() -> None:
+    slow = 0.4 + 2 * np.pi * 0.3 * TIME
+    jitter = 2 * np.pi / 1024 * 0.3 * np.random.default_rng(0).normal(size=len(TIME))
+    found = encoder_angle(counts(slow + jitter), FAST_RATE, per_revolution=1024, lines=1024)
+    assert found.speed == pytest.approx(2 * np.pi * 0.3, rel=1e-3)
+
+
+def true_pulses(angle_at_zero: float = 0.4) -> np.ndarray:
+    return (2 * np.pi * np.arange(1, 280) - angle_at_zero) / SPEED
+
+
+def test_flanks_give_pulse_times_between_samples() -> None:
+    times = true_pulses()
+    found, half = pulse_edges(level(times, flank=3.0), FAST_RATE)
+    np.testing.assert_allclose(found, times, atol=1e-12)
+    assert not half.any()
+    noisy = level(times, flank=3.0) + 0.01 * np.random.default_rng(0).normal(size=len(TIME))
+    error = pulse_edges(noisy, FAST_RATE)[0] - times
+    assert error.std() < 0.06 / FAST_RATE
+
+
+def test_logic_levels_give_pulse_times_without_bias() -> None:
+    times = true_pulses()
+    logic = (level(times, flank=1e-6) > 0.5).astype(float)
+    error = pulse_edges(logic, FAST_RATE)[0] - times
+    assert np.abs(error).max() <= 0.5 / FAST_RATE + 1e-9
+    assert abs(error.mean()) < 0.08 / FAST_RATE
+
+
+def test_a_negative_going_column_is_no_fault() -> None:
+    """The rising flank counts; the width of the mark then turns the angle, and nothing else."""
+    times = true_pulses()
+    found, _ = pulse_edges(3.0 - 5.0 * level(times, flank=3.0), FAST_RATE)
+    np.testing.assert_allclose(np.diff(found), np.diff(times[: len(found)]), atol=1e-12)
+
+
+@pytest.mark.parametrize("drift", [0.0, DRIFT])
+def test_keyphasor_angle(drift: float) -> None:
+    angle = STEADY + drift * TIME**2 / 2
+    turns = np.arange(1, int(angle[-1] / (2 * np.pi)) + 1)
+    rest = 2 * np.pi * turns - 0.4
+    times = 2 * rest / (SPEED + np.sqrt(SPEED**2 + 2 * drift * rest))
+    found = keyphasor_angle(times, len(TIME), FAST_RATE)
+    offset = found.angle - angle
+    assert np.ptp(offset) < 1e-6 if drift == 0 else np.ptp(offset) < 1e-4
+    assert np.exp(1j * offset).mean() == pytest.approx(1.0, abs=2e-4)
+    assert found.drift == pytest.approx(drift, abs=1e-3)
+    assert found.speed == pytest.approx(SPEED + drift * TIME.mean(), rel=1e-6)
+
+
+def without(times: np.ndarray, index: int | slice) -> np.ndarray:
+    return np.delete(times, index)
+
+
+@pytest.mark.parametrize(
+    ("times", "missing", "extra"),
+    [
+        (without(true_pulses(), 100), 1, 0),
+        (without(true_pulses(), slice(100, 104)), 4, 0),
+        (without(true_pulses(), 1), 1, 0),
+        (without(true_pulses(), -2), 1, 0),
+        (np.sort(np.append(true_pulses(), [0.5, 1.2, 1.2001])), 0, 3),
+        (np.sort(np.append(true_pulses()[1:], 0.001)), 0, 1),
+    ],
+)
+def test_missing_and_double_pulses_are_understood(
+    times: np.ndarray, missing: int, extra: int
+) -> None:
+    found = keyphasor_angle(times, len(TIME), FAST_RATE)
+    assert (found.missing, found.extra) == (missing, extra)
+    assert np.abs(off(found, STEADY)).max() < 1e-6
+
+
+def test_pulses_without_a_rhythm_are_refused() -> None:
+    times = np.sort(np.random.default_rng(0).uniform(0, 2, 200))
+    with pytest.raises(InputError, match="pulses missing or too many, of 200"):
+        keyphasor_angle(times, len(TIME), FAST_RATE, source="run.h5")
+    with pytest.raises(InputError, match="3 pulses; expected four or more"):
+        keyphasor_angle(true_pulses()[:3], len(TIME), FAST_RATE, source="run.h5")
+
+
+@pytest.mark.parametrize("column", [np.zeros(100), np.zeros(0)])
+def test_a_column_without_pulses_is_refused(column: np.ndarray) -> None:
+    with pytest.raises(InputError, match="a column without a pulse"):
+        pulse_edges(column, FAST_RATE)
+
+
+@pytest.mark.slow
+def test_lines_lost_until_the_next_index_leave_no_step():
+    """Twenty of 1024 lines, put back within the revolution by the index."""
+    rate, turns = 10e3, 150.0
+    time = np.arange(20000) / rate
+    lines = np.floor(1024 * turns * time)
+    glitch = (time > 0.7) & (time < np.ceil(0.7 * turns) / turns + 1 / turns)
+    counts = (lines - 20 * glitch) % 1024
+    turned = encoder_angle(counts, rate, per_revolution=1024, lines=1024)
+    wanted = 2 * np.pi * turns * time
+    assert np.abs(turned.angle - wanted).max() < np.radians(0.2)
+
+
+# Offsets that drift are taken out and told; what only looks like it is left.
+
+
+RAMP_RATE, F0, RAMP_SIZE = 4000.0, 20.0, 200
+
+
+def machine(periods=40, noise=1e-7, seed=0):
+    rng = np.random.default_rng(seed)
+    time = np.arange(RAMP_SIZE * periods) / RAMP_RATE
+    wave = sum(np.cos(2 * np.pi * F0 * k * time + k) / k for k in (1, 3, 5))
+    samples = 1e-5 * wave[:, None] * [1.0, 0.7] + noise * rng.standard_normal((len(time), 2))
+    return Record([Channel("x", "m"), Channel("y", "m")], samples, RAMP_RATE)
+
+
+def drifting(record, shape):
+    return replace(record, samples=record.samples + np.stack([shape, 0 * shape], axis=1))
+
+
+def told(periods):
+    return [c for c in periods.checks if c.about == "drift" and c.verdict != "ok"]
+
+
+@pytest.mark.parametrize("periods", [6, 40])
+def test_a_ramp_is_taken_out_and_told(periods):
+    clean = machine(periods)
+    ramp = np.linspace(0, 2e-4, len(clean.samples))
+    found = average(drifting(clean, ramp), F0, harmonics=[1, 3, 5])
+    kept = average(clean, F0, harmonics=[1, 3, 5])
+    (note,) = told(found)
+    assert (", ".join(note.on), note.verdict) == ("x", "note")
+    assert "the offset drifts by" in note.found
+    assert "a straight line was taken out" in note.found
+    assert np.abs(found.mean_spectrum - kept.mean_spectrum).max() < 1e-8
+    assert not told(kept)
+
+
+def test_a_ramp_below_the_noise_is_left():
+    record = machine()
+    std = 1e-7 / np.sqrt(len(record.samples))  # of a mean line
+    small = np.linspace(0, 0.2 * std * 2 * np.pi * 40, len(record.samples))
+    assert not told(average(drifting(record, small), F0, harmonics=[1, 3, 5]))
+
+
+def test_a_step_of_the_offset_is_no_ramp():
+    record = machine()
+    step = np.where(np.arange(len(record.samples)) < 0.3 * len(record.samples), 0.0, 1e-4)
+    assert not any(
+        "straight" in c.found for c in told(average(drifting(record, step), F0, harmonics=[1]))
+    )
+
+
+def test_too_few_periods_show_no_ramp():
+    record = machine(5)
+    ramp = np.linspace(0, 2e-4, len(record.samples))
+    assert not any(
+        "straight" in c.found for c in told(average(drifting(record, ramp), F0, harmonics=[1]))
+    )
+
+
+def test_a_drift_of_offsets_leaves_the_answer_right():
+    (case,) = (c for c in CASES if c.what == "an offset that drifts")
+    for seed in range(4):
+        found = case.run(seed, leads=False)
+        assert found.status == "ok"
+        assert found.error < 5

@@ -13,14 +13,13 @@ import pytest
 from fitting import fit
 
 from rotorid import Constraint, Lines, MaximumLikelihood, average, identify
-from rotorid.data.observation import bind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.solver import solve
 from rotorid.likelihood.unknowns import Nuisances
-from rotorid.rig.file import parse_rig
 from rotorid.rig.rig import Rig
 from rotorid.signals.covariance import LineCovariance, correlated_covariance
+from rotorid.testing import bind, parse_rig
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 

@@ -25,7 +25,6 @@ from rotorid import (
     load_model,
 )
 from rotorid.data.lines import Beside
-from rotorid.data.observation import bind
 from rotorid.likelihood import cost, whitening
 from rotorid.likelihood import expected_cost as by_errors
 from rotorid.likelihood.assembly import assemble, every_load, load_lines, phase_steps
@@ -36,6 +35,7 @@ from rotorid.likelihood.unknowns import Nuisances, Scalar, unknowns_of
 from rotorid.likelihood.whitening import by_qr, by_reflections, projection
 from rotorid.models.expressions import Expression, number, product, symbol
 from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
+from rotorid.testing import bind
 
 # The kernel: gradient, invariance, agreement with the output-error likelihood.
 

@@ -22,6 +22,7 @@ import rotorid as rid
 from rotorid import (
     Batch,
     Constraint,
+    Drive,
     Estimate,
     InputError,
     MaximumLikelihood,
@@ -33,7 +34,6 @@ from rotorid import (
 from rotorid.core.distributions import Expectation
 from rotorid.core.units import to_si
 from rotorid.core.values import Floats
-from rotorid.data.record import Drive
 from rotorid.likelihood import doubts as few_lines
 from rotorid.likelihood import doubts as left_out
 from rotorid.likelihood import doubts as verdict

@@ -15,9 +15,9 @@ from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 import rotorid as rid
 from rotorid import MaximumLikelihood, identify
 from rotorid.answer.machine_checks import agreement
-from rotorid.data.observation import bind_all
 from rotorid.likelihood import doubts_angle as turning
 from rotorid.likelihood.doubts_angle import _strays
+from rotorid.testing import bind_all
 
 # The rotation against the angle that was given: slow creep, steps, and no false alarm.
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from rotorid import Constraint, MaximumLikelihood, identify
-from rotorid.data.observation import bind
 from rotorid.likelihood.identifiability import _exponents, _rotation_left_out
-from rotorid.testing import add_noise
+from rotorid.testing import add_noise, bind
 
 
 @pytest.fixture

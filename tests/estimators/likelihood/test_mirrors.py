@@ -11,14 +11,13 @@ import pytest
 
 import rotorid as rid
 from rotorid import Constraint, MaximumLikelihood, Plan, identify, predict_accuracy
-from rotorid.data.observation import bind
 from rotorid.likelihood import symmetric_answers as mirrors
 from rotorid.likelihood import symmetric_answers as symmetry
 from rotorid.likelihood.fit import _problem
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.symmetric_answers import Link, Mirrors, Web, exchanged
 from rotorid.likelihood.unknowns import unknowns_of
-from rotorid.testing import add_noise, line_record
+from rotorid.testing import add_noise, bind, line_record
 
 # Answers that fit as well by a symmetry of the equations: found, told, and no false alarm.
 

@@ -23,7 +23,7 @@ from rotorid import (
     load_model,
     spectra,
 )
-from rotorid.data.observation import Observation, bind
+from rotorid.data.observation import Observation
 from rotorid.force.channel_dynamics import (
     UNKNOWN,
     Constant,
@@ -42,6 +42,7 @@ from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.rivals_channels import multiplied
 from rotorid.likelihood.unknowns import Nuisances, Scalar, Unknown, cubics, hystereses, unknowns_of
 from rotorid.signals.spectrum import shifted, synthesize
+from rotorid.testing import bind
 
 # Calibration constants as unknowns; several records of one machine.
 

@@ -26,7 +26,6 @@ from rotor_bank import (
 from rotor_bank import Structure as Tower
 
 from rotorid import InputError, MaximumLikelihood, Plan, identify, predict_accuracy
-from rotorid.data.observation import bind_all
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import other_answers as valley
 from rotorid.likelihood import solver
@@ -36,6 +35,7 @@ from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.starts import searched
 from rotorid.likelihood.unknowns import Nuisances
+from rotorid.testing import bind_all
 
 # Where an answer is doubted: noise that was taken for information, and other answers.
 

@@ -13,7 +13,6 @@ from fitting import fit
 import rotorid as rid
 from rotorid import Channel, Constraint, InputError, MaximumLikelihood, identify, load_model
 from rotorid.answer.estimate import EXPLAINS
-from rotorid.data.observation import bind
 from rotorid.likelihood import rivals
 from rotorid.likelihood import rivals_channels as leads
 from rotorid.likelihood import rivals_records as line_leads
@@ -24,7 +23,7 @@ from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.structure import find_structure
-from rotorid.testing import add_noise, line_record
+from rotorid.testing import add_noise, bind, line_record
 
 # The runner: what is tried, in which order it is told, and what is said of it.
 

@@ -16,7 +16,6 @@ from test_spectra import KNOWN, MODEL, levitated
 import rotorid as rid
 from rotorid import InputError
 from rotorid.core.watch import watched
-from rotorid.data.observation import bind
 from rotorid.likelihood import assembly, solver
 from rotorid.likelihood import rivals as plain
 from rotorid.likelihood import starts as search
@@ -29,6 +28,7 @@ from rotorid.likelihood.solver import HOPELESS, Solution
 from rotorid.likelihood.starts import FEW, PLAIN_LINES, WORTH, thinned
 from rotorid.likelihood.whitening import Noise, noise_factor
 from rotorid.signals.covariance import LineCovariance
+from rotorid.testing import bind
 
 # A search tells its first minimum at once, and whoever follows it may end it.
 

@@ -11,7 +11,6 @@ from fitting import fit
 from rotor_bank import SETTINGS, Case, rotor_case
 
 from rotorid import Channel, MaximumLikelihood, identify, parse_model
-from rotorid.data.observation import bind_all
 from rotorid.likelihood import solver
 from rotorid.likelihood import solver as solver_module
 from rotorid.likelihood import starts as search
@@ -22,7 +21,7 @@ from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, solve
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
-from rotorid.testing import add_noise, line_record
+from rotorid.testing import add_noise, bind_all, line_record
 
 # The solver arrives: random rotors from far starts end where a start at the truth ends.
 
