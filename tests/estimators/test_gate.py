@@ -1,6 +1,7 @@
 """The gate of every method: can it be a machine, does it predict, do its halves agree."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from rotorid import Estimate, Value, load_model, parse_model
 from rotorid.answer import machine_checks as gate
 from rotorid.answer.judge import CONTRADICTING, of_data
 from rotorid.core.distributions import Expectation
-from rotorid.linear.solve import Fitted, misfit
+from rotorid.linear.family import misfit
 
 # -------------------------------------------------------------------------------------------------
 # The gate of every method: can it be a machine, does it predict, do its halves agree.
@@ -467,8 +468,13 @@ def drawn_equations(rng, dof=10**12):
         noise[-1] = mixed[-1] @ rng.standard_normal(ROWS)
         noise *= np.sqrt(covariance[:, 0, 0].real / (np.abs(mixed[:, 0]) ** 2).sum(axis=1))[:, None]
         answer = np.einsum("fkr,kr->f", gains, noise).real
-        return Fitted(
-            noise - design @ answer, design, gains, covariance, np.ones(ROWS), MULTIPLICITY, dof
+        return SimpleNamespace(
+            residual=noise - design @ answer,
+            design=design,
+            gains=gains,
+            scatter=SimpleNamespace(matrices=covariance, dof=dof),
+            size=np.ones(ROWS),
+            weight=MULTIPLICITY,
         )
 
     return draw

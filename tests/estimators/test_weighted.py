@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from rotorid import (
     parse_model,
 )
 from rotorid.linear.estimators import _solve_stages, plan_stages
-from rotorid.linear.family import LeastSquaresProblem
+from rotorid.linear.family import LeastSquaresProblem, sandwich, scatter_of_answers
 from rotorid.linear.solve import (
     ALONE,
     BLOCKS,
@@ -36,8 +37,6 @@ from rotorid.linear.solve import (
     Scatter,
     block_numbers,
     pooled,
-    sandwich,
-    scatter_of_answers,
     scatter_of_blocks,
     solve,
 )
@@ -128,6 +127,11 @@ def test_blocks_stack(block):
     assert len(twice.gains) == 2
 
 
+def fitted(block, gains, matrices):
+    scatter = SimpleNamespace(matrices=matrices)
+    return SimpleNamespace(gains=gains, scatter=scatter, weight=block.record.multiplicity)
+
+
 def test_sandwich_is_the_scatter_of_the_values(block):
     """Noise with correlated rows, circular on complex lines and real on the others."""
     rng = np.random.default_rng(2)
@@ -142,7 +146,7 @@ def test_sandwich_is_the_scatter_of_the_values(block):
         noise = np.einsum("kij,kj->ki", roots, white)
         draws.append(np.einsum("fkr,kr->f", found.gains[0], noise).real)
     expected = np.cov(np.array(draws).T)
-    stated = sandwich(found.gains, [matrices], [block.record])
+    stated = sandwich([fitted(block, found.gains[0], matrices)])
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
         stated / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.08
@@ -157,8 +161,9 @@ def test_scatter_of_answers_agrees_with_the_sandwich_for_independent_lines(block
     noise = np.stack([lines_of(rng, block.record, 3) for _ in range(periods)])
     matrices = np.zeros((len(block.record.harmonics), 3, 3)) + 2 * np.eye(3) / periods
     matrices[block.record.multiplicity == 1] /= 2
-    stated = sandwich(gains, [matrices], [block.record])
-    found = scatter_of_answers(gains, [noise])
+    stated = sandwich([fitted(block, gains[0], matrices)])
+    answers = np.einsum("fkr,pkr->pf", gains[0], noise).real
+    found = scatter_of_answers([SimpleNamespace(answers=answers)])
     np.testing.assert_allclose(np.diag(found), np.diag(stated), rtol=0.1)
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from typing import ClassVar
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Booleans, Floats
 from rotorid.data.observation import Data, Observation, bind_all
-from rotorid.linear.family import LeastSquaresProblem, Posed, force_variance
-from rotorid.linear.regression import Regression, SampledRegression, driven_rows
+from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
+from rotorid.linear.regression import Equations, Regression, SampledRegression, driven_rows
 from rotorid.linear.solve import (
     BLOCKS,
     Block,
@@ -78,67 +79,60 @@ Sampled = tuple[LeastSquaresSolution, Scatter, Floats]
 
 @frozen
 class SampledProblem(Posed):
-    """Regressions on the samples of all records, in the unknowns that exact constraints leave.
-
-    Without a weight every row counts alike; with it a row counts by the variance of what least
-    squares leaves of it, and a row without input by `weight` times the largest of these.
-    """
+    """Regressions on the samples of all records, in the unknowns that exact constraints leave."""
 
     kind = SampledRegression
-    weight: float | None = None
+    early: bool = False  # with one unknown more, by how much all forces come early
 
-    def summarize(self, method: str) -> Estimate:
-        solution, scatter, values = self.fit()
+    def free_equations(self, equations: Any) -> tuple[Any, Any]:
+        design, target = super().free_equations(equations)
+        if self.early:
+            design = np.concatenate([design, equations.force_rates[:, :, None]], axis=2)
+        return design, target
+
+    @cached_property
+    def _plain(self) -> Floats:
+        """The base parameters where every row counts alike."""
+        rows = np.ones(len(self.model.texts))
+        solution = solve(self.blocks(lambda regression: rows))
+        return np.nan_to_num(self.base(solution.values[: len(self.names)]))
+
+    def variance(self, regression: Any) -> Floats:
+        """Return the variance of what least squares leaves of each row, (row,)."""
+        told = np.maximum(regression.told.sum(axis=0), 1)
+        variance = (regression.residual(self._plain) ** 2).sum(axis=0) / told
+        floor = 1e-18 * (regression.target**2).mean(axis=0).max()
+        return np.asarray(np.maximum(variance, floor if floor > 0 else 1.0))
+
+    def summarize(self, method: str, solved: Solver) -> Estimate:
+        solution, scatter, values = self.fit(solved)
         given = values, scatter.covariance, solution, list(_doubted(self.names, scatter))
         estimate = self.estimate(method, *given, unknown=scatter.alone)
         return estimate.with_notes(
             *_said(self.regressions, scatter),
             *machine_checks.physical(self.full, estimate),
-            *self.moved(scatter, values),
-            *self.late(scatter, values),
+            *self.moved(scatter, values, solved),
+            *self.late(scatter, values, solved),
             *machine_checks.prediction(estimate, {}),
             *machine_checks.agreement(self.names, *scatter.halves()),
         )
 
-    def fit(self, *, late: bool = False) -> Sampled:
-        """Solve, and leave out blocks; `late`: with one unknown more, how early all forces come."""
-        rows = len(self.model.texts)
-        blocks = [self._block(r, np.ones(rows), late) for r in self.regressions]
-        solution = solve(blocks)
-        if self.weight is not None:
-            base = np.nan_to_num(self.base(solution.values[: len(self.names)]))
-            blocks = [self._block(r, self._variance(r, base), late) for r in self.regressions]
-            solution = solve(blocks)
-        parts = zip(*(block.whitened() for block in blocks), strict=True)
+    def fit(self, solved: Solver) -> Sampled:
+        solution = solved(self)
+        parts = zip(*(block.whitened() for block in solution.blocks), strict=True)
         matrix, right = (np.concatenate(part) for part in parts)
         counts = [len(r.inputs) for r in self.regressions]
-        numbers = np.repeat(block_numbers(counts, BLOCKS), rows)
+        numbers = np.repeat(block_numbers(counts, BLOCKS), len(self.model.texts))
         gains = np.concatenate(solution.gains, axis=1)
         scatter = scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
         return solution, scatter, self.reached(solution)
 
-    def _block(self, regression: SampledRegression, variance: Floats, late: bool) -> Block:
-        design, target = self.free_equations(regression)
-        if late:
-            design = np.concatenate([design, regression.force_rates[:, :, None]], axis=2)
-        return Block(design, target, variance)
-
-    def _variance(self, regression: SampledRegression, base: Floats) -> Floats:
-        free = ~self.model.input_matrix.any(axis=1)
-        told = np.maximum(regression.told.sum(axis=0), 1)
-        variance = (regression.residual(base) ** 2).sum(axis=0) / told
-        floor = 1e-18 * (regression.target**2).mean(axis=0).max()
-        variance = np.maximum(variance, floor if floor > 0 else 1.0)
-        assert self.weight is not None
-        largest = float(variance[~free].max(initial=0.0))
-        return np.asarray(np.where(free, self.weight * largest, variance))
-
-    def late(self, scatter: Scatter, values: Floats) -> Iterator[Note]:
+    def late(self, scatter: Scatter, values: Floats, solved: Solver) -> Iterator[Note]:
         """Judge whether forces and motion come at one time, with the lag for an unknown.
 
         ``u(t - lag) = u - lag u'``: what elastic parts and filters do looks like a lag too.
         """
-        _, spread, freed = self.fit(late=True)
+        _, spread, freed = replace(self, early=True).fit(solved)
         lag = -float(freed[-1])
         std = float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
         shares = scatter.shares(freed[:-1] - values)
@@ -156,10 +150,10 @@ class SampledProblem(Posed):
         severity: Severity = "rejects" if sure else "doubts"
         yield Note("delay", severity, text, on=(self.names[worst],), value=lag, unit="s")
 
-    def moved(self, scatter: Scatter, values: Floats) -> Iterator[Note]:
+    def moved(self, scatter: Scatter, values: Floats, solved: Solver) -> Iterator[Note]:
         """Judge whether a lower cut-off moves a parameter by more than its deviations."""
         lower = tuple(r.lowered(LOWER) for r in self.regressions)
-        _, spread, other = replace(self, regressions=lower).fit()
+        _, spread, other = replace(self, regressions=lower).fit(solved)
         change = other - values
         clear = np.abs(change) > CLEAR * _spread_of_change(scatter, spread)
         shares = np.where(clear, scatter.shares(change), 0.0)
@@ -219,9 +213,13 @@ def _said(regressions: Sequence[SampledRegression], scatter: Scatter) -> tuple[N
     return (*checks, *at_rest, Note("blocks", "says", told))
 
 
+Problem = LeastSquaresProblem | SampledProblem
+
+
 @frozen
 class LinearEstimator:
     method: ClassVar[str]
+    on_samples: ClassVar[bool] = True  # whether it takes records without lines
     # physical parameters (SI, or texts with units) that are substituted
     fixed: Mapping[str, float | str] = field(default_factory=dict, kw_only=True)
     # exact ones, linear in the base parameters
@@ -236,26 +234,15 @@ class LinearEstimator:
             For records that do not fit the model, or knowledge that only ml can use.
         """
         bound = bind_all(model, records)
-        if filtered_records(bound):
-            weight = self._weight_of_samples(bound)
-            sampled = SampledProblem.of(bound, self.fixed, self.constraints)
-            return replace(sampled, weight=weight).summarize(self.method)
-        problem = LeastSquaresProblem.of(bound, self.fixed, self.constraints)
-        return problem.summarize(self.method, self._solved)
+        kind: type[Problem] = SampledProblem if filtered_records(bound) else LeastSquaresProblem
+        if not self.on_samples:
+            refuse_filtered(bound, self.method)
+        return kind.of(bound, self.fixed, self.constraints).summarize(self.method, self._solved)
 
-    def _weight_of_samples(self, records: Sequence[Observation]) -> float | None:
-        """Return the weight of rows without input; without one all rows count alike."""
-        return None
+    def _solved(self, problem: Problem) -> LeastSquaresSolution:
+        return solve(problem.blocks(partial(self._variance, problem)))
 
-    def _solved(self, problem: LeastSquaresProblem) -> LeastSquaresSolution:
-        return solve(
-            [
-                Block(*problem.free_equations(r), self._variance(r), r.record)
-                for r in problem.regressions
-            ]
-        )
-
-    def _variance(self, regression: Regression) -> Floats:
+    def _variance(self, problem: Problem, regression: Equations) -> Floats:
         return np.ones(len(regression.model.texts))
 
 
@@ -324,9 +311,6 @@ class Batch(LinearEstimator):
                 "take 100, as the paper does",
             )
 
-    def _weight_of_samples(self, records: Sequence[Observation]) -> float:
-        return self.free_weight
-
     def solve(
         self, model: Model, records: Sequence[Data]
     ) -> tuple[LeastSquaresProblem, LeastSquaresSolution]:
@@ -340,10 +324,9 @@ class Batch(LinearEstimator):
         problem = LeastSquaresProblem.of(bind_all(model, records), self.fixed, self.constraints)
         return problem, self._solved(problem)
 
-    def _variance(self, regression: Regression) -> Floats:
-        variance = force_variance(regression)
-        largest = variance.max(axis=1, keepdims=True)
-        free = ~regression.model.input_matrix.any(axis=1)
+    def _variance(self, problem: Problem, regression: Equations) -> Floats:
+        variance, free = problem.variance(regression), ~problem.model.input_matrix.any(axis=1)
+        largest = np.where(free, 0.0, variance).max(axis=-1, keepdims=True)
         return np.where(free, self.free_weight * np.where(largest > 0, largest, 1.0), variance)
 
 
@@ -383,15 +366,13 @@ class Sequential(LinearEstimator):
     """
 
     method = "sequential"
+    on_samples = False
 
-    def _weight_of_samples(self, records: Sequence[Observation]) -> None:
-        refuse_filtered(records, self.method)
-
-    def _solved(self, problem: LeastSquaresProblem) -> LeastSquaresSolution:
+    def _solved(self, problem: Problem) -> LeastSquaresSolution:
         return _solve_stages(problem, plan_stages(problem))
 
 
-def plan_stages(problem: LeastSquaresProblem) -> list[Stage]:
+def plan_stages(problem: Problem) -> list[Stage]:
     """Derive the stages from which row holds which unknown.
 
     A stage whose rows cannot tell its unknowns apart takes in further rows that hold them.
@@ -425,7 +406,7 @@ def _rows_that_help(
     return sorted(r for r in left - set(rows) if structure[:, r][:, tangled].any())
 
 
-def _solve_stages(problem: LeastSquaresProblem, stages: Sequence[Stage]) -> LeastSquaresSolution:
+def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> LeastSquaresSolution:
     """Solve stage by stage; the gains carry the error of each stage into the next."""
     count, holds = len(problem.names), (problem.structure != 0).any(axis=0)
     values = np.full(count, np.nan)
@@ -467,12 +448,10 @@ def _solve_stages(problem: LeastSquaresProblem, stages: Sequence[Stage]) -> Leas
     return LeastSquaresSolution(values, tuple(gains), condition, directions)
 
 
-def _variance(
-    problem: LeastSquaresProblem, regression: Regression, rows: list[int], values: Floats
-) -> Floats:
+def _variance(problem: Problem, regression: Regression, rows: list[int], values: Floats) -> Floats:
     """Return the variance over periods of a stage's right side, shape (sample, row)."""
     forced = (regression.model.input_matrix != 0).any(axis=1)[rows]
-    variance = force_variance(regression)[:, rows]
+    variance = problem.variance(regression)[:, rows]
     if forced.all():
         return variance
     base = problem.base(np.where(np.isfinite(values), values, 0.0))

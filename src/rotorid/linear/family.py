@@ -1,47 +1,42 @@
-"""What least squares, batch and sequential share: substitution, elimination, summary."""
+"""What least squares, batch and sequential share: substitution, elimination, summary.
+
+What the misfit on lines is held against: theory, section 4.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorid.answer import machine_checks
 from rotorid.answer.derived import physical_from_base
 from rotorid.answer.estimate import Estimate, Value
 from rotorid.answer.judge import OPEN, judge
+from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Booleans, Complexes, Floats
 from rotorid.data.observation import Data, Observation, bind
-from rotorid.linear.regression import (
-    Equations,
-    Regression,
-    driven_rows,
-    relative_errors,
-)
-from rotorid.linear.solve import (
-    POOLING_PERIODS,
-    Block,
-    Fitted,
-    LeastSquaresSolution,
-    misfit,
-    pooled,
-    sandwich,
-    scatter_of_answers,
-)
+from rotorid.linear.regression import Equations, Regression, driven_rows, relative_errors
+from rotorid.linear.solve import POOLING_PERIODS, Block, LeastSquaresSolution, pooled
 from rotorid.models import Model
 from rotorid.models.constraints import Constraint, Elimination, constraints_in_si, eliminate, in_si
 from rotorid.models.expressions import symbol
 from rotorid.signals.checks.periods import check_identical
-from rotorid.signals.covariance import LineCovariance, choose_covariance
+from rotorid.signals.covariance import FLOOR, LineCovariance, choose_covariance
 
 LEAST_PERIODS = 4
 """Periods from which the halves of a record have a scatter of their own, for their weights."""
+
+
+Solver = Callable[[Any], LeastSquaresSolution]
 
 
 @frozen
@@ -126,6 +121,13 @@ class Posed:
         design = equations.design @ self.elimination.basis
         return design, equations.target - equations.design @ self.elimination.origin
 
+    def blocks(self, variance: Callable[[Any], Floats]) -> list[Block]:
+        """Return the equations of all records, weighted by a variance of each."""
+        return [
+            Block(*self.free_equations(r), variance(r), r.observation.periodic)
+            for r in self.regressions
+        ]
+
     def _told(self, undetermined: Floats) -> list[Note]:
         """Say what is wrong with the units, and what the equations leave open, with a cure."""
         names = self.names
@@ -200,121 +202,211 @@ class Posed:
 
 
 @frozen
+class Fitted:
+    """The lines of one record at a solution."""
+
+    regression: Regression
+    design: Complexes  # (line, row, free)
+    gains: Complexes  # (free, line, row): how the values answer to the targets
+    base: Floats  # (base,): 0 for what is not determined
+
+    @property
+    def weight(self) -> Floats:
+        """The multiplicity of each line."""
+        return self.regression.record.multiplicity
+
+    @cached_property
+    def residual(self) -> Complexes:
+        return np.asarray(self.regression.residual(self.base))
+
+    @cached_property
+    def periods(self) -> Complexes:
+        """The residual of each period, (period, line, row)."""
+        return self.regression.period_residual(self.base)
+
+    @cached_property
+    def scatter(self) -> LineCovariance:
+        """Of the mean residual."""
+        return choose_covariance(self.periods, self.periods)
+
+    @cached_property
+    def answers(self) -> Floats:
+        """How the values answer to the residual of each period, (period, free)."""
+        return np.asarray(np.einsum("fkr,pkr->pf", self.gains, self.periods).real)
+
+    @property
+    def size(self) -> Floats:
+        """Of the terms of each equation, (row,): below `FLOOR` of it is rounding."""
+        r = self.regression
+        terms = np.abs(r.design) @ np.abs(self.base) + np.abs(r.target)
+        return np.asarray(np.sqrt((terms**2).mean(axis=0)))
+
+
+def sandwich(records: Sequence[Fitted]) -> Floats:
+    """Return the covariance of values that answer to noise e by ``Re(sum gains e)``.
+
+    The paper's (13), ``F' S^-1 F``, is an information matrix; nor is its inverse the covariance:
+    rows without actuator carry a weight, not a variance, and the noise of the regressors
+    dominates.
+    """
+    parts = []
+    for record in records:
+        by_line = np.moveaxis(record.gains, 1, 0)
+        shared = by_line @ record.scatter.matrices @ by_line.conj().swapaxes(-1, -2)
+        # On a complex line the real part of a circular number has half its variance.
+        parts.append(np.tensordot(1 / record.weight, shared.real, axes=1))
+    total = np.sum(parts, axis=0)
+    return np.asarray((total + total.T) / 2)
+
+
+def scatter_of_answers(records: Sequence[Fitted]) -> Floats:
+    """Return the covariance of values from how they answer to the residual of each period.
+
+    For models that are not linear in the motion: there the noise of one line is on others too,
+    and `sandwich`, which takes lines as independent, is wrong by some tenths.
+    """
+    each = [record.answers[:, None].astype(np.complex128) for record in records]
+    return np.asarray(sum(choose_covariance(a, a).matrices[0].real for a in each))
+
+
+def _whitened(record: Fitted) -> tuple[NDArray[Any], ...]:
+    """Return residual, design, gains and R of real equations of deviation one, line by line."""
+    covariance, multiplicity = record.scatter.matrices, record.weight
+    variance = np.einsum("krr->kr", covariance).real + (FLOOR * record.size) ** 2
+    deviation = np.sqrt(np.where(variance > 0, variance, 1.0))
+    scale = np.sqrt(multiplicity)[:, None] / deviation
+    gains = np.moveaxis(record.gains, 0, -1).conj() / scale[..., None]
+    equal = covariance / (deviation[:, :, None] * deviation[:, None, :])
+    rows = np.arange(equal.shape[1])
+    equal[:, rows, rows] = 1.0  # rounding is noise, too
+    single = (multiplicity == 1)[:, None, None]  # DC, Nyquist: no imaginary part
+    cross, back = (np.where(single, 0.0, part) for part in (equal.imag, equal.real))
+    lines = scale * record.residual, scale[..., None] * record.design, gains
+    residual, design, gains = (np.concatenate([x.real, x.imag], axis=1) for x in lines)
+    return residual, design, gains, np.block([[equal.real, -cross], [cross, back]])
+
+
+def misfit(records: Sequence[Fitted]) -> tuple[float, Expectation]:
+    """Return the sum of squares of the residual over its scatter, and what noise makes of it."""
+    # A' A = I - U V' with U = (D, G') and V = (G', D - G' D' D), so that nothing n x n is formed.
+    parts = [_whitened(record) for record in records]
+    cost = sum(float((residual**2).sum()) for residual, *_ in parts)
+    free = parts[0][1].shape[2]
+    inner, shared = np.zeros((free, free)), np.zeros((2 * free, 2 * free))
+    for _, design, _, _ in parts:
+        inner += np.tensordot(design, design, ([0, 1], [0, 1]))
+    mean = square = 0.0
+    for _, design, gains, correlation in parts:
+        u = np.concatenate([design, gains], axis=2)
+        v = np.concatenate([gains, design - gains @ inner], axis=2)
+        moved = correlation @ u
+        cross = np.tensordot(v, moved, ([0, 1], [0, 1]))
+        mean += float(np.trace(correlation, axis1=1, axis2=2).sum() - np.trace(cross))
+        square += float((correlation**2).sum() - 2 * ((correlation @ v) * moved).sum())
+        shared += cross
+    square += float((shared * shared.T).sum())
+    # Every deviation is itself from so many periods.
+    dof = min(record.scatter.dof for record in records)
+    of_one, spread = line_moments(np.ones(1), np.array([dof]), np.full(1, 2.0))
+    mean, square = max(mean, 0.0), max(square, 1e-300)
+    freedom = max(round(mean**2 / square), 1)
+    wider = float(spread[0]) / 4
+    return cost, Expectation(mean * float(of_one[0]) / 2, 2 * square * wider, freedom)
+
+
+def inflation(records: Sequence[Fitted]) -> float:
+    """Return by how much the residual exceeds its scatter over periods, at least 1.
+
+    Each row counts alike. What the periods repeat, a misfit of the model or a bias, is in the
+    residual and not in the scatter.
+    """
+    misfit, noise, equations, count = 0.0, 0.0, 0.0, len(records[0].base)
+    for record in records:
+        weight = record.weight
+        residual = weight @ np.abs(record.residual) ** 2
+        expected = weight @ np.diagonal(record.scatter.matrices.real, axis1=1, axis2=2)
+        noisy = expected > 1e-20 * (weight @ np.abs(record.regression.target) ** 2).max()
+        misfit += float((residual[noisy] / expected[noisy]).sum())
+        noise += float(noisy.sum())
+        equations += float(weight.sum() * noisy.sum())
+    if equations <= count:
+        return 1.0
+    return float(np.sqrt(max(1.0, misfit / noise / (1 - count / equations))))
+
+
+def _parted(records: Sequence[Fitted]) -> Floats:
+    """Return by how much the answers of both halves differ from that of all, to first order.
+
+    Of parameters that are hardly told the answers themselves differ by more than a change.
+    """
+    answers = [record.answers for record in records]
+    halves = [[half.mean(axis=0) for half in np.split(a, [len(a) // 2])] for a in answers]
+    return np.asarray(sum(a.mean(axis=0) - h for a, h in zip(answers, halves, strict=True)))
+
+
+def _noise(records: Sequence[Fitted]) -> dict[str, float]:
+    """Return the share of each input that the scatter of the residual explains."""
+    model = records[0].regression.model
+    inverse = np.linalg.pinv(model.input_matrix)
+    noise, size = np.zeros(len(model.inputs)), np.zeros(len(model.inputs))
+    for record in records:
+        scatter = record.scatter.matrices.real
+        noise += record.weight @ np.einsum("ir,krs,is->ki", inverse, scatter, inverse)
+        size += record.weight @ np.abs(record.regression.inputs.mean(axis=0)) ** 2
+    share = np.sqrt(noise.clip(0) / np.where(size > 0, size, 1.0))
+    return dict(zip(model.inputs, share.tolist(), strict=True))
+
+
+@frozen
 class LeastSquaresProblem(Posed):
     """Regressions on the lines of all records, in the unknowns that exact constraints leave."""
 
     kind = Regression
 
-    def halves(self) -> tuple[LeastSquaresProblem, LeastSquaresProblem]:
+    def halves(self) -> list[LeastSquaresProblem]:
         """Return the problems of the first and of the last half of the periods of each record.
 
         Their answers tell a change, by how they differ; and what noise in the regressors does:
         its power in a mean of half as many periods is twice as large, and so is the bias it leaves.
         """
-        middles = [r.record.periods // 2 for r in self.regressions]
-        parts = [((None, middle), (middle, None)) for middle in middles]
-        first, last = (
-            tuple(replace(r, kept=part) for r, part in zip(self.regressions, half, strict=True))
-            for half in zip(*parts, strict=True)
-        )
-        return replace(self, regressions=first), replace(self, regressions=last)
+        halves = [tuple(replace(r, half=half) for r in self.regressions) for half in (1, 2)]
+        return [replace(self, regressions=half) for half in halves]
 
-    def summarize(
-        self, method: str, solve: Callable[[LeastSquaresProblem], LeastSquaresSolution]
-    ) -> Estimate:
+    def variance(self, regression: Any) -> Floats:
+        return force_variance(regression)
+
+    def summarize(self, method: str, solved: Solver) -> Estimate:
         """Return the estimate that a way of solving gives, with the sandwich for its covariance."""
-        solution, records = solve(self), [r.record for r in self.regressions]
-        values, fewest = self.reached(solution), min(r.periods for r in records)
+        solution, measured = solved(self), [r.record for r in self.regressions]
+        values, fewest = self.reached(solution), min(r.periods for r in measured)
         base = np.nan_to_num(self.base(values))
-        residuals = [r.period_residual(base) for r in self.regressions]
-        scatters = [choose_covariance(residual, residual) for residual in residuals]
-        if self.model.nonlinear and fewest >= POOLING_PERIODS:
-            free = scatter_of_answers(solution.gains, residuals)
-        else:
-            free = sandwich(solution.gains, [s.matrices for s in scatters], records)
+        records = [
+            Fitted(r, self.free_equations(r)[0], gains, base)
+            for r, gains in zip(self.regressions, solution.gains, strict=True)
+        ]
+        nonlinear = self.model.nonlinear and fewest >= POOLING_PERIODS
+        free = scatter_of_answers(records) if nonlinear else sandwich(records)
         estimate = self.estimate(
             method,
             values,
             free,
             solution,
-            inflation=self._inflation(self.base(values), scatters),
-            lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
+            inflation=inflation(records) if np.isfinite(values).all() else 1.0,
+            lines_hz=tuple(sorted({float(f) for r in measured for f in r.frequency})),
             periods=fewest,
         )
         notes = machine_checks.physical(self.full, estimate)
-        notes += machine_checks.prediction(estimate, self._noise(scatters))
+        notes += machine_checks.prediction(estimate, _noise(records))
         if judge(notes) == "ok":  # one reason is enough
-            notes += machine_checks.residual(*misfit(self._fitted(solution, base, scatters)))
+            notes += machine_checks.residual(*misfit(records))
         if fewest >= LEAST_PERIODS:
-            halves = np.array([solve(half).values for half in self.halves()]) - values
+            halves = np.array([solved(half).values for half in self.halves()]) - values
             spread = np.sqrt(np.diag(free).clip(0))
-            if not any(not c.on for r in records for c in check_identical(r)):
+            if not any(not c.on for r in measured for c in check_identical(r)):
                 notes += machine_checks.noise_bias(self.names, halves.mean(axis=0), spread)
             if fewest >= 2 * LEAST_PERIODS:  # below, deviations are too rough to hold them against
-                notes += machine_checks.agreement(
-                    self.names, self._parted(solution, residuals), spread
-                )
+                notes += machine_checks.agreement(self.names, _parted(records), spread)
         return estimate.with_notes(*notes)
-
-    def _inflation(self, base: Floats, scatters: Sequence[LineCovariance]) -> float:
-        """Return by how much the residual exceeds its scatter over periods, at least 1.
-
-        Each row counts alike. What the periods repeat, a misfit of the model or a bias, is in the
-        residual and not in the scatter.
-        """
-        if not np.isfinite(base).all():
-            return 1.0
-        misfit, noise, equations = 0.0, 0.0, 0.0
-        for regression, scatter in zip(self.regressions, scatters, strict=True):
-            weight = regression.record.multiplicity
-            residual = weight @ np.abs(regression.residual(base)) ** 2
-            expected = weight @ np.diagonal(scatter.matrices.real, axis1=1, axis2=2)
-            noisy = expected > 1e-20 * (weight @ np.abs(regression.target) ** 2).max()
-            misfit += float((residual[noisy] / expected[noisy]).sum())
-            noise += float(noisy.sum())
-            equations += float(weight.sum() * noisy.sum())
-        if equations <= len(base):
-            return 1.0
-        return float(np.sqrt(max(1.0, misfit / noise / (1 - len(base) / equations))))
-
-    def _parted(self, solution: LeastSquaresSolution, residuals: Sequence[Complexes]) -> Floats:
-        """Return by how much the answers of both halves differ from that of all, to first order.
-
-        Of parameters that are hardly told the answers themselves differ by more than a change.
-        """
-        parted = np.zeros((2, len(self.names)))
-        for gain, residual in zip(solution.gains, residuals, strict=True):
-            answers = -np.einsum("fkr,pkr->pf", gain, residual).real
-            halves = np.split(answers, [len(answers) // 2])
-            parted += [half.mean(axis=0) - answers.mean(axis=0) for half in halves]
-        return parted
-
-    def _fitted(
-        self, solution: LeastSquaresSolution, base: Floats, scatters: Sequence[LineCovariance]
-    ) -> list[Fitted]:
-        return [
-            Fitted(
-                r.residual(base),
-                self.free_equations(r)[0],
-                gains,
-                scatter.matrices,
-                np.sqrt(((np.abs(r.design) @ np.abs(base) + np.abs(r.target)) ** 2).mean(axis=0)),
-                r.record.multiplicity,
-                scatter.dof,
-            )
-            for r, gains, scatter in zip(self.regressions, solution.gains, scatters, strict=True)
-        ]
-
-    def _noise(self, scatters: Sequence[LineCovariance]) -> dict[str, float]:
-        """Return the share of each input that the scatter of the residual explains."""
-        inverse = np.linalg.pinv(self.model.input_matrix)
-        noise, size = np.zeros(len(self.model.inputs)), np.zeros(len(self.model.inputs))
-        for regression, scatter in zip(self.regressions, scatters, strict=True):
-            weight = regression.record.multiplicity
-            noise += weight @ np.einsum("ir,krs,is->ki", inverse, scatter.matrices.real, inverse)
-            size += weight @ np.abs(regression.inputs.mean(axis=0)) ** 2
-        share = np.sqrt(noise.clip(0) / np.where(size > 0, size, 1.0))
-        return dict(zip(self.model.inputs, share.tolist(), strict=True))
 
 
 def force_variance(regression: Regression) -> Floats:

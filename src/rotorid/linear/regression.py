@@ -177,8 +177,7 @@ class Equations(ABC):
 
 @frozen
 class Regression(Equations):
-    # (first, last): periods that are used, as a slice takes them; all where it is not given
-    kept: tuple[int | None, int | None] = (None, None)
+    half: int = 0  # of the periods, which are used: the first, 1, or the last, 2; 0: all
 
     @cached_property
     def record(self) -> PeriodicRecord:
@@ -196,6 +195,12 @@ class Regression(Equations):
             )
         raise InputError(found, "whole periods for this method", cure, file=lines.source)
 
+    def _lines(self, columns: Sequence[int]) -> Complexes:
+        """Return the lines of columns in the periods that are used, (period, line, column)."""
+        middle = self.record.periods // 2
+        used = (slice(None), slice(middle), slice(middle, None))[self.half]
+        return self.record.spectra[used][..., columns]
+
     @cached_property
     def coordinates(self) -> Complexes:
         """Lines of the coordinates, shape (period, line, coordinate).
@@ -203,12 +208,12 @@ class Regression(Equations):
         Sensors of several coordinates are solved for them.
         """
         columns, follow = self.sensed
-        return np.asarray(self.record.spectra[slice(*self.kept)][..., columns] @ follow)
+        return np.asarray(self._lines(columns) @ follow)
 
     @cached_property
     def inputs(self) -> Complexes:
         self.check_forces()
-        return self.record.spectra[slice(*self.kept)][..., list(self.observation.input_columns)]
+        return self._lines(list(self.observation.input_columns))
 
     def _signals(self, coordinates: Complexes) -> Complexes:
         """Return the lines of the model's signals on the motion that has these lines."""

@@ -1,8 +1,8 @@
-"""Weighted least squares by QR and SVD; sandwich and jackknife covariance; its misfit.
+"""Weighted least squares by QR and SVD, and the jackknife covariance of its values.
 
 The residual of a filtered record is correlated from sample to sample, and how is not known: the
 filter, the controller and what the model leaves out all have a memory. Blocks that are longer than
-it scatter on their own. What the misfit is held against: theory, section 4.
+it scatter on their own.
 """
 
 from __future__ import annotations
@@ -15,12 +15,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths, leave_out
-from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Floats, Integers
 from rotorid.data.record import PeriodicRecord
-from rotorid.signals.covariance import FLOOR, choose_covariance
 from rotorid.signals.spectrum import synthesize
 
 POOLING_PERIODS = 30
@@ -86,6 +84,7 @@ class LeastSquaresSolution:
     condition_number: float  # of the whitened matrix with columns scaled to length one
     # (free, n): directions, in scaled parameters, that the equations leave open
     undetermined: Floats
+    blocks: tuple[Block, ...] = ()  # what was solved, where it was in one go
 
 
 def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
@@ -117,6 +116,7 @@ def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
         tuple(b.gains_of(g) for b, g in zip(blocks, split, strict=True)),
         float(condition),
         _separated(open_directions),
+        tuple(blocks),
     )
 
 
@@ -127,40 +127,6 @@ def _separated(directions: Floats) -> Floats:
     _, _, order = scipy.linalg.qr(directions.T, mode="economic", pivoting=True)
     own = directions[np.sort(order[: directions.shape[1]])]
     return np.asarray(np.linalg.solve(own.T, directions.T).T)
-
-
-def sandwich(
-    gains: Sequence[Complexes], covariances: Sequence[Complexes], records: Sequence[PeriodicRecord]
-) -> Floats:
-    """Return the covariance of values that answer to noise e by ``Re(sum gains e)``.
-
-    The paper's (13), ``F' S^-1 F``, is an information matrix; nor is its inverse the covariance:
-    rows without actuator carry a weight, not a variance, and the noise of the regressors
-    dominates.
-    """
-    free = gains[0].shape[0]
-    total = np.zeros((free, free))
-    for gain, matrices, record in zip(gains, covariances, records, strict=True):
-        # On a complex line the real part of a circular number has half its variance.
-        share = 1.0 / record.multiplicity
-        by_line = np.moveaxis(gain, 1, 0)
-        shared = by_line @ matrices @ by_line.conj().swapaxes(-1, -2)
-        total += np.tensordot(share, shared.real, axes=1)
-    return (total + total.T) / 2
-
-
-def scatter_of_answers(gains: Sequence[Complexes], residuals: Sequence[Complexes]) -> Floats:
-    """Return the covariance of values from how they answer to the residual of each period.
-
-    For models that are not linear in the motion: there the noise of one line is on others too,
-    and `sandwich`, which takes lines as independent, is wrong by some tenths.
-    """
-    free = gains[0].shape[0]
-    total = np.zeros((free, free))
-    for gain, residual in zip(gains, residuals, strict=True):
-        answers = np.einsum("fkr,pkr->pf", gain, residual).real[:, None] + 0j
-        total += choose_covariance(answers, answers).matrices[0].real
-    return total
 
 
 BLOCKS = 32
@@ -264,66 +230,3 @@ def _leave_out(
         without[block] = change * length
         alone |= (np.abs(untold) > TINY).any(axis=1)
     return shifts, without, alone
-
-
-@frozen
-class Fitted:
-    residual: Complexes  # (line, row)
-    design: Complexes  # (line, row, free)
-    gains: Complexes  # (free, line, row): of the answer to the targets
-    covariance: Complexes  # (line, row, row): of the mean residual
-    size: Floats  # (row,): of the terms of each equation: below `FLOOR` of it is rounding
-    multiplicity: Floats  # (line,)
-    dof: float  # complex degrees of freedom of the covariance
-
-    def whitened(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return residual, design, gains and R of real equations of deviation one, line by line."""
-        variance = np.einsum("krr->kr", self.covariance).real + (FLOOR * self.size) ** 2
-        deviation = np.sqrt(np.where(variance > 0, variance, 1.0))
-        scale = np.sqrt(self.multiplicity)[:, None] / deviation
-        gains = np.moveaxis(self.gains, 0, -1).conj() / scale[..., None]
-        equal = self.covariance / (deviation[:, :, None] * deviation[:, None, :])
-        rows = np.arange(equal.shape[1])
-        equal[:, rows, rows] = 1.0  # rounding is noise, too
-        single = (self.multiplicity == 1)[:, None, None]  # DC, Nyquist: no imaginary part
-        cross, back = (np.where(single, 0.0, part) for part in (equal.imag, equal.real))
-        correlation = np.block([[equal.real, -cross], [cross, back]])
-        return (
-            _parts(scale * self.residual),
-            _parts(scale[..., None] * self.design),
-            _parts(gains),
-            correlation,
-        )
-
-
-def _parts(lines: Complexes) -> Floats:
-    """Return real and imaginary parts of the rows of each line, one after the other."""
-    return np.concatenate([lines.real, lines.imag], axis=1)
-
-
-def misfit(records: Sequence[Fitted]) -> tuple[float, Expectation]:
-    """Return the sum of squares of the residual over its scatter, and what noise makes of it."""
-    # A' A = I - U V' with U = (D, G') and V = (G', D - G' D' D), so that nothing n x n is formed.
-    parts = [record.whitened() for record in records]
-    cost = sum(float((residual**2).sum()) for residual, *_ in parts)
-    free = parts[0][1].shape[2]
-    inner, shared = np.zeros((free, free)), np.zeros((2 * free, 2 * free))
-    for _, design, _, _ in parts:
-        inner += np.tensordot(design, design, ([0, 1], [0, 1]))
-    mean = square = 0.0
-    for _, design, gains, correlation in parts:
-        u = np.concatenate([design, gains], axis=2)
-        v = np.concatenate([gains, design - gains @ inner], axis=2)
-        moved = correlation @ u
-        cross = np.tensordot(v, moved, ([0, 1], [0, 1]))
-        mean += float(np.trace(correlation, axis1=1, axis2=2).sum() - np.trace(cross))
-        square += float((correlation**2).sum() - 2 * ((correlation @ v) * moved).sum())
-        shared += cross
-    square += float((shared * shared.T).sum())
-    # Every deviation is itself from so many periods.
-    dof = min(record.dof for record in records)
-    of_one, spread = line_moments(np.ones(1), np.array([dof]), np.full(1, 2.0))
-    mean, square = max(mean, 0.0), max(square, 1e-300)
-    freedom = max(round(mean**2 / square), 1)
-    wider = float(spread[0]) / 4
-    return cost, Expectation(mean * float(of_one[0]) / 2, 2 * square * wider, freedom)
