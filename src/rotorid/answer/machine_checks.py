@@ -21,7 +21,7 @@ from rotorid.core.units import dimension_of
 from rotorid.core.values import Floats
 from rotorid.models import Model
 from rotorid.models.expressions import symbol
-from rotorid.models.linear_form import LinearForm, speed_factor
+from rotorid.models.linear_form import LinearForm
 from rotorid.models.structure import force_balance
 
 REJECTED = 1e-6
@@ -139,20 +139,18 @@ def _parts(reduced: Model, linear: LinearForm, base: Floats, omega: float) -> tu
     kept |= {int(k): count for k in np.flatnonzero(~reduced.monomials.any(axis=1))}
     shape = (count + 1, linear.rows, linear.coordinates)
     mass, gyroscopic, forces = np.zeros(shape), np.zeros(shape), np.zeros(shape[1:])
-    table = linear.stiffness
-    part = np.array([kept.get(m, -1) for m in range(linear.monomials)])[table.monomial]
-    for number, (order, factor, _) in enumerate(table.kinds):
-        chosen = (table.kind == number) & (part >= 0)
-        where = part[chosen], table.row[chosen], table.column[chosen]
-        if order == 2 and not factor.free_symbols:
-            np.add.at(mass, where, table.coefficient[chosen] * speed_factor(factor, 0.0))
-        elif order == 1 and factor == symbol("Omega"):
-            np.add.at(gyroscopic, where, table.coefficient[chosen])
-        size = omega**order * abs(speed_factor(factor, omega))
-        np.add.at(forces, where[1:], size * np.abs(table.coefficient[chosen] * base[where[0]]))
+    part = np.array([kept.get(m, -1) for m in range(linear.monomials)])[linear.stiffness.monomial]
+    table, part = linear.stiffness.where(part >= 0), part[part >= 0]
+    size, place = table.sizes(omega), (part, table.row, table.column)
+    kinds = [(kind.order, kind.factor) for kind in table.kinds]
+    inertial = np.array([order == 2 and not factor.free_symbols for order, factor in kinds])
+    turning = np.array([kind == (1, symbol("Omega")) for kind in kinds])
+    np.add.at(mass, place, size * inertial[table.kind])
+    np.add.at(gyroscopic, place, table.coefficient * turning[table.kind])
+    np.add.at(forces, place[1:], omega**table.order * np.abs(size * base[part]))
     if omega > 0:  # of natural frequencies alone there are no lines
-        inertial = omega**2 * np.abs(np.tensordot(base, mass, 1))
-        mass[:, inertial < ROUNDING * forces.sum(axis=1, keepdims=True)] = 0.0
+        inert = omega**2 * np.abs(np.tensordot(base, mass, 1))
+        mass[:, inert < ROUNDING * forces.sum(axis=1, keepdims=True)] = 0.0
     return mass, gyroscopic
 
 

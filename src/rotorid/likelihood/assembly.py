@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines, Signal
 from rotorid.data.observation import Observation, combined
 from rotorid.data.record import Channel
@@ -37,7 +37,7 @@ from rotorid.likelihood.relations import Monomials
 from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_factor
 from rotorid.models.equations import SensorTerm
 from rotorid.models.expressions import Expression, evaluate, symbol
-from rotorid.models.linear_form import TermKind, speed_factor
+from rotorid.models.linear_form import StiffnessTable, TermKind, speed_factor
 from rotorid.signals.covariance import LineCovariance
 
 PHASE_STEPS = 16
@@ -47,15 +47,9 @@ PHASE_STEPS = 16
 
 @frozen
 class Terms:
-    """The terms of [Z, -B] in columns: those of a drawing are tens of thousands."""
+    """The terms of [Z, -B], each by its product of unknowns."""
 
-    kinds: tuple[TermKind, ...]
-    # (term,)
-    row: Integers
-    column: Integers
-    monomial: Integers
-    kind: Integers
-    coefficient: Floats  # (term,)
+    table: StiffnessTable
     monomials: Monomials  # of all unknowns
     where: Mapping[Factors, int]  # each product of unknowns among them
 
@@ -70,36 +64,37 @@ class Terms:
         number = {kind: k for k, kind in enumerate(kinds)}
         place = np.array([-1 if f is None else where[f] for f in products], dtype=np.int64)
         own_kind = np.array([number[kind] for kind in table.kinds], dtype=np.int64)
-        own = table.row, table.column, place[table.monomial], own_kind[table.kind]
-        others = [(t.row, t.column, where[t.factors], number[t.kind]) for t in further]
+        own = own_kind[table.kind], table.row, table.column, place[table.monomial]
+        others = [(number[t.kind], t.row, t.column, where[t.factors]) for t in further]
         behind = np.array(others, dtype=np.int64).reshape(-1, 4).T
         kept = place[table.monomial] >= 0
-        row, column, monomial, kind = (
+        kind, row, column, monomial = (
             np.append(a[kept], b) for a, b in zip(own, behind, strict=True)
         )
         coefficient = np.append(table.coefficient[kept], [t.coefficient for t in further])
         monomials = Monomials.of(list(where), len(layout.unknowns))
-        return cls(kinds, row, column, monomial, kind, coefficient, monomials, where)
+        table = StiffnessTable(kinds, kind, row, column, monomial, coefficient)
+        return cls(table, monomials, where)
 
     def entries(self, lines: Lines) -> Entries:
         """Return those of [P, B], P = -Z, on lines; kinds that are alike on these are one."""
         weights: dict[tuple[int, bytes], Complexes] = {}
-        sizes, keys = [], []
-        for kind in self.kinds:
+        table, sizes, keys = self.table, [], []
+        for kind in table.kinds:
             size, along = profile(kind, lines)
             keys.append((kind.order, b"" if along is None else along.tobytes()))
             power = (1j * lines.omega) ** kind.order
             weights[keys[-1]] = np.asarray(power if along is None else power * along)
             sizes.append(size)
-        every = np.array(sizes)[self.kind]
-        kept = every != 0
-        place = np.array([list(weights).index(key) for key in keys])[self.kind[kept]]
+        every = np.array(sizes)[table.kind]
+        place = np.array([list(weights).index(key) for key in keys])
+        table, every = table.where(every != 0), every[every != 0]
         return Entries(
-            self.row[kept],
-            self.column[kept],
-            self.monomial[kept],
-            place,
-            -self.coefficient[kept] * every[kept],
+            table.row,
+            table.column,
+            table.monomial,
+            place[table.kind],
+            -table.coefficient * every,
             np.stack(list(weights.values()), axis=1),
         )
 

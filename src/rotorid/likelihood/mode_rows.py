@@ -6,7 +6,7 @@ and y; ``d lambda = - y^H dL x / y^H (2 lambda M + D) x``. A row is (value - mea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -23,7 +23,7 @@ from rotorid.likelihood.assembly import Terms
 from rotorid.likelihood.effects import Entry, at_unknowns
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
-from rotorid.models.linear_form import speed_factor
+from rotorid.models.linear_form import StiffnessTable
 from rotorid.models.modal import Eigenmodes, eigenmodes, parted
 
 GRANTED = 0.3
@@ -35,15 +35,17 @@ with a tenth of it one frequency 100 deviations off led every search astray, wit
 class Pencil:
     """M, D + Omega G and K of one configuration: sums of ``weight * mu[monomial]``."""
 
-    # (term,)
-    row: Integers
-    column: Integers
-    order: Integers
-    monomial: Integers
-    weight: Floats | Complexes  # (term,): complex with structural damping
+    terms: StiffnessTable
+    speed: float
     monomials: Monomials  # of all unknowns
-    held: dict[int, float]  # unknowns that were otherwise in this configuration
     size: int  # number of coordinates
+    held: Mapping[int, float] = field(default_factory=dict)  # unknowns that were otherwise here
+
+    @cached_property
+    def weight(self) -> Floats | Complexes:
+        """Of each term, (term,)."""
+        found: Floats | Complexes = self.terms.sizes(self.speed) * self.terms.lag
+        return found
 
     def put(self, unknowns: Floats) -> Floats:
         x = unknowns.copy()
@@ -53,8 +55,9 @@ class Pencil:
     def matrices(self, unknowns: Floats) -> Floats | Complexes:
         """K, D + Omega G and M, shape (3, row, coordinate)."""
         found: Any = np.zeros((3, self.size, self.size), dtype=self.weight.dtype)
-        values = self.weight * self.monomials.values(self.put(unknowns))[self.monomial]
-        np.add.at(found, (self.order, self.row, self.column), values)
+        t = self.terms
+        values = self.weight * self.monomials.values(self.put(unknowns))[t.monomial]
+        np.add.at(found, (t.order, t.row, t.column), values)
         return np.asarray(found)
 
     def slopes(
@@ -65,9 +68,10 @@ class Pencil:
         Of several groups of modes at once too, each with its value, along further axes in front.
         """
         order, starts, live = self._by_monomial
-        weight = self.weight[order] * np.asarray(value)[..., None] ** self.order[order]
-        rows = left.conj()[..., :, None, self.row[order]] * weight[..., None, None, :]
-        terms = rows * right[..., None, :, self.column[order]]
+        t = self.terms
+        weight = self.weight[order] * np.asarray(value)[..., None] ** t.order[order]
+        rows = left.conj()[..., :, None, t.row[order]] * weight[..., None, None, :]
+        terms = rows * right[..., None, :, t.column[order]]
         jacobian = self.monomials.jacobian(self.put(at))
         jacobian[:, list(self.held)] = 0.0
         if not len(live):
@@ -77,8 +81,8 @@ class Pencil:
     @cached_property
     def _by_monomial(self) -> tuple[Integers, Integers, Integers]:
         """The terms in the order of their monomials, where each of these begins, and which."""
-        order = np.argsort(self.monomial, kind="stable")
-        live, starts = np.unique(self.monomial[order], return_index=True)
+        order = np.argsort(self.terms.monomial, kind="stable")
+        live, starts = np.unique(self.terms.monomial[order], return_index=True)
         return order, starts, live
 
 
@@ -264,7 +268,7 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
         )
     held = {layout.index[name]: float(value) for name, value in mode.parameters.items()}
     pencil = replace(pencil_at(layout, mode.in_si[2]), held=held)
-    used = set(pencil.monomials.factors[pencil.monomial].ravel().tolist()) - held.keys()
+    used = set(pencil.monomials.factors[pencil.terms.monomial].ravel().tolist()) - held.keys()
     if used & layout.idle:  # of which record it would be is not known
         name = layout.unknowns[min(used & layout.idle)].name
         raise InputError(
@@ -279,20 +283,8 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
 def pencil_at(layout: Layout, speed: float) -> Pencil:
     further = at_unknowns(layout.acting(Entry))
     terms = Terms.of(layout, [t for t in further if t.order < 3])  # beyond M is no matrix
-    order = np.array([kind.order for kind in terms.kinds], dtype=np.int64)[terms.kind]
-    size = [
-        speed_factor(kind.factor, speed) * (1j if kind.structural else 1) for kind in terms.kinds
-    ]
-    return Pencil(
-        terms.row,
-        terms.column,
-        order,
-        terms.monomial,
-        terms.coefficient * np.array(size)[terms.kind],
-        terms.monomials,
-        {},
-        layout.model.require_linear().coordinates,
-    )
+    size = layout.model.require_linear().coordinates
+    return Pencil(terms.table, speed, terms.monomials, size)
 
 
 NEAR = 5.0

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.models.equations import DERIVATIVES
 from rotorid.models.expressions import (
     FUNCTIONS,
@@ -154,16 +154,37 @@ class StiffnessTable:
         return len(self.coefficient)
 
     def __iter__(self) -> Iterator[StiffnessTerm]:
-        columns = (self.kind, self.row, self.column, self.monomial, self.coefficient)
-        for kind, row, column, monomial, coefficient in zip(
-            *(column.tolist() for column in columns), strict=True
-        ):
+        columns = (each.tolist() for each in (*self._places, self.coefficient))
+        for kind, row, column, monomial, coefficient in zip(*columns, strict=True):
             order, factor, structural = self.kinds[kind]
             yield StiffnessTerm(row, column, order, monomial, coefficient, factor, structural)
+
+    @property
+    def _places(self) -> tuple[Integers, ...]:
+        return self.kind, self.row, self.column, self.monomial
 
     @cached_property
     def monomials(self) -> tuple[int, ...]:
         return tuple(np.unique(self.monomial).tolist())
+
+    @cached_property
+    def order(self) -> Integers:
+        """Of the derivative, (term,)."""
+        return np.array([kind.order for kind in self.kinds], dtype=np.int64)[self.kind]
+
+    @cached_property
+    def lag(self) -> Floats | Complexes:
+        """What structural damping turns a term by, (term,): complex where there is any."""
+        return np.array([1j if kind.structural else 1.0 for kind in self.kinds])[self.kind]
+
+    def sizes(self, speed: float) -> Floats:
+        """Return the coefficient of each term, by its factor of the speed."""
+        factors = np.array([speed_factor(kind.factor, speed) for kind in self.kinds])
+        return np.asarray(self.coefficient * factors[self.kind])
+
+    def where(self, chosen: Booleans) -> StiffnessTable:
+        kind, row, column, monomial = (each[chosen] for each in self._places)
+        return StiffnessTable(self.kinds, kind, row, column, monomial, self.coefficient[chosen])
 
 
 @frozen

@@ -27,7 +27,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.models.expressions import Expression, Monomial
-from rotorid.models.linear_form import motion_factor, speed_factor
+from rotorid.models.linear_form import motion_factor
 from rotorid.models.model import Model, fact
 
 ALIKE = 1e-3
@@ -290,12 +290,10 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     if linear.rows != n:
         return None
     table = linear.stiffness
-    factors = np.array([speed_factor(kind.factor, speed) for kind in table.kinds])
-    order = np.array([kind.order for kind in table.kinds], dtype=np.int64)[table.kind]
-    size = table.coefficient * factors[table.kind]
     parts = np.zeros((3, n, n, len(values)))
     slopes = model.monomial_jacobian(values)[table.monomial]
-    np.add.at(parts, (order, table.row, table.column), size[:, None] * slopes * values)
+    place, size = (table.order, table.row, table.column), table.sizes(speed)
+    np.add.at(parts, place, size[:, None] * slopes * values)
     balance = force_balance(model, linear.matrices(values, speed).M)
     ordered = np.moveaxis(parts, 3, 0)[:, :, balance.rows] / balance.scales[:, None]
     names = model.parameter_names

@@ -17,15 +17,14 @@ from rotorid.core.errors import InputError, ModelError
 from rotorid.core.frozen import frozen
 from rotorid.core.linalg import covariance_root
 from rotorid.core.toml import table_within
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats
 from rotorid.force.entry import LawEntry, law_keys
 from rotorid.force.laws import Differential, Linear
 from rotorid.likelihood.mode_rows import Pencil
 from rotorid.likelihood.relations import Monomials
 from rotorid.models import LinearForm, Model, load_model, parse_model, shipped_models
 from rotorid.models.equations import polynomial
-from rotorid.models.expressions import Expression
-from rotorid.models.linear_form import solved, speed_factor
+from rotorid.models.linear_form import StiffnessTable, solved
 from rotorid.models.rotor import RotorModel
 from rotorid.models.structure import ForceBalance, force_balance
 
@@ -111,35 +110,20 @@ class Machine:
     @cached_property
     def steady(self) -> bool:
         """Whether M, D and K are the same at every speed."""
-        return not any(factor.free_symbols for factor in self._terms[0])
+        return not any(kind.factor.free_symbols for kind in self._terms.kinds)
 
     def pencil(self, speed: float) -> Pencil:
         """Return M, D + Omega G and K at a speed, by the unknowns."""
         if speed not in self._pencils:
-            factors, which, weights, places = self._terms
-            sizes = np.array([speed_factor(factor, speed) for factor in factors])
             self._pencils.clear()
-            row, column, order, monomial = places
-            weight, size = weights * sizes[which], self.linear.coordinates
-            self._pencils[speed] = Pencil(
-                row, column, order, monomial, weight, self.monomials, {}, size
-            )
+            size = self.linear.coordinates
+            self._pencils[speed] = Pencil(self._terms, speed, self.monomials, size)
         return self._pencils[speed]
 
     @cached_property
-    def _terms(self) -> tuple[list[Expression], Integers, Floats, Integers]:
-        """Factors of the speed, which each term has, its weight; row, column, order, monomial."""
+    def _terms(self) -> StiffnessTable:
         table = self.linear.stiffness
-        kept = np.asarray(self.used, dtype=bool)[table.monomial]
-        factors = list(dict.fromkeys(kind.factor for kind in table.kinds))
-        number = np.array([factors.index(kind.factor) for kind in table.kinds], dtype=np.int64)
-        order = np.array([kind.order for kind in table.kinds], dtype=np.int64)
-        lag = np.array([1j if kind.structural else 1.0 for kind in table.kinds])
-        if not any(kind.structural for kind in table.kinds):
-            lag = lag.real
-        kind = table.kind[kept]
-        columns = (table.row[kept], table.column[kept], order[kind], table.monomial[kept])
-        return factors, number[kind], table.coefficient[kept] * lag[kind], np.stack(columns)
+        return table.where(np.asarray(self.used, dtype=bool)[table.monomial])
 
     def matrices(self, speed: float) -> Floats | Complexes:
         """Return K, D + Omega G and M, shape (3, row, coordinate)."""
@@ -185,9 +169,9 @@ class Machine:
         """Return d (Z q) by the unknowns at a motion q, shape (row, unknown)."""
         pencil = self.pencil(speed)
         weight = pencil.weight.conj() if omega < 0 else pencil.weight
-        terms = weight * (1j * omega) ** pencil.order * motion[pencil.column]
-        by_monomial = np.zeros((len(motion), len(self.used)), dtype=np.complex128)
-        np.add.at(by_monomial, (pencil.row, pencil.monomial), terms)
+        table, by_monomial = self._terms, np.zeros((len(motion), len(self.used)), np.complex128)
+        terms = weight * (1j * omega) ** table.order * motion[table.column]
+        np.add.at(by_monomial, (table.row, table.monomial), terms)
         return np.asarray(by_monomial @ self.monomials.jacobian(self.values))
 
     def response(self, speed: float) -> tuple[Complexes, Complexes]:

@@ -325,7 +325,7 @@ class Eigen:
         pencil, values = self.machine.pencil(self.speed), self.machine.values
         groups, size = group.reshape(-1, group.shape[-1]), group.shape[-1]
         parts = []
-        chunk = max(1, TERMS // (size**2 * max(len(pencil.row), 1)))
+        chunk = max(1, TERMS // (size**2 * max(len(pencil.terms), 1)))
         for first in range(0, len(groups), chunk):
             here = chosen(self.found, groups[first : first + chunk])
             inner = pencil.slopes(here.values.mean(axis=1), here.left, here.right, values)
