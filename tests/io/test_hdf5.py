@@ -340,8 +340,8 @@ def part(file: Path, values: np.ndarray = VALUES, name: str = "x") -> Path:
 def virtual(file: Path, *sources: tuple[str, str, int], size: int = 600) -> None:
     """Write a virtual data set of parts of 200 samples: file, data set, where it goes."""
     layout = h5py.VirtualLayout(shape=(size,), dtype="f8")
-    for file, name, begin in sources:
-        layout[begin : begin + 200] = h5py.VirtualSource(file, name, shape=(200,))
+    for source, name, begin in sources:
+        layout[begin : begin + 200] = h5py.VirtualSource(source, name, shape=(200,))
     with h5py.File(file, "w") as data:
         data.create_virtual_dataset("x", layout)
 
