@@ -35,6 +35,7 @@ from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import solve
 from rotorid.likelihood.starts import searched
+from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 
 
@@ -64,8 +65,7 @@ def count(name: str, make: Callable[[int], Case], seeds: int) -> None:
         if found is None or not found.converged:
             continue
         begin = time.process_time()
-        start = problem.layout.start
-        solution, inference, doubt = questioned(problem, start, found, found.inference)
+        solution, inference, _, doubt = questioned(found, Mirrors(problem.layout))
         asked.append(time.process_time() - begin)
         if doubt or inference.linear.null.shape[1]:
             doubtful += 1

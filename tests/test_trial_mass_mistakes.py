@@ -76,7 +76,7 @@ def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch) -> N
     assert [lead.term for lead in found] == [
         f"swap[record {pair.replace(', ', ', record ')}]" for pair in pairs
     ]
-    case.reading = lambda change: change([0, 1, 2, 3, 4])
+    case.records, case.reading = [0, 1, 2, 3, 4], list
     assert found[3].change(case) == [4, 1, 2, 3, 0]
 
 

@@ -18,8 +18,7 @@ from rotorid.data.lines import Lines
 from rotorid.data.observation import bind
 from rotorid.data.record import Channel, Drive, PeriodicRecord
 from rotorid.likelihood.fit import Fit
-from rotorid.likelihood.inference import infer
-from rotorid.likelihood.other_answers import other_answers
+from rotorid.likelihood.other_answers import doubt_notes, other_answers
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.response import simulated
 from rotorid.likelihood.solver import Solution
@@ -207,11 +206,10 @@ def predict_accuracy(
     )
     problem = replace(prepared, likelihoods=likelihoods)
     solution = Solution(problem.at(unknowns), True, 0)
-    inference = infer(solution.point)
-    mirrors = Mirrors.of(problem, records, unknowns)
-    doubt = other_answers(mirrors, solution, inference)
-    signs = tuple(mirrors.notes(solution, inference))
-    fit = Fit(solution, inference, records, doubt, signs=signs)
+    inference, mirrors = solution.inference, Mirrors.of(problem, records, unknowns)
+    answers, exchanges = other_answers(mirrors, solution)
+    notes = *doubt_notes(problem, answers, exchanges), *mirrors.notes(solution, inference)
+    fit = Fit(solution, inference, records, notes, answers)
     estimate = summarize(model, fit)
     return estimate.with_(
         method="bound",

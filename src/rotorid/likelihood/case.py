@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -126,18 +126,18 @@ class Case:
     def prepared_as(self, prepared: Problem) -> Case:
         return replace(self, prepared=prepared, found=None, like=self.point)
 
-    def reading(self, change: Callable[[Records], Records]) -> Case:
-        return replace(self, records=tuple(change(self.records)), found=None, like=None)
+    def reading(self, records: Records) -> Case:
+        return replace(self, records=tuple(records), found=None, like=None)
 
     def on_lines(self, few: int) -> Case:
         """Return the case on some of the lines of its records, where they have more than few."""
         fewer = thinned(self.records, few)
-        return self if fewer is None else self.reading(lambda _: fewer)
+        return self if fewer is None else self.reading(fewer)
 
     def on_model(self, whole: Model) -> Case:
         """Return the case with a model of the same parameters and other coordinates."""
         layout = replace(self.prepared.layout, model=whole)
-        other = self.reading(lambda records: [moved(record, whole) for record in records])
+        other = self.reading([moved(record, whole) for record in self.records])
         return replace(other, prepared=replace(self.prepared, layout=layout))
 
     def at(self, point: Point | None) -> Case | None:
@@ -299,13 +299,14 @@ class Slopes:
 
 
 Entry = Callable[[Case], Iterator[Rival]]
+E = TypeVar("E", bound=Entry)
 CATALOGUE: dict[str, list[Entry]] = {}
 
 
-def rivals(stage: str) -> Callable[[Entry], Entry]:
+def rivals(stage: str) -> Callable[[E], E]:
     """Enter a function that yields the rivals of a case, to be tried at a stage of the search."""
 
-    def enter(entry: Entry) -> Entry:
+    def enter(entry: E) -> E:
         CATALOGUE.setdefault(stage, []).append(entry)
         return entry
 
@@ -341,27 +342,23 @@ def mistake(
     term: str,
     said: str,
     cure: str,
-    change: Callable[[Records], Records],
+    change: Callable[[Case], Case],
     value: float | None = None,
     unit: str = "",
     *,
     on: tuple[str, ...] = (),
     kind: Kind = "mistake",
 ) -> Rival:
-    """Return the rival that records were made with a mistake; `change` undoes it."""
-
-    def undone(case: Case) -> Case:
-        return case.reading(change)
-
-    return Rival(term, kind, undone, said, cure, value, unit, on, way="far")
+    """Return the rival that a mistake was made; `change` undoes it."""
+    return Rival(term, kind, change, said, cure, value, unit, on, way="far")
 
 
 def each_record(
     change: Callable[[Observation], Observation],
     of: Callable[[Observation], bool] = lambda record: True,
-) -> Callable[[Records], list[Observation]]:
-    """Return what changes each record by itself; `of`: those of one kind."""
-    return lambda records: [change(record) if of(record) else record for record in records]
+) -> Callable[[Case], Case]:
+    """Return what changes each record of a case by itself; `of`: those of one kind."""
+    return lambda case: case.reading([change(r) if of(r) else r for r in case.records])
 
 
 def not_asked(case: Case, unknowns: Iterable[Unknown]) -> list[Unknown]:

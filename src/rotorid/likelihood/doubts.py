@@ -1,13 +1,7 @@
 """Doubts about an answer: a catalogue of functions that yield notes.
 
-Runout, the rotor angle, gains and delays of channels, and parts of the shaft that the model lacks:
-what is not asked for is known exactly, and deviations leave it out. What errors of a plausible size
-do to the residual says how far they may move a parameter before the warning of a doubtful model
-tells (`Linear.unseen`).
-
-In a closed loop the noise changes from line to line where a rotor of little damping resonates, and
-a window of tens of lines takes the mean of it: what few lines tell scatters by more than its
-deviation, and neither misfit nor halves show it.
+What errors of what is taken as exact do to the residual says how far they may move a parameter
+before the warning of a doubtful model tells (docs/maximum-likelihood.md, section 6).
 """
 
 from __future__ import annotations
@@ -26,7 +20,7 @@ from rotorid.core.distributions import Expectation
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.units import dimension_of
-from rotorid.core.values import Floats
+from rotorid.core.values import Booleans, Floats
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
@@ -45,16 +39,15 @@ from rotorid.signals.covariance import lag_one_correlation
 
 Doubt = Callable[[Fit], Iterable[Note]]
 ANY: tuple[Status, ...] = ("ok", *STATUSES.values())
-CATALOGUE: list[tuple[Doubt, tuple[Status, ...], bool]] = []
-"""Each doubt, the statuses of answers on which it is cast, and whether it sees what the others have
-made of the answer; in the order in which they are told."""
+CATALOGUE: list[tuple[Doubt, tuple[Status, ...]]] = []
+"""Each doubt, and the statuses of answers on which it is cast; as they are told."""
 
 
-def doubt(*when: Status, last: bool = False) -> Callable[[Doubt], Doubt]:
+def doubt(*when: Status) -> Callable[[Doubt], Doubt]:
     """Enter a function into the catalogue: cast on answers of these statuses, or of any."""
 
     def entered(function: Doubt) -> Doubt:
-        CATALOGUE.append((function, when or ANY, last))
+        CATALOGUE.append((function, when or ANY))
         return function
 
     return entered
@@ -62,12 +55,13 @@ def doubt(*when: Status, last: bool = False) -> Callable[[Doubt], Doubt]:
 
 def doubted(model: Model, estimate: Estimate, fit: Fit, *, speed: bool = False) -> Estimate:
     """Return an answer with all doubts about it; `speed`: one is suspected to be wrong."""
-    notes, out = no_machine(model, estimate, fit), {straying} if speed else set()
-    for tier in (False, True):
-        cast = [each for each, when, last in CATALOGUE if last == tier and estimate.status in when]
-        notes += [note for each in cast if each not in out for note in each(fit)]
-        estimate, notes = estimate.with_notes(*notes), []
-    return estimate
+    notes = no_machine(model, estimate, fit)
+    for cast, when in CATALOGUE:
+        if estimate.status in when and not (speed and cast is straying):
+            notes += cast(fit)
+    estimate = estimate.with_notes(*notes)
+    # What the others have made of the answer may call for it.
+    return estimate.with_notes(*blocks_scatter(fit)) if estimate.status == "rejected" else estimate
 
 
 def no_machine(model: Model, estimate: Estimate, fit: Fit) -> list[Note]:
@@ -89,6 +83,10 @@ def no_machine(model: Model, estimate: Estimate, fit: Fit) -> list[Note]:
 def _names(fit: Fit) -> list[str]:
     """Return the names of the free unknowns."""
     return [fit.layout.unknowns[i].name for i in fit.layout.free]
+
+
+def _listed(fit: Fit, which: Booleans) -> str:
+    return ", ".join(np.array(_names(fit), dtype=object)[which])
 
 
 def _determined(fit: Fit) -> bool:
@@ -172,10 +170,9 @@ def _angle_notes(fit: Fit) -> Iterator[Note]:
     led = (free < layout.named) & (share.max(axis=1, initial=0.0) > LED)
     if led.any():
         worst = np.degrees(max(layout.unknowns[free[k]].std or 0.0 for k in turned))
-        names = ", ".join(name for name, its in zip(_names(fit), led, strict=True) if its)
         text = (
-            f"known to {worst:.2g} deg, which is most of the deviations of {names}: nobody "
-            "knows how much later than the mark the columns are, so within a sample, unless "
+            f"known to {worst:.2g} deg, which is most of the deviations of {_listed(fit, led)}: "
+            "nobody knows how much later than the mark the columns are, so within a sample, unless "
             "angle_lag_std says it better"
         )
         yield Note("rotor angle", "says", text)
@@ -198,10 +195,9 @@ def _scale_notes(fit: Fit, column: Floats) -> Iterator[Note]:
     share = np.abs(found) / np.where(value != 0, np.abs(value), np.inf)
     follows = (layout.free < layout.named) & (share > FOLLOWS)
     if follows.any():
-        names = ", ".join(name for name, its in zip(_names(fit), follows, strict=True) if its)
         text = (
-            f"assumed exact: 1 % of error shifts {names} by 1 %, more than their std, without "
-            "raising the misfit; set force_scale_std, or weigh the rotor"
+            f"assumed exact: 1 % of error shifts {_listed(fit, follows)} by 1 %, more than their "
+            "std, without raising the misfit; set force_scale_std, or weigh the rotor"
         )
         yield Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))
 
@@ -590,7 +586,6 @@ def lines_alike(fit: Fit) -> Iterator[Note]:
         yield Note("neighbouring lines", "doubts", text)
 
 
-@doubt("rejected", last=True)
 def blocks_scatter(fit: Fit) -> Iterator[Note]:
     """Say how much the answers of blocks of the record scatter, against the stated deviations."""
     most = min((r.lines.periods // LEAST_PERIODS for r in fit.records), default=0)

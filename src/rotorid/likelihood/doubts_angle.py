@@ -1,7 +1,6 @@
 """Whether the unbalance keeps to the stated rotor angle.
 
-A speed that changes by a ten-thousandth while a record is taken turns its unbalance away from the
-angle and back by some degrees, and both halves by as much. The load along the angle errors
+The load along the angle errors
 
     phi(t) + sum_n a_n P_n(s),   s = -1 .. 1 over the record, P_n of Legendre,
 
@@ -35,8 +34,8 @@ from rotorid.likelihood.problem import Point
 
 ANGLE = "rotor angle"
 """What the notes are about."""
-ORDERS = (1, 2, 3)
-"""n: a speed that is off, one that changes, one that changes and comes back."""
+ORDERS = 3
+"""Of n: a speed that is off, one that changes, one that changes and comes back."""
 TOLD = 1e-4
 """Chance below which straying is told; below that of a rejected model it is sure."""
 LARGEST = 1.0
@@ -58,16 +57,10 @@ def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note
         every = np.zeros((len(point.residual), columns.shape[1]))
         every[rows] = columns
         explained, angles = point.linear.score(every[:, 1:])
-        chance = float(scipy.special.chdtrc(len(ORDERS), explained))
-        whole = np.concatenate([[-_angle(angles, np.array([-1.0]))[0]], angles])
+        chance = float(scipy.special.chdtrc(ORDERS, explained))
+        whole = np.append(-np.polynomial.legendre.legval(-1.0, [0.0, *angles]), angles)
         moved = np.abs(point.linear.taken(every @ whole)[held] / std[held])
         yield from _strays(record, angles, chance, float(moved.max(initial=0.0)))
-
-
-def _angle(angles: Floats, place: Floats) -> Floats:
-    """Return by how much the rotation is ahead of its angle at places of the record."""
-    shapes = scipy.special.eval_legendre(np.array(ORDERS), place[:, None])
-    return np.asarray(shapes @ angles)
 
 
 def _turned(at: Evaluation, record: Observation) -> Floats:
@@ -79,9 +72,9 @@ def _turned(at: Evaluation, record: Observation) -> Floats:
     assert isinstance(clock, SampledClock)  # of a whole record
     place = np.linspace(-1.0, 1.0, len(clock.period))
     columns = []
-    for order in (0, *ORDERS):
-        angle = clock.angle + STEP * scipy.special.eval_legendre(order, place)
-        ahead = at.problem.loads_on(replace(lines, clock=changed(clock, angle=angle)))
+    for shape in np.polynomial.legendre.legvander(place, ORDERS).T:
+        turned = changed(clock, angle=clock.angle + STEP * shape)
+        ahead = at.problem.loads_on(replace(lines, clock=turned))
         if ahead.shape != at.problem.load.shape:
             return nothing
         change = np.tensordot(at.state.phase, (ahead - at.problem.load) / STEP, 1) @ at.load_factors
@@ -91,7 +84,7 @@ def _turned(at: Evaluation, record: Observation) -> Floats:
 
 def _strays(record: Observation, angles: Floats, chance: float, moved: float) -> Iterator[Note]:
     """Tell the a_n, (order,), in rad, that noise gives by a chance and that move a value."""
-    angle, clock = _angle(angles, PLACES), record.lines.clock
+    angle, clock = np.polynomial.legendre.legval(PLACES, [0.0, *angles]), record.lines.clock
     size = float(np.ptp(angle))
     if chance >= TOLD or moved <= MOVED or size > LARGEST:
         return
@@ -212,18 +205,17 @@ def _fitted(angles: Floats, std: float, middle: float) -> Creep:
     count = len(angles)
     place = np.arange(count) - (count - 1) / 2
     size = float(place @ place)
-    slope = float(place @ angles) / size
-    # A step behind p periods, less its mean and slope; its size is what is left of it.
-    steps = np.tri(count, k=-1)[:, :-1].T
-    steps = steps - steps.mean(axis=1, keepdims=True)
-    steps -= np.outer(steps @ place / size, place)
-    length = np.sqrt((steps**2).sum(axis=1))
-    rest = angles - slope * place
-    found = steps @ rest / length
+    # What is left of the angles and of a step behind p periods, less their mean and slope.
+    line = np.linalg.qr(np.column_stack([np.ones(count), place]))[0]
+    every = np.column_stack([angles, np.tri(count, k=-1)[:, :-1]])
+    every -= line @ (line.T @ every)
+    rest, steps = every[:, 0], every[:, 1:]
+    length = np.linalg.norm(steps, axis=0)
+    found = rest @ steps / length
     best = int(np.argmax(np.abs(found)))
-    left = rest - found[best] * steps[best] / length[best]
+    left = rest - found[best] * steps[:, best] / length[best]
     return Creep(
-        slope,
+        float(place @ angles) / size,
         std / float(np.sqrt(size)),
         float(found[best] / length[best]),
         std / float(length[best]),

@@ -21,7 +21,7 @@ from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.doubts import doubted
 from rotorid.likelihood.fit import CovarianceChoice, Fitting, Step
 from rotorid.likelihood.preparation import Knowledge
-from rotorid.likelihood.rivals import Causes
+from rotorid.likelihood.rivals import Tried
 from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.linear.estimators import refuse_filtered
@@ -32,10 +32,7 @@ DONE = "done"
 """What the last step says."""
 TRYING = "trying possible mistakes"
 """What that is where the data reject the model."""
-
-
-def _nothing() -> None:
-    """Return no answer: there is none yet."""
+NOTHING_TRIED = Tried()
 
 
 @frozen
@@ -65,7 +62,7 @@ class Progress:
     done: int = 0
     of: int | None = None
     left: float | None = None
-    answer: Callable[[], Estimate | None] = field(default=_nothing, repr=False, compare=False)
+    answer: Callable[[], Estimate | None] = field(default=lambda: None, repr=False, compare=False)
 
     @cached_property
     def best(self) -> Estimate | None:
@@ -114,43 +111,23 @@ class Search(Iterator[Progress]):
         return estimate
 
 
-def answers(model: Model, steps: Iterator[Step], *, quick: bool) -> Iterator[Progress]:
-    """Yield the answer so far at each step of a fit, and at last the estimate.
-
-    With little effort the first minimum is the last step.
-    """
-    for step in steps:
-        if quick:
-            yield Progress(DONE, answer=partial(_first, model, step))
-            return
-        yield Progress(step.say, step.done, step.of, answer=partial(_so_far, model, step))
-    causes: Callable[[], Causes] = Causes
-    step = replace(step, say=TRYING)
-    for trial in trials_of(step.best):
-        causes = trial.causes
-        so_far = partial(_so_far, model, step, causes)
-        yield Progress(TRYING, trial.done, trial.of, answer=so_far)
-    estimate = _answer(model, step, causes())
-    yield Progress(DONE, answer=lambda: estimate)
-
-
-def _answer(model: Model, step: Step, causes: Causes) -> Estimate:
+def _answer(model: Model, step: Step, trial: Tried = NOTHING_TRIED) -> Estimate:
     """Return the answer at a step, with all doubts about it that are cheap."""
     fit = step.best
     own = fit.records[0].model if fit.records else model  # perhaps a rotor with fewer shapes
-    return doubted(own, summarize(own, fit, causes.notes), fit, speed=causes.speed)
+    return doubted(own, summarize(own, fit, trial.notes), fit, speed=trial.speed)
 
 
-def _so_far(model: Model, step: Step, causes: Callable[[], Causes] = Causes) -> Estimate:
+def _so_far(model: Model, step: Step, trial: Tried = NOTHING_TRIED) -> Estimate:
     """Return the answer at a step that is not the last."""
     told = f"the search was stopped while {step.say}: this is the best answer so far"
     note = Note("interrupted", "unfinished", told, "let the search run to its end")
-    return _ended_by(note, _answer(model, step, causes()))
+    return _ended_by(note, _answer(model, step, trial))
 
 
 def _first(model: Model, step: Step) -> Estimate:
     """Return the first minimum as an answer: a doubtful one, and none that noise excludes."""
-    estimate = _answer(model, step, Causes())
+    estimate = _answer(model, step)
     none = any(note.severity in ("rejects", "unfinished") for note in estimate.notes)
     told = (
         "neither a lower one nor a mistake that explains its misfit was looked for"
@@ -300,9 +277,21 @@ class MaximumLikelihood(Nuisances):
     def _answers(
         self, model: Model, bound: Sequence[Observation], knowledge: Knowledge
     ) -> Iterator[Progress]:
+        """Yield the answer so far at each step of a fit, and at last the estimate."""
         fitting = Fitting(model, knowledge, self, self.base, self.covariance, self.neighbours)
         try:
-            yield from answers(model, fitting.steps(bound), quick=self.effort == "quick")
+            for step in fitting.steps(bound):
+                if self.effort == "quick":  # the first minimum is the last step
+                    yield Progress(DONE, answer=partial(_first, model, step))
+                    return
+                yield Progress(step.say, step.done, step.of, answer=partial(_so_far, model, step))
         except NotConvergedError as error:
             none = nothing_found(model, bound, knowledge.fixed, str(error))
             yield Progress(DONE, answer=lambda: none)
+            return
+        trial, step = NOTHING_TRIED, replace(step, say=TRYING)
+        for trial in trials_of(step.best):
+            so_far = partial(_so_far, model, step, trial)
+            yield Progress(TRYING, trial.done, trial.of, answer=so_far)
+        estimate = _answer(model, step, trial)
+        yield Progress(DONE, answer=lambda: estimate)

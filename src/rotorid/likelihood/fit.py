@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -23,10 +23,10 @@ from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.expected_cost import by_equation_errors
 from rotorid.likelihood.inference import Inference, SharedNoise, shared_noise
 from rotorid.likelihood.layout import Layout
-from rotorid.likelihood.other_answers import Doubt, questioned
+from rotorid.likelihood.other_answers import questioned
 from rotorid.likelihood.preparation import Knowledge, prepare
-from rotorid.likelihood.problem import Problem, outside
-from rotorid.likelihood.rivals import Plain, by_shown_speed, plainly
+from rotorid.likelihood.problem import Point, Problem, outside
+from rotorid.likelihood.rivals import Plain, plainly
 from rotorid.likelihood.solver import Solution, settle, solve
 from rotorid.likelihood.starts import (
     FINER,
@@ -53,11 +53,11 @@ class Fit:
     solution: Solution
     inference: Inference  # that of the solution, or what was made of it
     records: tuple[Observation, ...]  # with the covariance that was chosen
-    doubt: Doubt = field(default_factory=Doubt)  # why the minimum may not be the answer
+    notes: tuple[Note, ...] = ()  # why it may not be the answer, and which signs no record tells
+    alternatives: tuple[Point, ...] = ()  # other minima that fit as well
     creeps: tuple[Creep | None, ...] = ()  # how the rotation of each record moves against its angle
     plain: Plain | None = None  # what the search itself came upon that is plainly wrong
     shared: SharedNoise | None = None  # noise that sensors share, by which deviations were widened
-    signs: tuple[Note, ...] = ()  # which signs no record tells
 
     @property
     def problem(self) -> Problem:
@@ -254,15 +254,15 @@ def _stands(found: Fit) -> bool:
 
 def answered(found: Fit, *, ask: bool = True) -> Fit:
     """Return a minimum with its deviations, after asking whether it is the answer."""
-    solution, inference, doubt = found.solution, found.inference, Doubt()
+    solution, inference, answers = found.solution, found.inference, found.alternatives
+    notes: list[Note] = []
     mirrors = Mirrors.of(found.problem, found.records, solution.point.unknowns)
     turned = mirrors.best(solution) if found.plain is None else solution
     if turned is not solution:
         solution, inference = turned, turned.inference
     # Where noise does not explain the cost, the model is wrong, and its leads come first.
     if ask and solution.converged and inference.explained:
-        start, problem = found.layout.start, solution.point.problem
-        solution, inference, doubt = questioned(problem, start, solution, inference, mirrors)
+        solution, inference, answers, notes = questioned(solution, mirrors)
     inference = by_equation_errors(inference, solution.point, found.records)
     inference = _by_misfit(solution, inference)
     common = None
@@ -270,9 +270,9 @@ def answered(found: Fit, *, ask: bool = True) -> Fit:
         common = shared_noise(solution.point, inference, found.records)
     if common is not None:
         inference = replace(inference, covariance=common.covariance)
-    signs = tuple(mirrors.notes(solution, inference)) if solution.converged else ()
-    answer = replace(found, solution=solution, inference=inference, doubt=doubt)
-    return replace(answer, shared=common, signs=signs)
+    notes += mirrors.notes(solution, inference) if solution.converged else []
+    answer = replace(found, solution=solution, inference=inference, notes=tuple(notes))
+    return replace(answer, alternatives=answers, shared=common)
 
 
 def _by_misfit(solution: Solution, inference: Inference) -> Inference:
@@ -332,18 +332,17 @@ def _globally(
                 return
     if problem.sketch is not None:
         watch("looking for gross mistakes on few lines")
-    found = by_shown_speed(prepared, records, problem)
-    plain = plainly(prepared, records, problem) if found is None else None
+    found: Solution | None = None
+    plain = plainly(prepared, records, problem)
     if plain is not None:
         yield step(plain.solution, plain=plain)
         return
     start = prepared.layout.start
     if len(outside(problem.bounds, start)):  # of hidden parts in other places than they tell
-        within = Mirrors.of(problem, records, start).inside(problem.bounds, start)
-        start = next(iter(within), start)
-    if found is None:
-        for number, found in enumerate(search(problem, start), 1):
-            yield step(found, SEARCHING, min(number, WAYS), WAYS)
+        moved = (exchange.of(start) for exchange in Mirrors.of(problem, records, start).exchanges)
+        start = next((x for x in moved if not len(outside(problem.bounds, x))), start)
+    for number, found in enumerate(search(problem, start), 1):
+        yield step(found, SEARCHING, min(number, WAYS), WAYS)
     if found is None or not (found.converged and found.inference.explained):
         for other in _in_other_places(problem, start, records):
             found = other or found

@@ -103,12 +103,14 @@ def _reduced(rows: Floats, nuisance: NDArray[np.bool_]) -> tuple[Floats, list[in
         if len(pivots) < len(rows) and _independent(rows[:, [*pivots, column]]):
             pivots.append(column)
 
-    def burden(chosen: list[int], basis: Floats) -> float:
+    def through(chosen: list[int]) -> tuple[float, Floats]:
+        """Return the basis with these pivots, behind what it is to be small by."""
+        basis: Floats = np.asarray(np.linalg.solve(rows[:, chosen], rows), dtype=np.float64)
         largest = np.abs(basis).max(axis=1, keepdims=True)
         members = (np.abs(basis) > MEMBER * largest).sum()
-        return float(members + 5 * nuisance[chosen].sum())
+        return float(members + 5 * nuisance[chosen].sum()), basis
 
-    basis: Floats = np.asarray(np.linalg.solve(rows[:, pivots], rows), dtype=np.float64)
+    burden, basis = through(pivots)
     improved = True
     while improved:
         improved = False
@@ -118,9 +120,9 @@ def _reduced(rows: Floats, nuisance: NDArray[np.bool_]) -> tuple[Floats, list[in
                 trial = [*pivots[:k], column, *pivots[k + 1 :]]
                 if column in pivots or not _independent(rows[:, trial]):
                     continue
-                other = np.asarray(np.linalg.solve(rows[:, trial], rows), dtype=np.float64)
-                if burden(trial, other) < burden(pivots, basis):
-                    pivots, basis, improved = trial, other, True
+                less, other = through(trial)
+                if less < burden:
+                    pivots, burden, basis, improved = trial, less, other, True
     return basis, pivots
 
 
@@ -212,14 +214,10 @@ def find_cures(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     if not combinations:
         return []
     count = len(combinations)
-    helped: list[tuple[int, str]] = []
-    for number, hertz, left in _other_speeds(fit):
-        where = f" as record {number + 1}" if len(fit.records) > 1 else ""
-        helped += [(left, text) for text in _rotation_left_out(fit.records[number], where)]
-        helped.append((left, f"a further record at another speed{where}, such as {hertz:g} Hz"))
     sensors: dict[int, list[str]] = {}
     for name, left in _sensors(fit):
         sensors.setdefault(left, []).append(name)
+    helped = [*_other_speeds(fit)]
     helped += [(left, f"a sensor of {' or '.join(names)}") for left, names in sensors.items()]
     best = sorted((pair for pair in helped if pair[0] < count), key=lambda pair: pair[0])
     return [
@@ -310,22 +308,20 @@ def _weighed(model: Model) -> set[str]:
     return names
 
 
-def _other_speeds(fit: Fit) -> list[tuple[int, float, int]]:
-    """Try each record at the speed of another of its lines."""
-    tried = []
+def _other_speeds(fit: Fit) -> Iterator[tuple[int, str]]:
+    """Try each record at the speed of another of its lines: what stays open, and what to do."""
     for number, record in enumerate(fit.records):
         speeds, frequency = np.unique(record.lines.speed), record.lines.frequency
-        if len(speeds) > 1:
-            continue
         hertz = float(speeds[0]) / (2 * np.pi)
-        lines = frequency[frequency > 0]
-        others = lines[np.abs(lines - hertz) > 0.01 * abs(hertz)]
-        if not len(others):
+        others = frequency[(frequency > 0) & (np.abs(frequency - hertz) > 0.01 * abs(hertz))]
+        if len(speeds) > 1 or not len(others):
             continue
         nearest = float(others[np.abs(others - hertz).argmin()])
         moved = record.with_lines(record.lines.at_speed(2 * np.pi * nearest))
-        tried.append((number, nearest, _left_open(fit, moved, number)))
-    return tried
+        left = _left_open(fit, moved, number)
+        where = f" as record {number + 1}" if len(fit.records) > 1 else ""
+        yield from ((left, text) for text in _rotation_left_out(record, where))
+        yield left, f"a further record at another speed{where}, such as {nearest:g} Hz"
 
 
 def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
@@ -343,14 +339,13 @@ def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
         )
 
 
-def _sensors(fit: Fit) -> list[tuple[str, int]]:
-    if not fit.records:
-        return []
-    record, model = fit.records[0], fit.layout.model
-    single = [s.terms[0] for s in record.direct if len(s.terms) == 1]
-    read = {model.coordinates[term.coordinate] for term in single}
-    return [
-        (name, _left_open(fit, record.with_sensor(Channel(name, model.units[name])), 0))
-        for name in model.measurable
-        if name not in read and name not in record.lines.names
-    ]
+def _sensors(fit: Fit) -> Iterator[tuple[str, int]]:
+    """Try a sensor of each coordinate that none reads: what stays open."""
+    model = fit.layout.model
+    for record in fit.records[:1]:
+        single = [s.terms[0] for s in record.direct if len(s.terms) == 1]
+        seen = {model.coordinates[term.coordinate] for term in single} | {*record.lines.names}
+        for name in model.measurable:
+            if name not in seen:
+                more = record.with_sensor(Channel(name, model.units[name]))
+                yield name, _left_open(fit, more, 0)

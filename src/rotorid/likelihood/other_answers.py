@@ -14,7 +14,7 @@ puts on a line, fills the Jacobian (theory, section 7). Three questions are aske
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -62,18 +62,12 @@ ENDLESS = 8.0
 records that inform every parameter to a quarter the widest was 7."""
 
 
-@frozen
-class Valley:
-    """What lies along a valley, in stated deviations of the free unknowns, (free,)."""
+def explore(point: Point, inference: Inference, told: Booleans) -> tuple[Floats, Point]:
+    """Follow the valley of a minimum along its weakest directions, both ways.
 
-    # by how much deviations are wider than those of the curvature, 1 where they are not
-    wider: Floats
-    lowest: Point  # the lowest point on the way, that of the minimum where none is lower
-    falls: bool = False  # whether one is
-
-
-def explore(point: Point, inference: Inference, told: Booleans) -> Valley:
-    """Follow the valley of a minimum along its weakest directions, both ways."""
+    Return by how much deviations are wider than those of the curvature, 1 where they are not,
+    (free,), and the lowest point on the way.
+    """
     free = point.problem.layout.free
     unit = np.where(told, inference.std, 1.0)
     size, along = np.linalg.eigh(inference.covariance / np.outer(unit, unit) * np.outer(told, told))
@@ -94,7 +88,7 @@ def explore(point: Point, inference: Inference, told: Booleans) -> Valley:
                 break
         risen = np.sqrt(max(end.cost - point.cost, BEGUN))
         wider = np.maximum(wider, _of_loads(end, unit) * told / risen)
-    return Valley(wider, lowest, lowest is not point)
+    return wider, lowest
 
 
 def _of_loads(end: Point, unit: Floats) -> Floats:
@@ -168,21 +162,6 @@ NOTHING = 1e-14
 is a deviation beyond all others, and no cut decides which has none."""
 AROUND = 8
 """Starts about the given one at which the noise-free response is asked, beside it."""
-
-
-@frozen
-class Doubt:
-    """Why a minimum is not the answer."""
-
-    noise: tuple[str, ...] = ()  # unknowns whose stated deviations are noise taken for information
-    # unknowns whose stated deviations do not hold: the cost is no parabola over them
-    bent: tuple[str, ...] = ()
-    alternatives: tuple[Point, ...] = ()  # other minima that fit as well
-    # which parts change places in some of them, and what would tell them apart
-    exchanges: tuple[str, ...] = ()
-
-    def __bool__(self) -> bool:
-        return bool(self.noise or self.bent or self.alternatives)
 
 
 def noise_free(point: Point) -> Point:
@@ -320,49 +299,45 @@ def _idle_share(at: Evaluation, count: int) -> Floats:
 
 
 def questioned(
-    problem: Problem,
-    start: Floats,
-    solution: Solution,
-    inference: Inference,
-    mirrors: Mirrors | None = None,
-) -> tuple[Solution, Inference, Doubt]:
-    """Return the lowest minimum that is found, how far it may be off, and whether it is the answer.
+    solution: Solution, mirrors: Mirrors
+) -> tuple[Solution, Inference, tuple[Point, ...], list[Note]]:
+    """Return the lowest minimum that is found, how far it may be off, others, and what is doubtful.
 
     Further starts and the valley of the minimum itself may lead to a lower one, and so may the
     other places of hidden parts, where a prior tells them.
     """
-    mirrors = mirrors or Mirrors(problem.layout)
-    at = _Minimum(problem, start, solution, inference)
+    at = _Minimum(solution)
     others = [mirrors.as_started(end) for end in at.minima()]
     others += [image for image, _ in mirrors.images(solution)]
     lower = _lower(others, solution)
     if lower is not None:
         others = [*(o for o in others if o is not lower), solution]
-        at = at.moved(lower)
-    bottom, lowest = list[Solution](), at.valley.lowest
-    if at.valley.falls:
+        at = _Minimum(lower)
+    _, lowest = at.valley
+    if lowest is not at.solution.point:
         with suppress(np.linalg.LinAlgError):
-            bottom.append(mirrors.as_started(settle(lowest.problem, lowest.unknowns)))
-    lower = _lower(bottom, at.solution)
-    if lower is not None:
-        others.append(at.solution)
-        at = at.moved(lower)
-    doubt = at.doubt(other_answers(mirrors, at.solution, at.inference, others))
-    covariance = at.inference.covariance * np.outer(at.valley.wider, at.valley.wider)
-    return at.solution, replace(at.inference, covariance=covariance), doubt
+            bottom = mirrors.as_started(settle(lowest.problem, lowest.unknowns))
+            if _lower([bottom], at.solution):
+                others.append(at.solution)
+                at = _Minimum(bottom)
+    answers, exchanges = other_answers(mirrors, at.solution, others)
+    notes = [*doubt_notes(at.problem, answers, exchanges, *at.doubts())]
+    wider, _ = at.valley
+    covariance = at.inference.covariance * np.outer(wider, wider)
+    return at.solution, replace(at.inference, covariance=covariance), answers, notes
 
 
 def other_answers(
-    mirrors: Mirrors, solution: Solution, inference: Inference, others: Sequence[Solution] = ()
-) -> Doubt:
+    mirrors: Mirrors, solution: Solution, others: Sequence[Solution] = ()
+) -> tuple[tuple[Point, ...], list[str]]:
     """Return which mirror images of a minimum, and which other ends, are other answers.
 
+    And which parts change places in some of them, and what would tell them apart.
     Over a parabola a cost that is higher by `CLOSE` is less than four deviations away: a point
     that fits as well from further off belies the deviations, be it a minimum or not.
     """
     point, images = solution.point, mirrors.images(solution)
-    std = inference.std
-    told = ~inference.linear.undetermined & (std > 0)
+    told, std = _Minimum(solution).told, solution.inference.std
 
     def apart(one: Point, other: Point) -> bool:
         away = np.abs(one.unknowns - other.unknowns)[point.problem.layout.free]
@@ -374,12 +349,12 @@ def other_answers(
         fits = end.cost <= point.cost + CLOSE
         if fits and all(apart(end, answer) for answer in answers):
             answers.append(end)
-    parts = tuple(
+    parts = [
         exchanged(mirrors.layout, exchange, point.unknowns)
         for image, exchange in images
-        if len(answers) > 1 and exchange and apart(image.point, point)
-    )
-    return Doubt(alternatives=tuple(answers[1:]), exchanges=parts)
+        if len(answers) > 1 and exchange.pairs and apart(image.point, point)
+    ]
+    return tuple(answers[1:]), parts
 
 
 def _lower(others: Sequence[Solution], solution: Solution) -> Solution | None:
@@ -396,13 +371,15 @@ class _Minimum:
     load; `loose`: those whose deviation, stated or expected of the start, is a tenth of the value.
     """
 
-    problem: Problem
-    start: Floats
     solution: Solution
-    inference: Inference
 
-    def moved(self, lower: Solution) -> _Minimum:
-        return replace(self, solution=lower, inference=infer(lower.point))
+    @property
+    def problem(self) -> Problem:
+        return self.solution.point.problem
+
+    @property
+    def inference(self) -> Inference:
+        return self.solution.inference
 
     @cached_property
     def told(self) -> Booleans:
@@ -425,9 +402,10 @@ class _Minimum:
         return self.rigid & (wide | (self.inference.std > LOOSE * self.value))
 
     @cached_property
-    def valley(self) -> Valley:
+    def valley(self) -> tuple[Floats, Point]:
+        """By how much deviations are wider than stated, and the lowest point of the valley."""
         if not self.loose.any():
-            return Valley(np.ones(len(self.inference.std)), self.solution.point)
+            return np.ones(len(self.inference.std)), self.solution.point
         return explore(self.solution.point, self.inference, self.told)
 
     def minima(self) -> list[Solution]:
@@ -438,7 +416,7 @@ class _Minimum:
         """
         cost, found = self.solution.point.cost, list[Solution]()
         every = self.inference.expectation.p_value(cost) < UNLIKELY or bool(self.loose.any())
-        for number, start in enumerate(further_starts(self.problem, self.start)):
+        for number, start in enumerate(further_starts(self.problem, self.problem.layout.start)):
             if number >= ALWAYS and not every:
                 break
             watch("asking whether other answers fit as well", number, STARTS if every else ALWAYS)
@@ -453,17 +431,16 @@ class _Minimum:
                 found.append(end)
         return found
 
-    def doubt(self, other: Doubt) -> Doubt:
-        """Ask whether noise was taken for information, and whether the deviations have an end."""
+    def doubts(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Name the unknowns whose deviations are noise taken for information, or have no end."""
         predicted, taken = informed_by_noise(self.solution.point)
         # A resonance beside a line may well be seen sharper than from the measured forces alone.
         slight = self.rigid & (predicted < SLIGHT * self.value)
         taken = taken | (predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * self.inference.std)
         if not self.loose.any():
-            return replace(other, noise=self._names(self.told & taken))
-        bent = self.rigid & (self.valley.wider > ENDLESS)
+            return self._names(self.told & taken), ()
         noise = self.rigid & (taken | self.taken_about())
-        return replace(other, noise=self._names(noise), bent=self._names(bent))
+        return self._names(noise), self._names(self.rigid & (self.valley[0] > ENDLESS))
 
     def _names(self, which: Booleans) -> tuple[str, ...]:
         layout = self.problem.layout
@@ -484,8 +461,8 @@ class _Minimum:
 
         A start that is far off is no plausible machine; those about the answer serve then.
         """
-        start, unknowns, affine = self.start, self.solution.point.unknowns, self.problem.affine
-        rigid = np.setdiff1d(self.problem.layout.free, affine)
+        start, unknowns = self.problem.layout.start, self.solution.point.unknowns
+        affine, rigid = self.problem.affine, self.problem.rigid
         a, b = np.abs(start[rigid]), np.abs(unknowns[rigid])
         if (np.maximum(a, b) > FAR * np.minimum(a, b)).any():
             start = unknowns
@@ -495,33 +472,38 @@ class _Minimum:
         return points
 
 
-def doubt_notes(problem: Problem, start: Floats, doubt: Doubt) -> Iterator[Note]:
+def doubt_notes(
+    problem: Problem,
+    answers: Sequence[Point],
+    exchanges: Sequence[str],
+    noise: tuple[str, ...] = (),
+    bent: tuple[str, ...] = (),
+) -> Iterator[Note]:
     """Say what is doubtful, and what would cure it."""
-    if doubt.noise:
+    if noise:
         text = (
-            f"{', '.join(doubt.noise)}: their stated deviations are noise taken "
+            f"{', '.join(noise)}: their stated deviations are noise taken "
             "for information; the noise-free response to the measured forces gives more than "
             f"{TAKEN:g} times as much"
         )
-        yield Note(OTHERS, "open", text, on=doubt.noise)
-    if doubt.alternatives:
-        costs = ", ".join(f"{other.cost:.4g}" for other in doubt.alternatives)
+        yield Note(OTHERS, "open", text, on=noise)
+    if answers:
+        costs = ", ".join(f"{other.cost:.4g}" for other in answers)
         text = f"other answers fit as well (misfit {costs}); see the alternatives"
         yield Note(OTHERS, "open", text)
-    if doubt.bent:
+    if bent:
         text = (
-            f"{', '.join(doubt.bent)}: they move together much further than their stated "
+            f"{', '.join(bent)}: they move together much further than their stated "
             "deviations before the misfit rises"
         )
-        yield Note(OTHERS, "open", text, on=doubt.bent)
-    if doubt:
-        for exchange in doubt.exchanges:
-            yield Note(OTHERS, "open", cure=exchange)
-        if doubt.noise or doubt.bent or not doubt.exchanges:
-            yield Note(OTHERS, "open", cure=_cure(problem, start, doubt))
+        yield Note(OTHERS, "open", text, on=bent)
+    for exchange in exchanges:
+        yield Note(OTHERS, "open", cure=exchange)
+    if noise or bent or (answers and not exchanges):
+        yield Note(OTHERS, "open", cure=_cure(problem, {*(noise or bent)}))
 
 
-def _cure(problem: Problem, start: Floats, doubt: Doubt) -> str:
+def _cure(problem: Problem, doubtful: Container[str]) -> str:
     """Say which other excitation would inform the doubtful unknowns, tried on the start."""
     if not problem.likelihoods:
         return (
@@ -529,12 +511,11 @@ def _cure(problem: Problem, start: Floats, doubt: Doubt) -> str:
             "([[modes]] parameters), a record with a measured force, a known value, or a bound"
         )
     layout = problem.layout
-    named = set(doubt.noise or doubt.bent)
-    asked = [k for k, i in enumerate(layout.free) if layout.unknowns[i].name in named]
-    before = predicted_deviations(problem, start)
+    asked = [k for k, i in enumerate(layout.free) if layout.unknowns[i].name in doubtful]
+    before = predicted_deviations(problem, layout.start)
     helped = []
     for j, name in enumerate(layout.model.inputs):
-        after = predicted_deviations(_turned(problem, j), start)
+        after = predicted_deviations(_turned(problem, j), layout.start)
         if asked and (after[asked] * TAKEN < before[asked]).any():
             helped.append(name)
     if helped:

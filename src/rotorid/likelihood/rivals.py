@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -108,20 +107,14 @@ class Finding:
         return self.rival.kind in ("mistake", "unit", "speed")
 
 
-class Causes(NamedTuple):
-    """What may be wrong."""
-
-    notes: tuple[Note, ...] = ()
-    speed: bool = False  # whether a speed is among it
-
-
 @frozen
 class Tried:
-    """After a rival was tried: how many of its stage were, and what is suspected so far."""
+    """What is suspected after a rival was tried, and how many of its stage were."""
 
-    done: int
-    of: int
-    causes: Callable[[], Causes]
+    done: int = 0
+    of: int = 0
+    notes: tuple[Note, ...] = ()
+    speed: bool = False  # whether a speed is suspected
 
 
 Tries = Iterator[Tried]
@@ -148,11 +141,11 @@ class RivalSearch:
         # Of a table first: a negative damping may explain as well that phases count backward. Of
         # responses likewise, which are too far off for screening at the values that were found.
         yield from self.at("table")
-        yield from self.freed(scored[:FIRST])
+        yield from self.one_by_one([each.rival for each in scored[:FIRST]])
         yield from self.likeliest("modes")
         yield from self.at("trial")
         if not self.case.gross or self.explained(lambda f: f.likely is not False):
-            yield from self.freed(scored[FIRST:REFITTED])
+            yield from self.one_by_one([each.rival for each in scored[FIRST:REFITTED]])
             rest = scored[REFITTED:]
         else:
             yield from self.screened()
@@ -164,22 +157,19 @@ class RivalSearch:
         expected, places = self.case.expected, dict[tuple[str, ...], int]()
         for number, rival in enumerate(small):
             places.setdefault(rival.place, number)
-        found = ranked(_one_speed([*kept, *rest], expected), expected, places)
-        which = "" if self.case.records else _which_end(self.case, found)
-        yield Tried(0, 0, lambda: self.told(found, which))
+        yield self.told(ranked(_one_speed([*kept, *rest], expected), expected, places))
 
-    def told(self, found: Sequence[Finding], which: str = "") -> Causes:
-        said = Note(SUSPECTS, "rejects", sentence(self.case, found, which) + self.besides)
+    def told(self, found: Sequence[Finding], done: int = 0, of: int = 0) -> Tried:
         kept = [(finding.rival, finding) for finding in found[:KEPT]]
         notes = (
             Note(r.term, "doubts", value=f.value, unit=r.unit, drop=f.drop, share=f.share)
             for r, f in kept
         )
-        return Causes((said, *notes), any(r.kind == "speed" for r, _ in kept))
+        said = Note(SUSPECTS, "rejects", sentence(self.case, found) + self.besides)
+        return Tried(done, of, (said, *notes), any(r.kind == "speed" for r, _ in kept))
 
     def trial(self, done: int, of: int) -> Tried:
-        found = tuple(self.found)
-        return Tried(done, of, lambda: self.told(ranked(found, self.case.expected, {})))
+        return self.told(ranked(self.found, self.case.expected, {}), done, of)
 
     @quiet
     def entered(self, *stages: str) -> list[Rival]:
@@ -207,9 +197,6 @@ class RivalSearch:
 
     def at(self, stage: str) -> Tries:
         return self.one_by_one(self.entered(stage))
-
-    def freed(self, scored: Sequence[Finding]) -> Tries:
-        return self.one_by_one([each.rival for each in scored])
 
     def one_by_one(self, rivals: Sequence[Rival]) -> Tries:
         for number, rival in enumerate(rivals, 1):
@@ -291,9 +278,8 @@ def ranked(found: Sequence[Finding], expected: float, places: Places) -> list[Fi
     ordered = list(best.values())
     group = alike(ordered, expected)
     exact = {f.rival.place for f in group if f.exact}
-    told = [f for f in group if f.likely] + [f for f in group if f.exact]
-    rest = [f for f in group if f not in told and f.rival.place not in exact]
-    told += sorted(rest, key=lambda f: STANDING.get(f.rival.kind, 1))
+    told = [f for f in group if f.likely or f.exact or f.rival.place not in exact]
+    told.sort(key=lambda f: (not f.likely, not f.exact, STANDING.get(f.rival.kind, 1)))
     return [*told, *(f for f in ordered if f not in group)]
 
 
@@ -353,11 +339,11 @@ def alike(found: Sequence[Finding], expected: float) -> list[Finding]:
 
 def _which_end(case: Case, found: Sequence[Finding]) -> str:
     """Say that either end of the shaft may carry what the first finding is, where that is so."""
-    if not isinstance(case.model, RotorModel) or not found:
+    if case.records or not isinstance(case.model, RotorModel):
         return ""
     last = len(case.model.coordinates) - PLANES
     across = {k: last + k for k in range(PLANES)} | {last + k: k for k in range(PLANES)}
-    first, *others = (_entries(f.rival) for f in alike(found, case.expected))
+    first, *others = (_entries(f.rival) for f in found)
     mirrored = {
         replace(e, row=across.get(e.row, e.row), column=across.get(e.column, e.column))
         for e in first
@@ -371,8 +357,8 @@ def _entries(rival: Rival) -> set[Entry]:
     return {*of_kind(Entry, rival.added.effects)} if rival.added else set()
 
 
-def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
-    """Say which rival is best, and what to do about it; `which` of a group it may be not told."""
+def sentence(case: Case, found: Sequence[Finding]) -> str:
+    """Say which rival is best, and what to do about it."""
     if not found or found[0].share < EXPLAINS:
         best = f"; the best, {found[0].rival.term}, {100 * found[0].share:.2g} %" if found else ""
         return (
@@ -381,8 +367,9 @@ def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
         )
     first, said, cure = found[0], found[0].rival.says, found[0].rival.cure
     said = said if isinstance(said, str) else said(first.value)
-    others = [f.rival.term for f in alike(found, case.expected)[1:]]
-    group = f" (the data cannot tell it from {', '.join(others[:4])}{which})" if others else ""
+    equal = alike(found, case.expected)
+    others, which = ", ".join(f.rival.term for f in equal[1:5]), _which_end(case, equal)
+    group = f" (the data cannot tell it from {others}{which})" if others else ""
     rest = ""
     # Far from its first bending frequency alone is a shaft that bends all that it is taken for.
     bends = any(entry.order == BENDING for entry in _entries(first.rival))
@@ -401,7 +388,7 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
     """Look for what is wrong: with what the search came upon, then on as many lines as it needs."""
     shown = _shown(case, plain)
     if shown.notes:
-        yield Tried(0, 0, lambda: shown)
+        yield shown
         return
     few = _on_whole_rotor(_on_fewer_lines(case))
     exact = any(record.lines.covariance.kind == "inputs" for record in case.records)
@@ -424,24 +411,22 @@ def _on_whole_rotor(case: Case) -> Case:
     return case.on_model(whole).on_lines(int(LARGEST / cubed)).settled() or case
 
 
-def _shown(case: Case, plain: Plain | None) -> Causes:
-    """Return the causes among what the search came upon, if noise alone is left without them."""
+def _shown(case: Case, plain: Plain | None) -> Tried:
+    """Return what the search came upon, as far as noise alone is left without it."""
     speed = shown_speed(case.records)
-    leads = (plain.rivals if plain else ()) if speed is None else (speed,)
-    if not leads:
-        return Causes()
     few = case.on_lines(FEW)
+    ends = _explaining(few, (plain.rivals if plain else ()) if speed is None else (speed,))
+    if not ends:
+        return Tried()
     # The best here is that of the search, with the unbalance at its best for these lines.
     here = replace(few, found=few.problem.best_at(case.unknowns))
-    ends = [
-        (RivalSearch(replace(here, expected=there.expected)).finding(rival, there.point), there)
-        for rival, there in _explaining(few, leads)
+    found = [
+        RivalSearch(replace(here, expected=there.expected)).finding(rival, there.point)
+        for rival, there in ends
     ]
-    if not ends:
-        return Causes()
     expected = min(there.expected for _, there in ends)
     search = RivalSearch(replace(here, expected=expected), besides=_by_lines(here, case))
-    return search.told(ranked([finding for finding, _ in ends], expected, {}))
+    return search.told(ranked(found, expected, {}))
 
 
 def _explaining(case: Case, rivals: Sequence[Rival], way: Way = "near") -> list[tuple[Rival, Case]]:
@@ -467,10 +452,21 @@ class Plain:
 
 
 def plainly(prepared: Problem, records: Sequence[Observation], problem: Problem) -> Plain | None:
-    """Return what is plainly wrong with records of many lines; None where nothing is."""
+    """Return what is plainly wrong; None where nothing is.
+
+    By the speed that the records show: at the one stated the rotor is that which they show at
+    their own. Of records of many lines by a mistake with some of them.
+    """
+    every, speed = Case(prepared, tuple(records), prepared.layout.start), shown_speed(records)
+    if speed is not None:
+        there = speed.change(every.on_lines(FEW)).settled("start")
+        if there is not None and infer(there.point).explained:
+            found = _on_all_lines(problem, there.point, (speed,))
+            if found is not None:
+                return found
     if problem.sketch is None:
         return None
-    few = Case(prepared, tuple(records), prepared.layout.start).on_lines(PLAIN_LINES)
+    few = every.on_lines(PLAIN_LINES)
     there = few.settled("start")
     if there is None or not there.gross:
         return None
@@ -513,24 +509,3 @@ def _on_all_lines(problem: Problem, point: Point, rivals: tuple[Rival, ...] = ()
         return None if found.inference.explained else Plain(found, rivals)
     except np.linalg.LinAlgError:
         return None
-
-
-def by_shown_speed(
-    prepared: Problem, records: Sequence[Observation], problem: Problem
-) -> Solution | None:
-    """Return what the records are at the speed stated, the rotor that they show at their own.
-
-    None where they show no other speed, where that does not explain them, or the one stated does.
-    """
-    speed = shown_speed(records)
-    if speed is None:
-        return None
-    case = Case(prepared, tuple(records), prepared.layout.start)
-    point = speed.change(case.on_lines(FEW)).minimized("start")
-    try:
-        if point is None or not infer(point).explained:
-            return None
-    except np.linalg.LinAlgError:
-        return None
-    there = _on_all_lines(problem, point)
-    return None if there is None else there.solution

@@ -3,9 +3,6 @@
 A swapped column, a sign, a unit: none of these is a small change, so that no derivative at the
 estimate shows it. The lines are changed as if the mistake had not been made, and the likelihood is
 minimized again. What a sensor reads may hold parameters: it is upside down all the same.
-
-A sensor beside its plane reads an angle too, one that is not aligned reads the other axis. Its
-share is no factor of a channel, but an unknown of its own in what the sensor reads.
 """
 
 from __future__ import annotations

@@ -1,8 +1,5 @@
 """Rival hypotheses on the model: terms that it may lack, and what was stated of it.
 
-Terms that any model may lack are thought of at each named place, and at both ends of the shaft; the
-stiffness of each section, of each joint and of the whole shaft may be otherwise than drawn.
-
 Bounds, known values and measured modes may be wrong, and an unbalance that a record states: two
 parameters that loads alone hold, a quarter turn apart. Where that was typed at a wrong angle no
 derivative shows it, and a turned mark explains it as well. Both are set free to find the angle;
@@ -22,7 +19,7 @@ import numpy as np
 from rotorid.core.linalg import coupled
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.measured_modes import Mode, number
-from rotorid.likelihood.case import Case, Kind, Rival, freed, rivals
+from rotorid.likelihood.case import Case, Rival, freed, mistake, rivals
 from rotorid.likelihood.effects import Drives, Entry, RowLoad
 from rotorid.likelihood.mode_rows import ModalRows
 from rotorid.likelihood.problem import Point
@@ -400,8 +397,8 @@ def _wrong_unit(case: Case) -> Iterator[Rival]:
     for name, factor in UNITS.items() if len(case.prepared.known.modes) else ():
         said = f"natural frequencies in {name}, not in Hz"
         cure = "write frequency and std in [[modes]] with their unit"
-        scaled = partial(_scaled, factor=factor)
-        yield _of_modes(case, "unit[modes]", said, cure, scaled, 1 / factor, "unit")
+        scaled = partial(_with_modes, change=partial(_scaled, factor=factor))
+        yield mistake("unit[modes]", said, cure, scaled, 1 / factor, "1", kind="unit")
 
 
 def _scaled(mode: Mode, factor: float) -> Mode:
@@ -418,34 +415,22 @@ def _skipped(case: Case) -> Iterator[Rival]:
             true = number(first) + 1
             term = f"skipped below {first.in_si[0]:.4g} Hz"
             said = f"a mode below {first} that was not measured, so that this one is number {true}"
-            raised = partial(_raised, above=above)
-            yield _of_modes(case, term, said, f"write mode = {true} there", raised, float(true))
+            raised = partial(_with_modes, change=partial(_raised, above=above))
+            yield mistake(term, said, f"write mode = {true} there", raised, float(true), "1")
 
 
 def _raised(mode: Mode, above: Sequence[Mode]) -> Mode:
     return replace(mode, mode=number(mode) + 1) if mode in above else mode
 
 
-def _of_modes(
-    case: Case,
-    term: str,
-    said: str,
-    cure: str,
-    change: Callable[[Mode], Mode],
-    value: float,
-    kind: Kind = "mistake",
-) -> Rival:
-    """Return the rival that other modes were measured."""
+def _with_modes(case: Case, change: Callable[[Mode], Mode]) -> Case:
+    """Return a case with each measured mode changed."""
     known = case.prepared.known
     configurations = (
         replace(each, modes=tuple(map(change, each.modes))) for each in known.modes.configurations
     )
     other = replace(known, modes=ModalRows(tuple(configurations)))
-
-    def changed(case: Case) -> Case:
-        return case.prepared_as(replace(case.prepared, known=other))
-
-    return Rival(term, kind, changed, said, cure, value, "1", way="far")
+    return case.prepared_as(replace(case.prepared, known=other))
 
 
 QUARTER = 1e-9
@@ -473,16 +458,14 @@ def _moved_masses(case: Case) -> Iterator[Rival]:
             "files of two records are exchanged"
         )
         held = dict(zip(names, (there.real, there.imag), strict=True))
-        yield Rival(
+        yield mistake(
             f"trial mass[{record}]",
-            "mistake",
-            partial(Case.held, values=held),
             said,
             cure,
+            partial(Case.held, values=held),
             float(np.radians(now)),
             "rad",
-            (f"record {record + 1}",),
-            way="far",
+            on=(f"record {record + 1}",),
         )
 
 

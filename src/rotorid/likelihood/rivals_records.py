@@ -111,11 +111,11 @@ def _speed(
     which: str,
     value: float | None,
 ) -> Rival:
-    def change(records: Records) -> list[Observation]:
-        return [
-            turned(record, given[k], right[k]) if k in given else record
-            for k, record in enumerate(records)
-        ]
+    def change(case: Case) -> Case:
+        records = list(case.records)
+        for k in given:
+            records[k] = turned(records[k], given[k], right[k])
+        return case.reading(records)
 
     term = f"speed[{next(iter(given))}]" if which and len(given) == 1 else "speed"
     on, unit = (which,) if which else (), "" if value is None else "rad/s"
@@ -160,7 +160,8 @@ BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).
 """Angles from which that of a further record is looked for: half a right angle leads to it."""
 
 
-def _begun(case: Case, starts: Sequence[float]) -> Iterator[Rival]:
+@rivals("angle")
+def _angles(case: Case, starts: Sequence[float] = (0.0,)) -> Iterator[Rival]:
     """Yield that the rotor angle of a further record begins elsewhere."""
     for number, phase in later_phases(case.records, starts):
         cure = MARKED if is_table(case.records[number]) else BEGINS
@@ -168,15 +169,10 @@ def _begun(case: Case, starts: Sequence[float]) -> Iterator[Rival]:
             yield freed(unknown, on=(f"record {number + 1}",))
 
 
-@rivals("angle")
-def _angles(case: Case) -> Iterator[Rival]:
-    return _begun(case, [0.0])
-
-
 @rivals("angle far")
 def _angles_far(case: Case) -> Iterator[Rival]:
     """Yield the same from angles all around."""
-    return (replace(rival, way="both") for rival in _begun(case, BEGINNINGS))
+    return (replace(rival, way="both") for rival in _angles(case, BEGINNINGS))
 
 
 KINDS = ("positions", "velocities", "accelerations")
@@ -259,7 +255,7 @@ Change = Callable[[Observation], Observation]
 def _lag(
     said: str,
     where: str,
-    of: Callable[[Change], Callable[[Records], Records]],
+    of: Callable[[Change], Callable[[Case], Case]],
     names: Sequence[str],
 ) -> Rival:
     """Return the rival that the phases of some channels count the other way."""
@@ -347,11 +343,12 @@ def source(hertz: float) -> str:
     return "which something else makes, such as a base that shakes or another machine"
 
 
-def without(records: Records, number: int, line: int) -> list[Observation]:
+def without(case: Case, number: int, line: int) -> Case:
+    records = list(case.records)
     matrices = records[number].lines.covariance.matrices.copy()
     matrices[line] *= FORGOTTEN
-    changed = _with(records[number], records[number].lines.mean, matrices)
-    return [*records[:number], changed, *records[number + 1 :]]
+    records[number] = _with(records[number], records[number].lines.mean, matrices)
+    return case.reading(records)
 
 
 def _drops(case: Case) -> Iterator[tuple[float, int, int]]:
@@ -390,5 +387,5 @@ def _exchanges(case: Case) -> Iterator[Rival]:
         )
 
 
-def _in_order(records: Records, order: Sequence[int]) -> list[Observation]:
-    return [records[k] for k in order]
+def _in_order(case: Case, order: Sequence[int]) -> Case:
+    return case.reading([case.records[k] for k in order])

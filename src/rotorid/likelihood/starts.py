@@ -1,8 +1,5 @@
 """Where the search starts: fewer lines, fewer shapes, several starting points.
 
-The stages of the homotopy only lead into the right valley, for which a few hundred lines do; a
-whole record has thousands.
-
 On each line the whole rotor's other coordinates follow exactly from those that are kept. What the
 forces on the kept coordinates then differ by, whitened, is a change of the residual, and moves the
 estimate like any other: to first order by ``-C J^T dr``.

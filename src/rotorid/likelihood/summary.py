@@ -20,7 +20,6 @@ from rotorid.likelihood.identifiability import (
     open_combinations,
 )
 from rotorid.likelihood.mode_rows import close_modes, mode_fits
-from rotorid.likelihood.other_answers import doubt_notes
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.rivals import Tried, suspected
 from rotorid.linear.regression import relative_errors
@@ -62,7 +61,7 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
                 other.cost,
                 tuple((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free),
             )
-            for other in fit.doubt.alternatives
+            for other in fit.alternatives
         ),
         **_seen(fit.records),
     )
@@ -168,8 +167,7 @@ def _notes(fit: Fit) -> Iterator[Note]:
         )
         yield Note("modes", "doubts", text, "measure a further natural frequency")
     yield from close_modes(fit.problem.known.modes, point.unknowns)
-    yield from doubt_notes(fit.problem, fit.layout.start, fit.doubt)
-    yield from fit.signs
+    yield from fit.notes
     yield from _on_misfit(fit)
 
 

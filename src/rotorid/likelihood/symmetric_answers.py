@@ -1,16 +1,8 @@
 """Answers that fit as well because the machine has a symmetry that no record tells.
 
-Hidden coordinates may turn their signs together with some parameters, and two hidden parts may
-change places. Both follow from the equations; what else is known, bounds, priors, measured modes,
-is asked by what the other answer costs. Signs are taken from the start, which says how the machine
-was drawn: an overhung disc bends its shaft one way. Nothing says which of two hidden wings is
-which, so both answers stand.
-
-Equations are a web: each term links a row, a column (a coordinate, an input, a load), and the
-unknowns that multiply it. Nodes may turn their signs where every term keeps its own: a linear
-system over GF(2). Nodes may change places where every term comes to lie on another one; signs and
-sizes of the coefficients must then be made up for by the nodes, which is the same linear system
-with a right side, and one in logarithms. No number is searched for.
+Signs are taken from the start, which says how the machine was drawn; nothing says which of two
+hidden parts is which, so both answers stand. What else is known, bounds, priors, measured modes, is
+asked by what the other answer costs (docs/maximum-likelihood.md, section 7).
 """
 
 from __future__ import annotations
@@ -61,37 +53,30 @@ Entry = tuple[Hashable, Place, Place, tuple[int, ...]]
 
 
 @frozen
-class Turn:
-    """Unknowns that may turn their signs together, and the hidden coordinates that turn with them.
+class Symmetry:
+    """Where unknowns go, each multiplied, and the coordinates that go with them.
 
-    Without such coordinates every term of the equations stays what it is: a lever in squares.
+    A turn leaves them in place, and multiplies some by -1. Without coordinates that turn with these
+    every term of the equations stays what it is: a lever in squares.
     """
-
-    unknowns: tuple[int, ...]
-    coordinates: tuple[str, ...] = ()
-
-    def of(self, values: Floats) -> Floats:
-        turned = values.copy()
-        turned[list(self.unknowns)] *= -1
-        return turned
-
-
-@frozen
-class Exchange:
-    """Unknowns that go to other places, each multiplied, and the coordinates that go with them."""
 
     places: tuple[int, ...]
     factors: Floats
-    coordinates: tuple[tuple[str, ...], ...]
+    coordinates: tuple[tuple[str, ...], ...] = ()  # that turn, or change places
 
     def of(self, values: Floats) -> Floats:
         moved = values.copy()
         moved[list(self.places)] = values * self.factors
         return moved
 
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        return [(i, j) for i, j in enumerate(self.places) if j > i]
 
-Image = tuple[Solution, Exchange | None]
-"""Another answer, and what makes it one."""
+    @property
+    def turned(self) -> list[int]:
+        """The unknowns whose signs turn."""
+        return np.flatnonzero(self.factors < 0).tolist()
 
 
 @frozen
@@ -99,8 +84,8 @@ class Mirrors:
     """Which other answers the symmetries of a machine make of one."""
 
     layout: Layout
-    turns: tuple[Turn, ...] = ()
-    exchanges: tuple[Exchange, ...] = ()
+    turns: tuple[Symmetry, ...] = ()
+    exchanges: tuple[Symmetry, ...] = ()
 
     @classmethod
     def of(
@@ -128,9 +113,9 @@ class Mirrors:
         """Return the one of its mirror images whose signs are those of the start."""
         if not self.turns:
             return solution
-        score, identity = self._agreement(solution.point.unknowns), Turn(())
+        score = self._agreement(solution.point.unknowns)
         for turn in sorted(self._every_turn(), key=lambda turn: -score(turn)):
-            if score(turn) <= score(identity):
+            if score(turn) <= 0:
                 break
             image = self._image(solution, turn)
             if image is not None:
@@ -140,28 +125,16 @@ class Mirrors:
     def best(self, solution: Solution) -> Solution:
         """Return the lowest of its mirror images, where a prior tells them, with these signs."""
         images = (self._image(solution, exchange) for exchange in self.exchanges)
-        found = [solution, *(image for image in images if image is not None)]
-        lowest = min(found, key=lambda image: image.point.cost)
+        lowest = min([solution, *filter(None, images)], key=lambda image: image.point.cost)
         told = lowest.point.cost < solution.point.cost * (1 - SAME) - SAME
         return self.as_started(lowest if told else solution)
 
-    def inside(self, bounds: Relations, unknowns: Floats) -> list[Floats]:
-        """Return the answers in other places that keep bounds."""
-        moved = (exchange.of(unknowns) for exchange in self.exchanges)
-        return [x for x in moved if not len(outside(bounds, x))]
-
-    def images(self, solution: Solution) -> list[Image]:
+    def images(self, solution: Solution) -> list[tuple[Solution, Symmetry]]:
         """Return the answers that fit as well and between which no start decides."""
         score = self._agreement(solution.point.unknowns)
-        found: list[Image] = []
-        for turn in self.turns:
-            if turn.coordinates and score(turn) == score(Turn(())):
-                image = self._image(solution, turn)
-                found += [(image, None)] if image else []
-        for exchange in self.exchanges:
-            image = self._image(solution, exchange)
-            found += [(self.as_started(image), exchange)] if image else []
-        return found
+        turns = [turn for turn in self.turns if turn.coordinates and score(turn) == 0]
+        images = [(self._image(solution, each), each) for each in (*turns, *self.exchanges)]
+        return [(self.as_started(x) if each.pairs else x, each) for x, each in images if x]
 
     def notes(self, solution: Solution, inference: Inference) -> list[Note]:
         """Say of which parameters no record tells the sign."""
@@ -171,27 +144,25 @@ class Mirrors:
         std[free[inference.linear.undetermined]] = np.inf
         found = []
         for turn in self.turns:
-            where = list(turn.unknowns)
+            where = turn.turned
             apart = (2 * np.abs(x[where]) > APART * std[where]).all()
             if turn.coordinates and apart and self._image(solution, turn) is not None:
                 found.append(_told(self.layout, turn))
         return found
 
-    def _agreement(self, values: Floats) -> Callable[[Turn], int]:
-        start = self.layout.start
-        agree = np.sign(start) * np.sign(values)
-        return lambda turn: -2 * int(agree[list(turn.unknowns)].sum())
+    def _agreement(self, values: Floats) -> Callable[[Symmetry], float]:
+        """Return by how many signs more than as it stands each turn has those of the start."""
+        agree = np.sign(self.layout.start) * np.sign(values)
+        return lambda turn: float(agree @ (turn.factors - 1))
 
-    def _every_turn(self) -> Iterator[Turn]:
+    def _every_turn(self) -> Iterator[Symmetry]:
         most = len(self.turns) if len(self.turns) <= MOST else 1
         for count in range(1, most + 1):
             for chosen in combinations(self.turns, count):
-                odd: set[int] = set()
-                for turn in chosen:
-                    odd ^= set(turn.unknowns)
-                yield Turn(tuple(sorted(odd)))
+                factors = np.prod([turn.factors for turn in chosen], axis=0)
+                yield replace(chosen[0], factors=factors)
 
-    def _image(self, solution: Solution, change: Turn | Exchange) -> Solution | None:
+    def _image(self, solution: Solution, change: Symmetry) -> Solution | None:
         """Return the mirror image of an answer, where what else is known allows it."""
         point = solution.point
         problem, x = point.problem, change.of(point.unknowns)
@@ -329,22 +300,22 @@ def _alike(relations: Relations, priors: Sequence[str]) -> Iterator[frozenset[in
 
 
 @fact
-def _turns(model: Model, web: Web, unknowns: int) -> tuple[Turn, ...]:
+def _turns(model: Model, web: Web, unknowns: int) -> tuple[Symmetry, ...]:
     """Return independent changes of sign: those of unknowns alone, then those with coordinates."""
     ends = [node for node, (what, _) in enumerate(web.names) if what in MOVING]
-    own, found = (1 << unknowns) - 1, list[Turn]()
+    own, found = (1 << unknowns) - 1, list[Symmetry]()
     pivots: dict[int, Bits] = {}
-    for alone, basis in ((True, web.turns(ends)), (False, web.turns())):
-        for turned in basis:
-            for pivot, row in pivots.items():
-                if turned >> pivot & 1:
-                    turned ^= row
+    for still in (ends, ()):
+        for turned in web.turns(still):
+            turned = _reduced(turned, pivots)
             if not turned & own:
                 continue
-            pivots[((turned & own) & -(turned & own)).bit_length() - 1] = turned
+            pivots[_lowest(turned & own)] = turned
             which = [node for node in range(len(web.names)) if turned >> node & 1]
-            turning = tuple(node for node in which if node < unknowns)
-            found.append(Turn(turning, () if alone else _coordinates(model, web, which)))
+            factors = np.ones(unknowns)
+            factors[[node for node in which if node < unknowns]] = -1.0
+            turning = () if still else _coordinates(model, web, which)
+            found.append(Symmetry(tuple(range(unknowns)), factors, (turning,) if turning else ()))
     return tuple(found)
 
 
@@ -357,10 +328,10 @@ def _coordinates(model: Model, web: Web, nodes: Sequence[int]) -> tuple[str, ...
 @fact
 def _exchanges(
     model: Model, web: Web, free: Sequence[int], fixed: Mapping[int, float]
-) -> tuple[Exchange, ...]:
+) -> tuple[Symmetry, ...]:
     """Return the ways in which free parameters may change places; `fixed`: values of others."""
     names = web.names
-    count, found = sum(what == "unknown" for what, _ in names), list[Exchange]()
+    count, found = sum(what == "unknown" for what, _ in names), list[Symmetry]()
     used = {factor for link in web.links for factor in link.factors}
     free = [i for i in free if i in used]
     for places in web.exchanges(free):
@@ -378,18 +349,18 @@ def _exchanges(
             for node, place in enumerate(places)
             if place > node and names[node][0] == "coordinate"
         ]
-        found.append(Exchange(tuple(places[:count]), factors[:count], tuple(dict.fromkeys(pairs))))
+        found.append(Symmetry(tuple(places[:count]), factors[:count], tuple(dict.fromkeys(pairs))))
     return tuple(found)
 
 
-def _told(layout: Layout, turn: Turn) -> Note:
-    names = tuple(layout.unknowns[i].name for i in turn.unknowns)
-    sensors = [q for q in layout.model.measurable if q in turn.coordinates]
+def _told(layout: Layout, turn: Symmetry) -> Note:
+    names = tuple(layout.unknowns[i].name for i in turn.turned)
+    sensors = [q for q in layout.model.measurable if q in turn.coordinates[0]]
     one = "no record tells the sign of {}: that of its start is taken"
     more = "no record tells the signs of {}, which turn together: those of their starts are taken"
     cures = [f"a sensor of {' or '.join(sensors)} would tell"] if sensors else []
     cures.append("where physics tells, positive = true in the model says so")
-    text = (more if turn.unknowns[1:] else one).format(_listed(names))
+    text = (more if names[1:] else one).format(_listed(names))
     return Note("sign", "doubts", text, "; ".join(cures), on=names)
 
 
@@ -397,11 +368,9 @@ def _listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def exchanged(layout: Layout, exchange: Exchange, values: Floats) -> str:
+def exchanged(layout: Layout, exchange: Symmetry, values: Floats) -> str:
     """Say which parts may change places, and what would tell them apart."""
-    pairs = [
-        (i, j) for i, j in enumerate(exchange.places) if j > i and not layout.unknowns[i].fixed
-    ]
+    pairs = [(i, j) for i, j in exchange.pairs if not layout.unknowns[i].fixed]
     names = [[layout.unknowns[k].name for k in side] for side in zip(*pairs, strict=True)]
 
     def unlike(pair: tuple[int, int]) -> float:
@@ -512,10 +481,11 @@ class Web:
             rows.append(row)
             right.append(np.log(abs(ratio)))
         equations |= {1 << node for node in self.still if node not in known}
-        signs = _solution(equations, len(places))
+        # What holds the last bit as well is a solution with its right side.
+        signs = [0, *_null_space(equations, len(places) + 1)][-1]
         matrix, values = np.array(rows), np.array(right)
         sizes = np.linalg.lstsq(matrix, values, rcond=ROUNDING)[0]
-        if signs is None or np.abs(matrix @ sizes - values).max(initial=0.0) > ROUNDING:
+        if not signs >> len(places) or np.abs(matrix @ sizes - values).max(initial=0.0) > ROUNDING:
             return None
         turned = np.array([-1.0 if signs >> node & 1 else 1.0 for node in range(len(places))])
         found = turned * np.exp(sizes)
@@ -540,20 +510,16 @@ class _Search:
         """Split colours by what nodes are linked with; None where the copies are not alike."""
         self.effort -= 1
         while True:
-            inner: dict[Hashable, int] = {}
-            outer: dict[Hashable, int] = {}
             beside: list[list[tuple[int, int]]] = [[] for _ in colours]
             for kind, row, column, factors in self.links:
-                multiplied = tuple(sorted(colours[f] for f in factors))
-                key = (kind, colours[row], colours[column], multiplied)
-                seen = inner.setdefault(key, len(inner))
+                multiplied = sorted(colours[f] for f in factors)
+                seen = hash((kind, colours[row], colours[column], *multiplied))
                 for place, node in ((0, row), (1, column), *((2, f) for f in factors)):
                     beside[node].append((place, seen))
-            pairs = zip(colours, beside, strict=True)
-            split = [outer.setdefault((own, *sorted(met)), len(outer)) for own, met in pairs]
+            split = [hash((own, *sorted(met))) for own, met in zip(colours, beside, strict=True)]
             if Counter(split[: self.count]) != Counter(split[self.count :]):
                 return None
-            if len(outer) == len(set(colours)):
+            if len(set(split)) == len(set(colours)):
                 return split
             colours = split
 
@@ -585,36 +551,32 @@ def _key(link: Link, places: Sequence[int]) -> Hashable:
     return link.kind, places[link.row], places[link.column], factors
 
 
-def _eliminated(equations: set[Bits]) -> dict[int, Bits]:
-    """Return the equations solved, by the lowest bit of each, which no other one holds."""
-    pivots: dict[int, Bits] = {}
-    for equation in sorted(equations):
-        for pivot, row in pivots.items():
-            if equation >> pivot & 1:
-                equation ^= row
-        if not equation:
-            continue
-        lowest = (equation & -equation).bit_length() - 1
-        for pivot, row in pivots.items():
-            if row >> lowest & 1:
-                pivots[pivot] = row ^ equation
-        pivots[lowest] = equation
-    return pivots
+def _lowest(bits: Bits) -> int:
+    return (bits & -bits).bit_length() - 1
+
+
+def _reduced(bits: Bits, pivots: Mapping[int, Bits]) -> Bits:
+    """Return a set less the rows of the pivots that it holds."""
+    for pivot, row in pivots.items():
+        if bits >> pivot & 1:
+            bits ^= row
+    return bits
 
 
 def _null_space(equations: set[Bits], count: int) -> list[Bits]:
-    """Return a basis of the sets that hold an even number of the nodes of each equation."""
-    pivots = _eliminated(equations)
+    """Return a basis of the sets that hold an even number of the nodes of each equation.
+
+    Each free node is in one of them, the last in the last.
+    """
+    pivots: dict[int, Bits] = {}  # the equations by the lowest bit of each, which no other holds
+    for equation in sorted(equations):
+        if equation := _reduced(equation, pivots):
+            lowest = _lowest(equation)
+            for pivot, row in pivots.items():
+                pivots[pivot] = _reduced(row, {lowest: equation})
+            pivots[lowest] = equation
     return [
         1 << free | sum(1 << pivot for pivot, row in pivots.items() if row >> free & 1)
         for free in range(count)
         if free not in pivots
     ]
-
-
-def _solution(equations: set[Bits], count: int) -> Bits | None:
-    """Return a set that holds what the last bit of each equation says, odd or even."""
-    pivots = _eliminated(equations)
-    if count in pivots:
-        return None
-    return sum(1 << pivot for pivot, row in pivots.items() if row >> count & 1)

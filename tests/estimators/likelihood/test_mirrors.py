@@ -186,7 +186,7 @@ def test_two_signs_of_which_the_start_has_one_are_both_answers():
     knowledge = {"kd": (-1.5e4, 1.5e4), "kc": (-1.5e4, 1.5e4)}
     problem, found = mirrors_of(model, [record], MaximumLikelihood(known=knowledge))
     (turn,) = found.turns
-    assert {problem.layout.unknowns[i].name for i in turn.unknowns} == {"kc", "kd"}
+    assert {problem.layout.unknowns[i].name for i in turn.turned} == {"kc", "kd"}
     x = problem.layout.start.copy()
     x[problem.layout.index["kd"]] *= -1
     solution = mirrors.Solution(problem.at(x), True, 0)
@@ -384,7 +384,7 @@ def test_turns_of_drawn_machines_are_all_that_cost_the_same(seed):
     signed = [i for i, u in enumerate(layout.unknowns) if u.name.startswith("s")]
     turned = {frozenset(): True}
     for turn in found.turns:
-        turned |= {frozenset(turn.unknowns) ^ other: True for other in turned}
+        turned |= {frozenset(turn.turned) ^ other: True for other in turned}
     for signs in product((1.0, -1.0), repeat=len(signed)):
         y = x.copy()
         y[signed] *= signs
@@ -400,7 +400,7 @@ def test_a_lever_in_squares_is_turned_to_its_start_and_not_told():
     problem, found = mirrors_of(model, [record_of(model, ["x", "y", "theta_x", "theta_y"], SPEED)])
     (turn,) = found.turns
     assert turn.coordinates == ()
-    assert [problem.layout.unknowns[i].name for i in turn.unknowns] == ["L"]
+    assert [problem.layout.unknowns[i].name for i in turn.turned] == ["L"]
     start = problem.layout.start
     solution = mirrors.Solution(problem.at(turn.of(start)), True, 0)
     assert (found.as_started(solution).point.unknowns == start).all()
@@ -469,7 +469,7 @@ def test_an_image_is_settled_only_where_it_costs_something_else(overhung, monkey
 def test_six_turns_are_combined_and_seven_are_not(overhung):
     problem, _ = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
     for count, every in ((6, 63), (7, 7)):
-        turns = tuple(mirrors.Turn((i,)) for i in range(count))
+        turns = tuple(mirrors.Symmetry((), np.ones(count)) for _ in range(count))
         assert len(list(Mirrors(problem.layout, turns)._every_turn())) == every
 
 

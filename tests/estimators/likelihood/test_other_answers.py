@@ -30,10 +30,10 @@ from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import other_answers as valley
 from rotorid.likelihood import solver
 from rotorid.likelihood.inference import infer
-from rotorid.likelihood.other_answers import Valley
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.starts import searched
+from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.testing import bind_all
 
@@ -43,8 +43,9 @@ from rotorid.testing import bind_all
 def problem_of(*names: str) -> SimpleNamespace:
     """Return a problem of some unknowns, all free and none of them a load."""
     unknowns = [SimpleNamespace(name=name, nuisance=False) for name in names]
-    layout = SimpleNamespace(free=np.arange(len(names)), unknowns=unknowns)
-    return SimpleNamespace(layout=layout, affine=np.zeros(0, dtype=int), exact=())
+    free = np.arange(len(names))
+    layout = SimpleNamespace(free=free, unknowns=unknowns, start=np.ones(len(names)))
+    return SimpleNamespace(layout=layout, affine=free[:0], rigid=free, exact=())
 
 
 def solution_at(unknowns, cost: float = 100.0, problem=None) -> SimpleNamespace:
@@ -63,8 +64,11 @@ def minimum_of(
         linear=SimpleNamespace(undetermined=np.zeros(1, bool)),
         expectation=SimpleNamespace(p_value=lambda cost: chance),
     )
-    problem, begin = problem_of("m"), np.array([start])
-    return information._Minimum(problem, begin, solution_at([at], problem=problem), inference)
+    problem = problem_of("m")
+    problem.layout.start = np.array([start])
+    solution = solution_at([at], problem=problem)
+    solution.inference = inference
+    return information._Minimum(solution)
 
 
 def expecting(monkeypatch, *deviations: float) -> None:
@@ -83,9 +87,9 @@ def doubted(monkeypatch, stated: float, predicted: float, *, loose: bool, about:
         information, "informed_by_noise", lambda at: (np.array([predicted]), np.zeros(1, bool))
     )
     monkeypatch.setattr(information._Minimum, "taken_about", lambda at: np.array([about]))
-    monkeypatch.setattr(information, "explore", lambda *at: Valley(np.ones(1), None))
+    monkeypatch.setattr(information, "explore", lambda *at: (np.ones(1), None))
     expecting(monkeypatch, 1.0 if loose else 0.0)
-    return bool(minimum_of(stated).doubt(information.Doubt()).noise)
+    return bool(minimum_of(stated).doubts()[0])
 
 
 @pytest.mark.parametrize(
@@ -173,12 +177,12 @@ def test_an_end_that_fits_as_well_and_lies_apart_is_another_answer(above, distan
     problem = problem_of("m", "k")
     solution = solution_at([1.0, 1.0], 100.0, problem)
     other = solution_at([1.0, 1.0 + 0.1 * distance], 100.0 + above, problem)
-    inference = SimpleNamespace(
+    solution.inference = SimpleNamespace(
         std=np.array([1.0, 0.1]), linear=SimpleNamespace(undetermined=np.zeros(2, bool))
     )
     mirrors = SimpleNamespace(images=lambda solution: [], layout=problem.layout)
-    found = information.other_answers(mirrors, solution, inference, [other])
-    assert len(found.alternatives) == answers
+    found, _ = information.other_answers(mirrors, solution, [other])
+    assert len(found) == answers
 
 
 def ways(
@@ -218,9 +222,9 @@ def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose
     yes, one = np.ones(1, bool), np.ones(1)
     monkeypatch.setattr(information, "informed_by_noise", lambda at: (one, ~yes))
     monkeypatch.setattr(information._Minimum, "taken_about", lambda at: ~yes)
-    monkeypatch.setattr(information, "explore", lambda *at: Valley(np.array([wider]), None))
+    monkeypatch.setattr(information, "explore", lambda *at: (np.array([wider]), None))
     expecting(monkeypatch, float(loose))
-    assert minimum_of(0.09).doubt(information.Doubt()).bent == ("m",) * bent
+    assert minimum_of(0.09).doubts()[1] == ("m",) * bent
 
 
 @pytest.mark.parametrize(("below", "lower"), [(0.9, False), (1.1, True)])
@@ -236,8 +240,7 @@ def test_an_excitation_that_tells_three_times_as_much_is_a_cure(monkeypatch, aft
     told = iter([np.ones(1), np.array([after])])
     monkeypatch.setattr(information, "predicted_deviations", lambda *at: next(told))
     monkeypatch.setattr(information, "_turned", lambda problem, column: problem)
-    doubt = information.Doubt(noise=("m",))
-    assert information._cure(problem, np.ones(1), doubt).startswith(cure)
+    assert information._cure(problem, ("m",)).startswith(cure)
 
 
 # Deviations where the cost is no parabola: those of the interval, not of the curvature.
@@ -255,14 +258,14 @@ def explored(name, seed):
     inference = solution.inference
     found = valley.explore(solution.point, inference, ~inference.linear.undetermined)
     names = [problem.layout.unknowns[i].name for i in problem.layout.free]
-    return dict(zip(names, found.wider, strict=True)), solution, found
+    return dict(zip(names, found[0], strict=True)), solution, found[1]
 
 
 @pytest.mark.parametrize("name", ["4 sensors, +-40 %", "8 sensors, +-40 %"])
 def test_over_a_parabola_deviations_hold(name):
-    wider, _, found = explored(name, 1)
+    wider, solution, lowest = explored(name, 1)
     assert max(wider.values()) < 1.05
-    assert not found.falls
+    assert lowest is solution.point
 
 
 def test_a_load_whose_factor_may_vanish_is_hardly_known():
@@ -284,11 +287,10 @@ def test_a_lower_floor_is_found_and_followed():
     change = 1.5 * np.sqrt(size[-1]) * along[:, -1] * inference.linear.scale
     off = solver.beside(solution.point, change)
     assert off.cost > solution.point.cost + 0.5
-    there = valley.explore(off, infer(off), np.ones(len(change), dtype=bool))
-    assert there.falls
-    assert there.lowest.cost < off.cost - 0.4
+    _, lowest = valley.explore(off, infer(off), np.ones(len(change), dtype=bool))
+    assert lowest.cost < off.cost - 0.4
     ended = solver.Solution(off, True, 0)
-    again, _, _ = information.questioned(problem, problem.layout.start, ended, infer(off))
+    again, *_ = information.questioned(ended, Mirrors(problem.layout))
     assert again.point.cost == pytest.approx(solution.point.cost, abs=1e-3)
 
 
@@ -359,7 +361,7 @@ def walked(monkeypatch, *rises: float) -> tuple[list[np.ndarray], list[float], f
     monkeypatch.setattr(valley, "_of_loads", lambda end, unit: ends.append(end.cost) or 0 * unit)
     inference = SimpleNamespace(covariance=np.diag([1.0, 4.0, 9.0]), std=np.array([1.0, 2.0, 3.0]))
     found = valley.explore(minimum(100.0, 0.0, 0.0, 0.0), inference, np.ones(3, bool))
-    return changes, ends, found.wider[2]
+    return changes, ends, found[0][2]
 
 
 def test_how_far_a_valley_is_followed(monkeypatch):
@@ -543,15 +545,14 @@ def test_a_lower_minimum_becomes_the_answer():
     case = rotor_case(ADVERSE["standstill, equal forces"], 6)
     ready = prepare(case.model, Knowledge(case.fixed, start=case.start), (), False, {})
     problem = ready.of(bind_all(case.model, case.records)[:1])
-    start = ready.layout.start
-    found = searched(problem, start)
-    lowest, _, doubt = information.questioned(problem, start, found, found.inference)
-    assert doubt.alternatives
-    higher = Solution(max(doubt.alternatives, key=lambda p: p.cost), True, 0)
-    again, _, doubt = information.questioned(problem, start, higher, higher.inference)
+    found = searched(problem, ready.layout.start)
+    lowest, _, others, _ = information.questioned(found, Mirrors(ready.layout))
+    assert others
+    higher = Solution(max(others, key=lambda p: p.cost), True, 0)
+    again, _, others, _ = information.questioned(higher, Mirrors(ready.layout))
     assert again.point.cost < higher.point.cost - 1e-3
     assert again.point.cost == pytest.approx(lowest.point.cost, abs=1e-3)
-    assert all(other.cost >= again.point.cost for other in doubt.alternatives)
+    assert all(other.cost >= again.point.cost for other in others)
 
 
 @pytest.mark.slow

@@ -58,7 +58,7 @@ def case_of(cost: float, expected: float = 100.0, records=("record",)) -> Case:
 def named(case: Case) -> list[str]:
     """Try all rivals and return the terms that are told, the first suspect first."""
     *_, last = rivals.RivalSearch(case).trials()
-    return [note.about for note in last.causes().notes[1:]]
+    return [note.about for note in last.notes[1:]]
 
 
 @pytest.fixture
@@ -162,7 +162,7 @@ def test_rivals_that_are_even_have_an_order_of_their_own(costs, order, turned) -
         found[::-1] if turned else found, 292.0, {("force",): 4, ("position",): 7}
     )
     assert tuple(f.rival.term for f in ordered) == order
-    assert "the data cannot tell it from" in rivals.sentence(case_of(1e6, 292.0), ordered, "")
+    assert "the data cannot tell it from" in rivals.sentence(case_of(1e6, 292.0), ordered)
 
 
 @pytest.mark.parametrize(
@@ -189,14 +189,14 @@ def test_a_channel_that_reads_too_little_comes_before_one_that_reads_too_much(va
 @pytest.mark.parametrize(("left", "enough"), [(875.0, True), (877.0, False)])
 def test_a_rival_that_is_not_enough_is_said_to_be_none(left, enough) -> None:
     """Two mistakes at once: the best of one leaves more than three times what noise does."""
-    told = rivals.sentence(case_of(1e6, 292.0), [finding("mass at x", left)], "")
+    told = rivals.sentence(case_of(1e6, 292.0), [finding("mass at x", left)])
     assert told.endswith("add it") == enough
     assert ("there is a second mistake or another one in its place" in told) != enough
 
 
 @pytest.mark.parametrize(("share", "lead"), [(0.19, False), (0.21, True)])
 def test_a_rival_that_explains_a_fifth_is_told(share, lead) -> None:
-    told = rivals.sentence(case_of(1e6), [finding("mass at x", 200.0, share=share)], "")
+    told = rivals.sentence(case_of(1e6), [finding("mass at x", 200.0, share=share)])
     assert ("first suspect: mass at x" in told) == lead
     assert ("none of the 1 suspects explains" in told) != lead
 
@@ -592,7 +592,7 @@ def test_the_drop_is_what_a_refit_without_the_line_gains(demo, filtered_record):
     assert sorted(drops) == [0, 1, 2, 4, 5]  # not the rotation's, 140 Hz
     worst = max(drops, key=lambda k: drops[k])
     assert bad.lines.frequency[worst] == 60
-    again = case.reading(lambda records: line_leads.without(records, 0, worst))
+    again = line_leads.without(case, 0, worst)
     assert case.point.cost - again.minimized().cost == pytest.approx(drops[worst], rel=0.02)
 
 
@@ -644,7 +644,8 @@ def test_lines_of_the_rotation_are_no_odd_ones():
 
 def test_a_line_that_is_left_out_weighs_a_millionth(demo, filtered_record):
     seen = bind(demo.model, filtered_record)
-    (without,) = line_leads.without([seen], 0, 2)
+    case = SimpleNamespace(records=[seen], reading=lambda records: records)
+    (without,) = line_leads.without(case, 0, 2)
     ratio = without.lines.covariance.matrices / seen.lines.covariance.matrices
     weight = 1 / np.sqrt(np.abs(ratio[:, 0, 0]))
     assert weight == pytest.approx([1, 1, 1e-6, 1, 1, 1])

@@ -408,9 +408,7 @@ def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
 
     searched = plain.searched
     monkeypatch.setattr(plain, "searched", counting)
-    monkeypatch.setattr(
-        plain.RivalSearch, "trials", lambda _: iter([plain.Tried(0, 0, plain.Causes)])
-    )
+    monkeypatch.setattr(plain.RivalSearch, "trials", lambda _: iter([plain.Tried()]))
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status in ("rejected", "not_converged")
     assert len(asked) == 1
