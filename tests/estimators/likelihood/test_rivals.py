@@ -427,40 +427,22 @@ def test_a_known_value(demo, record):
     assert identify(demo.model, record, known).suspects[0].term == "prior L1"
 
 
-def test_a_sensor_beside_its_plane(demo, record):
-    """It reads 5 mm of theta_y besides; the model says nothing of it."""
-
-    def change(spectra, names):
-        spectra[:, :, names.index("x1")] += 0.005 * spectra[:, :, names.index("theta_y")]
-
-    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
-    first = estimate.suspects[0]
-    assert (first.term, first.unit) == ("plane[x1]", "m")
-    assert first.value == pytest.approx(0.005, rel=0.05)
-
-
-def test_a_plane_that_is_elsewhere(demo, record):
-    """Both sensors read 5 mm of their angles: x + theta_y l, y - theta_x l."""
-
-    def change(spectra, names):
-        spectra[:, :, names.index("x1")] += 0.005 * spectra[:, :, names.index("theta_y")]
-        spectra[:, :, names.index("y1")] -= 0.005 * spectra[:, :, names.index("theta_x")]
-
-    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
-    first = estimate.suspects[0]
-    assert (first.term, first.unit) == ("plane[x1, y1]", "m")
-    assert first.value == pytest.approx(0.005, rel=0.05)
-
-
-def test_axes_that_are_turned(demo, record):
-    def change(spectra, names):
-        i, j = names.index("x1"), names.index("y1")
-        x, y = spectra[:, :, i].copy(), spectra[:, :, j].copy()
-        spectra[:, :, i], spectra[:, :, j] = x + 0.01 * y, y - 0.01 * x
-
-    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
-    assert estimate.suspects[0].term == "rotation[x1, y1]"
-    assert estimate.suspects[0].value == pytest.approx(0.01, rel=0.05)
+@pytest.mark.parametrize(
+    ("besides", "term", "unit", "size"),
+    [
+        ({("x1", "theta_y"): 0.005}, "plane[x1]", "m", 0.005),
+        ({("x1", "theta_y"): 0.005, ("y1", "theta_x"): -0.005}, "plane[x1, y1]", "m", 0.005),
+        ({("x1", "y1"): 0.01, ("y1", "x1"): -0.01}, "rotation[x1, y1]", "rad", 0.01),
+    ],
+)
+def test_what_sensors_read_besides(demo, record, besides, term, unit, size):
+    """One beside its plane; both, as a plane that is elsewhere; axes that are turned."""
+    spectra = record.spectra.copy()
+    for (name, other), share in besides.items():
+        spectra[:, :, record.index(name)] += share * record.spectra[:, :, record.index(other)]
+    first = identify(demo.model, replace(record, spectra=spectra), MaximumLikelihood()).suspects[0]
+    assert (first.term, first.unit) == (term, unit)
+    assert first.value == pytest.approx(size, rel=0.05)
 
 
 def test_a_load_where_the_model_has_none(demo, record):
