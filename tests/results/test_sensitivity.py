@@ -34,8 +34,6 @@ from rotorid.results.loops import _from_above, plant_poles, poles_on_the_right
 from rotorid.results.sensitivity import (
     LIMITS,
     AxisSensitivity,
-    _beyond_noise,
-    peak_of,
     settles_elsewhere,
     worst_of,
     zone_of,
@@ -51,6 +49,7 @@ from rotorid.results.sensitivity_peak import (
     judged,
     least_lines,
     peak_near,
+    peak_of,
 )
 
 # Sensitivity after ISO 14839-3, held against the loop in closed form.
@@ -110,26 +109,25 @@ def test_a_peak_that_the_band_leaves_out_is_in_no_zone():
 def test_a_peak_between_the_lines():
     for spacing, error in ((5.0, 0.001), (8.0, 0.01)):
         lines = spacing * np.arange(1, 40)
-        found, where = peak_of(lines, exact(lines, 0)[None])
-        assert found[0] == pytest.approx(exact_peak(0), rel=error)
-        assert where[0] == pytest.approx(24.9, abs=1.0)
+        found, where, _ = peak_of(lines, exact(lines, 0))
+        assert found == pytest.approx(exact_peak(0), rel=error)
+        assert where == pytest.approx(24.9, abs=1.0)
 
 
 def test_how_many_lines_a_peak_is_fitted_to_and_what_they_leave():
-    """Pinned: python -c "..._beyond_noise(..)" of the loops below, at its constants."""
     wide, narrow = loop(2e5, 800.0), loop(1.5e5, 340.0)
     for on, error in ((wide, 1.3e-4), (narrow, 5.4e-4)):
-        (found,), _ = peak_of(on.lines, on.sensitivity[None])
+        found, _, none = peak_of(on.lines, on.sensitivity)
         assert abs(found / on.peak - 1) < error
-    noise = [np.full(LAST, size) for size in (1e-5, 1e-3, 0.03)]
-    left = [_beyond_noise(narrow.lines, narrow.sensitivity, each) for each in noise]
-    # What the curve leaves is more than the peak is off by, and none of it noise.
-    assert left == pytest.approx([0.0193822, 0.0190983, 0], rel=3e-4)
-    assert left[0] > abs(found - narrow.peak)
-    for count, size in ((5, np.abs(wide.sensitivity[4])), (6, 2.20534)):
+        assert none == 0
+        # What the curve leaves is counted in its deviation where noise is less than that.
+        for size in (1e-6, 1e-4, 0.01):
+            found, _, std = peak_of(on.lines, on.sensitivity, np.full(LAST, size))
+            assert abs(found - on.peak) < 3 * std
+    for count, size in ((5, np.abs(wide.sensitivity[4])), (6, 2.2)):
         here = slice(1, 1 + count)
-        (found,), _ = peak_of(wide.lines[here], wide.sensitivity[None, here])
-        assert found == pytest.approx(size, rel=1e-5)
+        found, _, _ = peak_of(wide.lines[here], wide.sensitivity[here])
+        assert found == pytest.approx(size, rel=1e-5 if count == 5 else 0.01)
 
 
 @pytest.mark.slow
@@ -370,45 +368,25 @@ def resonance(at: float, width: float = 1.0) -> np.ndarray:
 
 def test_a_peak_is_told_to_a_twentieth_of_a_line() -> None:
     places = 20 + np.linspace(0.0, 1.0, 101)
-    size, where = sensitivity.peak_of(FEW_LINES, np.array([resonance(at) for at in places]))
-    assert np.abs(where - places).max() == pytest.approx(0.025, rel=0.25)
-    assert np.abs(20 * where - np.round(20 * where)).max() < 1e-9
-    assert np.abs(size - 1).max() < 1e-3
+    found = np.array([peak_of(FEW_LINES, resonance(at)) for at in places])
+    assert np.abs(found[:, 1] - places).max() < 0.05
+    assert np.abs(found[:, 0] - 1).max() < 1e-3
 
 
 @pytest.mark.parametrize(("above", "peak"), [(1.49, True), (1.51, False)])
 def test_a_peak_half_as_high_again_as_any_line_is_none(above: float, peak: bool) -> None:
     width = 0.5 / np.sqrt(above**2 - 1)
-    (size,), (where,) = sensitivity.peak_of(FEW_LINES, resonance(20.5, width)[None])
-    assert size == pytest.approx(1.0 if peak else 1 / above, rel=1e-6)
-    assert (where == 20.5) == peak
+    size, where, _ = peak_of(FEW_LINES, resonance(20.5, width))
+    assert size == pytest.approx(1.0 if peak else 1 / above, rel=1e-4)
+    assert (where == pytest.approx(20.5, abs=0.01)) == peak
 
 
-def test_a_line_on_a_pole_weighs_a_thousand_times_as_much_as_the_farthest(monkeypatch) -> None:
-    weights: list[np.ndarray] = []
-    solve = np.linalg.pinv
-
-    def watched(matrix, rcond):
-        weights.append(np.abs(matrix[0, :, 0]))  # of the constant
-        return solve(matrix, rcond=rcond)
-
-    monkeypatch.setattr(np.linalg, "pinv", watched)
-    sensitivity._Curve.of(FEW_LINES[:10], 1 + 100 * resonance(5.0, 1e-5)[None, :10])
-    assert weights[-1].argmax() == 4
-    assert weights[-1].max() / weights[-1].min() == pytest.approx(1000.0, rel=1e-6)
-
-
-def test_the_interval_holds_the_peak_with_95_percent_by_a_thousand_draws() -> None:
-    """One line, whose size scatters like its real part."""
-    rng, drawn = np.random.default_rng(3), []
-    counted = SimpleNamespace(
-        standard_normal=lambda shape: drawn.append(shape[0]) or rng.standard_normal(shape),
-        chisquare=rng.chisquare,
-    )
+def test_the_interval_holds_the_peak_with_95_percent() -> None:
+    """One line, whose size scatters like its real part; the fewer periods tell it, the wider."""
     one = np.ones(1)
-    found = sensitivity._axis("x", one, 2 * one + 0j, 2e-6 * one, 1e9 * one, counted)
-    assert np.diff(found.interval)[0] / 2e-3 == pytest.approx(1.96, rel=0.06)
-    assert drawn == [1000]
+    for freedom, times in ((1e9, 1.96), (9.0, 2.10)):
+        found = sensitivity._axis("x", one, 2 * one + 0j, 2e-6 * one, freedom * one)
+        assert np.diff(found.interval)[0] / 2e-3 == pytest.approx(times, rel=1e-3)
 
 
 def window_of(monkeypatch, deviation: float = 0.1) -> tuple[int, list[float]]:
@@ -479,7 +457,7 @@ def whole(monkeypatch, unsure: float) -> tuple[sensitivity.AxisSensitivity, list
     monkeypatch.setattr(sensitivity, "peak_near", peak_near)
     raw = (np.array([5.0]), np.ones(1) + 0j, np.ones(1), np.ones(1))
     candidates = [(9.0 - k, 10.0 * k) for k in range(1, 6)]
-    axis = sensitivity._Whole(raw, None, candidates).axis("x", np.random.default_rng(1))
+    axis = sensitivity._Whole(raw, None, candidates).axis("x")
     return axis, asked
 
 
@@ -963,7 +941,7 @@ def looked_at(monkeypatch: pytest.MonkeyPatch, peaks: list[LocatedPeak]) -> tupl
         return replace(peaks[len(asked) - 1], hertz=hertz)
 
     monkeypatch.setattr(sensitivity, "peak_near", near)
-    axis = whole.axis("x", np.random.default_rng(1))
+    axis = whole.axis("x")
     return len(asked), axis.interval[1]
 
 
@@ -972,19 +950,3 @@ def test_how_many_peaks_are_looked_at_and_which_rival(monkeypatch: pytest.Monkey
     assert looked_at(monkeypatch, [sure] * 5)[0] == 3
     rivals = [looked_at(monkeypatch, [sure, held(unsure)]) for unsure in (0.095, 0.105)]
     assert rivals[0][1] > 1.15 > 1.03 > rivals[1][1]
-
-
-def test_a_curve_of_lines_is_fitted_in_three_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = []
-    real = np.linalg.pinv
-
-    def counted(matrix: np.ndarray, **given: float) -> np.ndarray:
-        calls.append(matrix.shape)
-        return np.asarray(real(matrix, **given))
-
-    monkeypatch.setattr(np.linalg, "pinv", counted)
-    nodes = np.linspace(10.0, 20.0, 10)
-    values = 1 / (1 + 1j * (nodes - 14.3))
-    curve = sensitivity._Curve.of(nodes, values[None])
-    assert len(calls) == 3
-    np.testing.assert_allclose(curve.at(nodes)[0], values, rtol=1e-9)

@@ -26,7 +26,8 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.models import Model
 from rotorid.results.machine import Machine, directions_of, laws_of, machine_of, require_shares
 from rotorid.results.modes import NORMAL, finite_speed
-from rotorid.results.sensitivity import AxisSensitivity, peak_of
+from rotorid.results.sensitivity import AxisSensitivity
+from rotorid.results.sensitivity_peak import peak_of
 
 COARSE = np.deg2rad(100.0)
 """Turn of D from line to line from which on its sense is not told: a pole passes between them."""
@@ -187,12 +188,12 @@ def loop_sensitivity(
 
     def lines_and_peaks(other: Machine) -> Complexes:
         found, _ = closed(other)
-        return np.vstack([found, peak_of(hertz, found.T)[0]])
+        return np.vstack([found, [peak_of(hertz, column)[0] for column in found.T]])
 
     changes = machine.changes(lines_and_peaks)
     deviations = np.linalg.norm(changes, axis=0)
     axes = []
-    top, where = peak_of(hertz, here.T)
+    top, where, _ = np.array([peak_of(hertz, column) for column in here.T]).T
     right = poles_on_the_right(omega, returned, plant_poles(*_plant(machine, turning, known)[:3]))
     caveat = f"{UNTOLD}, {right}" if isinstance(right, str) else UNSTABLE if right else ""
     if caveat == UNSTABLE:

@@ -9,8 +9,7 @@ record from a polynomial in a window of lines,
 
 (Pintelon, Schoukens, Vandersteen, Barbe 2010), W the lines of exp(+-i phi), A a pair of poles where
 noise alone does not explain what they gain. The peak is that of
-`rotorid.results.sensitivity_peak`; on lines of periods that of a resonance fitted to the lines
-about it.
+`rotorid.results.sensitivity_peak`.
 """
 
 from __future__ import annotations
@@ -24,34 +23,18 @@ import scipy
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.whole_record import whole_lines
-from rotorid.results.sensitivity_peak import LocatedPeak, LoopLines, peak_near
+from rotorid.results.sensitivity_peak import MOST, LocatedPeak, LoopLines, peak_near, peak_of
 from rotorid.signals.covariance import choose_covariance
 
 LIMITS = {"A": 3.0, "B": 4.0, "C": 5.0}
 """Peaks below which a machine is in a zone, ISO 14839-3: 9.5, 12 and 14 dB; D is above."""
 CONFIDENCE = 0.95
 """Chance that the interval of a peak holds it."""
-DRAWS = 1000
-"""Draws of the noise for the interval of a peak."""
 AT_END = 2.0
 """Deviations within which the first or the last line is as high as the highest."""
-FINE = 20
-"""Points between two lines at which a peak is looked for: a parabola is met to a thousandth."""
-ABOUT, LEAST_ABOUT = 10, 6
-"""Lines that a peak is fitted to, and how many there must be: more than the fit has unknowns."""
-ROUNDS = 3
-"""Rounds of the fit: errors weighed by the denominator of the last; further ones change nothing."""
-NEAR_POLE = 1e-3
-"""Size of the denominator, beside its largest, below which a line weighs no more."""
-BENT = 2.0
-"""Error of a peak beside the root mean square by which its lines miss the curve."""
-SURE = 3.0
-"""Deviations of the misfit of a curve from which on it is too stiff for its lines."""
-MOST = 1.5
-"""A peak this much above the highest line is no peak of these lines, but a pole between two."""
 ORDER = 2
 """s of the windows: curves bend less than a parabola in the few lines of one."""
 LEAST = 12
@@ -198,7 +181,6 @@ def sensitivity(
     *,
     band: tuple[float | str, float | str] | None = None,
     skip: float | str = 0.0,
-    rng: np.random.Generator | None = None,
 ) -> list[AxisSensitivity]:
     """Return the sensitivity of each loop as it was measured, its peak, and the zone of this.
 
@@ -216,8 +198,6 @@ def sensitivity(
         Hz, or texts with units; of whole records.
     skip : float or str
         What is left out of whole records before, in s.
-    rng : numpy.random.Generator, optional
-        Of the draws for the intervals.
 
     Returns
     -------
@@ -251,17 +231,16 @@ def sensitivity(
         raise InputError("no axes", "a channel of e and one of r", 'name them: {"i_x": "r_x"}')
     for record in data:
         _check(record, pairs)
-    draws = np.random.default_rng(0) if rng is None else rng
     if all(isinstance(record, PeriodicRecord) for record in data):
         raw = _of_periods([r for r in data if isinstance(r, PeriodicRecord)], pairs)
-        axes = [_axis(name, *each, draws) for name, each in zip(pairs, raw, strict=True)]
+        axes = [_axis(name, *each) for name, each in zip(pairs, raw, strict=True)]
     else:
         if band is None:
             raise InputError("a whole record without a band", "a band", "give it in Hz")
         ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
         first = quantity(skip, "s", place="skip")
         whole = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
-        axes = [each.axis(name, draws) for name, each in whole.items()]
+        axes = [each.axis(name) for name, each in whole.items()]
     return [_settled(axis) for axis in axes]
 
 
@@ -362,7 +341,7 @@ class _Whole:
     band: LoopLines
     candidates: list[tuple[float, float]]
 
-    def axis(self, name: str, rng: np.random.Generator) -> AxisSensitivity:
+    def axis(self, name: str) -> AxisSensitivity:
         """Return S with its peak: the highest of those near the highest windows."""
         found: list[LocatedPeak] = []
         tried = 0
@@ -378,7 +357,7 @@ class _Whole:
             if tried == CANDIDATES:
                 break
         if not found:
-            return replace(_axis(name, *self.raw, rng), caveat=UNTOLD)
+            return replace(_axis(name, *self.raw), caveat=UNTOLD)
         best = max(found, key=lambda each: each.peak.size)
         ends = np.max([each.interval(CONFIDENCE) for each in found], axis=0)
         frequency, values, variance, _ = self.raw
@@ -516,119 +495,10 @@ class _Window:
 
 
 def _axis(
-    axis: str,
-    frequency: Floats,
-    found: Complexes,
-    variance: Floats,
-    freedom: Floats,
-    rng: np.random.Generator,
+    axis: str, frequency: Floats, found: Complexes, variance: Floats, freedom: Floats
 ) -> AxisSensitivity:
-    """Return peak and interval of one loop.
-
-    The largest of noisy lines is too large; by as much as the largest of the same lines with their
-    noise once more is larger still.
-    """
-    std = np.sqrt(variance / 2)
-    bent = _beyond_noise(frequency, found, std)
-    here, where = peak_of(frequency, found[None])
-    noise = rng.standard_normal((DRAWS, len(found), 2)) @ np.array([1.0, 1j])
-    chi = rng.chisquare(2 * freedom, (DRAWS, len(found))) / (2 * freedom)
-    drawn, _ = peak_of(frequency, found + std * noise / np.sqrt(chi))
-    off = drawn - here[0]
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(off, [tail, 1 - tail])
-    peak = max(float(here[0] - off.mean()), 0.0)
-    interval = (max(float(here[0] - high) - bent, 0.0), float(here[0] - low) + bent)
-    return AxisSensitivity(axis, frequency, found, std, peak, float(where[0]), interval)
-
-
-def _beyond_noise(frequency: Floats, found: Complexes, std: Floats) -> float:
-    """Return by how much more than their noise the lines about a peak miss the curve through them.
-
-    They are as few as the curve asks for: more would have less noise, and a bias as large as what
-    is left of it, which no misfit shows.
-    """
-    about = min(ABOUT, len(found))
-    if about < LEAST_ABOUT:
-        return 0.0
-    start = int(_starts(np.array([np.abs(found).argmax()]), about, len(found))[0])
-    here = slice(start, start + about)
-    curve = _Curve.of(frequency[here], found[None, here])
-    off = float((np.abs(found[here] - curve.at(frequency[here])[0]) ** 2).sum())
-    dof = 2 * (about - curve.unknowns)
-    beyond = off - (std[here] ** 2).mean() * (dof + SURE * np.sqrt(2 * dof))
-    return BENT * float(np.sqrt(max(beyond, 0.0) / dof))
-
-
-def _starts(at: Integers, about: int, count: int) -> Integers:
-    """Return the first of the lines about each line."""
-    return np.asarray(np.clip(at - about // 2, 0, count - about))
-
-
-@frozen
-class _Curve:
-    """``(a_0 + .. + a_m x^m) / (1 + c_1 x + .. + c_n x^n)`` through lines, x from -1 to 1."""
-
-    # of the lines, Hz
-    middle: float
-    reach: float
-    # (curve, m + 1) and (curve, n)
-    top: Complexes
-    bottom: Complexes
-
-    @classmethod
-    def of(cls, nodes: Floats, values: Complexes) -> _Curve:
-        """Fit curves, (curve, line), line errors alike (Sanathanan and Koerner)."""
-        m, n = (3, 3) if len(nodes) >= ABOUT else (2, 1)
-        middle, reach = (nodes[0] + nodes[-1]) / 2, (nodes[-1] - nodes[0]) / 2
-        x = ((nodes - middle) / reach)[:, None]
-        above, below = x ** np.arange(m + 1), x ** np.arange(1, n + 1)
-        weight = np.ones(values.shape)
-        for _ in range(ROUNDS):
-            parts = [np.broadcast_to(above, (*values.shape, m + 1)), -values[..., None] * below]
-            matrix = np.concatenate(parts, axis=2) * weight[..., None]
-            found = (np.linalg.pinv(matrix, rcond=1e-10) @ (weight * values)[..., None])[..., 0]
-            size = np.abs(1 + found[:, m + 1 :] @ below.T)
-            weight = 1 / np.maximum(size, NEAR_POLE * size.max(axis=1, keepdims=True))
-        return cls(float(middle), float(reach), found[:, : m + 1], found[:, m + 1 :])
-
-    @property
-    def unknowns(self) -> int:
-        """Number of complex unknowns."""
-        return int(self.top.shape[1] + self.bottom.shape[1])
-
-    def at(self, frequency: Floats) -> Complexes:
-        """Return the curves, shape (curve, frequency)."""
-        x = (frequency - self.middle) / self.reach
-        above = self.top @ (x ** np.arange(self.top.shape[1])[:, None])
-        below = 1 + self.bottom @ (x ** np.arange(1, self.bottom.shape[1] + 1)[:, None])
-        return np.asarray(above / np.where(below == 0, 1e-300, below))
-
-
-def peak_of(frequency: Floats, values: Complexes) -> tuple[Floats, Floats]:
-    """Return the largest size of curves, (curve, line), and where: between the lines too.
-
-    By rational functions fitted to the lines about the largest one: of three poles, since two modes
-    and what the other loops do may lie within the ten lines that a peak has.
-    """
-    size = np.abs(values)
-    at = size.argmax(axis=1)
-    best, where = size.max(axis=1), frequency[at].astype(float)
-    count = len(frequency)
-    if count < LEAST_ABOUT:
-        return best, where
-    about = min(ABOUT, count)
-    starts = _starts(at, about, count)
-    for start in np.unique(starts):
-        chosen = np.flatnonzero(starts == start)
-        nodes = frequency[start : start + about]
-        curve = _Curve.of(nodes, values[chosen, start : start + about])
-        # Not beyond the neighbours of the largest line: there the fit is none of the lines.
-        fine = np.linspace(nodes[0], nodes[-1], (about - 1) * FINE + 1)
-        near = np.abs(fine - frequency[at[chosen], None]) <= np.diff(nodes).max()
-        fitted = np.where(near, np.abs(curve.at(fine)), 0.0)
-        largest = fitted.max(axis=1)
-        sane = (largest > best[chosen] / MOST) & (largest < MOST * best[chosen])
-        best[chosen[sane]] = largest[sane]
-        where[chosen[sane]] = fine[fitted.argmax(axis=1)][sane]
-    return best, where
+    """Return peak and interval of one loop from its lines."""
+    peak, where, deviation = peak_of(frequency, found, np.sqrt(variance))
+    reach = float(scipy.stats.t.ppf((1 + CONFIDENCE) / 2, 2 * freedom.mean())) * deviation
+    interval = (max(peak - reach, 0.0), peak + reach)
+    return AxisSensitivity(axis, frequency, found, np.sqrt(variance / 2), peak, where, interval)

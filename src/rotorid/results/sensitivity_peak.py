@@ -1,11 +1,12 @@
-"""The peak of S on the lines of a whole record, by rational functions of the lines about it.
+"""The peak of S, by rational functions of the lines about it.
 
     e_j = [ sum_a N_a(j) r_a + T(j) ] / A(j) + a W_j,    S = N_own / A
 
 with the r of all axes, T the transient of the record's ends, which has the poles of the loop as
 well, and W the lines of exp(+-i phi). A curve in a window without poles is too low where the window
 is wider than the peak, and no deviation shows it (McKelvey, Guerin 2012; Geerardyn, Lataire 2014).
-Error of output, by Gauss and Newton from the steps of Sanathanan and Koerner.
+Error of output, by Gauss and Newton from the steps of Sanathanan and Koerner. On lines of whole
+periods, where S itself is known with its deviations, r is 1, and there is neither T nor W.
 """
 
 from __future__ import annotations
@@ -44,6 +45,13 @@ CLIMBS = 4
 """Times that lines are moved on to the highest point of a curve that leaves them."""
 NARROWEST = 0.5
 """Lines by which a pole lies off the real axis, at the least: less is chance, or no decay."""
+ABOUT, LEAST_ABOUT = 10, 6
+"""Lines of periods that a peak is fitted to, and how many there must be: of more, the bias of the
+curve is as large as the noise."""
+ROUNDING = 1e-12
+"""Share of S below which no line of periods is known."""
+MOST = 1.5
+"""A peak this much above the highest line is no peak of these lines, but a pole between two."""
 
 
 @frozen
@@ -57,6 +65,7 @@ class LineWindow:
     rotation: Complexes
     own: int  # which r is that of e
     weight: Floats  # (line,): one over the standard deviation of the noise, but for a factor
+    periodic: bool = False  # no transient, and the factor is one
 
     def powers(self, order: int, first: int = 0) -> Floats:
         return np.asarray(self.place[:, None] ** np.arange(first, order + 1))
@@ -65,7 +74,21 @@ class LineWindow:
         """Return the columns of N, T and the rotation, as they come out."""
         powers = self.powers(order) / below[:, None]
         driven = (self.r[:, :, None] * powers[:, None, :]).reshape(len(self.e), -1)
-        return np.concatenate([driven, powers, self.rotation], axis=1)
+        ends = powers[:, :0] if self.periodic else powers
+        return np.concatenate([driven, ends, self.rotation], axis=1)
+
+    def least_lines(self, poles: int) -> int:
+        """Return how many lines a curve of so many poles takes."""
+        if self.periodic:
+            return order_of(poles) + 1 + poles + 1
+        return least_lines(self.r.shape[1], self.rotation.shape[1], poles)
+
+    def chance(self, gained: float, unknowns: int, noise: float, dof: int) -> float:
+        """Return the chance with which noise alone gains so much from some unknowns more."""
+        if self.periodic:
+            return float(scipy.special.chdtrc(2 * unknowns, 2 * gained))
+        ratio = gained / unknowns / max(noise, 1e-300)
+        return float(scipy.special.fdtrc(2 * unknowns, 2 * dof, ratio))
 
 
 def least_lines(axes: int, turning: int, poles: int) -> int:
@@ -155,7 +178,8 @@ class RationalCurve:
         """Whether every pole among the lines decays within the record, as those of a loop do."""
         spacing = 2 / (len(self.part.e) - 1)
         among = self.roots[np.abs(self.roots.real) <= 1]
-        return bool((among.imag > NARROWEST * spacing).all())
+        least = 0.0 if self.part.periodic else NARROWEST * spacing
+        return bool((among.imag > least).all())
 
 
 def _linear(part: LineWindow, poles: int, below: Complexes) -> RationalCurve:
@@ -253,12 +277,15 @@ def judged(curve: RationalCurve, low: float, high: float) -> Peak:
     left = curve.residual * part.weight
     dof = len(left) - basis.shape[1]
     noise = float((np.abs(left) ** 2).sum()) / dof
+    if part.periodic:
+        noise = max(noise, 1.0)  # more than the lines have is misfit
     gradient = curve.gradient(place)
     told = gradient @ root
     variance = noise * float((np.abs(told) ** 2).sum()) / 2
     taken = np.minimum((np.abs(basis) ** 2).sum(axis=1), 0.99)
     each = np.abs(told @ basis.conj().T) ** 2
-    variance = max(variance, float((each * np.abs(left) ** 2 / (1 - taken)).sum()) / 2)
+    if not part.periodic:
+        variance = max(variance, float((each * np.abs(left) ** 2 / (1 - taken)).sum()) / 2)
     telling = 2 * float(each.sum() ** 2 / (each**2).sum()) if each.any() else 2.0
     # One step towards a curve of more freedom: what it gains, and by how much it is higher.
     more, direct = _beyond(curve, place)
@@ -267,10 +294,10 @@ def judged(curve: RationalCurve, low: float, high: float) -> Peak:
     factors = back @ (extra.conj().T @ left)
     gained = float((np.abs(extra.conj().T @ left) ** 2).sum())
     rest = dof - extra.shape[1]
-    noise_ = max(float((np.abs(left) ** 2).sum()) - gained, 1e-300) / rest
-    chance = float(
-        scipy.special.fdtrc(2 * extra.shape[1], 2 * rest, gained / extra.shape[1] / noise_)
-    )
+    noise_ = 1.0
+    if not part.periodic:
+        noise_ = max(float((np.abs(left) ** 2).sum()) - gained, 1e-300) / rest
+    chance = part.chance(gained, extra.shape[1], noise_, rest)
     drift = direct - told @ shared
     moved = float((value.conj() * (drift @ factors)).real / abs(value))
     moved_std = noise_ * float((np.abs(drift @ back) ** 2).sum()) / 2
@@ -293,9 +320,10 @@ def _beyond(curve: RationalCurve, place: float) -> tuple[Complexes, Complexes]:
     part, order = curve.part, curve.order
     below = 1 + part.powers(curve.poles, 1) @ curve.below
     powers = part.powers(order + BEYOND, order + 1) / below[:, None]
+    ends = powers[:, :0] if part.periodic else powers
     pole = -(part.place ** (curve.poles + 1)) * curve.driven / below
     own = part.r[:, [part.own]] * powers
-    matrix = np.concatenate([own, powers, pole[:, None]], axis=1) * part.weight[:, None]
+    matrix = np.concatenate([own, ends, pole[:, None]], axis=1) * part.weight[:, None]
     here = 1 + (place ** np.arange(1, curve.poles + 1)) @ curve.below
     gives = np.zeros(matrix.shape[1], dtype=np.complex128)
     gives[:BEYOND] = place ** np.arange(order + 1, order + BEYOND + 1) / here
@@ -305,20 +333,20 @@ def _beyond(curve: RationalCurve, place: float) -> tuple[Complexes, Complexes]:
 
 def best_curve(part: LineWindow) -> RationalCurve:
     """Return the curve of as few poles as noise explains."""
-    axes, turning = part.r.shape[1], part.rotation.shape[1]
     held = fitted(part, 0)
     for poles in POLES[1:]:
-        if len(part.e) < least_lines(axes, turning, poles):
+        if len(part.e) < part.least_lines(poles):
             break
         tried = fitted(part, poles)
         unknowns = len(tried.linear) + tried.poles
         more, rest = unknowns - len(held.linear) - held.poles, len(part.e) - unknowns
-        ratio = (held.loss - tried.loss) / more / max(tried.loss / rest, 1e-300)
-        if scipy.special.fdtrc(2 * more, 2 * rest, ratio) > GAIN:
+        if part.chance(held.loss - tried.loss, more, tried.loss / rest, rest) > GAIN:
             break
         if not tried.decays:
             continue
         held = tried
+    if part.periodic:
+        return held
     weighed = _weighed(held)
     again = fitted(weighed, held.poles)
     return again if again.decays else held
@@ -418,3 +446,32 @@ def peak_near(band: LoopLines, hertz: float) -> LocatedPeak | None:
         before = found if good else before
         size *= 2
     return best
+
+
+def peak_of(
+    frequency: Floats, values: Complexes, std: Floats | None = None
+) -> tuple[float, float, float]:
+    """Return the largest size of S between its lines too, where it is, and its deviation.
+
+    Of lines without deviations, as a plant and a controller make them, there is none.
+    """
+    at, about = int(np.abs(values).argmax()), min(ABOUT, len(values))
+    size = float(np.abs(values[at]))
+    highest = size, float(frequency[at]), 0.0 if std is None else float(std[at] / np.sqrt(2))
+    if about < LEAST_ABOUT:
+        return highest
+    first = int(np.clip(at - about // 2, 0, len(values) - about))
+    here = slice(first, first + about)
+    nodes, ones = frequency[here], np.ones((about, 1), dtype=np.complex128)
+    place = 2 * (nodes - nodes[0]) / (nodes[-1] - nodes[0]) - 1
+    weight = np.ones(about) if std is None else 1 / np.maximum(std[here], ROUNDING * size)
+    part = LineWindow(place, values[here], ones, ones[:, :0], 0, weight, periodic=True)
+    most = max(poles for poles in POLES if part.least_lines(poles) <= about)
+    curve = fitted(part, most) if std is None else best_curve(part)
+    # Not beyond the neighbours of the largest line: there the fit is none of the lines.
+    beside = np.clip([at - 1 - first, at + 1 - first], 0, about - 1)
+    peak = judged(curve, *place[beside].tolist())
+    if not size / MOST < peak.size < MOST * size:
+        return highest
+    hertz = float(np.interp(peak.place, [-1.0, 1.0], nodes[[0, -1]]))
+    return peak.size, hertz, 0.0 if std is None else peak.std
