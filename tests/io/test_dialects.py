@@ -697,7 +697,7 @@ def test_tdms_of_very_many_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(sandbox, "LEAST", 1)
     monkeypatch.setattr(sandbox, "SPEED", 1e9)
     path.write_bytes(first + 300_000 * bare)
-    with pytest.raises(ReadError, match="or never lets it end"):
+    with pytest.raises(ReadError, match="takes more than 1 s to read"):
         open_table(path)
 
 
@@ -711,5 +711,5 @@ def test_universal_files_of_very_many_sets(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(sandbox, "LEAST", 1)
     monkeypatch.setattr(sandbox, "SPEED", 1e9)
     path.write_bytes(one * 20_000)
-    with pytest.raises(ReadError, match="or never lets it end"):
+    with pytest.raises(ReadError, match="takes more than 1 s to read"):
         open_table(path)

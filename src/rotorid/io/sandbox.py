@@ -18,9 +18,9 @@ import signal
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from importlib import import_module
 from threading import Timer
 from typing import IO, Any
@@ -48,6 +48,7 @@ FORKS = hasattr(os, "fork") and sys.platform != "darwin"
 
 _ANSWER, _REFUSAL, _END = range(3)  # what is sent: a value, an error, no more
 _LENGTH = 8  # bytes that say how long the text of an answer is
+_ARRAY, _OBJECT = "\0array", "\0object"  # keys of a table that stands for one
 
 Opener = Callable[[str], AbstractContextManager[Any]]
 """Opens a file, in the child, for an object whose methods answer what is asked."""
@@ -67,6 +68,7 @@ class Sandbox:
         start = _forked if FORKS else _spawned
         self._questions, self._answers, end = start(opener, file, kind, scratch.name)
         self._patience = None if FORKS else PATIENCE * _seconds(file)
+        self._late = False  # whether its time was up
 
         def close(streams: tuple[IO[bytes], ...] = (self._answers, self._questions)) -> None:
             end()
@@ -104,25 +106,29 @@ class Sandbox:
                 del answer  # an error that its own traceback holds would keep this object, too
 
     def _reply(self) -> Any:
-        late = Timer(self._patience, self._end) if self._patience else None
+        late = Timer(self._patience, self._give_up) if self._patience else None
         try:
             if late:
                 late.start()
             return _received(self._answers)
         except Exception:  # whatever became of the child
-            raise ReadError(
-                "a file that ends the program that reads it, or never lets it end",
-                "a file that is whole",
-                "export the record again",
-                file=self._file,
-            ) from None
+            self._late |= self._end() == getattr(signal, "SIGXCPU", None)  # not on Windows
+            found, cure = "a file that ends the program that reads it", "export the record again"
+            if self._late:
+                found = f"a file that takes more than {_seconds(self._file)} s to read"
+                cure += ", in parts or with fewer columns"
+            raise ReadError(found, "a file that is whole", cure, file=self._file) from None
         finally:
             if late:
                 late.cancel()
 
+    def _give_up(self) -> None:
+        self._late = True
+        self._end()
 
-Started = tuple[IO[bytes], IO[bytes], Callable[[], None]]
-"""Where a child is asked, where it answers, and how it is ended."""
+
+Started = tuple[IO[bytes], IO[bytes], Callable[[], int]]
+"""Where a child is asked, where it answers, and how it is ended, which returns the signal."""
 
 
 def _forked(*work: Any) -> Started:
@@ -141,10 +147,11 @@ def _forked(*work: Any) -> Started:
     os.close(asked)
     os.close(sender)
 
-    def end() -> None:
+    def end() -> int:
         with suppress(ProcessLookupError, ChildProcessError):  # where others see to its end
             os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+            return os.WTERMSIG(os.waitpid(child, 0)[1])
+        return 0
 
     return open(questions, "wb"), open(answers, "rb"), end
 
@@ -164,9 +171,9 @@ def _spawned(*work: Any) -> Started:
         pickle.dump(work, child.stdin)
         child.stdin.flush()
 
-    def end() -> None:
+    def end() -> int:
         child.kill()
-        child.wait()
+        return -child.wait()
 
     return child.stdin, child.stdout, end
 
@@ -223,77 +230,51 @@ def too_large(file: str) -> ReadError:
 def _send(stream: IO[bytes], value: Any) -> None:
     """Send a value as text: what its arrays hold goes after it as it lies in memory."""
     arrays: list[np.ndarray] = []
-    text = json.dumps(_plain(value, arrays)).encode()
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.generic):
+            return value.item()
+        if isinstance(value, np.ndarray):
+            arrays.append(np.ascontiguousarray(value))
+            return {_ARRAY: [value.dtype.str, *value.shape]}
+        return {_OBJECT: [type(value).__module__, type(value).__name__, vars(value)]}
+
+    text = json.dumps(value, default=plain).encode()
     stream.write(len(text).to_bytes(_LENGTH, "little") + text)
     for array in arrays:
         stream.write(_bytes_of(array))
     stream.flush()
 
 
-def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
-    """Return a value as lists and texts; an array is named by its type and shape."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, np.ndarray):
-        arrays.append(np.ascontiguousarray(value))
-        return ["array", value.dtype.str, *value.shape]
-    if isinstance(value, Mapping):
-        return ["dict", *([_plain(k, arrays), _plain(v, arrays)] for k, v in value.items())]
-    if isinstance(value, list | tuple):
-        return ["list", *(_plain(each, arrays) for each in value)]
-    kind = type(value)
-    if isinstance(value, InputError):
-        held = vars(value)
-    elif is_dataclass(value):
-        held = {part.name: getattr(value, part.name) for part in fields(value)}
-    else:
-        raise TypeError(f"no plain layout of {kind.__name__}")
-    return ["object", kind.__module__, kind.__name__, _plain(held, arrays)]
-
-
 def _received(stream: IO[bytes]) -> Any:
     """Return what was sent next."""
-    text = _read(stream, int.from_bytes(_read(stream, _LENGTH), "little"))
-    return _built(json.loads(text), stream)
+
+    def read(count: int) -> bytes:
+        if len(data := stream.read(count)) < count:
+            raise EOFError
+        return data
+
+    text = read(int.from_bytes(read(_LENGTH), "little"))
+    return json.loads(text, object_hook=lambda held: _built(held, stream))
 
 
-def _read(stream: IO[bytes], count: int) -> bytes:
-    data = stream.read(count)
-    if len(data) < count:
-        raise EOFError
-    return data
-
-
-def _built(plain: Any, stream: IO[bytes]) -> Any:
-    """Return what a plain layout stands for: classes are those of the readers, and no others."""
-    if not isinstance(plain, list):
-        return plain
-    kind, *parts = plain
-    if kind == "array":
-        return _array(*parts, stream=stream)
-    if kind == "list":
-        return [_built(each, stream) for each in parts]
-    if kind == "dict":
-        return {_built(key, stream): _built(value, stream) for key, value in parts}
-    module, name, held = parts
-    if kind != "object" or not module.startswith("rotorid."):
-        raise TypeError(f"{kind} {module}.{name} from a child")
-    found: Any = getattr(import_module(module), name)
+def _built(held: dict[str, Any], stream: IO[bytes]) -> Any:
+    """Return what a table stands for: classes are those of the readers, and no others."""
+    if _ARRAY in held:
+        kind, *shape = held[_ARRAY]
+        if np.dtype(kind).kind not in "biufc":
+            raise TypeError(f"an array of {kind} from a child")
+        array = np.empty(shape, kind)
+        if stream.readinto(_bytes_of(array)) < array.nbytes:  # type: ignore[attr-defined]
+            raise EOFError
+        return array
+    if _OBJECT not in held:
+        return held
+    module, name, fields = held[_OBJECT]
+    found: Any = getattr(import_module(module), name) if module.startswith("rotorid.") else None
     if not (isinstance(found, type) and (is_dataclass(found) or issubclass(found, InputError))):
         raise TypeError(f"{module}.{name} from a child")
-    return found(**_built(held, stream))
-
-
-def _array(kind: str, *shape: int, stream: IO[bytes]) -> np.ndarray:
-    dtype = np.dtype(kind)
-    if dtype.kind not in "biufc":
-        raise TypeError(f"an array of {kind} from a child")
-    found = np.empty(shape, dtype)
-    if stream.readinto(_bytes_of(found)) < found.nbytes:  # type: ignore[attr-defined]
-        raise EOFError
-    return found
+    return found(**fields)
 
 
 def _bytes_of(array: np.ndarray) -> memoryview:
@@ -337,7 +318,8 @@ def _bound(file: str) -> None:
     for limit, most in limits.items():
         allowed = resource.getrlimit(limit)[1]
         bound = most if allowed == resource.RLIM_INFINITY else min(most, allowed)
-        resource.setrlimit(limit, (bound, bound))
+        # a second more lets the signal tell that the time was up
+        resource.setrlimit(limit, (bound, bound + (limit == resource.RLIMIT_CPU and bound == most)))
 
 
 def _held() -> int:
