@@ -13,7 +13,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import InputError, response_lines
-from rotorid.experiment.duplicates import MOST, Printer, Shared, candidates, check_tables, shared
+from rotorid.experiment.duplicates import MOST, Printer, candidates, check_tables, shared
 from rotorid.testing import phasor_lines
 
 # -------------------------------------------------------------------------------------------------
@@ -466,7 +466,7 @@ def noise(count=3000, channels=2, state=0):
 def test_an_excerpt_is_found_where_it_is(begin, end):
     whole = noise()
     found = shared(prints(whole), prints(whole[begin:end]))
-    assert found == Shared(end - begin, begin, 0)
+    assert found == (end - begin, begin, 0)
     assert candidates([prints(noise(state=1)), prints(whole), prints(whole[begin:end])]) == [(1, 2)]
 
 
@@ -474,15 +474,15 @@ def test_two_that_overlap_and_blocks_of_any_size():
     whole = noise(20000)
     one = prints(whole[:3], whole[3:17], whole[17:4000], whole[4000:12000])
     assert np.array_equal(one.values, prints(whole[:12000]).values)
-    assert shared(one, prints(whole[8000:])) == Shared(4000, 8000, 0)
-    assert shared(prints(whole[8000:]), one) == Shared(4000, 0, 8000)
+    assert shared(one, prints(whole[8000:])) == (4000, 8000, 0)
+    assert shared(prints(whole[8000:]), one) == (4000, 0, 8000)
 
 
 def test_many_samples_leave_few_prints_and_are_found_still():
     whole = noise(2_500_000, 1)
     one = prints(*np.array_split(whole, 30))
     assert MOST / 4 < len(one.values) <= MOST
-    assert shared(one, prints(whole[1_000_003:1_300_000])) == Shared(299_997, 1_000_003, 0)
+    assert shared(one, prints(whole[1_000_003:1_300_000])) == (299_997, 1_000_003, 0)
 
 
 def test_a_few_samples_alike_are_not_told():
@@ -520,6 +520,6 @@ def test_two_measurements_that_are_alike_are_two(name):
 def test_one_that_repeats_itself_is_found_where_it_is_the_same_to_its_end():
     """Whose prints stand nowhere once: without noise every period is like the others."""
     exact = np.tile(sines()[:250], (20, 1))
-    assert shared(prints(exact), prints(exact.copy())) == Shared(5000, 0, 0)
+    assert shared(prints(exact), prints(exact.copy())) == (5000, 0, 0)
     assert shared(prints(exact), prints(exact[:4999])) is None
     assert candidates([prints(exact), prints(noise(5000)), prints(exact)]) == [(0, 2)]

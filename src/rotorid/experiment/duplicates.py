@@ -5,11 +5,6 @@ the next few are summed up to one number: two records hold that number at two pl
 hold those samples, and by chance nowhere.
 
 A record listed n times makes the stated deviations sqrt(n) too small, and nothing else shows it.
-
-The angle of such a record starts at its `phase`, 0 where nothing is said. Two records that were not
-started by the rotor itself then have two zeros, and one unbalance has two directions. At one speed
-the rotation's line of all sensors is the same but for that: turned as a whole. A line that is the
-same but a hundred times as large is one in another unit.
 """
 
 from __future__ import annotations
@@ -20,6 +15,7 @@ from dataclasses import replace
 from hashlib import blake2b
 from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -70,15 +66,6 @@ class Prints:
     most: np.uint64  # the largest print that is kept
     count: int  # samples of the record
     digest: bytes  # of all of them, in order; empty where nothing moves
-
-
-@frozen
-class Shared:
-    """Samples that two records share: their number, and where they begin in each."""
-
-    count: int
-    first: int
-    second: int
 
 
 class Printer:
@@ -140,10 +127,10 @@ def candidates(records: Sequence[Prints]) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def shared(one: Prints, other: Prints) -> Shared | None:
-    """Return the samples that two records share, in every digit; None where they share none."""
+def shared(one: Prints, other: Prints) -> tuple[int, int, int] | None:
+    """Return how many samples two records share, in every digit, and where they begin in each."""
     if one.digest and one.digest == other.digest:  # however often a print of them repeats
-        return Shared(one.count, 0, 0)
+        return one.count, 0, 0
     _, mine, its = np.intersect1d(one.values, other.values, assume_unique=True, return_indices=True)
     if len(mine) < FEWEST:
         return None
@@ -157,7 +144,7 @@ def shared(one: Prints, other: Prints) -> Shared | None:
     )
     if times.max() < max(FEWEST, NEARLY_ALL * inside):
         return None
-    return Shared(end - begin, begin, begin - lag)
+    return end - begin, begin, begin - lag
 
 
 _ALIKE = 0.95  # of independent noise, a correlation of eleven lines is so by a chance of 1e-10
@@ -171,19 +158,11 @@ _COMPARED = 60  # records of which each is held against each: 1800 pairs take a 
 
 
 def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -> None:
-    """Refuse what an experiment file says twice, or too little to tell records apart."""
-    _check_records(plans, model.inputs)
-    check_modes(file.modes)
-    if file.estimator.unknown["runout"]:
-        check_told(file.records)
+    """Refuse what an experiment file says twice, or too little to tell records apart.
 
-
-def _check_records(plans: Sequence[Recording], inputs: Collection[str]) -> None:
-    """Refuse records that take the same samples of the same file.
-
-    Two may share a file where they take other times, lines, or sensors of it.
+    Two records may share a file where they take other times, lines, or sensors of it.
     """
-    records = [plan.entry for plan in plans]
+    records = file.records
     by_file: dict[Path, list[int]] = {}
     for number, plan in enumerate(plans):
         paths = {_resolved(path) for path in plan.paths}
@@ -196,7 +175,7 @@ def _check_records(plans: Sequence[Recording], inputs: Collection[str]) -> None:
                 "name another file, or leave quiet out",
                 place=f"records.{number}.quiet",
             )
-    sensors = [_sensors(plan.channels, inputs) for plan in plans]
+    sensors = [_sensors(plan.channels, model.inputs) for plan in plans]
     for path, numbers in by_file.items():
         for first, second in combinations(numbers, 2):
             if _overlap(records[first], records[second]) and sensors[first] & sensors[second]:
@@ -206,6 +185,9 @@ def _check_records(plans: Sequence[Recording], inputs: Collection[str]) -> None:
                     "remove one of the two, or give each its own times by skip and until",
                     place=f"records.{second}",
                 )
+    check_modes(file.modes)
+    if file.estimator.unknown["runout"]:
+        check_told(records)
 
 
 def check_modes(modes: Sequence[ModeEntry]) -> None:
@@ -221,8 +203,7 @@ def check_modes(modes: Sequence[ModeEntry]) -> None:
             )
 
 
-@frozen
-class _Taken:
+class _Taken(NamedTuple):
     """What is kept of a record that was read."""
 
     sensors: tuple[str, ...]
@@ -274,17 +255,17 @@ class Overlaps:
                 first, second = sorted(numbers[k] for k in pair)
                 both = shared(prints[first], prints[second])
                 if both is not None and _lines_overlap(self.records[first], self.records[second]):
-                    self._refuse(first, second, both)
+                    self._refuse((first, second), *both)
 
-    def _refuse(self, first: int, second: int, both: Shared) -> None:
+    def _refuse(self, pair: tuple[int, int], count: int, *begins: int) -> None:
         """Refuse two records of which a part that both use is the same."""
-        one, other = self.taken[first], self.taken[second]
+        one, other = (self.taken[k] for k in pair)
         rate = other.rate
         # samples that neither record leaves out
-        skips = [round((self.records[k].skip or 0.0) * rate) for k in (first, second)]
-        used = both.count - max(skips[0] - both.first, skips[1] - both.second, 0)
+        skips = [round((self.records[k].skip or 0.0) * rate) for k in pair]
+        used = count - max(skips[0] - begins[0], skips[1] - begins[1], 0)
         if used > _SHARE * min(one.printer.count, other.printer.count):
-            here, there = both.second / rate, both.first / rate
+            there, here = (begin / rate for begin in begins)
             moved = f": what is at {here:.4g} s here is at {there:.4g} s there"
             raise InputError(
                 f"{used} samples that {Path(one.source).name[:120]} holds too, in every digit of "
@@ -362,9 +343,8 @@ def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
     periodic = [(i, one) for i, one in enumerate(found) if isinstance(one, PeriodicRecord)]
     for (_, one), (second, other) in combinations(periodic[:_COMPARED], 2):
         names = [name for name in one.names if name not in inputs and name in other.names]
-        shares = [_by_lag(one, other, name) for name in names]
-        known = [share for share in shares if share is not None]
-        if not known:
+        shares = (_by_lag(one, other, name) for name in names)
+        if not (known := [share for share in shares if share is not None]):
             continue
         least = np.min(known, axis=0)
         lags = np.arange(len(least)) - (len(other.spectra) - 2)
@@ -402,9 +382,8 @@ def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | N
     size = len(first) + len(second) - 1
     turned = np.fft.fft(first, size, axis=0) * np.fft.fft(second[::-1].conj(), size, axis=0)
     product = np.fft.ifft(turned, axis=0).sum(axis=1).real
-    powers = [(np.abs(part) ** 2).sum(axis=1) for part in parts]
-    ones = [np.ones(len(part)) for part in parts]
-    shared = np.convolve(powers[0], ones[1]) * np.convolve(ones[0], powers[1])
+    mine, its = ((np.abs(part) ** 2).sum(axis=1) for part in parts)
+    shared = np.convolve(mine, np.ones(len(its))) * np.convolve(np.ones(len(mine)), its)
     return np.asarray(product / np.sqrt(np.maximum(shared, np.finfo(float).tiny)))
 
 
@@ -429,11 +408,8 @@ def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:
     """Tell whether two records of the same samples may use the same of them, and a same line."""
     if first.mask != second.mask and None not in (first.mask, second.mask):
         return False
-    same_period = (first.fundamental, first.period_samples) == (
-        second.fundamental,
-        second.period_samples,
-    )
-    if first.harmonics and second.harmonics and same_period:
+    periods = {(each.fundamental, each.period_samples) for each in (first, second)}
+    if first.harmonics and second.harmonics and len(periods) == 1:
         return not set(first.harmonics).isdisjoint(second.harmonics)
     if first.band is not None and second.band is not None:
         return max(first.band[0], second.band[0]) <= min(first.band[1], second.band[1])
