@@ -240,45 +240,30 @@ def weigh_clock(
     """Weigh what is said of the sample rate here, by the stamps, and by the file."""
     several = list(columns)
     stated = _stated_rate([column.rate for column in several if column.rate is not None])
-    clock = _weighed(given, stamps, stated, overrule, fundamental, limits)
-    starts = [column.start for column in several if column.start is not None]
-    told = () if overrule else _check_starts(starts, clock.rate)
-    return replace(clock, warnings=(*clock.warnings, *told))
-
-
-def _weighed(
-    given: float | None,
-    stamps: Floats | None,
-    stated: Rate | None,
-    overrule: bool,
-    fundamental: float | None,
-    limits: tuple[float, float | None],
-) -> RecordClock:
-    """Return the clock by one of the three, held against the others."""
     if stamps is not None:
         begin, end = _stretch(stamps, *limits)
-        used = stamps[begin:end]
-        told = read_clock(used)
-        found = told.rate
+        told = read_clock(used := stamps[begin:end])
         if given is not None:
-            _check_rate(given, found, "the time column", "remove the wrong one")
-        rate = given or _whole_multiple(found, fundamental, exactly=told.even)
-        start = float(used[0] - stamps[0])
-        uneven = None if told.even else used
-        return RecordClock(rate, uneven, told.jitter, begin=begin, end=end, start=start)
-    if given is not None and stated is not None and not overrule:
-        cure = "leave sample_rate out, or give overrule = true if the file is wrong"
-        _check_rate(given, stated, "the file", cure)
-    said = stated if given is None else Rate(given)
-    if said is None:
-        raise InputError(
-            "no sample rate and no time column, nor does the file state a rate",
-            "one of sample_rate and time",
-            "give one",
-        )
-    rate = given or _whole_multiple(said, fundamental, exactly=True)
-    until = limits[1]
-    return RecordClock(rate, end=None if until is None else max(0, math.ceil(until * rate - 1e-6)))
+            _check_rate(given, told.rate, "the time column", "remove the wrong one")
+        rate = given or _whole_multiple(told.rate, fundamental, exactly=told.even)
+        start, uneven = float(used[0] - stamps[0]), None if told.even else used
+        clock = RecordClock(rate, uneven, told.jitter, begin=begin, end=end, start=start)
+    else:
+        if given is not None and stated is not None and not overrule:
+            cure = "leave sample_rate out, or give overrule = true if the file is wrong"
+            _check_rate(given, stated, "the file", cure)
+        said, until = stated if given is None else Rate(given), limits[1]
+        if said is None:
+            raise InputError(
+                "no sample rate and no time column, nor does the file state a rate",
+                "one of sample_rate and time",
+                "give one",
+            )
+        rate = given or _whole_multiple(said, fundamental, exactly=True)
+        last = None if until is None else max(0, math.ceil(until * rate - 1e-6))
+        clock = RecordClock(rate, end=last)
+    starts = [column.start for column in several if column.start is not None]
+    return clock if overrule else replace(clock, warnings=_check_starts(starts, rate))
 
 
 def _stretch(stamps: Floats, skip: float, until: float | None) -> tuple[int, int]:
@@ -294,8 +279,6 @@ def _stretch(stamps: Floats, skip: float, until: float | None) -> tuple[int, int
 
 
 def _stated_rate(rates: Sequence[Rate]) -> Rate | None:
-    if not rates:
-        return None
     for rate in rates:
         if abs(rate.hertz / rates[0].hertz - 1) > SAME_RATE + rate.rounding + rates[0].rounding:
             raise ReadError(
@@ -304,7 +287,7 @@ def _stated_rate(rates: Sequence[Rate]) -> Rate | None:
                 "put them into records of their own, or write one rate",
                 place="sample_rate",
             )
-    return rates[0]
+    return rates[0] if rates else None
 
 
 def _check_starts(starts: Sequence[float], rate: float) -> tuple[str, ...]:

@@ -45,16 +45,8 @@ class Source:
 
     def channel(self, name: str, unit: str) -> Channel:
         """Return the channel of that name, its samples in `unit`."""
-        return Channel(
-            name,
-            unit,
-            self.reads,
-            self.hold,
-            self.delay,
-            self.delay_std,
-            self.gain_std,
-            dynamics=self.dynamics,
-        )
+        said = self.reads, self.hold, self.delay, self.delay_std, self.gain_std
+        return Channel(name, unit, *said, dynamics=self.dynamics)
 
 
 def read_record(
@@ -173,7 +165,7 @@ def _columns(
     overrule: bool,
 ) -> tuple[dict[str, Source], dict[str, Column], Floats | None]:
     """Return what the channels come from, their columns and the mask's, and the sample times."""
-    timing = _as_source(time) if time is not None else None
+    timing = Source(time) if isinstance(time, str) else time
     sources = _sources(columns, table, timing, overrule)
     extra = {} if mask is None else {_MASK: Source(mask)}
     read = _read(table, {**sources, **extra, **({} if timing is None else {_TIME: timing})})
@@ -188,10 +180,6 @@ def _si(value: float | str | None, unit: str, place: str) -> float | None:
     return None if value is None else float(quantity(value, unit, place=place))
 
 
-def _as_source(column: str | Source) -> Source:
-    return column if isinstance(column, Source) else Source(column)
-
-
 def _sources(
     columns: Mapping[str, str | Source] | Sequence[str] | None,
     table: ColumnFile,
@@ -199,29 +187,26 @@ def _sources(
     overrule: bool,
 ) -> dict[str, Source]:
     if isinstance(columns, Mapping):
-        found = {name: _as_source(column) for name, column in columns.items()}
+        found = {n: Source(c) if isinstance(c, str) else c for n, c in columns.items()}
         return {n: replace(s, overrule=s.overrule or overrule) for n, s in found.items()}
     if columns is not None:
         return {name: Source(name) for name in columns}
-    axis = None if timing is None else _find(table, timing, _TIME)
+    axis = None if timing is None else _find(table, {_TIME: timing})[_TIME]
     return {name: Source(name) for name in table.names if table.find(name) != axis}
 
 
-def _find(table: ColumnFile, source: Source, name: str) -> str:
-    with naming(place=_place(name, "column")):
-        return table.find(source.column)
-
-
 def _read(table: ColumnFile, sources: Mapping[str, Source]) -> dict[str, Column]:
-    found = _find_columns(table, sources)
+    found = _find(table, sources)
     columns = table.read(list(dict.fromkeys(found.values())))
     return {name: columns[key] for name, key in found.items()}
 
 
-def _find_columns(table: ColumnFile, sources: Mapping[str, Source]) -> dict[str, str]:
+def _find(table: ColumnFile, sources: Mapping[str, Source]) -> dict[str, str]:
     """Return the file's own name of the column of each channel."""
-    found = {name: _find(table, source, name) for name, source in sources.items()}
-    taken: dict[str, str] = {}
+    found, taken = dict[str, str](), dict[str, str]()
+    for name, source in sources.items():
+        with naming(place=_place(name, "column")):
+            found[name] = table.find(source.column)
     for name in found:
         if sources[name].alone and (other := taken.setdefault(found[name], name)) != name:
             raise InputError(
@@ -283,21 +268,13 @@ def _factor(column: Column, source: Source, table: ColumnFile, name: str) -> tup
         with naming(place=_place(name, "scale")):
             scale = table.scalar(scale)
     if scale == 0:
-        raise InputError(
-            "0",
-            "a scale other than 0",
-            "write what turns the column into its unit, or leave it out for 1",
-            place=_place(name, "scale"),
-        )
+        cure = "write what turns the column into its unit, or leave it out for 1"
+        raise InputError("0", "a scale other than 0", cure, place=_place(name, "scale"))
     if source.unit and column.unit and source.scale is None and not source.overrule:
         check_stated(source.unit, column.unit, place)
     if unit is None and source.expected:
-        raise InputError(
-            "no unit",
-            f"a unit that converts to {source.expected}",
-            "write it, here or into the file",
-            place=place,
-        )
+        told, cure = f"a unit that converts to {source.expected}", "write it, here or into the file"
+        raise InputError("no unit", told, cure, place=place)
     factor = 1.0 if unit is None else si_factor(unit, source.expected, place=place)
     factor *= 1.0 if scale is None else float(scale)
     return factor, source.expected or (check_unit(unit) if unit else "")
@@ -317,14 +294,10 @@ def _stamps(column: Column, source: Source, table: ColumnFile) -> Floats:
 def _valid(column: Column | None, count: int) -> Booleans | None:
     if column is None:
         return None
-    if len(column.values) != count:
-        raise ReadError(
-            f"{len(column.values)} samples where the channels have {count}",
-            "a mask of their length",
-            "cut it alike",
-            place=_MASK,
-        )
     values = column.values
+    if len(values) != count:
+        found = f"{len(values)} samples where the channels have {count}"
+        raise ReadError(found, "a mask of their length", "cut it alike", place=_MASK)
     return np.asarray((values != 0) & np.isfinite(values))
 
 
@@ -395,12 +368,11 @@ def open_blocks(
     if not isinstance(table, Stored):
         return None
     with naming(table.file):
-        found = _find_columns(table, columns)
+        found = _find(table, columns)
         keys = list(dict.fromkeys(found.values()))
         if (size := table.size_in_blocks(keys)) < WORTH or not size:
             return None
-        first = next(table.blocks(keys, 1), None)
-        if first is None:
+        if (first := next(table.blocks(keys, 1), None)) is None:
             return None
         stamps = None if time is None else _stamps(_read(table, {_TIME: time})[_TIME], time, table)
         limits = (0.0, until)

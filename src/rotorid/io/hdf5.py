@@ -90,7 +90,10 @@ class _Hdf5File(ArrayFile):
         column = {name: _column_of(nodes[p.path], p.index) for name, p in places.items()}
         together = _together(nodes.values())
         count = max(max(self.shapes[path], default=1) for path in nodes)
-        step = max(count, 1) if rows is None else _whole_chunks(nodes.values(), rows)
+        step = rows or max(count, 1)
+        chunk = max((max(n.dataset.chunks) for n in nodes.values() if n.dataset.chunks), default=1)
+        if rows and rows >= chunk // 64:  # whole chunks of the file, near what is asked for
+            step = chunk * max(1, round(rows / chunk))
         for begin in range(0, max(count, 1), step):
             samples = slice(begin, begin + step)
             records = {table: table.fields(names)[samples] for table, names in together.items()}
@@ -115,12 +118,6 @@ def _together(nodes: Iterable[Hdf5Node]) -> dict[h5py.Dataset, list[str]]:
         if node.field is not None and len(node.dataset.shape) == 1:
             found.setdefault(node.dataset, []).append(node.field)
     return {table: names for table, names in found.items() if len(names) > 1}
-
-
-def _whole_chunks(nodes: Iterable[Hdf5Node], rows: int) -> int:
-    """Return a number of rows near the one asked for that is made of whole chunks of the file."""
-    longest = max((max(n.dataset.chunks) for n in nodes if n.dataset.chunks), default=1)
-    return rows if rows < longest // 64 else longest * max(1, round(rows / longest))
 
 
 def _rows(
@@ -259,9 +256,13 @@ class Hdf5Node:
     @property
     def kind(self) -> str | None:
         """Say what it holds in place of real numbers; None where it holds these."""
+        dataset, exists = self.dataset, h5py.h5a.exists
         if self.field is not None:
-            return _kind(self.dataset.dtype[self.field])
-        return _kind(self.dataset.dtype) or _matlab_kind(self.dataset)
+            return _kind(dataset.dtype[self.field])
+        if (found := _kind(dataset.dtype)) or exists(dataset.id, b"MATLAB_empty"):
+            return found or "nothing"  # an empty array is written as its size
+        kind = dataset.attrs["MATLAB_class"] if exists(dataset.id, b"MATLAB_class") else b""
+        return "text or cells" if isinstance(kind, bytes) and kind in _TEXTS else None
 
 
 def _kind(dtype: Any) -> str | None:
@@ -278,14 +279,6 @@ def _kind(dtype: Any) -> str | None:
         "another type": not is_numeric(dtype),
     }
     return next((kind for kind, is_it in found.items() if is_it), None)
-
-
-def _matlab_kind(dataset: h5py.Dataset) -> str | None:
-    """Say where MATLAB wrote no numbers: text as codes, or an empty array as its size."""
-    if h5py.h5a.exists(dataset.id, b"MATLAB_empty"):
-        return "nothing"
-    kind = dataset.attrs["MATLAB_class"] if h5py.h5a.exists(dataset.id, b"MATLAB_class") else b""
-    return "text or cells" if isinstance(kind, bytes) and kind in _TEXTS else None
 
 
 class _Contents(Mapping[str, tuple[int, ...]]):
@@ -387,7 +380,13 @@ def _walk(data: h5py.File) -> Iterator[tuple[str, Hdf5Node]]:
         prefix, above = waiting.pop()
         inner: list[tuple[str, tuple[h5py.Group, ...]]] = []
         count += len(group := above[-1])
-        _check_bounds(count, prefix)
+        if count > NODES or prefix.count("/") > DEPTH:
+            many = f"more than {NODES} groups and data sets"
+            raise ReadError(
+                many if count > NODES else f"more than {DEPTH} groups in one another",
+                "fewer to look through for a name",
+                "write the whole path of each column, such as run1/x",
+            )
         for key in group:
             key, shown = _raw(key), _shown(key)
             path = prefix + shown
@@ -402,16 +401,6 @@ def _walk(data: h5py.File) -> Iterator[tuple[str, Hdf5Node]]:
             else:
                 yield path, Hdf5Node(node, None, above)
         waiting += reversed(inner)
-
-
-def _check_bounds(count: int, path: str) -> None:
-    if count > NODES or path.count("/") > DEPTH:
-        many = f"more than {NODES} groups and data sets"
-        raise ReadError(
-            many if count > NODES else f"more than {DEPTH} groups in one another",
-            "fewer to look through for a name",
-            "write the whole path of each column, such as run1/x",
-        )
 
 
 def _steps(path: str) -> list[str]:
@@ -432,11 +421,9 @@ def _key(group: h5py.Group, name: str) -> bytes | None:
 
 def _shown(key: str | bytes) -> str:
     """Return a name with the letters that it was written in."""
-    raw = _raw(key)
-    try:
-        return raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
+    with suppress(UnicodeDecodeError):
+        return _raw(key).decode("utf-8")
+    return _raw(key).decode("latin-1")
 
 
 def _raw(key: str | bytes) -> bytes:
@@ -446,14 +433,13 @@ def _raw(key: str | bytes) -> bytes:
 
 def _open(group: h5py.Group, name: bytes, kind: int) -> Any:
     """Open a node; what a data set keeps in files beside it counts from the folder of its file."""
-    match kind:
-        case h5py.h5o.TYPE_DATASET:
-            access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
-            access.set_efile_prefix(b"${ORIGIN}")
-            return h5py.Dataset(h5py.h5d.open(group.id, name, access))
-        case h5py.h5o.TYPE_GROUP:
-            return h5py.Group(h5py.h5g.open(group.id, name))
-    return None
+    if kind == h5py.h5o.TYPE_GROUP:
+        return h5py.Group(h5py.h5g.open(group.id, name))
+    if kind != h5py.h5o.TYPE_DATASET:
+        return None
+    access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
+    access.set_efile_prefix(b"${ORIGIN}")
+    return h5py.Dataset(h5py.h5d.open(group.id, name, access))
 
 
 _REWRITE = "write the data set whole, or cut it to what was recorded (dataset.resize in h5py)"
@@ -518,11 +504,8 @@ def _check_virtual(dataset: h5py.Dataset, file: str, depth: int) -> int:
     parts, files = dataset.virtual_sources(), dict[str, int]()
     if len(parts) > PARTS or depth >= REFERENCES:
         found = f"{len(parts)} parts" if len(parts) > PARTS else f"parts of parts, {depth} deep,"
-        raise ReadError(
-            f"{found} of {_name(dataset)}",
-            f"{PARTS} at most",
-            "write it whole: h5repack",
-        )
+        found += f" of {_name(dataset)}"
+        raise ReadError(found, f"{PARTS} at most", "write it whole: h5repack")
     covered = h5py.h5s.create_simple(dataset.shape)
     covered.select_none()
     for target, name, inner, origin in parts:

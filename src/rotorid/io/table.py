@@ -177,9 +177,7 @@ class ColumnPlace:
     axis: int = 1
 
     def __str__(self) -> str:
-        if self.index is None:
-            return self.path
-        return f"{self.path}[{self.index}]"
+        return self.path if self.index is None else f"{self.path}[{self.index}]"
 
 
 class ArrayFile:
@@ -208,8 +206,9 @@ class ArrayFile:
         """Yield so many rows of all columns after others, or whole columns."""
         assert self.array is not None
         for name, place in places.items():
-            found = self.array(place.path)
-            yield {name: replace(found, values=as_column(found.values, place))}
+            found, index = self.array(place.path), place.index
+            values = found.values if index is None else found.values.take(index, axis=place.axis)
+            yield {name: replace(found, values=np.asarray(values, dtype=np.float64).reshape(-1))}
 
     def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
         """Return the bytes of what holds these columns."""
@@ -236,14 +235,6 @@ class ArrayFile:
             check_held(self._size(places), held, self.file)
         yield from self.columns(places, rows)
 
-    def read_each(self, names: Sequence[str]) -> Iterator[dict[str, Column | InputError]]:
-        """Yield columns one by one, or why one cannot be read."""
-        for name in names:
-            try:
-                yield {**next(self.read([name]))}
-            except InputError as error:
-                yield {name: error}
-
     def size_in_blocks(self, names: Sequence[str]) -> int:
         """Return the size of columns in memory; 0 where they are not read in blocks."""
         return self._size({name: self.place(name) for name in names}) if self.in_blocks else 0
@@ -258,10 +249,8 @@ class ArrayFile:
         ``name[3,:]`` says along which.
         """
         indexed = _INDEXED.fullmatch(name) if name not in self.shapes else None
-        path = None
-        if indexed is None or indexed["name"].strip("/") not in self.shapes:
-            path = self._path(name)
-        if path is not None:
+        of_array = indexed is not None and indexed["name"].strip("/") in self.shapes
+        if not of_array and (path := self._path(name)) is not None:
             if is_column(self.shapes[path]):
                 return ColumnPlace(path)
             raise _not_a_column(name, self.shapes[path])
@@ -273,9 +262,9 @@ class ArrayFile:
             flat = [p for p, shape in self.shapes.items() if len(shape) == 2 and 1 not in shape]
             raise no_column(name, [*self.names(), *flat])
         shape, index = self.shapes[base], int(indexed["index"])
-        axis = 1 if len(shape) == 2 and shape[0] >= shape[1] else 0
+        axis = int(len(shape) == 2 and shape[0] >= shape[1])
         if indexed["rows"] or indexed["columns"]:
-            axis = 1 if indexed["rows"] else 0
+            axis = int(bool(indexed["rows"]))
         if len(shape) != 2 or index >= shape[axis]:
             raise _not_a_column(name, shape)
         return ColumnPlace(base, index, axis)
@@ -316,7 +305,6 @@ class ArrayFile:
 
 
 def is_column(shape: tuple[int, ...]) -> bool:
-    """Tell whether an array of this shape is one column."""
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
 
 
@@ -324,13 +312,6 @@ def _not_a_column(name: str, shape: tuple[int, ...]) -> ReadError:
     size = " x ".join(map(str, shape)) or "a scalar"
     cure = "write name[0] for the first of its columns" if len(shape) == 2 else "name a column"
     return ReadError(f"{name!r} of size {size}", "a column of samples", cure)
-
-
-def as_column(values: Any, place: ColumnPlace) -> Floats:
-    """Return a column of numbers of a variable as floats, shape (sample,)."""
-    array = np.asarray(values)
-    picked = array if place.index is None else array.take(place.index, axis=place.axis)
-    return np.asarray(picked, dtype=np.float64).reshape(-1)
 
 
 def is_numeric(dtype: Any) -> bool:
@@ -410,8 +391,13 @@ class Stored:
         except TooMuchError:
             raise
         except InputError:
-            parts = self._child.stream("read_each", list(names))
-            return dict(chain.from_iterable(part.items() for part in parts))
+            found: dict[str, Column | InputError] = {}
+        for name in names:
+            try:
+                found |= self.read([name])
+            except InputError as error:
+                found[name] = error
+        return found
 
     def scalar(self, name: str) -> float:
         return float(self._child.ask("scalar", name))
@@ -440,12 +426,10 @@ class JoinedTables:
 
     @property
     def file(self) -> str:
-        """The paths, for messages."""
         return ", ".join(table.file for table in self.tables.values())
 
     @property
     def names(self) -> list[str]:
-        """Names of the columns, with their file where they are not unique."""
         every = {file: table.names for file, table in self.tables.items()}
         counts = Counter(name for names in every.values() for name in names)
         return [
@@ -455,7 +439,6 @@ class JoinedTables:
         ]
 
     def find(self, name: str) -> str:
-        """Return the column's name with its file."""
         found = {}
         for file, table in self.tables.items():
             if name.startswith(f"{file}:"):
@@ -482,7 +465,6 @@ class JoinedTables:
         return columns
 
     def scalar(self, name: str) -> float:
-        """Return a scalar variable of the first file that has it."""
         for table in self.tables.values():
             try:
                 return table.scalar(name)

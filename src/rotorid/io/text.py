@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice, takewhile
+from os.path import getsize
 from pathlib import Path
 from typing import IO, Any
 
@@ -77,10 +78,7 @@ def stated_rate(lines: Sequence[str], delimiter: str, mark: str) -> Rate | None:
             found = None if match is None else number(match["value"], delimiter, mark)
             if match is None or found is None:
                 continue
-            factor = (
-                _factor(match["unit"], match["value"] + match["gap"], match["after"], unit) or 0.0
-            )
-            value, digits = found[0] * factor, found[1]
+            value, digits = found[0] * (_factor(match, unit) or 0.0), found[1]
             if unit == "s":
                 value = 1 / value if value > 1 / _HIGHEST else 0.0
             if SLOWEST <= value < _HIGHEST:
@@ -121,17 +119,16 @@ def number(text: str, delimiter: str, mark: str) -> tuple[float, int] | None:
     return value, (len((digits + part).lstrip("0")) or 1) if decimal else 0
 
 
-def _factor(unit: str | None, before: str, after: str, base: str) -> float | None:
+def _factor(match: re.Match[str], base: str) -> float | None:
     """Return what turns a number into Hz or s; None for a unit, or a word, that says nothing."""
     # Behind a delimiter stands a field of its own, which may be anything.
+    before = match["value"] + match["gap"]
     beside = before[-1:].isdigit() or before.endswith(" ")
-    for text, sure in ((after, beside), (unit or "", True)):
-        if not text:
-            continue
-        known = _known(text.strip(), base)
+    for text, sure in ((match["after"], beside), (match["unit"] or "", True)):
+        known = _known(text.strip(), base) if text else None
         if known is not None:
             return known
-        if sure or "/s" in text or "hz" in text.lower():
+        if text and (sure or "/s" in text or "hz" in text.lower()):
             return None
     return 1.0
 
@@ -202,7 +199,7 @@ def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect
         header = header_row - 1
         unit_row = next((i for i in told if header < i < start), None)
     elif header_row is None:
-        header, unit_row = _header(lines, rows, told, start, delimiter)
+        header, unit_row = _header(lines, rows, start, delimiter)
     pairs = _names(lines, header, unit_row, fields, delimiter)
     mark = _decimal_mark([field for i in told if i >= start for field in rows[i]], delimiter)
     return Dialect(
@@ -257,48 +254,39 @@ def _score(body: Sequence[str], delimiter: str) -> int:
     """Return how many values a delimiter makes of the rows, each in a column of its own."""
     rows = [split(line, delimiter) for line in body]
     counts = Counter(len(row) for row in rows)
-    if not counts:
-        return 0
-    usual = max(counts, key=lambda n: (counts[n], n))
+    usual = max(counts, key=lambda n: (counts[n], n), default=0)
     return sum(is_value(field) for row in rows if len(row) == usual > 1 for field in row)
 
 
-def _first_row(rows: dict[int, list[str]], told: list[int], *, named: bool) -> int | None:
-    last = [rows[i] for i in told[-_BODY:]]
-    valued = [row for row in last if any(is_value(field) for field in row)]
+def _first_row(rows: dict[int, list[str]], lines: list[int], *, named: bool) -> int | None:
+    valued = [rows[i] for i in lines[-_BODY:] if any(map(is_value, rows[i]))]
     if not valued:
         return None
     fields = Counter(len(row) for row in valued).most_common(1)[0][0]
-    full = [row for row in valued if len(row) == fields]
-    columns = [
-        c for c in range(fields) if 2 * sum(is_value(row[c]) for row in full) > len(full)
-    ] or [0]
-
+    full = [[is_value(field) for field in row] for row in valued if len(row) == fields]
+    columns = [c for c, told in enumerate(zip(*full, strict=True)) if 2 * sum(told) > len(told)]
+    columns = columns or [0]
     counts = [
-        sum(is_value(rows[i][c]) for c in columns) if len(rows[i]) == fields else 0 for i in told
+        sum(is_value(rows[i][c]) for c in columns) if len(rows[i]) == fields else 0 for i in lines
     ]
     whole = len(columns) if len(columns) in counts else 1
     found = next((n for n, count in enumerate(counts) if count >= whole), None)
     if found is None:
         return None
     # A row that is damaged is no name: only text is.
-    while named and found and counts[found - 1] and is_value(rows[told[found - 1]][0]):
+    while named and found and counts[found - 1] and is_value(rows[lines[found - 1]][0]):
         found -= 1
-    return told[found]
+    return lines[found]
 
 
 def _header(
-    lines: Sequence[str],
-    rows: dict[int, list[str]],
-    told: list[int],
-    start: int,
-    delimiter: str,
+    lines: Sequence[str], rows: dict[int, list[str]], start: int, delimiter: str
 ) -> tuple[int | None, int | None]:
     """Return the lines of the names and of the units above the first row of values."""
     fields = len(rows[start])
     while fields > 1 and not rows[start][fields - 1]:
         fields -= 1  # a row that ends in a delimiter
-    above = [i for i in told if i < start]
+    above = [i for i in rows if i < start]
     texts = list(takewhile(lambda i: _is_text(rows[i], fields), reversed(above[-3:])))
     if not texts:  # the names may stand in a comment, as numpy writes them
         last = next((i for i in reversed(range(start)) if lines[i].strip()), start)
@@ -328,13 +316,10 @@ def _names(
     pairs = [_name_and_unit(name) for name in names[:fields]]
     pairs = [(name or str(number), unit) for number, (name, unit) in enumerate(pairs)]
     if unit_row is not None:
-        units = [field.strip("[]() ") for field in split(lines[unit_row], delimiter)]
-        units = ["" if unit in _OTHER_UNITS else unit for unit in units]
+        texts = [field.strip("[]() ") for field in split(lines[unit_row], delimiter)]
+        units = ["" if unit in _OTHER_UNITS else unit.strip("-") for unit in texts]
         units += [""] * (len(pairs) - len(units))
-        pairs = [
-            (name, unit or other.strip("-") or None)
-            for (name, unit), other in zip(pairs, units, strict=False)
-        ]
+        pairs = [(n, unit or other or None) for (n, unit), other in zip(pairs, units, strict=False)]
     return pairs
 
 
@@ -408,10 +393,6 @@ class DelimitedTable:
     dialect: Dialect
     encoding: str
 
-    @property
-    def _size(self) -> int:
-        return Path(self.file).stat().st_size
-
     @cached_property
     def _places(self) -> dict[str, int]:
         return {name: place for place, name in enumerate(self.names)}
@@ -455,7 +436,7 @@ class DelimitedTable:
         """Return columns, or why one cannot be read: by two passes through the file at most."""
         with suppress(InputError):
             return {**self.read(names)}
-        found: dict[str, Column | InputError] = {**dict(self._wrong(names))}
+        found = dict(self._wrong(names))
         return {**found, **self.read(name for name in names if name not in found)}
 
     def _wrong(self, names: Iterable[str]) -> Iterator[tuple[str, ReadError]]:
@@ -527,7 +508,7 @@ class DelimitedTable:
 
         In a small file none can; looking at each takes a seventh of the time of reading numbers.
         """
-        return iter(stream) if self._size <= SMALL_TEXT else self._checked(stream)
+        return iter(stream) if getsize(self.file) <= SMALL_TEXT else self._checked(stream)
 
     def _checked(self, stream: IO[str]) -> Iterator[str]:
         for line in iter(partial(stream.readline, LINE_CHARACTERS), ""):
@@ -570,7 +551,7 @@ class DelimitedTable:
     def _fast_numbers(self, positions: list[int]) -> list[Floats] | None:
         """Read with pyarrow; None where it is not installed, or does not take the file."""
         readable = self.dialect.delimiter != " " and self.encoding.startswith("utf-8")
-        if self._size <= _FAST or not readable:
+        if getsize(self.file) <= _FAST or not readable:
             return None
         try:
             import pyarrow as pa
@@ -641,12 +622,8 @@ def seconds_of_day(texts: list[str]) -> Floats:
         )
         return np.asarray((stamps - stamps[0]).astype(np.int64) * 1e-9, dtype=float)
     parts = [t.rstrip("Z").replace(",", ".").split(" ")[-1].split("T")[-1] for t in texts]
-    seconds = np.zeros(len(parts))
-    for i, part in enumerate(parts):
-        total = 0.0
-        for piece in part.split(":"):
-            total = 60 * total + float(piece)
-        seconds[i] = total
+    pieces = ((0.0, 0.0, *map(float, part.split(":")))[-3:] for part in parts)
+    seconds = np.array([60 * (60 * hours + minutes) + rest for hours, minutes, rest in pieces])
     # A clock without date starts again at midnight.
     days = np.concatenate([[0], np.cumsum(np.diff(seconds) < -_DAY / 2)])
     return np.asarray(seconds - seconds[0] + _DAY * days, dtype=float)
@@ -689,13 +666,10 @@ def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTab
 
 def _first_lines(stream: IO[str], count: int) -> list[str]:
     """Return the first lines, fewer where they are very long."""
-    lines: list[str] = []
-    length = 0
-    while (
-        len(lines) < count
-        and length < LINE_CHARACTERS
-        and (line := stream.readline(LINE_CHARACTERS))
-    ):
+    lines, length = list[str](), 0
+    while len(lines) < count and length < LINE_CHARACTERS:
+        if not (line := stream.readline(LINE_CHARACTERS)):
+            break
         lines.append(line)
         length += len(line)
     return lines
@@ -704,8 +678,7 @@ def _first_lines(stream: IO[str], count: int) -> list[str]:
 def _encoding(start: bytes) -> str:
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
-    try:
+    with suppress(UnicodeDecodeError):
         start[: start.rfind(b"\n") + 1].decode("utf-8")
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8-sig"
+        return "utf-8-sig"
+    return "latin-1"
