@@ -15,6 +15,7 @@ from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import parse_table, parse_toml, read_bytes, read_toml, table_within
 from rotorid.core.watch import counting
+from rotorid.data.filtered import filtered
 from rotorid.data.lines import Lines
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
@@ -25,7 +26,6 @@ from rotorid.experiment.read import (
     Recording,
     averaged,
     check_shared,
-    filtered_of,
     lines_of,
     measured,
     period_of,
@@ -40,7 +40,6 @@ from rotorid.experiment.schema import (
     Effort,
     ExperimentFile,
     Method,
-    RecordEntry,
     RecordKeys,
     response_tables,
 )
@@ -174,7 +173,7 @@ class Experiment:
         self, number: int, plan: Recording, seen: Overlaps, *, currents: bool
     ) -> Sequence[Measured]:
         """Read one record by its kind; responses to several inputs are several."""
-        entry = plan.entry
+        entry, skip = plan.entry, plan.entry.skip or 0.0
         if entry.channel_kind != "samples":
             return _read_table(plan, self.model)
         if entry.periodic and not entry.is_cut:
@@ -182,9 +181,10 @@ class Experiment:
         record = measured(plan, currents=currents)
         seen.begin(number, record)(record.samples)
         if entry.is_cut:
-            return [phasors(record, entry.revolutions, skip=entry.skip or 0.0)]
+            return [phasors(record, entry.revolutions, skip=skip)]
         if entry.cutoff is not None:
-            return [filtered_of(record, entry)]
+            steps, left_out = entry.decimate or 1, entry.leave_out or ()
+            return [filtered(record, entry.cutoff, decimate=steps, leave_out=left_out, skip=skip)]
         seen.turns(number, record)
         return [lines_of(plan, record, self.model, currents=currents)]
 
@@ -312,7 +312,14 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         plans = []
         check_shared(entry.records, entry.channels)
         for number, record in enumerate(entry.records):
-            _check_lines(record, model, f"records.{number}.band")
+            if model.linear is None and record.band is not None and not record.periodic:
+                raise InputError(
+                    "the lines of a whole record for a model that is not linear in its coordinates",
+                    "periods, or samples that are filtered",
+                    'write cutoff = "100 Hz" in place of band (five to ten times the frequencies '
+                    "of the motion), or the fundamental of a periodic excitation",
+                    place=f"records.{number}.band",
+                )
             plan = plan_record(record, entry.channels, model, where, f"records.{number}")
             own = own_values(record.parameters, model, f"records.{number}.parameters")
             plans.append(replace(plan, own=own))
@@ -324,17 +331,6 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             model=model,
             channels=tuple(plans),
             priors=Priors.of(entry, model),
-        )
-
-
-def _check_lines(record: RecordEntry, model: Model, place: str) -> None:
-    if model.linear is None and record.band is not None and not record.periodic:
-        raise InputError(
-            "the lines of a whole record for a model that is not linear in its coordinates",
-            "periods, or samples that are filtered",
-            'write cutoff = "100 Hz" in place of band (five to ten times the frequencies of the '
-            "motion), or the fundamental of a periodic excitation",
-            place=place,
         )
 
 

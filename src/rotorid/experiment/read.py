@@ -17,7 +17,6 @@ from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import check_unit, converts, multiply_units, si_factor
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.filtered import FilteredRecord, filtered
 from rotorid.data.lazy_time import changed
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
@@ -84,7 +83,7 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source
     if entry.reads is None:
         told = "{}, which is no input or coordinate of the model"
         require_names([name], quantities, told, place=place)
-    if entry.reads is not None and name in quantities:
+    elif name in quantities:
         raise InputError(
             f"reads in the channel of {name}",
             "a name of its own for a sensor of a combination",
@@ -197,10 +196,10 @@ def dynamics_of(
                 f"{len(names)} columns",
                 "frequency in Hz, real part, imaginary part",
                 "write these three columns",
-                file=str(folder / entry.table),
+                file=table.file,
             )
         columns = table.read(names)
-        with naming(str(folder / entry.table)):
+        with naming(table.file):
             hertz, measured = _response(list(names), [columns[name] for name in names])
         return Measured(frequency=hertz, measured=measured, **common)
     if entry.eddy is not None:
@@ -221,10 +220,8 @@ def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, 
     hertz = columns[0].values * si_factor(units[0] or "Hz", "Hz")
     polar = units[2] in _ANGLES or _POLAR.match(names[2]) is not None
     if any("dB" in (text or "") for text in (*names, *units)) or (polar and units[2] is None):
-        shown = (
-            name if unit is None else f"{name} [{unit}]"
-            for name, unit in zip(names, units, strict=True)
-        )
+        pairs = zip(names, units, strict=True)
+        shown = (name if unit is None else f"{name} [{unit}]" for name, unit in pairs)
         raise InputError(
             f"columns {', '.join(shown)}"[:200],
             "frequency, then real and imaginary part, or amplitude and phase [deg]",
@@ -453,18 +450,6 @@ def lines_of(plan: Recording, record: Record, model: Model, *, currents: bool) -
     return replace(lines, warnings=(*record.warnings, *lines.warnings))
 
 
-def filtered_of(record: Record, entry: RecordEntry) -> FilteredRecord:
-    """Return the samples of a record, low-passed and differentiated."""
-    assert entry.cutoff is not None  # the schema sees to it
-    return filtered(
-        record,
-        entry.cutoff,
-        decimate=entry.decimate or 1,
-        leave_out=entry.leave_out or (),
-        skip=entry.skip or 0.0,
-    )
-
-
 def said_of(entry: RecordKeys) -> dict[str, Any]:
     """Return what an entry says of its files, for a reader of samples or of blocks."""
     return {
@@ -490,21 +475,20 @@ def averaged(plan: Recording, watch: Watch, *, currents: bool) -> PeriodicRecord
         record = measured(plan, currents=currents)
         watch(record)(record.samples)
         return periods_of(record, entry)
-    watched = replace(blocks, read=lambda: _watched(blocks, watch))
+
+    def read() -> Iterator[Floats]:
+        look = watch(blocks)
+        for block in blocks.read():
+            look(block)
+            yield block
+
+    watched = replace(blocks, read=read)
     return _settled(
         lambda skip: average_blocks(
             watched, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
         ),
         entry,
     )
-
-
-def _watched(blocks: RecordBlocks, watch: Watch) -> Iterator[Floats]:
-    """Yield blocks, each shown before it is used, from the first each time that they are read."""
-    look = watch(blocks)
-    for block in blocks.read():
-        look(block)
-        yield block
 
 
 def _blocks(plan: Recording, *, currents: bool) -> RecordBlocks | None:
@@ -522,11 +506,9 @@ def _highest(entry: RecordEntry) -> float | None:
     """Return the frequency of the highest line in Hz, where the file tells it."""
     if entry.band is not None:
         return entry.band[1]
-    if entry.cutoff is not None:
-        return entry.cutoff
     if entry.fundamental is not None and entry.harmonics:
         return max(entry.harmonics) * entry.fundamental
-    return None
+    return entry.cutoff
 
 
 def period_of(record: Record, entry: RecordKeys) -> int | None:
@@ -565,18 +547,15 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
 
 def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]:
     """Return the channels, those of linear laws with their drives."""
-    found_channels = []
-    for channel in channels:
+
+    def driven(channel: Channel) -> Channel:
         found = plan.laws.get(channel.name)
-        if found is not None and isinstance(found.law, Linear):
-            law = found.law
-            channel = replace(
-                channel,
-                drive=Drive(law.ki, law.ks, found.position),
-                gain_std=float(np.hypot(channel.gain_std, law.std.get("ki", 0.0) / abs(law.ki))),
-            )
-        found_channels.append(channel)
-    return tuple(found_channels)
+        if found is None or not isinstance(law := found.law, Linear):
+            return channel
+        gain_std = float(np.hypot(channel.gain_std, law.std.get("ki", 0.0) / abs(law.ki)))
+        return replace(channel, drive=Drive(law.ki, law.ks, found.position), gain_std=gain_std)
+
+    return tuple(map(driven, channels))
 
 
 def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
@@ -599,12 +578,8 @@ def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
 
 
 def _chosen(entry: RecordEntry) -> dict[str, Any]:
-    return {
-        "fundamental": entry.fundamental,
-        "period_samples": entry.period_samples,
-        "harmonics": entry.harmonics,
-        "band": entry.band,
-    }
+    keys = "fundamental", "period_samples", "harmonics", "band"
+    return {key: getattr(entry, key) for key in keys}
 
 
 def _settled(cut: Callable[[float], PeriodicRecord], entry: RecordEntry) -> PeriodicRecord:

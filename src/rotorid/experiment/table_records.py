@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,31 +37,26 @@ class Columns:
         with naming(place=place):
             key = self.table.find(column)
         found = self.table.read([key])[key]
-        declared = unit or found.unit
-        if declared is None:
-            raise InputError(
-                "no unit", f"a unit that converts to {expected}", "write it", place=place
-            )
-        factor = si_factor(declared, expected, place=f"{place}.unit")
-        if unit and found.unit and not self.overrule:
-            check_stated(unit, found.unit, f"{place}.unit")
-        wrong = ~np.isfinite(found.values)
-        if wrong.any():
-            raise InputError(
-                f"{found.values[wrong][0]} in row {int(wrong.argmax()) + 1} of {column!r}",
-                "a number in every row",
-                "fill it in, or delete the row",
-                place=place,
-            )
-        check_magnitude(largest_of(found.values), factor, place)
+        with naming(place=place):
+            if (declared := unit or found.unit) is None:
+                raise InputError("no unit", f"a unit that converts to {expected}", "write it")
+            factor = si_factor(declared, expected, place="unit")
+            if unit and found.unit and not self.overrule:
+                check_stated(unit, found.unit, "unit")
+            wrong = ~np.isfinite(found.values)
+            if wrong.any():
+                raise InputError(
+                    f"{found.values[wrong][0]} in row {int(wrong.argmax()) + 1} of {column!r}",
+                    "a number in every row",
+                    "fill it in, or delete the row",
+                )
+            check_magnitude(largest_of(found.values), factor, "")
         return np.asarray(found.values * factor)
 
     def has(self, column: str) -> bool:
-        try:
-            self.table.find(column)
-        except InputError:
-            return False
-        return True
+        with suppress(InputError):
+            return bool(self.table.find(column))
+        return False
 
 
 def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
@@ -121,8 +118,7 @@ def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:
         )
 
 
-@frozen
-class _Read:
+class _Read(NamedTuple):
     """A channel of a table in SI: a phasor or a response by speed or frequency, and its noise."""
 
     input: str | None
@@ -159,38 +155,35 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
             speed = rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
         found = _of_table(plan, model, rows, speed)
         phasors = np.column_stack([one.values for one in found])
-        std = _common(list(entries), [one.std for one in found])
+        std = _common(found)
         probes = [k for k, name in enumerate(entries) if name not in model.inputs]
         names, known = [list(entries)[k] for k in probes], None if std is None else std[:, probes]
         checks = [
             *check_probes(names, phasors[:, probes], known),
-            *(c for name, one in entries.items() for c in _phases(rows, name, one)),
+            *(c for name, one in entries.items() if one.polar for c in _phases(rows, name, one)),
         ]
         channels, source = [one.channel for one in found], table.file
         return [phasor_lines(channels, found[0].axis, phasors, std, source=source, checks=checks)]
 
 
-def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Note]:
-    if not entry.polar:
-        return []
+def _phases(rows: Columns, name: str, entry: ChannelEntry) -> Iterable[Note]:
     turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"channels.{name}.phase")
     factor = si_factor(entry.phase_unit, "rad")
-    return list(check_phases(name, turned / factor, degrees=factor < 1))
+    return check_phases(name, turned / factor, degrees=factor < 1)
 
 
-def _common(names: list[str], std: list[Floats | None]) -> Floats | None:
+def _common(found: Sequence[_Read]) -> Floats | None:
     """Return the deviations of all channels, None where none is stated."""
-    lacking = [name for name, one in zip(names, std, strict=True) if one is None]
-    if len(lacking) == len(names):
-        return None
-    if lacking:
+    std = [one.std for one in found if one.std is not None]
+    if std and len(std) < len(found):
+        lacking = [one.channel.name for one in found if one.std is None]
         raise InputError(
             f"no std of {', '.join(lacking)}",
             "the deviation of every channel, or of none where speeds were read twice",
             "state it",
             place=f"channels.{lacking[0]}.std",
         )
-    return np.column_stack([one for one in std if one is not None])
+    return np.column_stack(std) if std else None
 
 
 def read_responses(plan: Recording, model: Model) -> list[Lines]:
