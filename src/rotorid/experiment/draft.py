@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import field, replace
 from difflib import SequenceMatcher
 from functools import lru_cache
@@ -23,7 +24,7 @@ from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
 from rotorid.io.columns import check_magnitude, largest_of
-from rotorid.io.table import Column, ColumnFile, OneFile, Rate
+from rotorid.io.table import Column, OneFile, Rate
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.signals.period_search import Period, find_period, only_rotation
@@ -80,7 +81,6 @@ class Found:
     assumed: str = field(default="", compare=False)  # of what it stands for
 
     def measures(self, *units: str) -> bool:
-        """Tell whether its unit converts to one of these."""
         return bool(self.unit) and any(converts(self.unit or "", unit) for unit in units)
 
 
@@ -110,22 +110,18 @@ def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
     quantity for which two are as likely gets none.
     """
     ranked = _ranked(model, columns)
-    rivals: dict[str, list[tuple[float, int]]] = {}
-    for score, _, quantity, place in ranked:
-        rivals.setdefault(quantity, []).append((score, place))
-    found: dict[str, Found] = {}
+    found: dict[str, Found | None] = {}
     used: set[int] = set()
-    undecided: set[str] = set()
     for score, _, quantity, place in ranked:
-        if score < _LIKE or quantity in found or place in used or quantity in undecided:
+        if score < _LIKE or quantity in found or place in used:
             continue
-        others = (s for s, p in rivals[quantity] if p != place and p not in used)
-        if score < 1 and next(others, 0.0) >= score - _TIE:
-            undecided.add(quantity)  # qm, qg: the name alone does not tell
-            continue
-        found[quantity] = columns[place]
-        used.add(place)
-    return found
+        free = (s for s, _, q, p in ranked if q == quantity and p != place and p not in used)
+        if score < 1 and next(free, 0.0) >= score - _TIE:
+            found[quantity] = None  # qm, qg: the name alone does not tell
+        else:
+            found[quantity] = columns[place]
+            used.add(place)
+    return {quantity: column for quantity, column in found.items() if column is not None}
 
 
 def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, str, int]]:
@@ -197,17 +193,14 @@ def _place(name: str, letters: str = _AXES[0]) -> tuple[str, str] | None:
     """Return plane and axis of a name such as F_x1, "Pos A X", s_yb; None without just one each."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|_", " ", _leaf(name))
     found = re.findall(r"[A-Za-z]+|\d+", spaced)
-    parts = [p for part in found for p in _apart(part.lower(), letters)]
+    parts: list[str] = []
+    for part in map(str.lower, found):  # an axis stands beside a letter: "xa", "bx", "fx"
+        parts += part if len(part) == 2 and len(set(letters) & set(part)) == 1 else [part]
     axes = [part for part in parts if part in tuple(letters)]
     planes = [part for part in parts if part.isdigit() or part in _PLANES]
     if letters != _AXES[0] and len(planes) > 1:
         planes = [part for part in planes if part not in _MAGNETS]
     return (planes[0], axes[0]) if len(axes) == len(planes) == 1 else None
-
-
-def _apart(part: str, letters: str) -> list[str]:
-    """Part an axis from the letter beside it: "xa", "bx", "fx"."""
-    return list(part) if len(part) == 2 and len(set(letters) & set(part)) == 1 else [part]
 
 
 def displacement(model: Model, name: str) -> str:
@@ -216,9 +209,9 @@ def displacement(model: Model, name: str) -> str:
     for term in (t for t in model.input_terms if model.inputs[t.input] == name):
         factor = monomial_name(tuple(model.monomials[term.monomial]), model.parameter_names)
         size = "" if abs(term.coefficient) == 1 else f"{abs(term.coefficient):.12g}"
-        sign = (" + ", " - ")[term.coefficient < 0] if text else ("", "-")[term.coefficient < 0]
+        signs = (" + ", " - ") if text else ("", "-")
         product = "*".join(filter(None, (size, factor, model.coordinates[term.row])))
-        text += sign + product
+        text += signs[term.coefficient < 0] + product
     return text
 
 
@@ -246,24 +239,16 @@ def currents(
         return ordered
     found = {}
     for name in model.inputs:
-        if name in taken or not free:
-            continue
-        likest, best = max(
-            ((likeness(name[1:], c.name.lstrip("iI"), False), c) for c in free),
-            key=lambda pair: pair[0],
-        )
-        if likest >= _LIKE:
-            found[name] = best
-            free.remove(best)
+        scores = [likeness(name[1:], c.name.lstrip("iI"), False) for c in free]
+        if name not in taken and (best := max(scores, default=0.0)) >= _LIKE:
+            found[name] = free.pop(scores.index(best))
     return found
 
 
 def likeness(quantity: str, column: str, is_input: bool) -> float:
     """Return how alike a quantity of a model and a column's name are, 1 for the same."""
     wanted = _plain(quantity)
-    if not wanted:
-        return 0.0
-    options = _options(column, is_input=is_input)
+    options = _options(column, is_input=is_input) if wanted else []
     return max((_alike(wanted, option) for option in options), default=0.0)
 
 
@@ -335,10 +320,12 @@ class _Run:
 
 
 DRAFT = Kind("rotorid new")
-_SCHEMA = """#:schema experiment.schema.json
+_HEAD = f"""#:schema experiment.schema.json
 # By that file an editor completes and checks. To write it:
 #   rotorid schema experiment --out experiment.schema.json
 
+# Draft by `rotorid new`. What it could not find is left open as
+# "{OPEN}"; the file is refused until each of these is said.
 """
 
 
@@ -350,25 +337,22 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     """
     loaded = None if model is None else load_model(model, folder=folder)
     runs = _runs(files)
-    lines = [
-        ("", None, "Draft by `rotorid new`. What it could not find is left open as"),
-        ("", None, f'"{OPEN}"; the file is refused until each of these is said.'),
-    ]
-    text = _written(tomlkit.document(), lines)
+    text = tomlkit.parse(_HEAD)
     text.add(tomlkit.nl())
     told = "" if model else "rotorid models lists those that there are"
     _written(text, [("model", model or OPEN, told)])
     records = tomlkit.aot()
     for run in runs:
-        records.append(_table(_record(run, loaded, folder, later=run is not runs[0])))
+        lines = _record(run, loaded, folder, later=run is not runs[0])
+        records.append(_written(tomlkit.table(), lines))
     text["records"] = records
     named = {name for entry in records for name in entry.get("references", [])}
-    text["channels"] = _table(_channels(runs[0], loaded, named))
+    text["channels"] = _written(tomlkit.table(), _channels(runs[0], loaded, named))
     if loaded is not None:
-        text["parameters"] = _table(_parameters(loaded))
+        text["parameters"] = _written(tomlkit.table(), _parameters(loaded))
     text.add(tomlkit.nl())
-    _written(text, [("", None, f"as written: {MARK}")])
-    return _SCHEMA + tomlkit.dumps(text)
+    text.add(tomlkit.comment(f"as written: {MARK}"))
+    return tomlkit.dumps(text)
 
 
 def _runs(files: Sequence[Path]) -> list[_Run]:
@@ -395,13 +379,11 @@ def _columns(table: OneFile) -> list[Found]:
         if isinstance(column, InputError):
             refused.append(column)  # a column of words is no channel
             continue
-        try:
-            check_magnitude(largest_of(column.values), 1.0, name)
-        except InputError:
-            continue  # numbers that no machine has
-        if not np.isfinite(column.values).any() or np.isinf(column.values).any():
-            continue
-        found.append(Found(name, column.values, column.unit, role_of(name, column.unit)))
+        values = column.values
+        with suppress(InputError):  # numbers that no machine has
+            check_magnitude(largest_of(values), 1.0, name)
+            if np.isfinite(values).any() and not np.isinf(values).any():
+                found.append(Found(name, values, column.unit, role_of(name, column.unit)))
     longest = max((len(c.values) for c in found), default=0)
     if longest == 0:
         if refused and not found:
@@ -412,21 +394,19 @@ def _columns(table: OneFile) -> list[Found]:
 
 def _read(table: OneFile) -> list[tuple[str, Column | InputError]]:
     """Return the columns of a file, or why one cannot be found or read."""
-    keys: dict[str, str | InputError] = {}
+    keys, refused = dict[str, str](), dict[str, InputError]()
     for name in table.names:
         try:
             keys[name] = table.find(name)
         except InputError as error:
-            keys[name] = error
-    wanted = [key for key in keys.values() if isinstance(key, str)]
-    read = table.read_each(wanted) if wanted else {}
-    return [(name, read[key] if isinstance(key, str) else key) for name, key in keys.items()]
+            refused[name] = error
+    read = table.read_each(list(keys.values())) if keys else {}
+    return [(n, refused[n] if n in refused else read[keys[n]]) for n in dict.fromkeys(table.names)]
 
 
-def _run(files: tuple[Path, ...], columns: list[Found], table: ColumnFile) -> _Run:
+def _run(files: tuple[Path, ...], columns: list[Found], table: OneFile) -> _Run:
     key = table.find(columns[0].name)  # the first of the file may be no numbers
-    stated = table.read([key])[key].rate
-    return _Run(files, tuple(columns), *_clock(columns, stated))
+    return _Run(files, tuple(columns), *_clock(columns, table.read([key])[key].rate))
 
 
 def _clock(columns: Sequence[Found], stated: Rate | None) -> tuple[float | None, _Line]:
@@ -465,7 +445,12 @@ def _likely_unit(told: float, stated: float | None) -> str:
 
 
 def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> Iterator[_Line]:
-    names = [_relative(path, folder) for path in run.files]
+    names = []
+    for path in run.files:
+        place, base = path.resolve(), folder.resolve()
+        names.append(
+            place.relative_to(base).as_posix() if place.is_relative_to(base) else str(place)
+        )
     yield ("file", names[0], "") if len(names) == 1 else ("files", names, "")
     yield run.clock
     for line in _rotation(run, model):
@@ -474,13 +459,6 @@ def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> Ite
             told = "nothing tells how the rotor stood when this record began; not at standstill"
             yield "phase", "unknown", told
     yield from _excitation(run, model)
-
-
-def _relative(path: Path, folder: Path) -> str:
-    try:
-        return path.resolve().relative_to(folder.resolve()).as_posix()
-    except ValueError:
-        return str(path.resolve())
 
 
 def _rotation(run: _Run, model: Model | None) -> Iterator[_Line]:
@@ -689,10 +667,6 @@ def _parameters(model: Model) -> Iterator[_Line]:
         yield "", None, f"{start}, where yours is more than 40 % off this"
     names = ", ".join(f"{p.name} [{p.unit}]" for p in model.parameters)
     yield "", None, f"parameters: {names}"
-
-
-def _table(lines: Iterable[_Line]) -> tomlkit.items.Table:
-    return _written(tomlkit.table(), lines)
 
 
 def _written(table: _Container, lines: Iterable[_Line]) -> _Container:
