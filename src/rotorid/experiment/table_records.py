@@ -37,20 +37,21 @@ class Columns:
         with naming(place=place):
             key = self.table.find(column)
         found = self.table.read([key])[key]
-        with naming(place=place):
-            if (declared := unit or found.unit) is None:
-                raise InputError("no unit", f"a unit that converts to {expected}", "write it")
-            factor = si_factor(declared, expected, place="unit")
-            if unit and found.unit and not self.overrule:
-                check_stated(unit, found.unit, "unit")
-            wrong = ~np.isfinite(found.values)
-            if wrong.any():
-                raise InputError(
-                    f"{found.values[wrong][0]} in row {int(wrong.argmax()) + 1} of {column!r}",
-                    "a number in every row",
-                    "fill it in, or delete the row",
-                )
-            check_magnitude(largest_of(found.values), factor, "")
+        if (declared := unit or found.unit) is None:
+            told = f"a unit that converts to {expected}"
+            raise InputError("no unit", told, "write it", place=place)
+        factor = si_factor(declared, expected, place=f"{place}.unit")
+        if unit and found.unit and not self.overrule:
+            check_stated(unit, found.unit, f"{place}.unit")
+        wrong = ~np.isfinite(found.values)
+        if wrong.any():
+            raise InputError(
+                f"{found.values[wrong][0]} in row {int(wrong.argmax()) + 1} of {column!r}",
+                "a number in every row",
+                "fill it in, or delete the row",
+                place=place,
+            )
+        check_magnitude(largest_of(found.values), factor, place)
         return np.asarray(found.values * factor)
 
     def has(self, column: str) -> bool:
