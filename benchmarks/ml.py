@@ -25,10 +25,11 @@ from rotorid.data.observation import Observation, bind
 from rotorid.data.record import PeriodicRecord
 from rotorid.demo import demo_plan
 from rotorid.likelihood.fit import Fit, Fitting, answered
-from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.solver import STAGES
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models import Model, load_model, parse_model
+from rotorid.models.knowledge import Knowledge
 from rotorid.testing import add_noise, line_record
 
 UNBALANCE = {"xi", "zeta", "mu", "eta"}

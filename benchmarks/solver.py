@@ -31,12 +31,13 @@ from rotor_bank import (
 
 from rotorid.data.observation import bind_all
 from rotorid.likelihood.other_answers import questioned
-from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import solve
 from rotorid.likelihood.starts import searched
 from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
+from rotorid.models.knowledge import Knowledge
 
 
 def problem_of(case: Case, start: dict[str, float]) -> Problem:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from rotorid import Model
 from rotorid.data.observation import Observation
 from rotorid.likelihood.fit import CovarianceChoice, Fit, Fitting, answered
-from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.unknowns import Nuisances
+from rotorid.models.knowledge import Knowledge
 
 
 def fit(

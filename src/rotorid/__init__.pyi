@@ -20,7 +20,6 @@ from .core.notes import Note as Note
 from .data.filtered import FilteredRecord as FilteredRecord
 from .data.filtered import filtered as filtered
 from .data.lines import Lines as Lines
-from .data.measured_modes import Mode as Mode
 from .data.order_tracking import phasors as phasors
 from .data.record import Channel as Channel
 from .data.record import Drive as Drive
@@ -42,7 +41,8 @@ from .models import Model as Model
 from .models import load_model as load_model
 from .models import parse_model as parse_model
 from .models import shipped_models as shipped_models
-from .models.constraints import Constraint as Constraint
+from .models.knowledge import Constraint as Constraint
+from .models.knowledge import Mode as Mode
 from .models.rotor.rotor_model import from_ross as from_ross
 from .results.balancing import balance as balance
 from .results.balancing import centring as centring

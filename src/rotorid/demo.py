@@ -40,7 +40,7 @@ from rotorid.likelihood.bound import Plan, predict_accuracy
 from rotorid.likelihood.estimator import MaximumLikelihood
 from rotorid.linear.estimators import Batch, LeastSquares, Sequential
 from rotorid.models import Model, load_model
-from rotorid.models.constraints import Constraint
+from rotorid.models.knowledge import Constraint
 from rotorid.report.drawn import BLUE, GREEN, GREY, PINK, RED, SKY, Axis, Curve, Panel
 from rotorid.report.estimate_report import estimate_report, verdict_of
 from rotorid.report.html import Passage, page_of

@@ -40,7 +40,7 @@ from rotorid.linear.solve import (
     scatter_of_blocks,
     solve,
 )
-from rotorid.models.constraints import constraint_polynomial, eliminate
+from rotorid.models.knowledge import constraint_polynomial, eliminate
 from rotorid.signals.spectrum import synthesize
 from rotorid.testing import bind_all
 

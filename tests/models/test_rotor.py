@@ -15,8 +15,8 @@ from rotorid.commands.files import models
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import starts as reduction
-from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.unknowns import Nuisances
+from rotorid.models.knowledge import Knowledge
 from rotorid.models.modal import eigenmodes
 from rotorid.models.rotor.fem import Beam, bending, points_of
 from rotorid.models.rotor.rotor_model import inertia

@@ -11,13 +11,14 @@ from rotorid.answer.derived import base_of
 from rotorid.answer.estimate import Estimate, Prediction, check_units
 from rotorid.core.errors import InputError
 from rotorid.data.observation import Data, Observation, bind_all
-from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.unknowns import Nuisances, own_parameters, unknowns_of
 from rotorid.linear.estimators import filtered_records
 from rotorid.linear.regression import Predicted, Regression, SampledRegression, relative_errors
 from rotorid.models import Model
+from rotorid.models.knowledge import Knowledge
 
 
 def predict(

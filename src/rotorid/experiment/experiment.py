@@ -21,7 +21,7 @@ from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
 from rotorid.data.record import Record
 from rotorid.experiment.duplicates import Overlaps, check_file
-from rotorid.experiment.priors import Priors, build_estimator, default_method, own_values
+from rotorid.experiment.priors import build_estimator, default_method, knowledge_of, own_values
 from rotorid.experiment.read import (
     Recording,
     averaged,
@@ -45,7 +45,7 @@ from rotorid.experiment.schema import (
 )
 from rotorid.io import READERS, read_record
 from rotorid.models import Model, load_model
-from rotorid.models.constraints import Constraint
+from rotorid.models.knowledge import Constraint, Knowledge
 from rotorid.signals.angle import keyphasor_angle, pulse_edges
 from rotorid.signals.average import KEYS
 from rotorid.signals.inspection import Inspection, LineInspection, inspect_lines, inspect_record
@@ -65,7 +65,7 @@ class Experiment:
     model : Model
     channels : sequence of Recording
         Where the channels of each record come from.
-    priors : Priors
+    priors : Knowledge
         What is known beforehand.
     """
 
@@ -74,12 +74,12 @@ class Experiment:
     entry: ExperimentFile
     model: Model
     channels: tuple[Recording, ...]
-    priors: Priors
+    priors: Knowledge[float]
 
     @property
     def fixed(self) -> dict[str, float]:
         """Fixed parameters in SI."""
-        return self.priors.stated("fixed")
+        return dict(self.priors.fixed)
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:
@@ -330,7 +330,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             entry=entry,
             model=model,
             channels=tuple(plans),
-            priors=Priors.of(entry, model),
+            priors=knowledge_of(entry, model),
         )
 
 

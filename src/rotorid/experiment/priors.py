@@ -3,65 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from rotorid.answer.identify import Estimator
 from rotorid.core.errors import InputError, naming, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.units import to_si
-from rotorid.data.measured_modes import Mode, in_units_of
 from rotorid.experiment.schema import Effort, ExperimentFile, Method, OwnEntry, PriorKeys
 from rotorid.models import Model
-from rotorid.models.constraints import Constraint, unit_of_expression
 from rotorid.models.equations import polynomial
+from rotorid.models.knowledge import Constraint, Knowledge, Mode, in_units_of, unit_of_expression
 from rotorid.models.model import Parameter
 
 
-@frozen
-class Priors:
-    """What is known of parameters and of expressions of them: of each, by keys, in SI."""
-
-    parameters: Mapping[str, Mapping[str, float]]
-    expressions: tuple[tuple[str, Mapping[str, float]], ...]
-
-    @classmethod
-    def of(cls, entry: ExperimentFile, model: Model) -> Priors:
-        """Return the priors of a file, its names and units checked against the model."""
-        expressions = []
-        for number, one in enumerate(entry.constraints):
-            place = f"constraints.{number}"
-            unit = unit_of_expression(one.expression, model, place)
-            expressions.append((one.expression, _in_si(one, unit, place)))
-        _check_once(entry, model)
-        parameters = {}
-        for name, knowledge in entry.parameters.items():
-            place = f"parameters.{name}"
-            parameter = _parameter(name, model, place)
-            parameters[name] = _in_si(knowledge, parameter.unit, place)
-            if parameter.positive:
-                _check_signs(parameters[name], place)
-        return cls(parameters, tuple(expressions))
-
-    def stated(self, key: str) -> dict[str, float]:
-        """Return what is stated of parameters under a key; those without it are left out."""
-        return {name: told[key] for name, told in self.parameters.items() if key in told}
-
-    @property
-    def constraints(self) -> tuple[Constraint, ...]:
-        return tuple(
+def knowledge_of(entry: ExperimentFile, model: Model) -> Knowledge[float]:
+    """Return what a file says of parameters and expressions of them, checked against the model."""
+    expressions = []
+    for number, one in enumerate(entry.constraints):
+        place = f"constraints.{number}"
+        unit = unit_of_expression(one.expression, model, place)
+        expressions.append((one.expression, _in_si(one, unit, place)))
+    _check_once(entry, model)
+    parameters = {}
+    for name, knowledge in entry.parameters.items():
+        place = f"parameters.{name}"
+        parameter = _parameter(name, model, place)
+        parameters[name] = _in_si(knowledge, parameter.unit, place)
+        if parameter.positive:
+            _check_signs(parameters[name], place)
+    every = (*parameters.items(), *expressions)
+    fixed, values, stds, start = (
+        {name: told[key] for name, told in parameters.items() if key in told}
+        for key in ("fixed", "value", "std", "start")
+    )
+    return Knowledge(
+        fixed=fixed,
+        constraints=tuple(
             Constraint(expression, told["value"], told.get("std", 0.0))
-            for expression, told in self.expressions
+            for expression, told in expressions
             if "value" in told
-        )
-
-    @property
-    def bounds(self) -> dict[str, tuple[float | None, float | None]]:
-        """Lower and upper bounds of parameters and of expressions."""
-        return {
-            name: (told.get("min"), told.get("max"))
-            for name, told in (*self.parameters.items(), *self.expressions)
-            if "min" in told or "max" in told
-        }
+        ),
+        known={name: (value, stds[name]) for name, value in values.items()},
+        start=start,
+        bounds={n: (t.get("min"), t.get("max")) for n, t in every if t.keys() & {"min", "max"}},
+    )
 
 
 def own_values(
@@ -145,27 +130,26 @@ def default_method(model: Model, entry: ExperimentFile) -> Method:
 
 
 def build_estimator(
-    entry: ExperimentFile, method: Method, priors: Priors, model: Model, effort: Effort | None
+    entry: ExperimentFile,
+    method: Method,
+    priors: Knowledge[float],
+    model: Model,
+    effort: Effort | None,
 ) -> Estimator:
-    told: dict[str, Any] = {"fixed": priors.stated("fixed"), "constraints": priors.constraints}
     if method == "ml":
         from rotorid.likelihood.estimator import MaximumLikelihood
 
-        deviations = priors.stated("std")
         return MaximumLikelihood(
-            **told,
-            known={name: (v, deviations[name]) for name, v in priors.stated("value").items()},
-            start=priors.stated("start"),
-            bounds=priors.bounds,
+            **vars(replace(priors, modes=_modes(entry, model))),
             **entry.estimator.unknown,
             each=tuple(name for name, p in entry.parameters.items() if p.each),
-            modes=_modes(entry, model),
             effort=effort or entry.estimator.effort,
         )
     for place, found, expected in _of_ml_alone(entry):
         raise InputError(found, f"{expected} for this method", "use ml", place=place)
     from rotorid.linear.estimators import Batch, LeastSquares, Sequential
 
+    told: dict[str, Any] = {"fixed": priors.fixed, "constraints": priors.constraints}
     if method == "batch":
         return Batch(free_weight=entry.estimator.free_weight, **told)
     return (LeastSquares if method == "ls" else Sequential)(**told)

@@ -26,6 +26,7 @@ from rotorid.likelihood.summary import summarize
 from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import unknowns_of
 from rotorid.models import Model
+from rotorid.models.knowledge import Knowledge
 from rotorid.signals.covariance import KNOWN, LineCovariance
 
 if TYPE_CHECKING:
@@ -221,7 +222,7 @@ def predict_accuracy(
 
 
 def _guess(
-    model: Model, truth: Mapping[str, float], known: Knowledge, *, base: bool
+    model: Model, truth: Mapping[str, float], known: Knowledge[float], *, base: bool
 ) -> dict[str, float]:
     missing = [name for name in model.parameter_names if name not in truth]
     if missing:

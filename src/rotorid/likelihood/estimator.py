@@ -5,7 +5,7 @@ A fit goes in steps: its first minimum at once, then what else there is to ask, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Literal
@@ -16,7 +16,6 @@ from rotorid.core.errors import NotConvergedError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.watch import Pace, watch, words
-from rotorid.data.measured_modes import Mode, in_units_of
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.doubts import doubted
 from rotorid.likelihood.fit import CovarianceChoice, Fitting, Step
@@ -26,7 +25,7 @@ from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.linear.estimators import refuse_filtered
 from rotorid.models import Model
-from rotorid.models.constraints import Bounds, Constraint, bounds_in_si, constraints_in_si, in_si
+from rotorid.models.knowledge import Knowledge
 
 DONE = "done"
 """What the last step says."""
@@ -150,7 +149,7 @@ def _ended_by(note: Note, estimate: Estimate) -> Estimate:
 
 
 @frozen
-class MaximumLikelihood(Nuisances):
+class MaximumLikelihood(Nuisances, Knowledge[float | str]):
     """``min sum_k c_k e_k^H V_k^-1 e_k`` over the lines: efficient, with error bars that hold.
 
     Forces and positions carry noise whose covariance is taken from the record itself; the true
@@ -196,12 +195,6 @@ class MaximumLikelihood(Nuisances):
     {'L1': 0.3}
     """
 
-    fixed: Mapping[str, float | str] = field(default_factory=dict)
-    constraints: tuple[Constraint, ...] = ()
-    known: Mapping[str, tuple[float | str, float | str]] = field(default_factory=dict)
-    start: Mapping[str, float | str] = field(default_factory=dict)
-    bounds: Bounds = field(default_factory=dict)
-    modes: tuple[Mode, ...] = ()
     base: bool = False
     covariance: CovarianceChoice = "auto"
     neighbours: int | None = None
@@ -216,26 +209,6 @@ class MaximumLikelihood(Nuisances):
             require_names([getattr(self, key)], choices, f"{key} {{}}", f"choose one; {cure}")
         for name in ("constraints", "modes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-
-    def knowledge(self, model: Model) -> Knowledge:
-        """Return what is known beforehand of the parameters of a model, in SI.
-
-        Raises
-        ------
-        InputError
-            For a text that is no quantity of its parameter's unit.
-        """
-        values, deviations = (
-            in_si({name: pair[k] for name, pair in self.known.items()}, model) for k in (0, 1)
-        )
-        return Knowledge(
-            in_si(self.fixed, model),
-            {name: (value, deviations[name]) for name, value in values.items()},
-            in_si(self.start, model),
-            constraints_in_si(self.constraints, model),
-            bounds_in_si(self.bounds, model),
-            tuple(in_units_of(model, mode) for mode in self.modes),
-        )
 
     def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate; its status says whether there is one.
@@ -275,7 +248,7 @@ class MaximumLikelihood(Nuisances):
         return Search(self._answers(model, bound, knowledge))
 
     def _answers(
-        self, model: Model, bound: Sequence[Observation], knowledge: Knowledge
+        self, model: Model, bound: Sequence[Observation], knowledge: Knowledge[float]
     ) -> Iterator[Progress]:
         """Yield the answer so far at each step of a fit, and at last the estimate."""
         fitting = Fitting(model, knowledge, self, self.base, self.covariance, self.neighbours)

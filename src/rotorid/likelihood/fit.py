@@ -43,6 +43,7 @@ from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.estimators import Batch
 from rotorid.models import Model
+from rotorid.models.knowledge import Knowledge
 from rotorid.signals.covariance import correlated_covariance, is_correlated
 
 CovarianceChoice = Literal["auto", "white", "correlated"]
@@ -155,7 +156,7 @@ class Fitting:
     """How the minimum is looked for, and in what model."""
 
     model: Model
-    knowledge: Knowledge
+    knowledge: Knowledge[float]
     nuisances: Nuisances
     base: bool = False
     covariance: CovarianceChoice = "auto"
@@ -415,7 +416,7 @@ def _resembles(at: Evaluation, scatter: Complexes) -> bool:
 
 
 def starting_values(
-    model: Model, records: Sequence[Observation], knowledge: Knowledge, base: bool
+    model: Model, records: Sequence[Observation], knowledge: Knowledge[float], base: bool
 ) -> dict[str, float]:
     """Return starting values by name: from batch where it applies, else the nominal ones.
 

@@ -18,11 +18,11 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, Integers
-from rotorid.data.measured_modes import Mode, configurations, number
 from rotorid.likelihood.assembly import Terms
 from rotorid.likelihood.effects import Entry, at_unknowns
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
+from rotorid.models.knowledge import Mode, configurations, number
 from rotorid.models.linear_form import StiffnessTable
 from rotorid.models.modal import Eigenmodes, eigenmodes, parted
 

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.data.measured_modes import Mode
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.mode_rows import modal_rows
 from rotorid.likelihood.problem import Known, Problem, retract
 from rotorid.likelihood.relations import Limit, Polynomial, Relation, Relations
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
-from rotorid.models.constraints import Constraint, base_row, constraint_polynomial
+from rotorid.models.knowledge import Constraint, Knowledge, base_row, constraint_polynomial
 
 GENERIC = 0.2
 """Relative change of the unknowns after which natural frequencies that coincide do so always."""
@@ -32,31 +30,9 @@ CONTRADICTED = 5.0
 in a million; it would add its square to any misfit."""
 
 
-@frozen
-class Knowledge:
-    """What is known before the records are looked at; all in SI."""
-
-    # exact values, of parameters or nuisances
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    # mapping of name to (value, std): values with a deviation
-    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    # where to start; never biases the estimate
-    start: Mapping[str, float] = field(default_factory=dict)
-    # polynomials in the parameters, exact or with a deviation
-    constraints: tuple[Constraint, ...] = ()
-    # mapping of expression to (lower, upper): polynomials in the parameters that are kept within
-    # bounds; ``None`` for no bound
-    bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
-    modes: tuple[Mode, ...] = ()  # measured natural frequencies
-
-    def held(self, model: Model) -> dict[str, float]:
-        """Return the fixed values of parameters."""
-        return {n: float(v) for n, v in self.fixed.items() if n in model.parameter_names}
-
-
 def prepare(
     model: Model,
-    knowledge: Knowledge,
+    knowledge: Knowledge[float],
     nuisances: Sequence[Unknown],
     base: bool,
     guess: Mapping[str, float],
@@ -78,7 +54,7 @@ def prepare(
 
 
 def _unknowns(
-    layout: Layout, knowledge: Knowledge, guess: Mapping[str, float]
+    layout: Layout, knowledge: Knowledge[float], guess: Mapping[str, float]
 ) -> tuple[Scalar, ...]:
     """Return all unknowns with their starts: zero for an unbalance of which nothing is said."""
     model = layout.model
@@ -120,7 +96,7 @@ def _unknowns(
     return tuple(found)
 
 
-def _informed(unknown: Scalar, knowledge: Knowledge) -> Scalar:
+def _informed(unknown: Scalar, knowledge: Knowledge[float]) -> Scalar:
     name = unknown.name
     if name in knowledge.fixed:
         return replace(unknown, start=float(knowledge.fixed[name]), std=0.0)
@@ -132,7 +108,7 @@ def _informed(unknown: Scalar, knowledge: Knowledge) -> Scalar:
     return unknown
 
 
-def _check(layout: Layout, knowledge: Knowledge) -> None:
+def _check(layout: Layout, knowledge: Knowledge[float]) -> None:
     """Refuse names that are none, values that say nothing, and what base parameters cannot use."""
     parameters = layout.model.parameter_names
     extra = (scalar.name for nuisance in layout.nuisances for scalar in nuisance.scalars)
@@ -165,7 +141,7 @@ def _check(layout: Layout, knowledge: Knowledge) -> None:
         _refuse_physical(layout, knowledge)
 
 
-def _refuse_physical(layout: Layout, knowledge: Knowledge) -> None:
+def _refuse_physical(layout: Layout, knowledge: Knowledge[float]) -> None:
     """Refuse what is known of physical parameters and base parameters cannot use."""
     asked = "where base parameters are asked for"
     if layout.replaced:
@@ -182,7 +158,7 @@ def _refuse_physical(layout: Layout, knowledge: Knowledge) -> None:
         raise InputError("bounds", f"none, {asked}", "drop them")
 
 
-def _known(layout: Layout, knowledge: Knowledge) -> Iterator[Relation]:
+def _known(layout: Layout, knowledge: Knowledge[float]) -> Iterator[Relation]:
     """Yield what is known beforehand but for bounds: exactly, or with a deviation."""
     for i, unknown in enumerate(layout.unknowns):
         if unknown.std:
@@ -215,7 +191,7 @@ def _polynomials(
     return found
 
 
-def _bounds(layout: Layout, knowledge: Knowledge) -> Iterator[Relation]:
+def _bounds(layout: Layout, knowledge: Knowledge[float]) -> Iterator[Relation]:
     for i, unknown in enumerate(layout.unknowns):
         if unknown.positive and not unknown.fixed:
             yield Relation({(i,): 1.0, (): 0.0}, Limit(unknown.name, 1.0, 0.0))

@@ -27,6 +27,7 @@ from rotorid.likelihood.relations import Limit
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import Scalar, Unknown, amount
 from rotorid.models.expressions import Expression, product, symbol
+from rotorid.models.knowledge import Mode, number
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.drawing import PLANES
 from rotorid.models.rotor.fem import Piece, elastic_pieces, spans

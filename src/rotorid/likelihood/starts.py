@@ -24,7 +24,6 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.data.lazy_time import changed
 from rotorid.data.lines import SampledClock
-from rotorid.data.measured_modes import Mode
 from rotorid.data.observation import Observation, bind, combined
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
@@ -32,6 +31,7 @@ from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.relations import Relation
 from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
 from rotorid.models import Model
+from rotorid.models.knowledge import Mode
 from rotorid.models.rotor.fem import Banded
 from rotorid.models.rotor.rotor_model import RotorModel
 

@@ -27,8 +27,8 @@ from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrd
 from rotorid.force.laws import KNEE, KNEE_CONSTANT, Law
 from rotorid.likelihood.effects import Adds, Drives, Effect, Replaces, Rereads, Scales, Turns
 from rotorid.models import Parameter
-from rotorid.models.constraints import own_in_si
 from rotorid.models.expressions import symbol
+from rotorid.models.knowledge import own_in_si
 
 
 @frozen

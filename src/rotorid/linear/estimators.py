@@ -29,7 +29,7 @@ from rotorid.linear.solve import (
     solve,
 )
 from rotorid.models import Model
-from rotorid.models.constraints import Constraint
+from rotorid.models.knowledge import Constraint
 from rotorid.signals.spectrum import synthesize
 
 LOWER = 0.7

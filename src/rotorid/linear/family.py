@@ -27,8 +27,8 @@ from rotorid.data.observation import Data, Observation, bind
 from rotorid.linear.regression import Equations, Regression, driven_rows, relative_errors
 from rotorid.linear.solve import POOLING_PERIODS, Block, LeastSquaresSolution, pooled
 from rotorid.models import Model
-from rotorid.models.constraints import Constraint, Elimination, constraints_in_si, eliminate, in_si
 from rotorid.models.expressions import symbol
+from rotorid.models.knowledge import Constraint, Elimination, constraints_in_si, eliminate, in_si
 from rotorid.signals.checks.periods import check_identical
 from rotorid.signals.covariance import FLOOR, LineCovariance, choose_covariance
 

@@ -14,9 +14,9 @@ from fitting import fit
 
 from rotorid import Constraint, Lines, MaximumLikelihood, average, identify
 from rotorid.likelihood.inference import infer
-from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.solver import solve
 from rotorid.likelihood.unknowns import Nuisances
+from rotorid.models.knowledge import Knowledge
 from rotorid.rig.rig import Rig
 from rotorid.signals.covariance import LineCovariance, correlated_covariance
 from rotorid.testing import bind, parse_rig

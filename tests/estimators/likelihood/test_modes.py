@@ -9,10 +9,10 @@ import pytest
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.data.measured_modes import configurations
 from rotorid.likelihood.mode_rows import GRANTED
-from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.rivals_model import UNITS
+from rotorid.models.knowledge import Knowledge, configurations
 from tests.differences import extrapolated
 
 CHAIN = """

@@ -35,6 +35,7 @@ from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.starts import searched
 from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances
+from rotorid.models.knowledge import Knowledge
 from rotorid.testing import bind_all
 
 # Where an answer is doubted: noise that was taken for information, and other answers.

@@ -18,10 +18,10 @@ from rotorid.likelihood import rivals_channels as leads
 from rotorid.likelihood import rivals_records as line_leads
 from rotorid.likelihood import unknowns as channels
 from rotorid.likelihood.case import Case, Rival, Slopes
-from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.unknowns import Nuisances
+from rotorid.models.knowledge import Knowledge
 from rotorid.models.structure import find_structure
 from rotorid.testing import add_noise, bind, line_record
 

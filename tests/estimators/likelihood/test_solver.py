@@ -16,11 +16,12 @@ from rotorid.likelihood import solver as solver_module
 from rotorid.likelihood import starts as search
 from rotorid.likelihood import starts as search_module
 from rotorid.likelihood.fit import Fit
-from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, solve
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
+from rotorid.models.knowledge import Knowledge
 from rotorid.testing import add_noise, bind_all, line_record
 
 # The solver arrives: random rotors from far starts end where a start at the truth ends.
