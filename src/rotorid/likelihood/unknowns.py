@@ -89,6 +89,7 @@ class Nuisances:
 
     def __init_subclass__(cls) -> None:
         """Describe the fields in the estimator that has them."""
+        super().__init_subclass__()
         told = cleandoc(Nuisances.__doc__ or "").partition("----------\n")[2]
         own, references, rest = cleandoc(cls.__doc__ or "").partition("\n\nReferences\n")
         cls.__doc__ = f"{own}\n{told}{references}{rest}"
