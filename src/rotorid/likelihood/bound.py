@@ -19,7 +19,7 @@ from rotorid.data.observation import bind
 from rotorid.data.record import Channel, Drive, PeriodicRecord
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.other_answers import doubt_notes, other_answers
-from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.response import simulated
 from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.summary import summarize

@@ -19,7 +19,6 @@ from rotorid.core.watch import Pace, watch, words
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.doubts import doubted
 from rotorid.likelihood.fit import CovarianceChoice, Fitting, Step
-from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.rivals import Tried
 from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances

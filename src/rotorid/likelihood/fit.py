@@ -24,7 +24,7 @@ from rotorid.likelihood.expected_cost import by_equation_errors
 from rotorid.likelihood.inference import Inference, SharedNoise, shared_noise
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.other_answers import questioned
-from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.rivals import Plain, plainly
 from rotorid.likelihood.solver import Solution, settle, solve

@@ -18,7 +18,6 @@ import numpy as np
 
 from rotorid.core.linalg import coupled
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.measured_modes import Mode, number
 from rotorid.likelihood.case import Case, Rival, freed, mistake, rivals
 from rotorid.likelihood.effects import Drives, Entry, RowLoad
 from rotorid.likelihood.mode_rows import ModalRows

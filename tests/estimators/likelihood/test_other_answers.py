@@ -30,7 +30,7 @@ from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import other_answers as valley
 from rotorid.likelihood import solver
 from rotorid.likelihood.inference import infer
-from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.starts import searched
 from rotorid.likelihood.symmetric_answers import Mirrors
