@@ -31,7 +31,7 @@ with atheris.instrument_imports(include=["rotorid"]):
     import rotorid.io.table
     import rotorid.io.text
     import rotorid.models.expressions
-    import rotorid.models.text
+    import rotorid.models.parser
     import rotorid.rig.file
 from corpus import CASES
 from corpus.texts import EXPRESSIONS, named

@@ -12,7 +12,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.core.units import quantity, si_factor
-from rotorid.models.text import MAX_DEGREE, MAX_NESTING, MAX_TERMS
+from rotorid.models.parser import MAX_DEGREE, MAX_NESTING, MAX_TERMS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")])

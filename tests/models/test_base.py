@@ -16,7 +16,7 @@ from rotorid import InputError, load_model, parse_model
 from rotorid.models.base import _relations, independent_signals
 from rotorid.models.equations import split_equations
 from rotorid.models.expressions import evaluate
-from rotorid.models.text import expression, read
+from rotorid.models.parser import expression, read
 
 
 def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):

@@ -18,10 +18,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rotorid import InputError, Model, ModelError, load_model, parse_model, shipped_models
-from rotorid.models import text
+from rotorid.models import parser
 from rotorid.models.equations import polynomial, split_equations
 from rotorid.models.expressions import FUNCTIONS, Expression, evaluate, product
-from rotorid.models.text import expression, read
+from rotorid.models.parser import expression, read
 
 # The grammar: what a text means, what is refused and how it says so.
 
@@ -338,13 +338,13 @@ def squared(levels: int) -> str:
 @pytest.fixture
 def spent(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """What is spent while a test runs."""
-    found, spend = [0], text.Work.spend
+    found, spend = [0], parser.Work.spend
 
-    def counted(work: text.Work, units: int) -> None:
+    def counted(work: parser.Work, units: int) -> None:
         found[0] += units
         spend(work, units)
 
-    monkeypatch.setattr(text.Work, "spend", counted)
+    monkeypatch.setattr(parser.Work, "spend", counted)
     return found
 
 
@@ -352,7 +352,7 @@ def spent(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     ("term", "limit"),
     [
         (squared(20), "steps to expand"),
-        ("(1.1^300)^300*x", f"more than {text.DIGITS} digits"),
+        ("(1.1^300)^300*x", f"more than {parser.DIGITS} digits"),
         ("1.1^300*1.3^300*1.7^300*1.9^300*x", "more than 1000 digits"),
         ("x*" + "*".join(["1.23456789012345678901234567890123456789"] * 30), "digits"),
         (" + ".join(f"x/{10**9 + 7 + 2 * i}" for i in range(300)), "digits"),
@@ -370,13 +370,13 @@ def test_a_bomb_is_one_line_that_names_the_limit(term: str, limit: str, spent: l
         model_of(term)
     assert "equation 1" in str(found.value)
     assert len(str(found.value)) < 600
-    assert spent[0] < 2 * text.WORK  # what is refused last is not done any more
+    assert spent[0] < 2 * parser.WORK  # what is refused last is not done any more
 
 
 @pytest.mark.slow
 def test_equations_share_what_they_may_cost(monkeypatch: pytest.MonkeyPatch) -> None:
     """Terms that cancel are counted as well."""
-    monkeypatch.setattr(text, "WORK", 50_000)
+    monkeypatch.setattr(parser, "WORK", 50_000)
     powers = "(m+c+k+x+x')^4*(x+1)"
     with pytest.raises(ModelError, match=r"equation \d\d: found equations that take more than"):
         model_of("x", *[f"{powers} - {powers} + m*x'' = 0"] * 99)
@@ -427,14 +427,14 @@ def test_a_hundred_coordinates(more: str, on: int, spent: list[int]) -> None:
         )
     )
     assert len(model.terms) == 1200 + on
-    assert spent[0] < text.WORK / 20
+    assert spent[0] < parser.WORK / 20
 
 
 def test_the_limits_are_where_they_are_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     model_of("x*1.1234567891^97")  # a denominator of 971 digits
     with pytest.raises(ModelError, match="1000 digits"):
         model_of("x*1.1234567891^101")
-    monkeypatch.setattr(text, "WORK", 5_000)
+    monkeypatch.setattr(parser, "WORK", 5_000)
     model_of("x" + "+x" * 1_600)
     with pytest.raises(ModelError, match="more than 5,000 steps"):
         model_of("x" + "+x" * 1_700)

@@ -31,7 +31,7 @@ from rotorid.models.expressions import (
     simple_fraction,
     values_at,
 )
-from rotorid.models.text import Work
+from rotorid.models.parser import Work
 
 _MAX_GROUP = 80  # signals; larger groups count as independent
 # Nodes of signals to evaluate to a hundred digits, in all: a second and a half. What is beyond

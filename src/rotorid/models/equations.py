@@ -18,7 +18,7 @@ from rotorid.models.expressions import (
     product,
     symbol,
 )
-from rotorid.models.text import COMBINATION, MAX_TERMS, Work, read, shown
+from rotorid.models.parser import COMBINATION, MAX_TERMS, Work, read, shown
 
 DERIVATIVES = ("", "'", "''")
 MAX_NAMES = 500

@@ -36,7 +36,7 @@ from rotorid.models.linear_form import (
     classify,
     motion_factor,
 )
-from rotorid.models.text import out_of_range
+from rotorid.models.parser import out_of_range
 
 Arguments = ParamSpec("Arguments")
 Found = TypeVar("Found")

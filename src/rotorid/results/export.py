@@ -20,7 +20,7 @@ from rotorid.answer.estimate_tables import value_tables
 from rotorid.core.errors import InputError, one_line, printable, require_names
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen
-from rotorid.core.values import ByContent, Floats, Integers
+from rotorid.core.values import ByContent, Floats
 from rotorid.models import Model
 from rotorid.results.machine import Machine, machine_of, require_shares
 from rotorid.results.modes import finite_speed
@@ -148,32 +148,41 @@ def _spaces(
     stiffness, damping, mass = matrices
     push = machine.input_matrix()
     heavy = (mass != 0).any(axis=0)
-    gain = np.flatnonzero(heavy | (damping != 0).any(axis=0))
-    stiffness, damping, mass, push, back, through = _condensed(
-        machine, gain, stiffness, damping, mass, push
-    )
-    n = len(mass)
-    own = heavy[gain]  # which of the coordinates that are left have a velocity of their own
-    body, light = np.flatnonzero(own), np.flatnonzero(~own)
-    count = n + len(body)
-    a, b = np.zeros((count, count)), np.zeros((count, push.shape[1]))
-    a[body, n + np.arange(len(body))] = 1.0
-    # Rows of inertia for those with mass, of damping for those without: E z' = - F z + B u.
-    lead = np.concatenate([damping[:, light], mass[:, body]], axis=1)
-    right = np.concatenate([stiffness, damping[:, body]], axis=1)
-    slopes = _solved(machine, lead, np.concatenate([-right, push], axis=1))
-    order = np.concatenate([light, n + np.arange(len(body))]).astype(np.int64)
-    a[order], b[order] = slopes[:, :count], slopes[:, count:]
+    damped = (damping != 0).any(axis=0)
+    body, light = np.flatnonzero(heavy), np.flatnonzero(damped & ~heavy)
+    gain, away = np.flatnonzero(heavy | damped), np.flatnonzero(~(heavy | damped))
+    still = int((~((mass != 0) | (damping != 0)).any(axis=1)).sum())
+    if still != len(away):
+        raise InputError(
+            f"{len(away)} coordinates and {still} equations without inertia and damping",
+            "as many of one as of the other",
+            "give the massless coordinates a little inertia",
+            file=machine.model.name,
+        )
+    # Of each coordinate the highest derivative that it has follows from what is below, and from u:
+    # E (z', v', q_away) = - K z - D v + B u, z with inertia or damping, v the velocities of masses.
+    lead = np.concatenate([damping[:, light], mass[:, body], stiffness[:, away]], axis=1)
+    below = np.concatenate([-stiffness[:, gain], -damping[:, body], push], axis=1)
+    follows = _solved(machine, lead, below)
+    n, count = len(gain), len(gain) + len(body)
+    own = np.searchsorted(gain, body)
+    slopes = np.zeros((count, count + push.shape[1]))
+    slopes[own, n + np.arange(len(body))] = 1.0
+    slopes[np.searchsorted(gain, light)] = follows[: len(light)]
+    slopes[n:] = follows[len(light) : n]
+    coordinates = np.zeros((len(mass), slopes.shape[1]))
+    coordinates[gain, np.arange(n)] = 1.0
+    coordinates[away] = follows[n:]
     model = machine.model
     names = [model.coordinates[i] for i in gain]
     states = [(q, model.units[q]) for q in names]
-    states += [(f"{names[i]}'", f"{model.units[names[i]]}/s") for i in body]
-    c = np.concatenate([rows @ back, np.zeros((len(rows), len(body)))], axis=1)
+    states += [(f"{names[i]}'", f"{model.units[names[i]]}/s") for i in own]
+    read = rows @ coordinates
     return StateSpace(
-        a,
-        b,
-        c,
-        rows @ through,
+        slopes[:, :count],
+        slopes[:, count:],
+        read[:, :count],
+        read[:, count:],
         tuple(states),
         tuple((name, model.units[name]) for name in model.inputs),
         named,
@@ -182,38 +191,8 @@ def _spaces(
     )
 
 
-def _condensed(
-    machine: Machine, kept: Integers, stiffness: Floats, damping: Floats, mass: Floats, push: Floats
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """Return K, D, M and B of the coordinates with inertia or damping, and q = back z + through u.
-
-    The others follow from these at once.
-    """
-    n = len(stiffness)
-    away = np.setdiff1d(np.arange(n), kept)
-    moving = (mass != 0).any(axis=1) | (damping != 0).any(axis=1)
-    rows, rest = np.flatnonzero(~moving), np.flatnonzero(moving)
-    if len(rows) != len(away):
-        raise InputError(
-            f"{len(away)} coordinates and {len(rows)} equations without inertia and damping",
-            "as many of one as of the other",
-            "give the massless coordinates a little inertia",
-            file=machine.model.name,
-        )
-    back, through = np.eye(n)[:, kept], np.zeros((n, push.shape[1]))
-    if not len(away):
-        return stiffness, damping, mass, push, back, through
-    static = np.concatenate([-stiffness[np.ix_(rows, kept)], push[rows]], axis=1)
-    follows = _solved(machine, stiffness[np.ix_(rows, away)], static)
-    back[away], through[away] = np.split(follows, [len(kept)], axis=1)
-    left, cut = stiffness[rest], np.ix_(rest, kept)
-    return left @ back, damping[cut], mass[cut], push[rest] - left @ through, back, through
-
-
 def _solved(machine: Machine, matrix: Floats, right: Floats) -> Floats:
     """Solve with a matrix scaled to entries of one size."""
-    if not len(matrix):
-        return np.zeros((0, right.shape[1]))
     size = np.abs(matrix)
     row = 1 / np.maximum(size.max(axis=1), 1e-300)
     column = 1 / np.maximum((size * row[:, None]).max(axis=0), 1e-300)
