@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import lru_cache
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Complexes, Floats, Integers
+
+Number = TypeVar("Number", np.float64, np.complex128)
 
 SENSORS = 1e-9
 """Sensors whose combinations differ by less than this share read the same: gains, lengths and
@@ -38,6 +41,18 @@ def whole_svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
         matrix = np.pad(matrix, ((0, columns - rows), (0, 0)))
     left, values, right = np.linalg.svd(matrix, full_matrices=False)
     return left[:rows], values, right
+
+
+def triangle(matrix: NDArray[Number]) -> NDArray[Number]:
+    """Return R of QR, of a matrix or of each of many: numpy's "r" makes a mask at every call."""
+    reflected, _ = np.linalg.qr(matrix, mode="raw")
+    rows = reflected.swapaxes(-1, -2)[..., : min(matrix.shape[-2:]), :]
+    return np.where(_upper(*rows.shape[-2:]), rows, reflected.dtype.type(0))
+
+
+@lru_cache(maxsize=64)
+def _upper(rows: int, columns: int) -> Booleans:
+    return np.triu(np.ones((rows, columns), dtype=bool))
 
 
 def null_space(matrix: Floats, rank: int) -> Floats:

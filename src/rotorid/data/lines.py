@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -246,6 +246,11 @@ class Lines(OfMachine):
     beside: Beside | None = None
     shown: float | None = None
     parts: Callable[[int], list[Lines]] | None = field(default=None, compare=False, repr=False)
+
+    @cached_property
+    def facts(self) -> dict[str, tuple[Any, Any]]:
+        """What was found of these lines: see `rotorid.models.model.fact`."""
+        return {}
 
     @classmethod
     def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:

@@ -38,6 +38,7 @@ from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_fa
 from rotorid.models.equations import SensorTerm
 from rotorid.models.expressions import Expression, evaluate, symbol
 from rotorid.models.linear_form import StiffnessTable, TermKind, speed_factor
+from rotorid.models.model import fact
 from rotorid.signals.covariance import LineCovariance
 
 PHASE_STEPS = 16
@@ -220,26 +221,33 @@ def load_lines(
 
     Shapes (order, line, row, product), the products ascending, and (order,); `rows`: the scales.
     """
-    signals = list(dict.fromkeys(load.signal for load in loads))
+    place = {signal: k for k, signal in enumerate(dict.fromkeys(load.signal for load in loads))}
+    found, orders = _signal_lines(lines, tuple(place), phase_unknown)
+    product = {factors: k for k, factors in enumerate(sorted({load.factors for load in loads}))}
+    columns = np.zeros((len(found), len(lines.omega), len(rows), len(product)), np.complex128)
+    for load in loads:
+        signal = found[:, :, place[load.signal]]
+        columns[:, :, load.row, product[load.factors]] += load.coefficient * signal
+    return np.asarray(columns / rows[:, None], dtype=np.complex128), orders
+
+
+@fact
+def _signal_lines(
+    lines: Lines, signals: tuple[Expression, ...], phase_unknown: bool
+) -> tuple[Complexes, Floats]:
+    """Return the lines of signals for each order of the rotor angle, and the orders."""
     timed = any(symbol("t") in signal.free_symbols for signal in signals)
     steps = phase_steps(signals) if phase_unknown else 1
     found = np.zeros((steps, len(lines.omega), len(signals)), dtype=np.complex128)
     for step, shift in enumerate(2 * np.pi * np.arange(steps) / steps):
         if signals:
             found[step] = lines.clock.lines(_signal(signals, shift), timed=timed)
-    orders: Floats = np.zeros(1)
-    if phase_unknown:
-        found = np.fft.fft(found, axis=0) / steps
-        size = np.abs(found).max(axis=(1, 2), initial=0.0)
-        used = np.flatnonzero(size > 1e-12 * size.max(initial=0.0))
-        orders = np.asarray(np.fft.fftfreq(steps, 1 / steps)[used], dtype=np.float64)
-        found = found[used]
-    products = sorted({load.factors for load in loads})
-    columns = np.zeros((len(found), len(lines.omega), len(rows), len(products)), np.complex128)
-    for load in loads:
-        signal = found[:, :, signals.index(load.signal)]
-        columns[:, :, load.row, products.index(load.factors)] += load.coefficient * signal
-    return np.asarray(columns / rows[:, None], dtype=np.complex128), orders
+    if not phase_unknown:
+        return found, np.zeros(1)
+    found = np.asarray(np.fft.fft(found, axis=0) / steps)
+    size = np.abs(found).max(axis=(1, 2), initial=0.0)
+    used = np.flatnonzero(size > 1e-12 * size.max(initial=0.0))
+    return found[used], np.asarray(np.fft.fftfreq(steps, 1 / steps)[used], dtype=np.float64)
 
 
 def phase_steps(signals: Sequence[Expression]) -> int:

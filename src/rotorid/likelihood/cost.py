@@ -26,6 +26,7 @@ import numpy as np
 import scipy
 
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import triangle
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines
 from rotorid.likelihood.effects import Calibration
@@ -70,18 +71,18 @@ class EntrySlopes:
     They are a sparse matrix times the sources, these times the weights of each kind.
     """
 
-    # (pair,): of the terms, for each unknown that they depend on, by unknowns and rows: from which
-    # source and weight, and whose derivative is multiplied by the coefficient
-    source: Integers
-    ends: Integers  # (unknown and row + 1,): the pairs that lead to each, as sparse rows have it
+    # (unknown and row, kind and source): where it is not zero, a pair of a term and an unknown
+    pattern: scipy.sparse.csr_array
+    # (pair,): whose derivative is multiplied by the coefficient
     monomial: Integers
     unknown: Integers
-    coefficient: Floats  # (pair,)
+    coefficient: Floats
     rows: int
 
     @classmethod
     def of(cls, entries: Entries, monomials: Monomials, rows: int, columns: int) -> EntrySlopes:
         factors, count = monomials.factors[entries.monomial], monomials.unknowns
+        kinds = entries.weights.shape[1]
         term, which = np.nonzero(factors < count)
         once = np.unique(term * count + factors[term, which])  # a power is one factor
         term, unknown = np.divmod(once, count)
@@ -90,14 +91,15 @@ class EntrySlopes:
         term, unknown = term[order], unknown[order]
         source = entries.kind[term] * columns + entries.column[term]
         ends = np.searchsorted(target[order], np.arange(count * rows + 1))
-        return cls(source, ends, entries.monomial[term], unknown, entries.coefficient[term], rows)
+        coefficient, shape = entries.coefficient[term], (count * rows, kinds * columns)
+        pattern = scipy.sparse.csr_array((coefficient, source, ends), shape)
+        return cls(pattern, entries.monomial[term], unknown, coefficient, rows)
 
     def of_sources(self, sources: Complexes, weights: Complexes, slopes: Floats) -> Complexes:
         """Return the derivatives, (unknown, row, line); `slopes` are those of the monomials."""
         weighed = np.multiply(weights.T[:, None], sources.T, order="C").reshape(-1, len(sources))
-        values = self.coefficient * slopes[self.monomial, self.unknown]
-        shape = len(self.ends) - 1, len(weighed)
-        matrix = scipy.sparse.csr_array((values, self.source, self.ends), shape)
+        matrix = copy.copy(self.pattern)  # scipy would look through the indices of a new one
+        matrix.data = self.coefficient * slopes[self.monomial, self.unknown]
         parts = matrix @ weighed.view(float)
         return as_complex(parts.view(complex).reshape(-1, self.rows, len(sources)))
 
@@ -172,6 +174,16 @@ class Likelihood:
         values = self.monomials.values(unknowns)[every.monomial[moved]]
         return np.asarray(every.coefficient[moved] * values)
 
+    @cached_property
+    def loaded(self) -> Integers:
+        """The unknowns that loads depend on."""
+        factors = self.monomials.factors[self.loading]
+        return np.unique(factors[factors < self.monomials.unknowns])
+
+    def load_at(self, phase: Complexes) -> Complexes:
+        """Return the loads of all orders of the rotor angle together, (line, row, load)."""
+        return as_complex(np.einsum("o,olrg->lrg", phase, self.load))
+
     def loads_at(self, unknowns: Floats) -> Complexes:
         """Return the loads, of every order of the rotor angle, shape (order, line, row)."""
         return as_complex(self.load @ self.monomials.values(unknowns)[self.loading])
@@ -213,7 +225,7 @@ class Evaluation:
         if relaxation > 0:
             root = np.concatenate([root, relaxation * self._granted()], axis=1)
         self._gain = gain
-        self.whitener = as_complex(np.linalg.qr(root, mode="r"))
+        self.whitener = triangle(root)
         self.lower = self.whitener.conj().transpose(0, 2, 1)
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
         self.ends: Ends | None = None
@@ -232,7 +244,7 @@ class Evaluation:
         What the loose ends of the window do best is taken out of both.
         """
         transient, count = self.problem.transient, self.problem.rows
-        self.load = as_complex(np.tensordot(self.state.phase, self.problem.load, 1))
+        self.load = self.problem.load_at(self.state.phase)
         errors = self._errors_of_rows()[:, :, None]
         rows = np.concatenate([errors, self._affine_directions(affine)], axis=2)
         whitened = self._white(rows)
@@ -419,15 +431,14 @@ class Evaluation:
         found = p.slopes.of_sources(sources, p.entries.weights, slopes)
         columns[:, :, : p.rows] = found.transpose(2, 0, 1)
         jacobian = columns.transpose(0, 2, 1)
-        loading = np.flatnonzero(slopes[p.loading].any(axis=0))
-        jacobian[:, : p.rows, loading] += self.load @ slopes[np.ix_(p.loading, loading)]
+        jacobian[:, : p.rows, p.loaded] += self.load @ slopes[p.loading][:, p.loaded]
         for bound in p.calibration.every:
             logarithm, added = bound.slopes(self.unknowns)
             line = self.columns[:, :, [bound.channel]] * data[:, [bound.channel], None]
             line = line * logarithm - self.plain[:, :, [bound.channel]] * added
             jacobian[:, :, bound.unknowns] += line
         if (phase := p.calibration.phase_unknown) is not None:
-            turned = np.tensordot(1j * p.calibration.phase_orders * self.state.phase, p.load, 1)
+            turned = p.load_at(1j * p.calibration.phase_orders * self.state.phase)
             jacobian[:, : p.rows, phase] += turned @ self.load_factors
         return jacobian
 

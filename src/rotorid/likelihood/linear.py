@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import column_lengths, leave_out, whole_svd
+from rotorid.core.linalg import column_lengths, leave_out, triangle, whole_svd
 from rotorid.core.values import Booleans, Floats, Integers
 
 RANK = 1e-10
@@ -175,7 +175,7 @@ class Linearized:
         unknowns that nobody asks for; `excess` is what may be added to the cost.
         """
         moved = self.taken(columns) / std[:, None]
-        _, sizes, ways = np.linalg.svd(np.linalg.qr(self.rest(columns), mode="r"))
+        _, sizes, ways = np.linalg.svd(triangle(self.rest(columns)))
         weight = np.ones(len(ways))
         weight[: len(sizes)] /= np.sqrt(1 + sizes**2 / excess)
         return np.asarray(np.sqrt(((moved @ ways.T * weight) ** 2).sum(axis=1)))

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import column_lengths
+from rotorid.core.linalg import column_lengths, triangle
 from rotorid.core.values import Floats, Integers
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
@@ -301,7 +301,7 @@ def tangent(point: Point, bounded: bool = False) -> Tangent:
     finite = np.isfinite(point.residual).all()  # LAPACK would print a line of its own
     if not (finite and np.abs(jacobian).max(initial=0.0) < 1e150):
         raise np.linalg.LinAlgError("a residual or its derivative beyond all bounds")
-    rows = np.asarray(np.linalg.qr(np.column_stack([jacobian, point.residual]), mode="r"))
+    rows = triangle(np.column_stack([jacobian, point.residual]))
     typical = np.maximum(np.abs(point.unknowns[free]), 1e-300)
     relations = problem.exact.jacobian(point.unknowns)[:, free]
     moving = np.abs(rows[:, :-1]).max(axis=0, initial=0.0) > 1e-150

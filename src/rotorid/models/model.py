@@ -7,7 +7,7 @@ from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property, update_wrapper
 from textwrap import shorten
-from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+from typing import Any, Concatenate, ParamSpec, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,13 +40,22 @@ from rotorid.models.parser import out_of_range
 
 Arguments = ParamSpec("Arguments")
 Found = TypeVar("Found")
-Kind = TypeVar("Kind", bound="Model")
+
+
+class HasFacts(Protocol):
+    """What keeps what is found of it: a model, the lines of a record."""
+
+    @property
+    def facts(self) -> dict[str, tuple[Any, Any]]: ...
+
+
+Kind = TypeVar("Kind", bound=HasFacts)
 
 
 def fact(
     work: Callable[Concatenate[Kind, Arguments], Found],
 ) -> Callable[Concatenate[Kind, Arguments], Found]:
-    """Keep what a function finds of a model with the model, for the arguments it had last.
+    """Keep what a function finds of a model or of lines there, for the arguments it had last.
 
     Fit, checks and pages ask for the same facts, each for itself.
     """
@@ -228,13 +237,9 @@ class Model:
 
     def monomial_jacobian(self, values: ArrayLike) -> Floats:
         """Return d mu / d parameters, shape (monomial, parameter)."""
-        x = np.asarray(values, dtype=float)
-        jacobian = np.zeros(self.monomials.shape)
-        for j in range(len(x)):
-            lowered = self.monomials.copy()
-            lowered[:, j] = np.maximum(lowered[:, j] - 1, 0)
-            jacobian[:, j] = self.monomials[:, j] * np.prod(x**lowered, axis=1)
-        return jacobian
+        x, each = np.asarray(values, dtype=float), np.eye(len(self.parameters), dtype=bool)[:, None]
+        slopes = self.monomials * x ** np.maximum(self.monomials - 1, 0)
+        return np.asarray(np.where(each, slopes, x**self.monomials).prod(axis=2).T)
 
     def base_values(self, values: ArrayLike) -> Floats:
         """Return the base parameters, shape (base,), from physical ones, shape (parameter,)."""
