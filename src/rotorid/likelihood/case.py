@@ -19,8 +19,7 @@ from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
-from rotorid.likelihood.mode_rows import modal_rows
-from rotorid.likelihood.preparation import generic
+from rotorid.likelihood.preparation import rows_of_modes
 from rotorid.likelihood.problem import Known, Point, Problem, inside, outside
 from rotorid.likelihood.solver import STAGES, evaluated, few_steps, solve
 from rotorid.likelihood.starts import moved, thinned
@@ -90,10 +89,12 @@ class Case:
         speeds = (float(v) for record in self.records for v in record.lines.speed)
         return structure_of(self.model, self.values, max(speeds, key=abs, default=0.0))
 
-    def plus(self, *added: Unknown) -> Case:
+    def plus(self, *added: Unknown, fixed: bool = False) -> Case:
         """Return the case with further unknowns, which stand behind the others."""
         every, layout = self.prepared, self.prepared.layout
         scalars = tuple(scalar for unknown in added for scalar in unknown.scalars)
+        if fixed:
+            scalars = tuple(replace(scalar, std=0.0) for scalar in scalars)
         wider = replace(
             layout,
             unknowns=(*layout.unknowns, *scalars),
@@ -103,8 +104,7 @@ class Case:
             replace(r, unknowns=len(wider.unknowns))
             for r in (every.exact, every.known.relations, every.bounds)
         )
-        modes = modal_rows(wider, every.known.modes.modes, generic(wider, exact))
-        known = Known(relations, modes)
+        known = Known(relations, rows_of_modes(wider, every.known.modes.modes, exact))
         prepared = replace(every, layout=wider, exact=exact, known=known, bounds=bounds)
         unknowns = np.concatenate([self.unknowns, [scalar.start for scalar in scalars]])
         return replace(self.prepared_as(prepared), unknowns=unknowns)
@@ -279,8 +279,7 @@ class Slopes:
     @classmethod
     def of(cls, case: Case, added: Sequence[Unknown]) -> Slopes:
         """Evaluate the derivative by all unknowns of a case, and by further ones."""
-        fixed = [replace(u, scalars=tuple(replace(s, std=0.0) for s in u.scalars)) for u in added]
-        wide = case.plus(*fixed) if fixed else case
+        wide = case.plus(*added, fixed=True) if added else case
         rows = [record.jacobian() for record in wide.point.records]
         known = wide.point.problem.known.jacobian(wide.unknowns)
         return cls(wide.point, np.concatenate([*rows, known]))

@@ -260,7 +260,6 @@ class Evaluation:
             rows[:, :count] += self._loose
             whitened = as_complex(whitened + self._end_columns @ tau)
         self._rows, self._whitened_rows = rows, whitened
-        self._set_cost()
 
     def _set_columns(self) -> None:
         p, n = self.problem, self.problem.coordinates
@@ -346,20 +345,27 @@ class Evaluation:
         self.unknowns[self._affine] += change
         self.mu = self.problem.monomials.values(self.unknowns)
         self.state = self.problem.calibration.at(self.unknowns)
-        for rows in (self._rows, self._whitened_rows, self._loose):
+        moving = [self._rows, self._whitened_rows]
+        for rows in moving if self.problem.transient is None else [*moving, self._loose]:
             rows[:, :, 0] += rows[:, :, 1:] @ change
-        self._set_cost()
 
     @property
     def loose(self) -> Complexes:
         """What the loose ends of the window do best, in the rows of equations."""
         return self._loose[:, :, 0]
 
-    def _set_cost(self) -> None:
-        self.whitened = whitened = self._whitened_rows[:, :, 0]
-        size = (whitened.real**2 + whitened.imag**2).sum(axis=1)
-        self.line_costs = self.problem.multiplicity * size
-        self.cost = float(self.line_costs.sum())
+    @property
+    def whitened(self) -> Complexes:
+        return self._whitened_rows[:, :, 0]
+
+    @property
+    def line_costs(self) -> Floats:
+        size = (self.whitened.real**2 + self.whitened.imag**2).sum(axis=1)
+        return np.asarray(self.problem.multiplicity * size)
+
+    @property
+    def cost(self) -> float:
+        return float(self.line_costs.sum())
 
     @property
     def equations(self) -> int:

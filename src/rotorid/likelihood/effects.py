@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
+from functools import cached_property
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -303,7 +304,7 @@ class Calibration:
             (*_laws(observation, rereads), *_passages(observation, scales)),
         )
 
-    @property
+    @cached_property
     def every(self) -> tuple[Bound, ...]:
         return (*self.acting, *self.rotating, *self.reread)
 
@@ -312,7 +313,17 @@ class Calibration:
         """Unknowns on which the equation error depends linearly, whitening not at all."""
         return np.unique(np.array([b.unknowns[:2] for b in self.rotating], dtype=np.int64))
 
+    @cached_property
+    def _idle(self) -> CalibrationState | None:
+        """The state where nothing acts on the channels: the same at all unknowns."""
+        if self.every or self.phase_unknown is not None:
+            return None
+        none = np.zeros(self.shape, dtype=np.complex128)
+        return CalibrationState(none + 1, none, np.ones(len(self.phase_orders), np.complex128))
+
     def at(self, unknowns: Floats) -> CalibrationState:
+        if self._idle is not None:
+            return self._idle
         factors = np.ones(self.shape, dtype=np.complex128)
         added = np.zeros(self.shape, dtype=np.complex128)
         for bound in self.every:

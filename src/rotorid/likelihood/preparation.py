@@ -11,7 +11,7 @@ import numpy as np
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.values import Floats
 from rotorid.likelihood.layout import Layout
-from rotorid.likelihood.mode_rows import modal_rows
+from rotorid.likelihood.mode_rows import ModalRows, modal_rows
 from rotorid.likelihood.problem import Known, Problem, retract
 from rotorid.likelihood.relations import Limit, Polynomial, Relation, Relations
 from rotorid.likelihood.unknowns import Scalar, Unknown
@@ -49,7 +49,7 @@ def prepare(
     weighed = stated.where(lambda row: row.std > 0)
     _check_relations(layout, exact)
     _refuse_contradicted(layout, weighed, bounds)
-    modes = modal_rows(layout, knowledge.modes, generic(layout, exact))
+    modes = rows_of_modes(layout, knowledge.modes, exact)
     return Problem(layout, exact, Known(weighed, modes), bounds, substituted=held)
 
 
@@ -268,7 +268,11 @@ def _refuse_contradicted(layout: Layout, known: Relations, bounds: Relations) ->
                 )
 
 
-def generic(layout: Layout, exact: Relations) -> Floats:
+def rows_of_modes(layout: Layout, modes: Sequence[Mode], exact: Relations) -> ModalRows:
+    return modal_rows(layout, modes, _generic(layout, exact)) if modes else ModalRows()
+
+
+def _generic(layout: Layout, exact: Relations) -> Floats:
     """Return unknowns about the start that keep the exact relations and no symmetry but theirs."""
     rng, start, free = np.random.default_rng(GENERATOR), layout.start, layout.free
     x = start.copy()

@@ -238,8 +238,16 @@ class Tangent:
             damping = np.sqrt(low * high) if low > 0 else 0.01 * high
         return float(damping)
 
-    def step(self, radius: float = np.inf) -> Floats | None:
+    @cached_property
+    def whole(self) -> Floats | None:
+        """The Gauss-Newton step."""
+        return self._bounded(np.inf)
+
+    def step(self, radius: float) -> Floats | None:
         """Return the best step no longer than a radius that keeps the bounds, if there is one."""
+        return self.whole if radius == np.inf else self._bounded(radius)
+
+    def _bounded(self, radius: float) -> Floats | None:
         damping, along = 0.0, self._along(0.0)
         if not np.linalg.norm(along) <= radius:
             damping = self._damping(radius)
@@ -284,7 +292,7 @@ class Tangent:
     @cached_property
     def decrease(self) -> float:
         """The drop of the cost that a full Gauss-Newton step would bring."""
-        along = self.step()
+        along = self.whole
         if along is None:
             return 0.0
         told = slice(self.linear.rank)
