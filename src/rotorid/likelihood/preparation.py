@@ -16,7 +16,13 @@ from rotorid.likelihood.problem import Known, Problem, retract
 from rotorid.likelihood.relations import Limit, Polynomial, Relation, Relations
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
-from rotorid.models.knowledge import Constraint, Knowledge, base_row, constraint_polynomial
+from rotorid.models.knowledge import (
+    Constraint,
+    Knowledge,
+    Mode,
+    base_row,
+    constraint_polynomial,
+)
 
 GENERIC = 0.2
 """Relative change of the unknowns after which natural frequencies that coincide do so always."""
