@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.kernel import _forces
 from rotorid.rig.parts import ProcessNoise
-from rotorid.rig.rig import Rig, bearing_table, excitation_table, rotor_table
+from rotorid.rig.rig import Rig, bearing_table, excitation_table
 
 DURATION, SHORT = 13.0, 0.1
 MAGNETS = """[actuators.all]
@@ -70,18 +70,17 @@ def derivative(motion, load, harmonics, per_force, angle, y, force):
 def by_scipy(rig: Rig, duration: float, method: str, rtol: float) -> np.ndarray:
     """Positions at the samples of a quiet rig, each interval of constant inputs by solve_ivp."""
     plant = rig.plant(duration)
-    bearings, rotor = bearing_table(rig, plant), rotor_table(rig, plant)
-    table, controller = excitation_table(rig), rig.controller
+    bearings, table, controller = bearing_table(rig, plant), excitation_table(rig), rig.controller
     reads = rig.reads[rig.fed_back]
     n, inputs = plant.force.shape
     force, floor = np.zeros(inputs), np.repeat([1e-6, 1e-3], n)
     speed, phase = rig.rotation.speed, rig.rotation.phase
-    motion, load = rotor.motion[0], rotor.load[0]
+    motion, load = plant.motion[0], plant.load[0]
 
     def slope(t: float, y: np.ndarray, held: np.ndarray) -> np.ndarray:
         _forces(bearings.displacement, bearings.kind, bearings.law, y, held, force)
         angle = phase + speed * t
-        return derivative(motion, load, rotor.harmonics, rotor.force, angle, y, force)
+        return derivative(motion, load, plant.harmonics, plant.force, angle, y, force)
 
     y, memory, held = np.zeros(2 * n), np.zeros(controller.states), np.zeros(inputs)
     period, samples = controller.period, round(duration / controller.period)

@@ -17,9 +17,9 @@ from rotorid.force.reading import ForceReading, as_channels, forces
 # Force laws against closed forms, differences and Monte Carlo.
 
 
-MAGNET = Differential(constant=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
+MAGNET = Differential(K=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
 
-SINGLE = Differential(constant=1.2e-5, bias=0.0, gap=4e-4, angle=np.radians(22.5), iron=2e-5)
+SINGLE = Differential(K=1.2e-5, bias=0.0, gap=4e-4, angle=np.radians(22.5), iron=2e-5)
 
 
 def test_linear_is_what_it_says() -> None:
@@ -64,7 +64,7 @@ def test_geometry_gives_the_constant_of_a_horseshoe() -> None:
     assert isinstance(law, Differential)
     flux = MU0 * 100 * 2.0 / (2 * 5e-4)
     assert law.force(0.0, 0.0) == 0.0
-    single = law.constant * (2.0 / 5e-4) ** 2
+    single = law.K * (2.0 / 5e-4) ** 2
     assert single == pytest.approx(2 * 2e-4 * flux**2 / (2 * MU0), rel=1e-12)
 
 
@@ -73,10 +73,10 @@ def test_geometry_gives_the_constant_of_a_horseshoe() -> None:
     [
         (Linear(120.0, 2e5, std={"ki": 2.4, "ks": 1e4}), (0.7, 1e-4)),
         (
-            replace(MAGNET, std={"constant": 1e-7, "bias": 0.01, "gap": 4e-6, "angle": 0.01}),
+            replace(MAGNET, std={"K": 1e-7, "bias": 0.01, "gap": 4e-6, "angle": 0.01}),
             (0.7, 1e-4),
         ),
-        (replace(SINGLE, std={"constant": 1e-7, "gap": 4e-6, "iron": 1e-6}), (-0.7, 1e-4)),
+        (replace(SINGLE, std={"K": 1e-7, "gap": 4e-6, "iron": 1e-6}), (-0.7, 1e-4)),
         (Flux(2e-4, 2, 0.3, std={"area": 2e-6, "angle": 0.01}), (0.9, 0.4)),
     ],
 )
@@ -157,7 +157,7 @@ def test_exact_known_and_unknown_constants() -> None:
     law = entry.build()
     assert (law.bias, law.std["bias"]) == (2.0, 0.05)
     assert (law.gap, law.std["gap"]) == (4e-4, np.inf)
-    assert "constant" not in law.std
+    assert "K" not in law.std
     assert set(entry.uncertain) == {"bias", "gap"}
     assert law.shared == {"bias": "supply"}
 
@@ -166,8 +166,8 @@ def test_an_area_is_a_constant_of_either_law() -> None:
     area = {"value": "4 cm^2", "std": "0.1 cm^2", "shared": "poles"}
     horseshoe = LawEntry(law="differential", area=area, turns=200, bias="2 A", gap="0.4 mm")
     law = horseshoe.build()
-    assert law.shared == {"constant": "poles"}
-    assert law.std["constant"] == pytest.approx(0.025 * law.constant)
+    assert law.shared == {"K": "poles"}
+    assert law.std["K"] == pytest.approx(0.025 * law.K)
     assert LawEntry(law="flux", area=area).build().shared == {"area": "poles"}
 
 
@@ -197,7 +197,7 @@ def test_refuses(entry: dict[str, object], message: str) -> None:
 RATE, F0, PERIODS = 10_000.0, 20.0, 3
 SIZE = int(RATE / F0)
 LINES = np.array([1, 3, 5, 7, 9, 11, 30])
-BIASED = Differential(constant=4e-6, bias=2.0, gap=4e-4, angle=0.3)
+BIASED = Differential(K=4e-6, bias=2.0, gap=4e-4, angle=0.3)
 LINEAR = Linear(ki=120.0, ks=2e5)
 STEPS = 200  # of a fine grid within a sample
 
@@ -342,7 +342,7 @@ def test_bad_readings_are_refused(record: Record, reading: ForceReading, message
 
 
 WITH_IRON = Differential(
-    constant=4e-6,
+    K=4e-6,
     bias=2.0,
     gap=4e-4,
     angle=0.3,
@@ -350,7 +350,6 @@ WITH_IRON = Differential(
     iron=1e-5,
     saturation=7000.0,
 )
-FIELDS = {"K": "constant"}
 TURN = np.linspace(0, 6 * np.pi, 200)
 CURRENT, POSITION = 1.2 * np.cos(TURN), 8e-5 * np.sin(TURN / 3 + 0.4)
 
@@ -383,8 +382,7 @@ def test_what_no_current_gives_is_given_by_the_most() -> None:
     ],
 )  # fmt: skip
 def test_another_constant_is_another_law(name: str, change: float) -> None:
-    key = FIELDS.get(name, name)
-    other = replace(WITH_IRON, **{key: getattr(WITH_IRON, key) + change})
+    other = replace(WITH_IRON, **{name: getattr(WITH_IRON, key) + change})
     found = WITH_IRON.changed(CURRENT, POSITION, {name: change})
     np.testing.assert_allclose(found, other.force(CURRENT, POSITION), rtol=1e-13)
 

@@ -295,7 +295,7 @@ def test_hysteresis_takes_energy_in_each_cycle() -> None:
 
 
 def test_a_magnet_with_iron_is_one_with_wider_gaps() -> None:
-    law = Differential(constant=1e-5, bias=2.0, gap=4e-4, angle=0.3)
+    law = Differential(K=1e-5, bias=2.0, gap=4e-4, angle=0.3)
     iron = replace(law, iron=3e-5)
     i, x = np.array([0.3, -1.2]), np.array([2e-5, -9e-5])
     wider = replace(law, gap=4.3e-4)
@@ -307,7 +307,7 @@ def test_a_magnet_with_iron_is_one_with_wider_gaps() -> None:
     "changes", [{"saturation": 6000.0}, {"bias_difference": 0.2, "iron": 1e-5}]
 )
 def test_slopes_of_bent_magnets_against_differences(changes: dict[str, float]) -> None:
-    law = replace(Differential(constant=1e-5, bias=2.0, gap=4e-4, angle=0.3), **changes)
+    law = replace(Differential(K=1e-5, bias=2.0, gap=4e-4, angle=0.3), **changes)
     i, x, di, dx = 0.3, -2e-5, 1e-6, 1e-11
     slope = law.linearize(i, x)
     assert slope.ki == pytest.approx((law.force(i + di, x) - law.force(i - di, x)) / (2 * di), 1e-6)
@@ -315,7 +315,7 @@ def test_slopes_of_bent_magnets_against_differences(changes: dict[str, float]) -
 
 
 def test_saturation_bounds_the_force() -> None:
-    law = Differential(constant=1e-5, bias=2.0, gap=4e-4, saturation=6000.0)
+    law = Differential(K=1e-5, bias=2.0, gap=4e-4, saturation=6000.0)
     assert law.force(1.99, 0.0) < 1e-5 * 6000.0**2
     ahead, behind = law.fluxes(0.5, 0.0)
     b = 2.5 / 4e-4
@@ -325,7 +325,7 @@ def test_saturation_bounds_the_force() -> None:
 
 def test_gaps_that_grow_change_the_linear_law_as_the_magnets() -> None:
     """k_i goes as 1 / gap^2 and k_s as 1 / gap^3: the slopes' first order."""
-    law = Differential(constant=1e-5, bias=2.0, gap=4e-4)
+    law = Differential(K=1e-5, bias=2.0, gap=4e-4)
     rate, step = 0.004, 1e-4
     slope, later = law.linearize(), replace(law, gap=4e-4 * (1 + rate * step)).linearize()
     part = Actuator(Linear(slope.ki, slope.ks), heating=rate)

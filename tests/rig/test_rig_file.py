@@ -465,8 +465,8 @@ def test_magnets_touch_at_their_gap_at_the_latest(magnetic, slew: float) -> None
         (lambda r: {"actuators": {**r.actuators, "F": Actuator()}}, "actuators: found 'F'"),
         (lambda r: {"feedback": ("x1", "y1", "x3", "y9")}, "feedback: found 'y9'"),
         (lambda r: {"feedback": ("x1", "y1", "x3")}, "from 4 positions to 4 commands"),
-        (lambda r: {"clearance": 0.0}, "clearance: found 0.0"),
-        (lambda r: {"settling": -1.0}, "settling: found -1.0"),
+        (lambda r: {"clearance": 0.0}, "clearance: found clearance = 0.0"),
+        (lambda r: {"settling": -1.0}, "settling: found settling = -1.0"),
     ],
 )
 def test_parts_that_do_not_fit(change: Callable, message: str) -> None:
@@ -476,7 +476,7 @@ def test_parts_that_do_not_fit(change: Callable, message: str) -> None:
 
 
 def test_a_coil_needs_a_bias() -> None:
-    law = Differential(constant=5e-6, bias=0.0, gap=5e-4)
+    law = Differential(K=5e-6, bias=0.0, gap=5e-4)
     with pytest.raises(InputError, match=r"coil: found a coil of magnets without bias; expected a"):
         Actuator(law, coil=Coil(resistance=2.0, inductance=0.03, bandwidth=800.0))
 

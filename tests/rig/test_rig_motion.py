@@ -41,7 +41,7 @@ from rotorid.rig.rig import excitation_table, growth, pairs
 # Motion of the rig against closed forms and a reference integrator.
 
 
-MAGNET = Differential(constant=5e-6, bias=1.5, gap=5e-4, angle=np.radians(22.5))
+MAGNET = Differential(K=5e-6, bias=1.5, gap=5e-4, angle=np.radians(22.5))
 
 
 def closed_loop_steady_state(rig) -> np.ndarray:
@@ -605,7 +605,7 @@ def test_a_rig_without_bias(tmp_path: Path) -> None:
 def test_an_amplifier_in_a_law_that_bends() -> None:
     """A held command, a first-order lag, opposed magnets: the force against fine integration."""
     rate, period, lag, fine = 10e3, 1000, 1 / (2 * np.pi * 1500.0), 40
-    law = Differential(constant=1e-5, bias=2.0, gap=4e-4)
+    law = Differential(K=1e-5, bias=2.0, gap=4e-4)
     t = np.arange(period) / rate
     command = 0.6 * np.cos(2 * np.pi * 110.0 * t) + 0.4 * np.sin(2 * np.pi * 290.0 * t)
 

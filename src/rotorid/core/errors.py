@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from math import inf
 from typing import Self
 
 LINE = 590  # characters of a message: what is read as one line, and below what a log cuts
@@ -118,6 +119,15 @@ def require_names(
         if name not in known:
             told, cure = found.format(shortened(repr(name), 62)), cure or nearest(name, known)
             raise InputError(told, f"one of {', '.join(known)}", cure, file=file, place=place)
+
+
+def require_positive(
+    value: float, unit: str, cure: str, *, found: str = "{}", place: str = ""
+) -> None:
+    """Refuse a number that is not above 0, or not finite; `found` has a place for it."""
+    if not 0 < value < inf:
+        told = found.format(f"{value} {unit}")
+        raise InputError(told, f"more than 0 {unit}", cure, place=place)
 
 
 @contextmanager

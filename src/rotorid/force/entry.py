@@ -91,7 +91,7 @@ class LawEntry(Schema):
 
     def build(self) -> Linear | Differential | Flux:
         law, needed, more = _LAWS[self.law]
-        allowed = (*needed, *(of.key or field for field, of in law.stated.items()), *more)
+        allowed = (*needed, *law.stated, *more)
         said = {key for key in law_keys() if getattr(self, key) is not None}
         for key in needed:
             if key not in said:
@@ -115,8 +115,8 @@ class LawEntry(Schema):
                 )
         given = self._constants
         if self.law == "differential":
-            magnet = {key: c for key, c in given.items() if key not in ("K", "area")}
-            given = {"constant": self._magnet(), **magnet}
+            given = {"K": self._magnet(), **given}
+            given.pop("area", None)
         values: dict[str, Any] = {name: constant.value for name, constant in given.items()}
         if self.poles is not None:
             values["poles"] = self.poles

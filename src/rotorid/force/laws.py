@@ -47,11 +47,10 @@ def require(ok: object, name: str, found: object, expected: str, cure: str) -> N
 
 
 class Stated(NamedTuple):
-    """A constant of a law: its unit, its limit, its key in files if not the field's."""
+    """A constant of a law, whose field is its key in files: its unit and its limit."""
 
     unit: str
     limit: Limit
-    key: str = ""
     positive: bool = False  # a search keeps it above 0
 
 
@@ -73,7 +72,7 @@ class Law(ABC):
     """A force law of two signals: current and displacement, or two flux densities."""
 
     stated: ClassVar[Mapping[str, Stated]]  # the constants by their fields
-    # by fields of constants: deviations, and names under which channels share them
+    # by constants: deviations, and names under which channels share them
     std: Mapping[str, float] = field(default_factory=dict)
     shared: Mapping[str, str] = field(default_factory=dict)
     # the displacement in the actuator as a combination of channels, where a record's force is read
@@ -91,16 +90,16 @@ class Law(ABC):
 
     @property
     def constants(self) -> dict[str, LawConstant]:
-        """Constants by their keys in files."""
+        """What is known of the constants."""
         return {
-            of.key or field: LawConstant(
+            name: LawConstant(
                 of.unit,
-                getattr(self, field),
-                self.std.get(field, 0.0),
+                getattr(self, name),
+                self.std.get(name, 0.0),
                 of.positive,
-                self.shared.get(field, ""),
+                self.shared.get(name, ""),
             )
-            for field, of in self.stated.items()
+            for name, of in self.stated.items()
         }
 
     @property
@@ -140,16 +139,11 @@ class Law(ABC):
         return np.asarray(np.sqrt(total), dtype=float)
 
     def moved(self, changes: Mapping[str, complex]) -> Self:
-        """Return the law with constants moved by so much, unchecked."""
+        """Return the law with those of the constants that it has moved by so much, unchecked."""
         found = copy.copy(self)
-        for name, change in changes.items():
-            object.__setattr__(found, name, getattr(self, name) + change)
+        for name in changes.keys() & self.stated:
+            object.__setattr__(found, name, getattr(self, name) + changes[name])
         return found
-
-    def by_key(self, changes: Mapping[str, complex]) -> Self:
-        """Return the law with constants, by their keys in files, moved by so much."""
-        fields = {of.key or field: field for field, of in self.stated.items()}
-        return self.moved({fields[key]: c for key, c in changes.items() if key in fields})
 
     def flowing(self, force: Floats, position: Floats) -> Floats:
         """Return what made a force: the current in A, of a flux law the force itself."""
@@ -158,8 +152,8 @@ class Law(ABC):
     def changed(
         self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
     ) -> Floats | Complexes:
-        """Return the force in N of what flows, with constants, by their keys, moved by so much."""
-        return np.asarray(self.by_key(changes)._force(flowing, position))
+        """Return the force in N of what flows, with constants moved by so much."""
+        return np.asarray(self.moved(changes)._force(flowing, position))
 
 
 @frozen
@@ -233,7 +227,7 @@ class Differential(Law):
     """
 
     stated: ClassVar[Mapping[str, Stated]] = {
-        "constant": Stated("N m^2/A^2", ABOVE_ZERO, "K", positive=True),
+        "K": Stated("N m^2/A^2", ABOVE_ZERO, positive=True),
         "bias": Stated("A", NOT_BELOW_ZERO, positive=True),
         "gap": Stated("m", ABOVE_ZERO, positive=True),
         "angle": Stated("rad", ACUTE),
@@ -241,7 +235,7 @@ class Differential(Law):
         "iron": Stated("m", NOT_BELOW_ZERO),
         "saturation": Stated("A/m", OPEN, positive=True),
     }
-    constant: float  # K in N m^2/A^2, of one magnet: mu0 turns^2 area / 4 of a horseshoe
+    K: float  # in N m^2/A^2, of one magnet: mu0 turns^2 area / 4 of a horseshoe
     bias: float  # i0 in A; 0 where one magnet works at a time
     gap: float  # s0 in m
     angle: float = 0.0  # alpha in rad, between the poles' normals and the axis of the force
@@ -279,7 +273,7 @@ class Differential(Law):
         return self._pull(*self.fluxes(current, position))
 
     def _pull(self, ahead: Any, behind: Any) -> Any:
-        return self.constant * np.cos(self.angle) * (ahead * ahead - behind * behind)
+        return self.K * np.cos(self.angle) * (ahead * ahead - behind * behind)
 
     def fluxes(self, current: Any, position: Any) -> tuple[Any, Any]:
         ahead, behind = magnet_fluxes(current, position, *self.numbers[1:])
@@ -288,7 +282,7 @@ class Differential(Law):
     @property
     def numbers(self) -> tuple[float, ...]:
         """Constants in the order of `magnet_fluxes`, K before them."""
-        magnet = (self.constant, self.bias, self.gap, np.cos(self.angle))
+        magnet = (self.K, self.bias, self.gap, np.cos(self.angle))
         return (*magnet, self.bias_difference, self.iron, self.saturation)
 
     @property
@@ -332,7 +326,7 @@ class Differential(Law):
     def changed(
         self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
     ) -> Floats | Complexes:
-        moved = self.by_key(changes)
+        moved = self.moved(changes)
         fluxes: Any = moved.fluxes(flowing, position)
         if KNEE_CONSTANT in changes:
             knee = changes[KNEE_CONSTANT] * (self.gap / self.bias) ** KNEE
@@ -348,7 +342,7 @@ class Differential(Law):
             return np.clip(force / self.linearize().ki, -self.most, self.most)
         c, side = np.cos(self.angle), np.sign(force)
         gap = self.gap + self.iron - side * position * c
-        return np.asarray(side * gap * np.sqrt(np.abs(force) / (self.constant * c)))
+        return np.asarray(side * gap * np.sqrt(np.abs(force) / (self.K * c)))
 
     def _slopes(self, current: float, position: float) -> Any:
         c = np.cos(self.angle)
@@ -362,8 +356,8 @@ class Differential(Law):
             if self.saturation != np.inf:
                 # The slope of g^2 / 2, g the bent b: b (1 + (b / b_s)^p)^(-2 / p - 1).
                 bend = (1 + (b / self.saturation) ** KNEE) ** (-2 / KNEE - 1)
-            ki = ki + 2 * self.constant * c * b * bend / gap
-            ks = ks + 2 * self.constant * c**2 * b**2 * bend / gap
+            ki = ki + 2 * self.K * c * b * bend / gap
+            ks = ks + 2 * self.K * c**2 * b**2 * bend / gap
         return np.array([ki, ks])
 
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
@@ -415,12 +409,12 @@ class Flux(Law):
     def changed(
         self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
     ) -> Floats | Complexes:
-        return np.asarray(flowing * (self.by_key(changes).gain / self.gain))
+        return np.asarray(flowing * (self.moved(changes).gain / self.gain))
 
     def densities(
         self, law: Differential, current: ArrayLike, position: ArrayLike
     ) -> tuple[Floats, Floats]:
         """Return B1 and B2 in T under the poles of `law`, so that both laws give one force."""
-        scale = np.sqrt(law.constant * np.cos(law.angle) / self.gain)
+        scale = np.sqrt(law.K * np.cos(law.angle) / self.gain)
         ahead, behind = law.fluxes(*law._within(current, position))
         return scale * ahead, scale * behind

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, signal
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_positive
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 
@@ -53,12 +53,8 @@ class Controller:
                 cure = "look for NaN and inf where A, B, C and D are computed"
                 raise InputError("numbers that are not finite", "finite matrices", cure)
             object.__setattr__(self, name, given.reshape(shape))
-        if not (np.isfinite(self.period) and self.period > 0):
-            raise InputError(
-                f"a period of {self.period} s",
-                "more than 0 s",
-                "give the time between two steps of the controller",
-            )
+        cure = "give the time between two steps of the controller"
+        require_positive(self.period, "s", cure, found="a period of {}")
 
     @property
     def states(self) -> int:
@@ -126,13 +122,8 @@ def pid(
     forward rule, the derivative as first-order hold through the filter, so that
     ``d[k] = a d[k-1] + D (1 - a) (y[k] - y[k-1]) / T``, a = exp(-2 pi f T).
     """
-    if not (np.isfinite(filter_frequency) and filter_frequency > 0):
-        raise InputError(
-            f"{filter_frequency} Hz",
-            "more than 0 Hz",
-            "give the corner of the filter of the derivative",
-            place="filter_frequency",
-        )
+    cure = "give the corner of the filter of the derivative"
+    require_positive(filter_frequency, "Hz", cure, place="filter_frequency")
     a = np.exp(-2 * np.pi * filter_frequency * period)
     slope = derivative * (1 - a) / period
     # States: the filtered derivative less slope * y; the integral of y, where it has a gain.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -191,10 +192,10 @@ def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
         if part.law is None:
             found[name] = sources[0]
         elif part.flux is not None:
-            found[name] = _flux(part.flux.law, sources)
+            found[name] = _law(part.flux.law, flux=sources)
         else:
             place = _place(rig, actuator_position(rig, plant, j))
-            found[name] = _law(part.law, sources[0], place)
+            found[name] = _law(part.law, current=sources[0], position=place)
     return found
 
 
@@ -217,38 +218,15 @@ def _recorded(column: LoggedColumn) -> dict[str, Any]:
     return found
 
 
-def _flux(law: Flux, sources: list[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        "law": "flux",
-        "flux": sources,
-        "area": _quantity(law.area, "m^2"),
-        "poles": law.poles,
-        **_unusual(law, {"angle": "rad"}),
-    }
-
-
-def _law(law: Linear | Differential, source: dict[str, Any], position: str) -> dict[str, Any]:
-    place = {"current": source, "position": position}
-    if isinstance(law, Linear):
-        slopes = {"ki": _quantity(law.ki, "N/A"), "ks": _quantity(law.ks, "N/m")}
-        return {"law": "linear", **place, **slopes}
-    return {
-        "law": "differential",
-        **place,
-        "K": _quantity(law.constant, "N m^2/A^2"),
-        "bias": _quantity(law.bias, "A"),
-        "gap": _quantity(law.gap, "m"),
-        **_unusual(law, {"angle": "rad", "bias_difference": "A", "iron": "m", "saturation": "A/m"}),
-    }
-
-
-def _unusual(law: Differential | Flux, units: Mapping[str, str]) -> dict[str, str]:
-    """Write the constants, by their units, that are not what a law has by default."""
-    return {
-        name: _quantity(getattr(law, name), unit)
-        for name, unit in units.items()
+def _law(law: Linear | Differential | Flux, **sources: Any) -> dict[str, Any]:
+    """Write a law by its constants; what they are by default is left out."""
+    constants = {
+        name: _quantity(getattr(law, name), of.unit)
+        for name, of in law.stated.items()
         if getattr(law, name) != law.__dataclass_fields__[name].default
     }
+    poles = {"poles": law.poles} if isinstance(law, Flux) else {}
+    return {"law": type(law).__name__.lower(), **sources, **constants, **poles}
 
 
 def _combination(parts: Mapping[str, float]) -> str:
@@ -272,20 +250,12 @@ def _positions(rig: Rig) -> dict[str, Any]:
 
 def _known_parameters(rig: Rig) -> dict[str, Any]:
     """Return the parameters that multiply an input: no record of the rig alone gives them."""
-    exponents = rig.model.monomials
-    held = {
-        name
-        for term in rig.model.input_terms
-        for name, power in zip(
-            rig.model.parameter_names, exponents[term.monomial].tolist(), strict=True
-        )
-        if power
-    }
-    units = rig.model.parameter_units
+    model = rig.model
+    of_inputs = model.monomials[[term.monomial for term in model.input_terms]]
+    driving = np.asarray(of_inputs.any(axis=0), dtype=bool)
     return {
-        name: {"fixed": _quantity(rig.values[name], units[name])}
-        for name in rig.model.parameter_names
-        if name in held
+        name: {"fixed": _quantity(rig.values[name], model.parameter_units[name])}
+        for name in compress(model.parameter_names, driving)
     }
 
 

@@ -19,7 +19,7 @@ from rotorid.core.values import Floats, Integers
 from rotorid.force.laws import magnet_fluxes
 from rotorid.rig.machine import Schedule
 from rotorid.rig.parts import angle_and_speed
-from rotorid.rig.plant import Lags
+from rotorid.rig.plant import Lags, Plant
 
 
 class Events(NamedTuple):
@@ -72,18 +72,10 @@ class Bearings(NamedTuple):
 
 
 class RotorTable(NamedTuple):
-    """The equations of the rotor in arrays.
+    """The equations of the rotor, what random forces do to it, and how it turns."""
 
-    Accelerations as `plant.Plant`, and the rotation as `speed.Rotation`.
-    """
-
-    motion: Floats
-    load: Floats
-    harmonics: Integers
-    force: Floats
+    plant: Plant
     noise: Floats
-    centre: float
-    width: float
     rotation: Floats
     tolerance: float
     floor: Floats
@@ -95,14 +87,13 @@ class Loop(NamedTuple):
     error_at_control and error_at_log hold noise, bias and runout of each sensor, drawn and
     computed beforehand; where both clocks tick, the logger sees what the controller saw, unless
     it has a filter. cubic and heating bend and drift the readings; gain multiplies the
-    controller's answer at each step.
+    controller's answer at each step. B and D are over all sensors, fed back or not.
     """
 
     A: Floats
     B: Floats
     C: Floats
     D: Floats
-    reads: Integers
     quantum: Floats
     cubic: Floats
     heating: Floats
@@ -326,7 +317,8 @@ def integrate(
     room are room to work in.
     """
     # The arrays are taken out of their tables once: each access, or call, would count references.
-    motion, load, harmonics, per_force = rotor.motion, rotor.load, rotor.harmonics, rotor.force
+    plant = rotor.plant
+    motion, load, harmonics, per_force = plant.motion, plant.load, plant.harmonics, plant.force
     displacement, kind, width = bearings.displacement, bearings.kind, bearings.hysteresis
     lag, slew, rotation = bearings.time_constant, bearings.slew, rotor.rotation
     current, played, effective, force = room[0], room[1], room[2], room[3]
@@ -338,7 +330,7 @@ def integrate(
             c = _C[stage]
             _stage_point(y, stages, stage, h)
             angle, omega = _angle_and_speed(rotation, begin + done + c * h)
-            s = (omega - rotor.centre) / rotor.width
+            s = (omega - plant.centre) / plant.width
             _currents(lag, slew, coil, held, done + c * h, current)
             for j in range(len(current)):
                 played[j] = _played(iron[j], width[j], current[j])
@@ -412,20 +404,14 @@ def _control(loop: Any, step: int, reading: Any, memory: Any, scratch: Any, comm
     """
     command[:] = 0.0
     scratch[:] = 0.0
-    for j in range(len(command)):
-        for k in range(loop.C.shape[1]):
-            command[j] += loop.C[j, k] * memory[k]
-        for k in range(loop.D.shape[1]):
-            command[j] += loop.D[j, k] * reading[loop.reads[k]]
+    _add_product(loop.C, memory, command)
+    _add_product(loop.D, reading, command)
     gain = loop.gain[min(max(step, 0), len(loop.gain) - 1)]
     played = loop.excitation[step % len(loop.excitation)]
     for j in range(len(command)):
         command[j] = gain * command[j] + played[j]
-    for r in range(len(memory)):
-        for k in range(len(memory)):
-            scratch[r] += loop.A[r, k] * memory[k]
-        for k in range(loop.B.shape[1]):
-            scratch[r] += loop.B[r, k] * reading[loop.reads[k]]
+    _add_product(loop.A, memory, scratch)
+    _add_product(loop.B, reading, scratch)
     memory[:] = scratch
 
 
@@ -472,7 +458,7 @@ def room_of(
     events: Events, steps: Steps, bearings: Bearings, rotor: RotorTable, lags: Lags, loop: Loop
 ) -> tuple[Floats, ...]:
     """Return what `run` works on, in its order: a rig at rest, in the middle, without currents."""
-    n, inputs = rotor.force.shape
+    n, inputs = rotor.plant.force.shape
     states = 2 * n + len(lags.floor)
     x, moved = np.zeros((2, steps.state.shape[1]))
     held, newest, coil, iron = np.zeros((4, inputs))

@@ -22,6 +22,7 @@ from rotorid.rig.parts import (
     PositionSensor,
     ProcessNoise,
     Rotation,
+    check,
     check_rate,
 )
 from rotorid.rig.plant import Lags, Plant, build_lags, quarter_turn, rotor_plant
@@ -173,12 +174,7 @@ class RigMachine:
                 "match the sensors fed back and the inputs",
                 place="controller",
             )
-        for name in ("clearance", "tolerance", "delay", "settling"):
-            value = getattr(self, name)
-            if not (value >= 0 if name in ("delay", "settling") else value > 0):
-                raise InputError(
-                    f"{value}", "more than 0", "give a size, without a sign", place=name
-                )
+        check(self, positive=("clearance", "tolerance"), zero=("delay", "settling"))
 
     @cached_property
     def schedule(self) -> Schedule:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_positive
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Flux, Linear
@@ -31,9 +31,7 @@ def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...]
 
 
 def check_rate(rate: float, place: str) -> None:
-    if not (np.isfinite(rate) and rate > 0):
-        cure = "give how often its clock ticks in a second"
-        raise InputError(f"{rate} Hz", "more than 0 Hz", cure, place=place)
+    require_positive(rate, "Hz", "give how often its clock ticks in a second", place=place)
 
 
 def angle_and_speed(rotation: Any, time: Any) -> tuple[Any, Any]:
@@ -75,13 +73,9 @@ class Rotation:
                 raise InputError(
                     f"{value}", "a finite number", "give a number, or leave it out", place=name
                 )
-        if self.drift and self.drift_period <= 0:
-            raise InputError(
-                f"{self.drift_period}",
-                "more than 0 s",
-                "give the time in which the speed drifts to and fro",
-                place="drift_period",
-            )
+        if self.drift:
+            cure = "give the time in which the speed drifts to and fro"
+            require_positive(self.drift_period, "s", cure, place="drift_period")
 
     @property
     def constant(self) -> bool:

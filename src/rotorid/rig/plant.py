@@ -8,14 +8,12 @@ iron's hysteresis h, and linear states z, with z' such rows too.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial
 
 from rotorid.core.errors import ModelError
-from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.models.linear_form import LinearForm
 from rotorid.models.model import Model
@@ -25,8 +23,7 @@ _DEGREE = 4
 _ANGLES = 64
 
 
-@frozen
-class Plant:
+class Plant(NamedTuple):
     """A linear rotor whose matrices are polynomials of the speed.
 
     ``q'' = sum_d s^d (motion[d] [q; q'] + sum_h load[d, h] [cos h phi; sin h phi]) + force F``
@@ -48,8 +45,7 @@ class Plant:
     def at(self, speed: float) -> Plant:
         powers = ((speed - self.centre) / self.width) ** np.arange(len(self.motion))
         load_powers = ((speed - self.centre) / self.width) ** np.arange(len(self.load))
-        return replace(
-            self,
+        return self._replace(
             motion=np.tensordot(powers, self.motion, 1)[None],
             load=np.tensordot(load_powers, self.load, 1)[None],
         )
@@ -57,13 +53,13 @@ class Plant:
     def with_work(self, work: Floats) -> Plant:
         """Return the plant with other actuators: B, whose transpose is their displacement."""
         force = np.asarray(np.linalg.solve(self.mass, work), dtype=float)
-        return replace(self, force=force, displacement=np.ascontiguousarray(work.T))
+        return self._replace(force=force, displacement=np.ascontiguousarray(work.T))
 
     def with_stiffness(self, at_actuators: Floats) -> Plant:
         """Return the plant with a stiffness more, shape (input, input), at the actuators."""
         motion = self.motion.copy()
         motion[0, :, : len(self.mass)] -= self.force @ at_actuators @ self.displacement
-        return replace(self, motion=motion)
+        return self._replace(motion=motion)
 
 
 def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) -> Plant:
@@ -152,7 +148,7 @@ def _work_displacement(mass: Floats, B: Floats) -> Floats:
             "each equation the balance of the forces that do work on its coordinate",
             "order and scale the equations so",
         )
-    return B.T
+    return np.ascontiguousarray(B.T)
 
 
 def _load_harmonics(

@@ -275,7 +275,7 @@ def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
         lagging=np.flatnonzero(lag > 0),
         slew=np.array([part.slew for part in parts]),
         hysteresis=np.array([part.hysteresis for part in parts]),
-        displacement=np.ascontiguousarray(plant.displacement),
+        displacement=plant.displacement,
         clearance=np.array(
             [rig.clearance if m is None else min(rig.clearance, m.reach) for m in pairs_of]
         ),
@@ -286,19 +286,8 @@ def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
 
 
 def rotor_table(rig: RigMachine, plant: Plant) -> RotorTable:
-    n = len(plant.force)
-    return RotorTable(
-        motion=np.ascontiguousarray(plant.motion),
-        load=np.ascontiguousarray(plant.load),
-        harmonics=plant.harmonics,
-        force=np.ascontiguousarray(plant.force),
-        noise=noise_matrix(rig, plant),
-        centre=plant.centre,
-        width=plant.width,
-        rotation=rig.rotation.numbers,
-        tolerance=rig.tolerance,
-        floor=np.repeat([_POSITION_FLOOR, _VELOCITY_FLOOR], n),
-    )
+    floor = np.repeat([_POSITION_FLOOR, _VELOCITY_FLOOR], len(plant.force))
+    return RotorTable(plant, noise_matrix(rig, plant), rig.rotation.numbers, rig.tolerance, floor)
 
 
 def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Generator) -> Loop:
@@ -315,9 +304,12 @@ def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Gen
     known = [part.size(middle) for part in rig.disturbances]
     recorded = control_time[control_time > -rig.controller.period / 2]
     gain = np.ones(1) if rig.gain is None else rig.gain(recorded)
+    controller, fed_back = rig.controller, np.eye(len(rig.sensors))[rig.fed_back]
     return Loop(
-        **{name: getattr(rig.controller, name) for name in "ABCD"},
-        reads=rig.fed_back,
+        A=controller.A,
+        B=controller.B @ fed_back,
+        C=controller.C,
+        D=controller.D @ fed_back,
         quantum=np.array([sensor.quantum for sensor in rig.sensors]),
         cubic=np.array([sensor.cubic for sensor in rig.sensors]),
         heating=np.array([sensor.heating for sensor in rig.sensors]),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming
+from rotorid.core.errors import InputError, naming, require_positive
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
@@ -239,13 +239,8 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
         )
     exact, source = float(samples or 0), ""
     if fundamental is not None:
-        if not 0 < fundamental < math.inf:
-            raise InputError(
-                f"a fundamental of {fundamental} Hz",
-                "more than 0 Hz",
-                "set fundamental to the repetition frequency",
-                place=key,
-            )
+        cure = "set fundamental to the repetition frequency"
+        require_positive(fundamental, "Hz", cure, found="a fundamental of {}", place=key)
         exact, source = rate / fundamental, f" ({rate:g} / {fundamental:g} Hz)"
     size = round(exact) if math.isfinite(exact) else 0
     if not math.isfinite(exact) or abs(exact - size) > 1e-6 * abs(exact):

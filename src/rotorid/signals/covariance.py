@@ -58,7 +58,7 @@ def white_covariance(spectra: Complexes) -> LineCovariance:
     ``C_k = sum_p (z_kp - z_k)(z_kp - z_k)^H / (P (P - 1))``, right where the noise of one period
     is independent of that of the next; P - 1 degrees of freedom.
     """
-    periods = _periods(spectra, 2)
+    periods = _periods(spectra)
     scatter = np.moveaxis(spectra - spectra.mean(axis=0), 0, -1)
     matrices = scatter @ scatter.conj().swapaxes(-1, -2) / (periods * (periods - 1))
     return LineCovariance(matrices, periods - 1, "white")
@@ -73,7 +73,7 @@ def correlated_covariance(spectra: Complexes, neighbours: int | None = None) -> 
     holds a term that cancels in the mean. 2 m degrees of freedom, P - 1 where m is half the
     periods; m, `neighbours`, is a twelfth of the periods where it is not given.
     """
-    periods = _periods(spectra, 2)
+    periods = _periods(spectra)
     m = max(1, round(periods / 12)) if neighbours is None else neighbours
     offsets = [j % periods for j in (*range(-m, 0), *range(1, m + 1))]
     distinct = sorted(set(offsets) - {0})
@@ -120,8 +120,7 @@ def choose_covariance(spectra: Complexes, residual: Complexes) -> LineCovariance
     return correlated_covariance(spectra) if is_correlated(residual) else white_covariance(spectra)
 
 
-def _periods(spectra: Complexes, least: int) -> int:
-    periods = int(spectra.shape[0])
-    if periods < least:
-        raise InputError(f"{periods} periods", f"{least} or more", "record longer")
-    return periods
+def _periods(spectra: Complexes) -> int:
+    if len(spectra) < 2:
+        raise InputError(f"{len(spectra)} periods", "2 or more", "record longer")
+    return len(spectra)

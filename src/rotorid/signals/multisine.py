@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_positive
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 
@@ -41,13 +41,8 @@ class Multisine:
                 "give each harmonic its row and each signal its column",
                 place="amplitudes",
             )
-        if not (np.isfinite(self.fundamental) and self.fundamental > 0):
-            raise InputError(
-                f"{self.fundamental} Hz",
-                "more than 0 Hz",
-                "give the rate at which the signal repeats",
-                place="fundamental",
-            )
+        cure = "give the rate at which the signal repeats"
+        require_positive(self.fundamental, "Hz", cure, place="fundamental")
 
     def samples(self, sample_rate: float) -> Floats:
         """Return one period, shape (sample, signal); the rate is a multiple of the fundamental."""

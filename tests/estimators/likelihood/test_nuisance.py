@@ -520,7 +520,7 @@ def test_channels_carry_their_dynamics():
 
 MODEL = load_model("jeffcott")
 TRUTH = {"m": 2.0, "c": 60.0, "k": 4e5, "xi": 0.0, "zeta": 0.0}
-MAGNET = Differential(constant=4e-6, bias=2.0, gap=4e-4)
+MAGNET = Differential(K=4e-6, bias=2.0, gap=4e-4)
 RATE, F0, PERIODS, SIZE = 5000.0, 10.0, 20, 500
 LINES = np.array([1, 3, 5, 7, 9, 11, 15, 19, 23])
 
@@ -559,18 +559,17 @@ def periods(
 STILL = {"xi": 0.0, "zeta": 0.0}
 
 
-UNKNOWN_LAW = {"gap": 4.2e-4, "bias": 1.9, "constant": 4.3e-6}
+UNKNOWN_LAW = {"gap": 4.2e-4, "bias": 1.9, "K": 4.3e-6}
 
 
 @pytest.mark.parametrize("name", UNKNOWN_LAW)
 def test_an_unknown_constant_is_found(name: str) -> None:
     """From 5 % off, within its deviations, common to both axes; the mass gives the scale."""
     law = replace(MAGNET, **{name: UNKNOWN_LAW[name]}, std={name: np.inf})
-    label = {"constant": "K"}.get(name, name)
     found = identify(
         MODEL, periods(law, {name: "magnets"}), MaximumLikelihood(fixed={"m": TRUTH["m"], **STILL})
     )
-    value = next(v for v in found.nuisance if v.name == f"{label}[magnets]")
+    value = next(v for v in found.nuisance if v.name == f"{name}[magnets]")
     truth = getattr(MAGNET, name)
     assert found.status == "ok"
     assert value.std < 2e-3 * truth

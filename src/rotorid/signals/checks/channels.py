@@ -224,7 +224,7 @@ def _last_digit(channel: Channel, level: float, step: float) -> Note:
 
 
 @whole_check("copied")
-@record_check("copied", "no two channels are the same", lambda seen: seen.periods is None)
+@record_check("copied", "no two channels are the same", needs=lambda seen: seen.periods is None)
 def _copied(seen: Seen) -> Iterator[Note]:
     """Tell of copies; of what is fitted whole none is refused: without noise sensors are alike."""
     part = seen.part

@@ -531,7 +531,7 @@ _MOST = 1 << 15  # samples looked at
 @record_check(
     "multiple period",
     "the record repeats after one period",
-    lambda seen: seen.periods is not None and seen.untorn,
+    needs=lambda seen: seen.periods is not None and seen.untorn,
 )
 def check_multiple(seen: Seen) -> list[Note]:
     record, periods = seen.record, seen.periods

@@ -12,7 +12,7 @@ import pkgutil
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from importlib import import_module
 from typing import Any, TypeVar
 
@@ -41,25 +41,11 @@ class _Check:
 _ENTERED: defaultdict[str, dict[str, _Check]] = defaultdict(dict)
 
 
-def period_check(name: str, in_order: str, *unless: str) -> Callable[[F], F]:
-    return _entering("periods", name, in_order, unless)
-
-
-def record_check(
-    name: str, in_order: str, needs: Callable[[Seen], bool] = lambda seen: True
-) -> Callable[[F], F]:
-    return _entering("record", name, in_order, needs=needs)
-
-
-def whole_check(name: str) -> Callable[[F], F]:
-    return _entering("whole", name, "")
-
-
 def _entering(
     of: str,
     name: str,
-    in_order: str,
-    unless: tuple[str, ...] = (),
+    in_order: str = "",
+    *unless: str,
     needs: Callable[[Any], bool] = lambda seen: True,
 ) -> Callable[[F], F]:
     def entered(function: F) -> F:
@@ -67,6 +53,11 @@ def _entering(
         return function
 
     return entered
+
+
+period_check = partial(_entering, "periods")
+record_check = partial(_entering, "record")
+whole_check = partial(_entering, "whole")
 
 
 @cache

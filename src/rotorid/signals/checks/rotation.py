@@ -290,7 +290,7 @@ def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
     ]
 
 
-@record_check("speed", "no line contradicts the speed", lambda seen: seen.untorn)
+@record_check("speed", "no line contradicts the speed", needs=lambda seen: seen.untorn)
 def check_speed(seen: Seen) -> list[Note]:
     """Hold the speed against the tones of the sensors, the excitation taken away with periods."""
     record, periods = seen.record, seen.periods
