@@ -25,9 +25,9 @@ def sensor_rank(reads: Floats) -> int:
     return int((values > SENSORS * values[0]).sum())
 
 
-def column_lengths(matrix: Floats) -> Floats:
+def column_lengths(matrix: Floats | Complexes) -> Floats:
     """Return the length of each column to divide it by: 1 of a column that is zero."""
-    length = np.sqrt((matrix**2).sum(axis=0))
+    length = np.sqrt((np.abs(matrix) ** 2).sum(axis=0))
     return np.where(length > 0, length, 1.0)
 
 

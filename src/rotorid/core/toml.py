@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from codecs import BOM_UTF8
+from importlib.resources import files
 from pathlib import Path
 from reprlib import Repr
 from typing import Any, TypeVar
@@ -81,6 +83,27 @@ def read_bytes(path: str | Path) -> bytes:
     """Read a file written by hand."""
     cure = "check that this is the right file"
     return read_regular(path, TOML_BYTES, "a TOML file written by hand", cure)
+
+
+def shipped(package: str) -> tuple[str, ...]:
+    """Return the names of the TOML files in the library of a package."""
+    every = (path.name for path in files(package).joinpath("library").iterdir())
+    return tuple(sorted(name.removesuffix(".toml") for name in every if name.endswith(".toml")))
+
+
+def read_named(
+    name: str | Path, package: str, what: str, cure: str, folder: str | Path = "."
+) -> tuple[bytes, str, Path]:
+    """Read a file that is shipped by its name, or another by its path; and return both."""
+    text, known = str(name), shipped(package)
+    if text in known:
+        resource = files(package).joinpath("library", f"{text}.toml")
+        return resource.read_bytes(), text, Path(f"{text}.toml")
+    path = Path(folder) / name
+    if not path.suffix and not os.path.exists(path):  # pathlib's raises where the name is too long
+        expected = f"one of {', '.join(known)}, or the path of a {what} file"
+        raise ReadError(f"no {what} {text[:60]!r}", expected, cure)
+    return read_bytes(path), path.stem, path
 
 
 def parse_toml(

@@ -16,6 +16,7 @@ from itertools import islice
 import numpy as np
 
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import column_lengths
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats
 from rotorid.models.equations import Product
@@ -101,8 +102,7 @@ def _suspects(signals: Sequence[Expression]) -> list[Expression]:
     matrix = matrix[(np.abs(matrix) < MAX_VALUE).all(axis=1)]
     if len(matrix) < 2 * len(signals):
         return list(signals)
-    length = np.linalg.norm(matrix, axis=0)
-    _, singular, directions = np.linalg.svd(matrix / np.where(length > 0, length, 1.0))
+    _, singular, directions = np.linalg.svd(matrix / column_lengths(matrix))
     null = directions[: len(singular)][singular < 1e-8 * singular[0]]
     return [
         s for s, direction in zip(signals, null.T, strict=True) if (abs(direction) > 1e-7).any()

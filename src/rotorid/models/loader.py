@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from rotorid.core.errors import ModelError, ReadError, naming
-from rotorid.core.toml import Schema, parse_toml, read_bytes, table_within
+from rotorid.core.errors import ModelError, naming
+from rotorid.core.toml import Schema, parse_toml, read_named, shipped, table_within
 from rotorid.core.units import check_unit
 from rotorid.models.equations import MAX_NAMES, check_names, split_equations
 from rotorid.models.expressions import RESERVED, symbol
 from rotorid.models.linear_form import runs_by_time
 from rotorid.models.model import DeclaredParameter, Model
+
+LIBRARY = "rotorid.models"
 
 
 class ModelFile(Schema):
@@ -47,10 +47,7 @@ def shipped_models() -> tuple[str, ...]:
     >>> shipped_models()
     ('emps', 'flexible', 'jeffcott', 'rigid', 'three-mass')
     """
-    library = files("rotorid.models").joinpath("library")
-    return tuple(
-        sorted(p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml"))
-    )
+    return shipped(LIBRARY)
 
 
 def load_model(name: str | Path, *, folder: str | Path = ".") -> Model:
@@ -79,18 +76,9 @@ def load_model(name: str | Path, *, folder: str | Path = ".") -> Model:
     >>> load_model("three-mass").coordinates
     ('x1', 'y1', 'x2', 'y2', 'theta_x', 'theta_y', 'x3', 'y3')
     """
-    text = str(name)
-    if text in shipped_models():
-        resource = files("rotorid.models").joinpath("library").joinpath(f"{text}.toml")
-        return parse_model(resource.read_bytes(), name=text, file=f"{text}.toml")
-    path = Path(folder) / name
-    if not path.suffix and not os.path.exists(path):  # pathlib's raises where the name is too long
-        raise ReadError(
-            f"no model {text[:60]!r}",
-            f"one of {', '.join(shipped_models())}, or the path of a model file",
-            "list the models with rotorid models, or give a path ending in .toml",
-        )
-    return parse_model(read_bytes(path), name=path.stem, file=str(path))
+    cure = "list the models with rotorid models, or give a path ending in .toml"
+    data, found, path = read_named(name, LIBRARY, "model", cure, folder)
+    return parse_model(data, name=found, file=str(path))
 
 
 def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Model:

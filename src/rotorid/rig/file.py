@@ -6,9 +6,8 @@ read; those in a unit that the model or the actuator knows, when the rig is buil
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,9 +15,9 @@ import numpy as np
 from pydantic import BeforeValidator, Field, StrictInt
 from scipy import signal
 
-from rotorid.core.errors import InputError, ReadError, naming, require_names
+from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.toml import Schema, parse_toml, read_bytes
+from rotorid.core.toml import Schema, parse_toml, read_named, shipped
 from rotorid.core.units import to_si
 from rotorid.data.record import Channel
 from rotorid.force.entry import LawEntry, law_keys
@@ -64,10 +63,7 @@ Metres = Annotated[float, _quantity("m")]
 Speed = Annotated[float, _quantity("rad/s")]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Quantity = str | int | float  # in a unit that the model, or the actuator, knows
-
-
-def _require(name: str, known: Iterable[str], place: str) -> None:
-    require_names([name], known, place=place)
+LIBRARY = "rotorid.rig"
 
 
 class RotationEntry(Schema):
@@ -268,7 +264,7 @@ class SensorEntry(Schema):
     def build(self, name: str, model: Model) -> PositionSensor:
         place, reads = f"sensors.{name}", None
         if self.reads is None:
-            _require(name, model.coordinates, "sensors")
+            require_names([name], model.coordinates, place="sensors")
         else:
             reads = linear_combination(self.reads, model.coordinates, place=f"{place}.reads")
         unit = sensor_unit(reads or [name], model.units)
@@ -447,8 +443,8 @@ class RigFile(Schema):
     def _values(self, model: Model) -> dict[str, float]:
         units = model.parameter_units
         known = {**model.nominal}
+        require_names(self.parameters, units, place="parameters")
         for name, quantity in self.parameters.items():
-            _require(name, units, "parameters")
             known[name] = to_si(quantity, units[name], place=f"parameters.{name}")
         missing = [name for name in units if name not in known]
         if missing:
@@ -462,8 +458,10 @@ class RigFile(Schema):
 
     def _process_noise(self, model: Model) -> ProcessNoise:
         std = {}
+        require_names(
+            self.process_noise, (*model.inputs, *model.coordinates), place="process_noise"
+        )
         for name, quantity in self.process_noise.items():
-            _require(name, (*model.inputs, *model.coordinates), "process_noise")
             angle = model.units[name] == "rad"
             unit = "N m" if angle else model.units[name] if name in model.inputs else "N"
             std[name] = to_si(quantity, unit, place=f"process_noise.{name}")
@@ -509,10 +507,7 @@ def shipped_rigs() -> tuple[str, ...]:
     >>> shipped_rigs()
     ('flexible', 'rigid', 'three-mass')
     """
-    library = files("rotorid.rig").joinpath("library")
-    return tuple(
-        sorted(p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml"))
-    )
+    return shipped(LIBRARY)
 
 
 def load_rig(name: str | Path) -> RigPlan:
@@ -539,19 +534,9 @@ def load_rig(name: str | Path) -> RigPlan:
     >>> load_rig("three-mass").rig.model.inputs
     ('F_x1', 'F_y1', 'F_x3', 'F_y3')
     """
-    text = str(name)
-    if text in shipped_rigs():
-        resource = files("rotorid.rig").joinpath("library").joinpath(f"{text}.toml")
-        return parse_rig(resource.read_bytes(), name=text, file=f"{text}.toml")
-    path = Path(name)
-    if not path.suffix and not path.exists():
-        raise ReadError(
-            f"no rig {text[:60]!r}",
-            f"one of {', '.join(shipped_rigs())}, or the path of a rig file",
-            "take a name from there, or give a path ending in .toml",
-        )
-    data = read_bytes(path)
-    return parse_rig(data, name=path.stem, file=text, folder=path.parent)
+    cure = "take a name from there, or give a path ending in .toml"
+    data, found, path = read_named(name, LIBRARY, "rig", cure)
+    return parse_rig(data, name=found, file=str(path), folder=path.parent)
 
 
 def parse_rig(

@@ -158,7 +158,7 @@ def _require_steady(angle: Floats, sample_rate: float, step: float) -> None:
 
 
 def pulse_edges(
-    samples: ArrayLike, sample_rate: float, *, threshold: float | None = None, source: str = ""
+    samples: ArrayLike, sample_rate: float, *, source: str = ""
 ) -> tuple[Floats, Floats]:
     """Return the times at which pulses rise, and half the time that each leaves open, in s.
 
@@ -177,7 +177,7 @@ def pulse_edges(
         raise InputError(
             "a column without a pulse", "one pulse per revolution", "name another", file=source
         )
-    level = (low + high) / 2 if threshold is None else threshold
+    level = (low + high) / 2
     # Noise on a flank crosses the threshold again: a pulse counts once it has been low.
     above, armed = raw >= level, raw < level - 0.2 * (high - low)
     state = np.zeros(len(raw), dtype=bool)

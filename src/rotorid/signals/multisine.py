@@ -105,12 +105,12 @@ def _fine(harmonics: Integers) -> int:
     return int(2 ** np.ceil(np.log2(32 * harmonics[-1])))
 
 
-def odd_harmonics(highest: int, lowest: int = 1) -> Integers:
-    return np.arange(lowest + (lowest + 1) % 2, highest + 1, 2, dtype=np.int64)
+def odd_harmonics(highest: int) -> Integers:
+    return np.arange(1, highest + 1, 2, dtype=np.int64)
 
 
-def full_harmonics(highest: int, lowest: int = 1) -> Integers:
-    return np.arange(lowest, highest + 1, dtype=np.int64)
+def full_harmonics(highest: int) -> Integers:
+    return np.arange(1, highest + 1, dtype=np.int64)
 
 
 def leave_out(harmonics: ArrayLike, group: int, rng: np.random.Generator) -> Integers:

@@ -286,9 +286,9 @@ def check_silent(periods: PeriodicRecord) -> list[Note]:
     return found
 
 
-def _listed(values: Floats, most: int = 6) -> str:
-    shown = ", ".join(f"{v:g}" for v in values[:most])
-    return shown + (f" and {len(values) - most} more" if len(values) > most else "")
+def _listed(values: Floats) -> str:
+    shown = ", ".join(f"{v:g}" for v in values[:6])
+    return shown + (f" and {len(values) - 6} more" if len(values) > 6 else "")
 
 
 # What shifts or settles leaves other traces too: they are told once.

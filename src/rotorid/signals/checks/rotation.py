@@ -17,6 +17,7 @@ import scipy
 
 from rotorid.core.distributions import median
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady, unread
@@ -454,8 +455,7 @@ def _left(lines: Complexes, design: Complexes, window: Integers, place: float) -
     """Return the logarithm of what a tone at a place leaves, summed over the channels."""
     tone = np.where(window % 2, -1.0, 1.0) * np.sinc(window - place)
     columns = np.column_stack([design, tone])
-    size = np.sqrt((np.abs(columns) ** 2).sum(axis=0))
-    basis, _ = np.linalg.qr(columns / np.where(size > 0, size, 1.0))
+    basis, _ = np.linalg.qr(columns / column_lengths(columns))
     left = lines - basis @ (basis.conj().T @ lines)
     return float(np.log(np.maximum((np.abs(left) ** 2).sum(axis=0), 1e-300)).sum())
 
