@@ -382,7 +382,7 @@ def test_what_no_current_gives_is_given_by_the_most() -> None:
     ],
 )  # fmt: skip
 def test_another_constant_is_another_law(name: str, change: float) -> None:
-    other = replace(WITH_IRON, **{name: getattr(WITH_IRON, key) + change})
+    other = replace(WITH_IRON, **{name: getattr(WITH_IRON, name) + change})
     found = WITH_IRON.changed(CURRENT, POSITION, {name: change})
     np.testing.assert_allclose(found, other.force(CURRENT, POSITION), rtol=1e-13)
 
