@@ -99,7 +99,7 @@ def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
     )
     case = SimpleNamespace(prepared=SimpleNamespace(layout=layout))
     order = (0, 1) if way == 1j else (1, 0)
-    assert trial_leads.trials(case) == ([(1, *order)] if found else [])
+    assert list(trial_leads.trials(case)) == ([(1, *order)] if found else [])
 
 
 @pytest.mark.parametrize("table", [True, False])

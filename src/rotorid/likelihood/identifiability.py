@@ -149,15 +149,14 @@ def _exponents(relative: Floats) -> list[Fraction] | None:
     return None
 
 
-def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> list[Value]:
-    """Return what is determined of the members: ratios where they scale, differences elsewhere.
+def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> Iterator[Value]:
+    """Yield what is determined of the members: ratios where they scale, differences elsewhere.
 
     Each member but the first of its combination gives one quantity that the move along all open
     directions leaves as it is.
     """
     layout, unknowns, covariance = fit.layout, fit.solution.point.unknowns, fit.covariance
     firsts = {c.names[0] for c in combinations}
-    found = []
     for name in dict.fromkeys(n for c in combinations for n in c.names if n not in firsts):
         involved = [(c, c.names.index(name)) for c in combinations if name in c.names]
         slopes = {c.names[0]: c.slopes[k] for c, k in involved}
@@ -168,7 +167,7 @@ def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> li
         if any(c.exponents is None for c, _ in involved):
             signed = (f" {'-' if s > 0 else '+'} {abs(s):.6g}*{n}" for n, s in slopes.items())
             text = "".join([name, *signed])
-            found.append(Value(text, own, float(gradient @ unknowns), spread))
+            yield Value(text, own, float(gradient @ unknowns), spread)
             continue
         powers = {c.names[0]: -c.exponents[k] / c.exponents[0] for c, k in involved if c.exponents}
         places = {n: layout.index[n] for n in powers}
@@ -178,8 +177,7 @@ def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> li
         unit = multiply_units([(own, 1), *factors]) if whole else ""
         value = float(unknowns[layout.index[name]]) * factor
         text = _power_text({name: Fraction(1), **powers})
-        found.append(Value(text, unit, value, spread * abs(factor)))
-    return found
+        yield Value(text, unit, value, spread * abs(factor))
 
 
 def _power_text(powers: dict[str, Fraction]) -> str:
@@ -242,30 +240,28 @@ def _fixing(combinations: Sequence[Combination]) -> str:
     return f"fix {len(combinations)} of them, such as {firsts}"
 
 
-def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
+def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> Iterator[str]:
     """Say which natural frequencies are missing, where they are all that was measured."""
     modes = fit.problem.known.modes
     if fit.records or not len(modes):
-        return []
+        return
     unknowns = fit.layout.unknowns
     held = [
         {unknowns[i].name: v for i, v in each.pencil.held.items()} for each in modes.configurations
     ]
     members = {name for combination in combinations for name in combination.names}
-    found = []
     for name in sorted(name for name in members if all(name in each for each in held)):
         said = " and ".join(dict.fromkeys(f"{each[name]:g}" for each in held))
-        found.append(
+        yield (
             f"natural frequencies with {name} as it is in service: all that were measured are "
             f"with {name} = {said} {unknowns[fit.layout.index[name]].unit}"
         )
     missing = len(fit.layout.free) - len(fit.problem.known)
     if missing > 0:
-        found.append(
+        yield (
             f"at least {missing} more measured in [[modes]], frequencies or damping ratios: "
             f"{len(fit.problem.known)} for {len(fit.layout.free)} unknowns are too few"
         )
-    return found
 
 
 def _total_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:

@@ -527,8 +527,8 @@ def _cure(problem: Problem, doubtful: Container[str]) -> str:
 
 
 def _turned(problem: Problem, column: int) -> Problem:
-    turned = []
-    for likelihood in problem.likelihoods:
-        signs = np.where(np.arange(likelihood.data.shape[1]) == column, -1.0, 1.0)
-        turned.append(replace(likelihood, data=signs * likelihood.data))
+    turned = (
+        replace(at, data=at.data * np.where(np.arange(at.data.shape[1]) == column, -1.0, 1.0))
+        for at in problem.likelihoods
+    )
     return replace(problem, likelihoods=tuple(turned))

@@ -469,11 +469,11 @@ def _moved_masses(case: Case) -> Iterator[Rival]:
         )
 
 
-def trials(case: Case) -> list[tuple[int, int, int]]:
-    """Return the unbalances that records state: which record, and the unknowns of both parts."""
-    layout, found = case.prepared.layout, list[tuple[int, int, int]]()
+def trials(case: Case) -> Iterator[tuple[int, int, int]]:
+    """Yield the unbalances that records state: which record, and the unknowns of both parts."""
+    layout = case.prepared.layout
     if layout.base:
-        return found
+        return
     parameters = {effect.parameter for _, effect, _ in layout.replaced}
     turns = _columns(case, parameters & layout.load_only())
     for (record, one, i), (its, other, j) in combinations(layout.replaced, 2):
@@ -485,8 +485,7 @@ def trials(case: Case) -> list[tuple[int, int, int]]:
             continue
         for pair, off in (((i, j), b - 1j * a), ((j, i), b + 1j * a)):
             if (np.abs(off) <= QUARTER * np.abs(a).max()).all():
-                found.append((record, *pair))
-    return found
+                yield record, *pair
 
 
 def _columns(case: Case, parameters: set[int]) -> dict[int, Complexes]:

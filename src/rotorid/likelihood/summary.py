@@ -188,11 +188,8 @@ def _mixed(fit: Fit) -> Iterator[Note]:
 
 
 def _on_misfit(fit: Fit) -> Iterator[Note]:
-    p_value, cost, expected = (
-        fit.inference.p_value,
-        fit.inference.cost,
-        fit.inference.expectation.mean,
-    )
+    inference = fit.inference
+    p_value, cost, expected = inference.p_value, inference.cost, inference.expectation.mean
     kinds = {record.lines.covariance.kind for record in fit.records}
     if p_value < REJECTED:
         text = (

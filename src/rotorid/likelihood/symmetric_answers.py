@@ -136,19 +136,17 @@ class Mirrors:
         images = [(self._image(solution, each), each) for each in (*turns, *self.exchanges)]
         return [(self.as_started(x) if each.pairs else x, each) for x, each in images if x]
 
-    def notes(self, solution: Solution, inference: Inference) -> list[Note]:
+    def notes(self, solution: Solution, inference: Inference) -> Iterator[Note]:
         """Say of which parameters no record tells the sign."""
         free, x = self.layout.free, solution.point.unknowns
         std = np.zeros(len(x))
         std[free] = inference.std
         std[free[inference.linear.undetermined]] = np.inf
-        found = []
         for turn in self.turns:
             where = turn.turned
             apart = (2 * np.abs(x[where]) > APART * std[where]).all()
             if turn.coordinates and apart and self._image(solution, turn) is not None:
-                found.append(_told(self.layout, turn))
-        return found
+                yield _told(self.layout, turn)
 
     def _agreement(self, values: Floats) -> Callable[[Symmetry], float]:
         """Return by how many signs more than as it stands each turn has those of the start."""

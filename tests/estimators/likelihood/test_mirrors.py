@@ -446,9 +446,9 @@ def test_a_sign_within_its_deviation_is_not_told(overhung):
             std=np.full(count, 3e4 / deviations),
             linear=SimpleNamespace(undetermined=np.zeros(count, dtype=bool)),
         )
-        assert len(found.notes(solution, inference)) == told
+        assert len(list(found.notes(solution, inference))) == told
     inference.linear.undetermined[:] = True
-    assert found.notes(solution, inference) == []
+    assert not list(found.notes(solution, inference))
 
 
 def test_an_image_is_settled_only_where_it_costs_something_else(overhung, monkeypatch):
