@@ -145,8 +145,19 @@ class Mirrors:
         for turn in self.turns:
             where = turn.turned
             apart = (2 * np.abs(x[where]) > APART * std[where]).all()
-            if turn.coordinates and apart and self._image(solution, turn) is not None:
-                yield _told(self.layout, turn)
+            if not turn.coordinates or not apart or self._image(solution, turn) is None:
+                continue
+            names = tuple(self.layout.unknowns[i].name for i in where)
+            text = "no record tells the sign of {}: that of its start is taken"
+            if len(names) > 1:
+                text = (
+                    "no record tells the signs of {}, which turn together: those of their starts "
+                    "are taken"
+                )
+            sensors = [q for q in self.layout.model.measurable if q in turn.coordinates[0]]
+            cure = f"a sensor of {' or '.join(sensors)} would tell; " if sensors else ""
+            cure += "where physics tells, positive = true in the model says so"
+            yield Note("sign", "doubts", text.format(_listed(names)), cure, on=names)
 
     def _agreement(self, values: Floats) -> Callable[[Symmetry], float]:
         """Return by how many signs more than as it stands each turn has those of the start."""
@@ -164,7 +175,8 @@ class Mirrors:
         """Return the mirror image of an answer, where what else is known allows it."""
         point = solution.point
         problem, x = point.problem, change.of(point.unknowns)
-        if len(outside(problem.bounds, x)) or _broken(problem.exact, x):
+        broken = np.abs(problem.exact.values(x)) > SAME * problem.exact.sizes(x)
+        if len(outside(problem.bounds, x)) or broken.any():
             return None
         image = problem.at(x)
         above = image.cost - point.cost
@@ -178,10 +190,6 @@ class Mirrors:
         except np.linalg.LinAlgError:
             return None
         return replace(settled, trail=trail) if settled.point.cost <= point.cost + CLOSE else None
-
-
-def _broken(exact: Relations, unknowns: Floats) -> bool:
-    return bool((np.abs(exact.values(unknowns)) > SAME * exact.sizes(unknowns)).any())
 
 
 def _links(
@@ -349,17 +357,6 @@ def _exchanges(
         ]
         found.append(Symmetry(tuple(places[:count]), factors[:count], tuple(dict.fromkeys(pairs))))
     return tuple(found)
-
-
-def _told(layout: Layout, turn: Symmetry) -> Note:
-    names = tuple(layout.unknowns[i].name for i in turn.turned)
-    sensors = [q for q in layout.model.measurable if q in turn.coordinates[0]]
-    one = "no record tells the sign of {}: that of its start is taken"
-    more = "no record tells the signs of {}, which turn together: those of their starts are taken"
-    cures = [f"a sensor of {' or '.join(sensors)} would tell"] if sensors else []
-    cures.append("where physics tells, positive = true in the model says so")
-    text = (more if names[1:] else one).format(_listed(names))
-    return Note("sign", "doubts", text, "; ".join(cures), on=names)
 
 
 def _listed(names: Sequence[str]) -> str:
