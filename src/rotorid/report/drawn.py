@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rotorid.core.frozen import frozen
 
 Floats = NDArray[np.float64]
+Source = Any  # what is drawn: records, answers and rotors, whose types lie above
 
 GREY = "#80868b"
 BLUE, SKY, GREEN, RED, PINK = "#0072b2", "#56b4e9", "#009e73", "#d55e00", "#cc79a7"
@@ -92,11 +93,6 @@ def shown_unit(unit: str) -> tuple[str, float]:
     return {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}.get(unit, (label(unit, 12) or "1", 1.0))
 
 
-def time_unit(longest: float) -> tuple[str, float]:
-    """Return the title of an axis of time, and the factor from s."""
-    return ("time in s", 1.0) if longest > 1 else ("time in ms", 1e3)
-
-
 def thinned(panel: Panel, most: int) -> Panel:
     return replace(panel, curves=tuple(_thinned(curve, most) for curve in panel.curves))
 
@@ -134,9 +130,6 @@ def envelope(values: Floats, most: int) -> tuple[Floats, Floats, int]:
     return blocks.min(axis=1), blocks.max(axis=1), size
 
 
-Balance = Any  # lies above
-Loops = Sequence[Any]  # of AxisSensitivity
-
 GMM = 1e6  # g mm in a kg m
 ROUND = 121
 """Points of a circle."""
@@ -146,7 +139,7 @@ ROOM = 1.25
 """How much wider a plane is drawn than what stands in it."""
 
 
-def corrections(found: Balance) -> list[Panel]:
+def corrections(found: Source) -> list[Panel]:
     pairs = zip(found.corrections, found.residual, strict=True)
     return [_plane(one, left) for one, left in list(pairs)[:MOST_PANELS]]
 
@@ -182,7 +175,7 @@ def _plane(one: Any, left: Any) -> Panel:
     )
 
 
-def loops(found: Loops, limits: dict[str, float]) -> list[Panel]:
+def loops(found: Sequence[Source], limits: dict[str, float]) -> list[Panel]:
     return [_loop(one, limits) for one in found[:MOST_PANELS]]
 
 
@@ -211,8 +204,6 @@ def _band(x: Floats, size: Floats, std: Floats, told: str) -> Curve:
     return Curve(x, size + TWO * std, told, BLUE, "band", base=low)
 
 
-Shown = Any  # a RecordEvidence, which lies above
-
 MOST_DOTS = 60
 """Lines up to which each is a dot."""
 NOISE_BAND = 2.0
@@ -225,15 +216,15 @@ RPM = 30 / np.pi
 HERTZ = Axis("frequency in Hz")
 
 
-def waves(record: Shown) -> list[Panel]:
+def waves(record: Source) -> list[Panel]:
     return _over_time(record, wave)
 
 
-def _over_time(record: Shown, draw: Callable[[Any, Floats, str], Panel]) -> list[Panel]:
+def _over_time(record: Source, draw: Callable[[Any, Floats, str], Panel]) -> list[Panel]:
     time = np.asarray(record.time_s, dtype=float)
     if not len(time):
         return []
-    title, stretch = time_unit(float(time[-1]))
+    title, stretch = ("time in s", 1.0) if time[-1] > 1 else ("time in ms", 1e3)
     shown = [c for c in record.channels if len(c.wave_measured) and len(c.wave_predicted)]
     return [draw(c, stretch * time, title) for c in shown[:MOST_PANELS]]
 
@@ -262,7 +253,7 @@ def _noise_band(
     return (Curve(time, about + noise, told, colour, "band", base=about - noise),)
 
 
-def differences(record: Shown) -> list[Panel]:
+def differences(record: Source) -> list[Panel]:
     """Return what is left of each predicted channel over time, and the band of its noise."""
     return _over_time(record, _difference)
 
@@ -286,7 +277,7 @@ def _headline(channel: Any) -> str:
     return f"{name}: off by {percent:.0f} %" if percent >= 10 else f"{name}: off by {percent:.2g} %"
 
 
-def lines(record: Shown) -> list[Panel]:
+def lines(record: Source) -> list[Panel]:
     """Return each channel on its lines: measured, predicted, their difference, and the noise."""
     x, axis = _over(record.frequency_hz, turning=record.kind == "phasors")
     drawn = []
@@ -331,7 +322,7 @@ def _line_curves(channel: Any, x: Floats, factor: float) -> list[Curve]:
     return [curve for curve in curves if np.isfinite(curve.y).any()]
 
 
-def residual(record: Shown) -> list[Panel]:
+def residual(record: Source) -> list[Panel]:
     x, axis = _over(record.frequency_hz, turning=record.kind == "phasors")
     shown = [c for c in record.channels if c.difference and c.noise][:MOST_PANELS]
     if not shown or len(x) < 2:
@@ -393,10 +384,6 @@ def deviations(names: Sequence[str], percent: Floats) -> Panel:
     )
 
 
-Diagram = Any  # a Campbell, which lies above
-Modes = Any
-Response = Any  # an UnbalanceResponse
-
 WAYS: Mapping[str, str] = {"forward": BLUE, "backward": RED, "planar": GREEN, "mixed": PINK}
 FLAT = 0.05
 """Share of a motion across its plane below which it is drawn as one in a plane."""
@@ -414,7 +401,7 @@ every speed, and on an axis of its own would seem to be known badly."""
 NODE = re.compile(r"node\d+$")
 
 
-def campbell(found: Diagram) -> Panel:
+def campbell(found: Source) -> Panel:
     """Return natural frequencies over the speed with their bands, and the critical speeds."""
     rpm = RPM * np.asarray(found.speed)
     turning = np.abs(found.speed) / (2 * np.pi)
@@ -447,7 +434,7 @@ def _highest(frequency: Floats, turning: float) -> float:
 
 
 def shapes(
-    found: Modes,
+    found: Source,
     pairs: Sequence[tuple[int, int]],
     alone: Sequence[int],
     positions: Floats | None = None,
@@ -533,7 +520,7 @@ def _signed(part: Any) -> Floats:
     return np.asarray(turned.real)
 
 
-def response(found: Response, units: Mapping[str, str]) -> list[Panel]:
+def response(found: Source, units: Mapping[str, str]) -> list[Panel]:
     rpm = RPM * np.asarray(found.speed)
     panels = []
     names = list(enumerate(found.coordinates))
@@ -563,11 +550,6 @@ def _amplitude(unit: str, curves: Sequence[Curve]) -> Axis:
     return Axis(title, log=True)
 
 
-# Pictures lie below records, whose types they cannot import.
-Record = Any
-Periods = Any  # a PeriodicRecord
-Whole = Any  # Lines
-
 MOST_BLOCKS = 600
 """Steps of the band in which a long record is drawn."""
 MOST_MARKS = 400
@@ -578,7 +560,7 @@ ROUNDING = 1e-10
 """Of the largest line: below it there is rounding only."""
 
 
-def samples(record: Record, whole_blocks: int = 1) -> list[Panel]:
+def samples(record: Source, whole_blocks: int = 1) -> list[Panel]:
     """Return every channel over the record: as it is, or as the band between its extremes.
 
     `whole_blocks` is a number of samples of which a step of the band holds whole ones: else the
@@ -607,12 +589,12 @@ def samples(record: Record, whole_blocks: int = 1) -> list[Panel]:
     return drawn
 
 
-def spectra(record: Periods) -> list[Panel]:
+def spectra(record: Source) -> list[Panel]:
     """Return the lines of the mean period of every channel: kept, other odd and even, noise."""
     return [_spectrum(record, c) for c in range(min(len(record.channels), MOST_PANELS))]
 
 
-def _spectrum(record: Periods, c: int) -> Panel:
+def _spectrum(record: Source, c: int) -> Panel:
     channel = record.channels[c]
     unit, factor = shown_unit(channel.unit)
     amplitude = 2 * factor * np.abs(np.fft.rfft(record.mean[:, c], norm="forward"))
@@ -647,7 +629,7 @@ def _spectrum(record: Periods, c: int) -> Panel:
     return Panel(title, HERTZ, Axis(axis.title, log=True, ends=(floor, 3 * top)), drawn)
 
 
-def rows(record: Whole, *, turning: bool) -> list[Panel]:
+def rows(record: Source, *, turning: bool) -> list[Panel]:
     axis = Axis("speed in rpm") if turning else HERTZ
     x = 30 / np.pi * record.speed if turning else record.frequency
     drawn = []
@@ -669,7 +651,7 @@ def rows(record: Whole, *, turning: bool) -> list[Panel]:
     return drawn
 
 
-def each_period(record: Periods) -> Panel:
+def each_period(record: Source) -> Panel:
     z = record.spectra - record.mean_spectrum
     scatter = np.sqrt(np.median(np.abs(z) ** 2, axis=0).mean(axis=0))
     size = np.sqrt((np.abs(z) ** 2).mean(axis=1)) / np.where(scatter > 0, scatter, np.inf)
@@ -695,9 +677,6 @@ def noise_correlation(names: list[str], matrix: Floats) -> Panel:
     return Panel(matrix=shown, height=min(9.0, 1.6 + 0.3 * len(short)))
 
 
-Rotor = Any  # as it is drawn; its sections are cylinders, from left to right
-
-
 MARKS = (
     ("discs", "disc", GREY, 1.1),
     ("actuators", "actuator", RED, 1.7),
@@ -709,7 +688,7 @@ MARKS = (
 widest section: names of marks at one place stand above each other."""
 
 
-def drawing(rotor: Rotor) -> Panel:
+def drawing(rotor: Source) -> Panel:
     widest = 1e3 * max(section.outer for section in rotor.sections) / 2
     curves = [_edge(rotor, 1.0, "shaft"), _edge(rotor, -1.0, "shaft")]
     for key, word, colour, height in MARKS:
@@ -728,7 +707,7 @@ def drawing(rotor: Rotor) -> Panel:
     )
 
 
-def _edge(rotor: Rotor, side: float, label: str) -> Curve:
+def _edge(rotor: Source, side: float, label: str) -> Curve:
     """Return the metal above or below the axis, as a band from bore to surface."""
     borders = np.cumsum([0.0, *(section.length for section in rotor.sections)])
     x = np.repeat(borders, 2)[1:-1]

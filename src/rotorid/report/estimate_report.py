@@ -26,6 +26,7 @@ from rotorid.answer.estimate_tables import (
     as_zero,
     on_data,
     on_fit,
+    two_digits,
     value_tables,
 )
 from rotorid.answer.validation import ChannelError
@@ -321,14 +322,6 @@ def figures(value: float, half: float) -> str:
         return f"{round(value, places):.{max(places, 0)}f}"
     digits = math.floor(math.log10(abs(value))) + places + 1
     return f"{value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
-
-
-def two_digits(number: float) -> str:
-    if not math.isfinite(number):
-        return ""
-    if 10 <= abs(number) < PLAIN[1]:
-        return f"{float(f'{number:.2g}'):.0f}"
-    return f"{number:#.2g}".rstrip(".")
 
 
 KINDS = {

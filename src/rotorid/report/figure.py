@@ -6,11 +6,10 @@ import io
 import math
 import warnings
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import wraps
 from html import escape
-from typing import Any, ParamSpec
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -20,8 +19,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rotorid.report.drawn import Curve, Matrix, Panel, key_of, label
-
-P = ParamSpec("P")
 
 MOST_IMAGE = 150_000
 """Characters of a picture in a notebook."""
@@ -72,18 +69,7 @@ def style() -> Iterator[None]:
         yield
 
 
-def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Let a function that draws a figure do so in the style of the house."""
-
-    @wraps(draw)
-    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with style():
-            return draw(*args, **kwargs)
-
-    return drawn
-
-
-@styled
+@style()
 def figure_of(panels: Sequence[Panel], columns: int = 3, *, apart: bool = False) -> Figure:
     """Draw panels side by side, `columns` in a row, with one key for all or, `apart`, for each."""
     columns = max(1, min(columns, len(panels)))

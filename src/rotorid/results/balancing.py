@@ -66,13 +66,6 @@ class Masses:
     def of(
         cls, radius: float | str | None, masses: Sequence[float | str], holes: int | None
     ) -> Masses:
-        """Return a kit, in SI.
-
-        Raises
-        ------
-        InputError
-            For masses or holes without a radius, and for what is not positive.
-        """
         if (masses or holes is not None) and radius is None:
             raise InputError(
                 "masses or holes without the radius at which they are",
@@ -604,11 +597,6 @@ def plane_column(machine: Machine, plane: str) -> Complexes:
     A plane is a pair ``x2,y2`` of coordinates, of combinations of them such as
     ``x + 0.1*theta_y, y - 0.1*theta_x``, or of inputs; or the name of a place. Of a model that
     moves along one axis only it is the one direction.
-
-    Raises
-    ------
-    InputError
-        For what names no plane.
     """
     if "," not in plane and _one_axis(machine):
         column = _force_column(machine, plane.strip())

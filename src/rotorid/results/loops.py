@@ -20,12 +20,13 @@ import numpy as np
 import scipy
 
 from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.models import Model
 from rotorid.results.machine import Machine, directions_of, laws_of, machine_of, require_shares
-from rotorid.results.modes import NORMAL, finite_speed
+from rotorid.results.modes import finite_speed
 from rotorid.results.sensitivity import AxisSensitivity
 from rotorid.results.sensitivity_peak import peak_of
 
@@ -55,14 +56,7 @@ def plant_poles(
 def poles_on_the_right(omega: Floats, returned: Complexes, poles: Complexes) -> int | str:
     """Return how many poles of the closed loop are unstable, or why the lines do not tell.
 
-    Parameters
-    ----------
-    omega : array, shape (line,)
-        rad/s, rising.
-    returned : complex array, shape (line, loop, loop)
-        ``I + L``.
-    poles : complex array, shape (pole,)
-        Of the plant.
+    `returned` is ``I + L``, (line, loop, loop), on rising lines; `poles` are those of the plant.
     """
     kept = omega > 0
     omega, returned = omega[kept], returned[kept]
@@ -200,7 +194,7 @@ def loop_sensitivity(
         top = np.full(len(top), np.inf)
     for j, name in enumerate(machine.model.inputs):
         std = deviations[:-1, j] / np.sqrt(2)
-        reach = NORMAL * float(deviations[-1, j])
+        reach = HALF_WIDTH * float(deviations[-1, j])
         interval = (max(float(top[j]) - reach, 0.0), float(top[j]) + reach)
         found = (here[:, j], std, float(top[j]), float(where[j]), interval, caveat)
         axes.append(AxisSensitivity(name, hertz, *found))

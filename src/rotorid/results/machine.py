@@ -175,14 +175,9 @@ class Machine:
         return np.asarray(by_monomial @ self.monomials.jacobian(self.values))
 
     def response(self, speed: float) -> tuple[Complexes, Complexes]:
-        """Return the motion that the unbalance makes, ``q = Re(Q exp(i phi))``.
+        """Return the motion Q that the unbalance makes, (coordinate,), and its derivative.
 
-        Shapes (coordinate,) and, its derivative, (coordinate, unknown).
-
-        Raises
-        ------
-        InputError
-            At an undamped critical speed.
+        ``q = Re(Q exp(i phi))``. Refused at an undamped critical speed.
         """
         load, by_load = self.load(speed)
         stiffness = self.dynamic_stiffness(speed, speed)[None]
@@ -261,12 +256,6 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     """Return the machine of an estimate, or of a model at its nominal values.
 
     `record` says whose values are taken of what every record has to itself.
-
-    Raises
-    ------
-    InputError
-        For an estimate that leaves undetermined what the matrices hold, a model without nominal
-        values, equations that are not linear in the coordinates.
     """
     if isinstance(source, Model):
         return _machine(source, _nominal(source), {}, {})

@@ -31,6 +31,7 @@ import scipy.linalg
 import scipy.optimize
 
 from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
@@ -105,8 +106,6 @@ TERMS = 1 << 22
 """Products of terms of the matrices and pairs of modes at a time: 64 MB."""
 DRAWS = 4000
 """Draws of the unknowns: a deviation comes out within 1.1 percent."""
-NORMAL = 1.959964
-"""Deviations to each side that hold 95 percent of a normal distribution."""
 
 
 @frozen
@@ -354,7 +353,7 @@ class Eigen:
         along = (values.conj()[:, None] * slopes).real / np.abs(values)[:, None] ** 2
         ratio = (values.real[:, None] * along - slopes.real) / np.abs(values)[:, None]
         spread = np.column_stack([frequency, np.linalg.norm(ratio @ root, axis=1)])
-        intervals = hertz[:, None] + np.outer(frequency, [-NORMAL, NORMAL])
+        intervals = hertz[:, None] + np.outer(frequency, [-HALF_WIDTH, HALF_WIDTH])
         draws = np.random.default_rng(0) if rng is None else rng
         for cluster in self.clusters:
             drawn = np.linalg.eigvals(np.diag(values[cluster]) + self.drawn(cluster, draws))
@@ -675,7 +674,7 @@ def _spread(
         slope = complex(np.trace(by_speed)) / len(group)
         along = -eigen.slopes[near].imag / (slope.imag - 1)
         std = float(np.linalg.norm(along @ eigen.machine.root))
-        reach = NORMAL * std
+        reach = HALF_WIDTH * std
         return std, (speed - reach, speed + reach)
     draws = np.random.default_rng(0) if rng is None else rng
     away = np.diag(eigen.found.values[group]) - 1j * abs(speed) * np.eye(len(group))

@@ -26,7 +26,15 @@ from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.whole_record import whole_lines
-from rotorid.results.sensitivity_peak import MOST, LocatedPeak, LoopLines, peak_near, peak_of
+from rotorid.results.sensitivity_peak import (
+    LEAST,
+    MOST,
+    WEAK,
+    LocatedPeak,
+    LoopLines,
+    peak_near,
+    peak_of,
+)
 from rotorid.signals.covariance import choose_covariance
 
 LIMITS = {"A": 3.0, "B": 4.0, "C": 5.0}
@@ -37,12 +45,8 @@ AT_END = 2.0
 """Deviations within which the first or the last line is as high as the highest."""
 ORDER = 2
 """s of the windows: curves bend less than a parabola in the few lines of one."""
-LEAST = 12
-"""Degrees of freedom that a window leaves for its noise, at the least."""
 FEWEST = 4
 """Windows of an axis, at the least, of what is called excited."""
-WEAK = 0.3
-"""Deviation of S over itself above which a line says nothing: it was not excited."""
 LEAST_SETTLED = 5
 """Lines of the last third, at the least, that tell what S comes to."""
 UNIT = 0.03

@@ -24,7 +24,7 @@ POLES = (0, 1, 2, 3)
 BEYOND = 2
 """Powers of N and T beyond what the next curve has: what is left over is held against them."""
 LEAST = 12
-"""Degrees of freedom that a curve leaves for its noise, at the least."""
+"""Degrees of freedom that a curve or a window leaves for its noise, at the least."""
 CHANCE = 1e-3
 """Chance with which noise alone makes a curve miss its lines."""
 GAIN = 1e-2
@@ -38,7 +38,7 @@ INNER = 0.6
 FINE = 4
 """Points between two lines at which a peak is looked for, and again about the highest."""
 WEAK = 0.3
-"""Deviation of a peak over itself above which its lines do not tell it."""
+"""Deviation of S over itself above which its lines do not tell it, or were not excited."""
 MISSES = 3
 """Doublings of the lines that may tell a peak no better before the next is not tried."""
 CLIMBS = 4
