@@ -49,6 +49,7 @@ from rotorid.rig.file import load_rig
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
 from rotorid.signals.inspection import Inspection, inspect_record
+from rotorid.signals.spectrum import synthesize
 
 SPEED = 2 * np.pi * 140.0  # rad/s
 AMPLITUDE = 10.0  # N, of each sine and each cosine
@@ -174,44 +175,32 @@ class DemoResult:
         }
 
 
-def excitation(model: Model) -> Floats:
-    """Return one period of the forces in N, shape (sample, input)."""
-    samples = round(SAMPLE_RATE / FUNDAMENTAL)
-    angle = 2 * np.pi * np.outer(np.arange(samples) / samples, HARMONICS)
-    wave = AMPLITUDE * (np.sin(angle) + np.cos(angle)).sum(axis=1)
-    return np.asarray(np.outer(wave, [SHARES[name] for name in model.inputs]))
-
-
 def demo_plan(model: Model) -> Plan:
     line = AMPLITUDE * (1 - 1j) / 2  # of a sine and a cosine
+    force = dict.fromkeys(model.inputs, FORCE_NOISE)
+    position = dict.fromkeys(model.coordinates, POSITION_NOISE)
     return Plan(
         forces=np.full((len(HARMONICS), 1), line) * [SHARES[name] for name in model.inputs],
         harmonics=HARMONICS,
         fundamental=FUNDAMENTAL,
         sample_rate=SAMPLE_RATE,
         periods=PERIODS,
-        noise=_noise(model),
+        noise={**force, **position},
         speed=SPEED,
     )
 
 
-def _noise(model: Model) -> dict[str, float]:
-    return {
-        **dict.fromkeys(model.inputs, FORCE_NOISE),
-        **dict.fromkeys(model.coordinates, POSITION_NOISE),
-    }
-
-
 def simulate_record(model: Model, rng: np.random.Generator | None = None) -> Record:
     """Return a record of the example in steady state; without `rng` free of noise."""
+    plan = demo_plan(model)
     return simulate(
         model,
         model.values(model.nominal),
-        excitation(model),
-        sample_rate=SAMPLE_RATE,
-        periods=PERIODS,
-        speed=SPEED,
-        noise=_noise(model) if rng is not None else None,
+        synthesize(plan.forces, plan.harmonics, round(SAMPLE_RATE / FUNDAMENTAL)),
+        sample_rate=plan.sample_rate,
+        periods=plan.periods,
+        speed=plan.speed,
+        noise=plan.noise if rng is not None else None,
         rng=rng,
     )
 

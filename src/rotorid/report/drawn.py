@@ -678,20 +678,20 @@ def noise_correlation(names: list[str], matrix: Floats) -> Panel:
 
 
 MARKS = (
-    ("discs", "disc", GREY, 1.1),
-    ("actuators", "actuator", RED, 1.7),
-    ("sensors", "sensor", GREEN, 2.3),
-    ("supports", "support", BLUE, 2.0),
-    ("unbalance", "unbalance", PINK, 1.4),
+    ("discs", "disc", "D", GREY, 1.1),
+    ("actuators", "actuator", "A", RED, 1.7),
+    ("sensors", "sensor", "s", GREEN, 2.3),
+    ("supports", "support", "^", BLUE, 2.0),
+    ("unbalance", "unbalance", "u", PINK, 1.4),
 )
-"""What stands on a rotor: its key, its word, its colour, and its height over the
+"""What stands on a rotor: its key, its word, its letter, its colour, and its height over the
 widest section: names of marks at one place stand above each other."""
 
 
 def drawing(rotor: Source) -> Panel:
     widest = 1e3 * max(section.outer for section in rotor.sections) / 2
     curves = [_edge(rotor, 1.0, "shaft"), _edge(rotor, -1.0, "shaft")]
-    for key, word, colour, height in MARKS:
+    for key, word, _, colour, height in MARKS:
         table = getattr(rotor, key)
         if table:
             at = [member.at for member in table.values()]

@@ -13,7 +13,7 @@ from rotorid.models.rotor.drawing import Rotor
 from rotorid.models.rotor.fem import bending
 from rotorid.models.rotor.rotor_model import RotorModel, inertia
 from rotorid.report import drawn
-from rotorid.report.drawn import RPM
+from rotorid.report.drawn import MARKS, RPM
 from rotorid.report.html import Mood, Passage, marked, page_of
 from rotorid.rig.faults import FAULTS
 from rotorid.rig.logger import Logged
@@ -199,14 +199,6 @@ WIDTH = 76
 """Characters of the drawing: a terminal of 80 holds it."""
 HALF = 5
 """Lines of the drawing above its axis."""
-KINDS = (
-    ("discs", "disc", "D"),
-    ("actuators", "actuator", "A"),
-    ("sensors", "sensor", "s"),
-    ("supports", "support", "^"),
-    ("unbalance", "unbalance", "u"),
-)
-"""What stands on a rotor, in words, and its mark in the drawing."""
 
 
 def rotor_page(model: RotorModel) -> Page:
@@ -228,7 +220,7 @@ def rotor_page(model: RotorModel) -> Page:
 
 
 def _standing(rotor: Rotor, names: tuple[str, ...]) -> str:
-    held = [word for key, word, _ in KINDS if set(names) & set(getattr(rotor, key))]
+    held = [word for key, word, *_ in MARKS if set(names) & set(getattr(rotor, key))]
     return ", ".join(held)
 
 
@@ -273,11 +265,11 @@ def drawing(rotor: Rotor) -> list[str]:
         canvas[:, _column(rotor, disc.at)] = "|"
     lines = ["".join(row).rstrip() for row in canvas]
     marks = np.full((2, WIDTH), " ")
-    for key, _, mark in KINDS:
+    for key, _, mark, *_ in MARKS:
         for member in getattr(rotor, key).values():
             column = _column(rotor, member.at)
             marks[0 if marks[0, column] == " " else 1, column] = mark
-    legend = ", ".join(f"{mark} {word}" for key, word, mark in KINDS if getattr(rotor, key))
+    legend = ", ".join(f"{mark} {word}" for key, word, mark, *_ in MARKS if getattr(rotor, key))
     below = ["".join(row).rstrip() for row in marks if (row != " ").any()]
     return [*lines, *below, f"0 to {rotor.length:g} m" + (f"; {legend}" if legend else "")]
 
