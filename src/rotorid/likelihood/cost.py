@@ -168,12 +168,6 @@ class Likelihood:
     def lines(self) -> int:
         return len(self.data)
 
-    def coefficients(self, unknowns: Floats) -> Floats:
-        """Return the terms of the equations that multiply the motion, shape (term,)."""
-        every, moved = self.entries, self.entries.column < self.coordinates
-        values = self.monomials.values(unknowns)[every.monomial[moved]]
-        return np.asarray(every.coefficient[moved] * values)
-
     @cached_property
     def loaded(self) -> Integers:
         """The unknowns that loads depend on."""
@@ -183,10 +177,6 @@ class Likelihood:
     def load_at(self, phase: Complexes) -> Complexes:
         """Return the loads of all orders of the rotor angle together, (line, row, load)."""
         return as_complex(np.einsum("o,olrg->lrg", phase, self.load))
-
-    def loads_at(self, unknowns: Floats) -> Complexes:
-        """Return the loads, of every order of the rotor angle, shape (order, line, row)."""
-        return as_complex(self.load @ self.monomials.values(unknowns)[self.loading])
 
     def evaluate(
         self,

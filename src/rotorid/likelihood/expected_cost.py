@@ -1,13 +1,7 @@
 """What the cost of a whole record should be, by the equation errors beside each line.
 
-C comes from windows wide enough for all channels, which may hold motion that bends and noise that
-is not quite the same on every line: that shifts J by as much as it scatters. At the estimate the
-equation errors r hold no motion, and are fewer than channels, so that a window of half the width
-does. Their sum K, in which they are whitened by their own windows, has a mean and a variance that
-are known (docs/maximum-likelihood.md derives them), and J is expected to be as far off as K says.
-
-Beside a mode the size of r changes within a few lines, so that all r are first divided by what
-noise of the channels would make of them that is the same on every line, its size found from them.
+At the estimate they hold no motion. Whitened by their own windows, of half the width, they have a
+sum K whose mean and variance docs/maximum-likelihood.md derives: J is as far off as K says.
 
 *Notation*: e equations, w lines in a window, n the rank of P, which takes the references out of it,
 p_k = (P)_kk of the line itself, T = sum_k P_k / n the weight of every pair of lines in the noise.

@@ -91,11 +91,17 @@ class Problem:
         kept = self.layout, self.exact, self.known, self.bounds
         return Problem(*kept, likelihoods, self.substituted)
 
-    def at(self, unknowns: Floats, relaxation: float = 0.0, like: Point | None = None) -> Point:
+    def at(
+        self,
+        unknowns: Floats,
+        relaxation: float = 0.0,
+        like: Point | None = None,
+        affine: Integers | None = None,
+    ) -> Point:
         """Evaluate at all unknowns, shape (unknown,); `like`: where the same rotor was, perhaps."""
         before = [] if like is None else like.records
         records = [
-            likelihood.evaluate(unknowns, relaxation, like=at)
+            likelihood.evaluate(unknowns, relaxation, affine, at)
             for likelihood, at in zip_longest(self.likelihoods, before)
         ]
         known = self.known.values(unknowns, relaxation)
@@ -109,25 +115,22 @@ class Problem:
         unbalance), which no path of steps in all unknowns could cross.
         """
         affine = self.affine
+        at = self.at(unknowns, relaxation, affine=affine)
         if not len(affine):
-            return self.at(unknowns, relaxation)
-        records = [
-            likelihood.evaluate(unknowns, relaxation, affine) for likelihood in self.likelihoods
-        ]
-        known = self.known.values(unknowns, relaxation)
+            return at
         slopes = self.known.jacobian(unknowns, relaxation)[:, affine]
-        matrix = np.concatenate([*(record.affine_jacobian for record in records), slopes])
-        residual = np.concatenate([*(record.residual for record in records), known])
+        matrix = np.concatenate([*(record.affine_jacobian for record in at.records), slopes])
+        residual = at.residual
         size = np.sqrt((matrix**2).sum(axis=0))
         if not (np.isfinite(size).all() and np.isfinite(residual).all()):
             raise np.linalg.LinAlgError("a residual beyond all bounds")
         scale = 1 / np.where(size > 0, size, 1.0)
         change = -scale * np.linalg.lstsq(matrix * scale, residual, rcond=1e-10)[0]
-        for record in records:
+        for record in at.records:
             record.shift(change)
         moved = unknowns.copy()
         moved[affine] += change
-        return Point(self, moved, records, known + slopes @ change, relaxation)
+        return Point(self, moved, at.records, at.known + slopes @ change, relaxation)
 
     @cached_property
     def affine(self) -> Integers:
@@ -146,10 +149,7 @@ class Problem:
     @property
     def real_equations(self) -> int:
         """Real equations of all lines, and one per row of what is known with a deviation."""
-        lines: float = sum(
-            float(likelihood.multiplicity.sum()) * likelihood.equations
-            for likelihood in self.likelihoods
-        )
+        lines = sum(float(at.multiplicity.sum()) * at.equations for at in self.likelihoods)
         return round(lines) + len(self.known)
 
 

@@ -418,8 +418,8 @@ def scale_is_open(problem: Problem, start: Floats) -> bool:
     exact = problem.exact.values(start), problem.exact.values(twice)
     if not (np.array_equal(*known) and np.allclose(2 * exact[0], exact[1], rtol=1e-12)):
         return False
+    one, other = problem.at(start), problem.at(twice)
     return all(
-        np.allclose(2 * record.coefficients(start), record.coefficients(twice), rtol=1e-12)
-        and not record.loads_at(start).any()
-        for record in problem.likelihoods
+        np.allclose(2 * a.stiffness, b.stiffness, rtol=1e-12) and not a.loads.any()
+        for a, b in zip(one.records, other.records, strict=True)
     )
