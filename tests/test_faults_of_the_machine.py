@@ -20,24 +20,28 @@ import rotorid as rid
 from rotorid import cli
 
 PROGRAM = [sys.executable, "-m", "rotorid"]
-# Each step of writing takes its time, so that a signal falls into it.
-SLOW = [
-    sys.executable,
-    "-c",
-    """
+# One child for each line that it is sent: all that a command imports is there. Each step of writing
+# takes its time, so that a signal falls into it.
+CHILDREN = """
 import os, sys, time
 import rotorid.core.files as writing
+from rotorid import cli
 class Slow:
     def __getattr__(self, name):
         found = getattr(os, name)
         if name not in ("write", "fsync", "replace", "open", "fchmod"):
             return found
         return lambda *given, **named: (time.sleep(0.03), found(*given, **named))[1]
+assert cli.run([*sys.argv[1:], "-q"]) == 0
 writing.os = Slow()
-from rotorid.cli import main
-main()
-""",
-]
+for _ in sys.stdin:
+    child = os.fork()
+    if not child:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        cli.main()
+    print(child, flush=True)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -264,26 +268,34 @@ def test_random_kills(here: Path, command: str, count: int) -> None:
         "identify": ["identify", "run.toml", "--json", "kill.json", "--report", "kill.html"],
         "simulate": ["simulate", "rig.toml", "--out", "kill.h5"],
     }[command]
-    assert cli.run([*arguments, "-q"]) == 0
     hit = 0
-    before = sorted(path.name for path in here.iterdir())
-    for number in range(count):
-        how = generator.choice([signal.SIGTERM, signal.SIGKILL])
-        process = subprocess.Popen(
-            [*SLOW, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        while not list(here.glob(".*.part")) and process.poll() is None:
-            time.sleep(0.002)
-        time.sleep(generator.uniform(0.0, 0.2))
-        process.send_signal(how)
-        code = process.wait(timeout=60)
-        hit += code in (-how, 128 + how)
-        left = list(here.glob(".*.part"))
-        assert not left or how == signal.SIGKILL
-        for path in left:
-            path.unlink()
-        assert sorted(path.name for path in here.iterdir()) == before, number
-        assert all(whole(path) for path in here.glob("kill.*")), number
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILDREN, *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        bufsize=1,
+    ) as parent:
+        assert parent.stdin
+        assert parent.stdout
+        for number in range(count):
+            how = generator.choice([signal.SIGTERM, signal.SIGKILL])
+            parent.stdin.write("\n")
+            child = int(parent.stdout.readline())
+            before = {path.name for path in here.iterdir() if path.suffix != ".part"}
+            while not list(here.glob(".*.part")):
+                time.sleep(0.002)
+            time.sleep(generator.uniform(0.0, 0.2))
+            os.kill(child, how)
+            code = int(parent.stdout.readline())
+            hit += code in (-how, 128 + how)
+            left = list(here.glob(".*.part"))
+            assert not left or how == signal.SIGKILL
+            for path in left:
+                path.unlink()
+            assert {path.name for path in here.iterdir()} == before, number
+            assert all(whole(path) for path in here.glob("kill.*")), number
     assert hit > count // 3
     for path in here.glob("kill.*"):
         path.unlink()

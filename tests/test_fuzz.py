@@ -38,13 +38,14 @@ def fuzz(*arguments: str) -> str:
     return done.stdout
 
 
-# A thousand files of each format, three hundred of those that a child reads, most of them the same
-# in every run, so that a run says what a change did; the others are the commit's own, so that the
-# search goes on. What those find was there before, more often than not: it is a fault all the same,
-# and the seed that is printed finds it again.
+# Five hundred files of each format, a part of them where a child reads, most of them the same in
+# every run, so that a run says what a change did; the others are the commit's own, so that the
+# search goes on. What one file in a hundred does is found with 99 %. What those find was there
+# before, more often than not: it is a fault all the same, and the seed that is printed finds it
+# again.
 @pytest.mark.slow
 def test_damaged_files_of_each_format() -> None:
-    assert "nothing found" in fuzz("--each", "900", "--seed", str(SEED), "--own", "100")
+    assert "nothing found" in fuzz("--each", "400", "--seed", str(SEED), "--own", "100")
 
 
 def test_the_seed_is_that_of_the_commit(

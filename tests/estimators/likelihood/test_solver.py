@@ -27,7 +27,7 @@ from rotorid.testing import add_noise, bind_all, line_record
 # The solver arrives: random rotors from far starts end where a start at the truth ends.
 
 
-SLOW_SEEDS = 12
+SLOW_SEEDS = 8
 
 
 def found_from_start(case: Case) -> Fit:

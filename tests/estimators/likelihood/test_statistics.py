@@ -5,10 +5,13 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from rotorid import Channel, Constraint, MaximumLikelihood, load_model, predict_accuracy
 
 pytestmark = pytest.mark.slow
+
+SEEDS = 250
 
 quick = partial(MaximumLikelihood, effort="quick")
 """The first minimum, in half the time: from near the truth it is the one that full effort finds.
@@ -17,14 +20,40 @@ quick = partial(MaximumLikelihood, effort="quick")
 """
 
 
-def covers(statistics) -> bool:
-    """Each 95 % interval covers 93.5 to 96.5 %; over 2000 seeds one error is 0.5 %."""
-    return bool((np.abs(statistics.coverage - 0.95) <= 0.015).all())
+def check(found, least=None, *, joint=True, asked=slice(None)):
+    """Hold scatter, coverage and cost of `SEEDS` records against what is stated.
+
+    A scatter over what is stated has a standard error of 4.5 %: of one deviation that is stated
+    20 % too small (a scatter of 1.25) 19 in 20 are found. All of them together show in the distance
+    from the truth, whose mean is known to 2.6 % of a dozen: 6 % too small is found always. A 5 %
+    test that rejects 8 % has normal quantiles of 1.17 times their deviation, which is known to
+    4.5 %. `least` is the Cramer-Rao bound of each quantity.
+    """
+    assert found.statuses.count("ok") == SEEDS
+    scatter = (found.rms / found.stated)[asked]
+    assert (np.abs(scatter - 1) < 0.15).all()
+    assert (np.abs(found.coverage[asked] - 0.95) < 0.05).all()
+    assert abs(found.cost_deviation) < 3
+    assert not joint or abs(found.distance_deviation) < 3
+    quantiles = norm.ppf(found.p_values)
+    assert abs(quantiles.mean()) < 3 / np.sqrt(SEEDS)
+    assert quantiles.std() == pytest.approx(1, abs=0.14)
+    if least is not None:
+        print("stated over bound:", np.round(found.stated / least, 3))
+        assert (found.stated <= 1.06 * least).all()
 
 
-def agrees(statistics) -> bool:
-    """J and the distance from the truth have the mean that they should."""
-    return abs(statistics.cost_deviation) < 3 and abs(statistics.distance_deviation) < 3
+def bounds_of(machine, found, sensors=None, **options):
+    """Return the Cramer-Rao bound of each quantity, for the truth of the machine."""
+    estimator = MaximumLikelihood(**options)
+    bound = predict_accuracy(machine.model, machine.plan(sensors), estimator, machine.truth)
+    return np.array([bound.std(name) for name in found.names])
+
+
+def near(machine, rng, held, spread=0.1):
+    """Return starts within so much of the truth of all but what is held."""
+    start = machine.start(rng, spread)
+    return {name: value for name, value in start.items() if name not in held}
 
 
 def test_all_coordinates_base_parameters(demo, monte_carlo):
@@ -39,63 +68,60 @@ def test_all_coordinates_base_parameters(demo, monte_carlo):
         }
         return [demo.noisy(clean, rng)], quick(base=True, start=start)
 
-    found = monte_carlo(model, truth, draw, 2000, seed=101)
-    assert found.statuses.count("ok") == 2000
-    assert agrees(found)
-    assert covers(found)
+    found = monte_carlo(model, truth, draw, SEEDS, seed=101)
+    check(found, bounds_of(demo, found, base=True))
     assert np.mean(found.expected) == pytest.approx(84.2, abs=0.2)
-    assert (found.rms <= 1.06 * bounds_of(demo, found, base=True)).all()
 
 
-def test_bearing_sensors(demo, bearings, monte_carlo):
-    """The same with four sensors, for the 12 physical parameters that L1 leaves."""
-    clean = demo.record(bearings)
+OTHER = {"L1": 0.25, "L2": 0.4, "k1": 5e5, "k2": 1.2e6}
+
+
+@pytest.mark.parametrize(
+    ("other", "read", "joint"),
+    [
+        pytest.param({}, True, True, id="by the bearing sensors"),
+        pytest.param(OTHER, False, True, id="another rotor"),
+        pytest.param(OTHER, True, False, id="another rotor by its bearing sensors"),
+    ],
+)
+def test_physical_parameters(demo, bearings, monte_carlo, other, read, joint):
+    """All but L1 by four sensors; the other rotor is asymmetric: nothing was made for the first.
+
+    By its bearing sensors its dynamic unbalance is known to 8 %, near a resonance: each interval
+    holds, the joint one is bent. The distance from the truth in the metric of the covariance has
+    mean 14.6 where 12 would be expected: second-order terms, products of large errors, along
+    directions that are known much better.
+    """
+    machine = replace(demo, truth={**demo.truth, **other})
+    sensors = bearings if read else None
+    fixed = {"L1": machine.truth["L1"]} if read else {}
+    clean = machine.record(sensors)
 
     def draw(rng):
-        start = demo.start(rng, 0.1)
-        del start["L1"]
-        return [demo.noisy(clean, rng)], quick(fixed={"L1": 0.3}, start=start)
+        start = near(machine, rng, fixed)
+        return [machine.noisy(clean, rng)], quick(fixed=fixed, start=start)
 
-    found = monte_carlo(demo.model, demo.truth, draw, 2000, seed=104)
-    assert found.statuses.count("ok") == 2000
-    assert agrees(found)
-    assert covers(found)
-    least = bounds_of(demo, found, bearings, fixed={"L1": 0.3})
-    assert (found.rms <= 1.06 * least).all()
+    found = monte_carlo(machine.model, machine.truth, draw, SEEDS, seed=104)
+    check(found, bounds_of(machine, found, sensors, fixed=fixed), joint=joint)
 
 
 @pytest.mark.parametrize("amplitude", [1.0, 1000.0])
 def test_bearing_sensors_from_far_away(demo, bearings, monte_carlo, amplitude):
-    """400 of 400 from +-40 %, unbalance from zero: a search that loses 1 % passes with 2 %."""
+    """300 of 300 from +-40 %, unbalance from zero: a search that loses 1 % passes with 5 %."""
     clean = demo.record(bearings, amplitude=amplitude)
 
     def draw(rng):
-        start = demo.start(rng, 0.4)
-        del start["L1"]
+        start = near(demo, rng, {"L1"}, 0.4)
         return [demo.noisy(clean, rng)], MaximumLikelihood(fixed={"L1": 0.3}, start=start)
 
-    found = monte_carlo(demo.model, demo.truth, draw, 400, seed=102)
+    found = monte_carlo(demo.model, demo.truth, draw, 150, seed=102)
     # Not one lies at another minimum: the cost is what noise leaves, and no estimate is far off.
-    assert found.statuses.count("ok") == 400
+    assert found.statuses.count("ok") == 150
     assert np.abs(np.array(found.errors) / np.array(found.stds)).max() < 5.5
     assert min(found.p_values) > 1e-5
 
 
 TABLE = ("m1", "m2", "I_t", "I_p", "k1", "L2", "xi", "zeta", "mu", "eta")
-
-
-def percent(statistics, names=TABLE):
-    """Return scatter about the truth of chosen parameters, in percent."""
-    found = dict(zip(statistics.names, statistics.rms, strict=True))
-    truth = dict(zip(statistics.names, statistics.truth, strict=True))
-    return np.array([100 * found[name] / abs(truth[name]) for name in names])
-
-
-def stated_percent(statistics, names=TABLE):
-    """Return the stated deviations of chosen parameters, in percent."""
-    found = dict(zip(statistics.names, statistics.stated, strict=True))
-    truth = dict(zip(statistics.names, statistics.truth, strict=True))
-    return np.array([100 * found[name] / abs(truth[name]) for name in names])
 
 
 # Standard deviations in percent of TABLE, from theory.md.
@@ -108,7 +134,10 @@ HEADLINE = {
 
 @pytest.mark.parametrize("case", HEADLINE)
 def test_headline(levitated, monte_carlo, case):
-    """Bearing sensors with unknown runout, coil currents, one scale, one ruler: everything."""
+    """Bearing sensors with unknown runout, coil currents, one scale, one ruler: everything.
+
+    Over 60 records a scatter is known to 9 %, and all of them to 2.5 %.
+    """
     machine, truth = levitated.machine, levitated.truth
     rig = replace(levitated, ks=0.0) if case == "ki" else levitated
     clean = [rig.record(hertz, drives=case != "runout") for hertz in (140.0, 100.0)]
@@ -120,8 +149,7 @@ def test_headline(levitated, monte_carlo, case):
     }[case]
 
     def draw(rng):
-        start = machine.start(rng, 0.4)
-        del start["L1"]
+        start = near(machine, rng, {"L1"}, 0.4)
         if case != "runout":
             start |= {
                 name: value * (1 + 0.2 * rng.uniform(-1, 1))
@@ -133,54 +161,46 @@ def test_headline(levitated, monte_carlo, case):
         records = [rig.noisy(record, rng) for record in clean]
         return records, MaximumLikelihood(fixed={"L1": 0.3}, start=start, runout=True, **options)
 
-    found = monte_carlo(machine.model, truth, draw, 100, seed=103)
-    assert found.statuses.count("ok") == 100
+    found = monte_carlo(machine.model, truth, draw, 60, seed=103)
+    assert found.statuses.count("ok") == 60
     assert np.abs(np.array(found.errors) / np.array(found.stds)).max() < 5
-    assert agrees(found)
-    # Binomial over 100 seeds: 88 is 3.2 standard errors below 95.
-    assert found.coverage.min() >= 0.88
+    assert abs(found.cost_deviation) < 3
+    assert abs(found.distance_deviation) < 3
+    assert (np.abs(found.rms / found.stated - 1) < 0.28).all()
+    at = [found.names.index(name) for name in TABLE]
+    stated = 100 * found.stated[at] / np.abs(np.array(found.truth)[at])
     expected = np.array(HEADLINE[case])
     rounding = 0.5 * 10.0 ** np.array([-2] * 8 + [0] * 2) / expected
-    assert (np.abs(stated_percent(found) / expected - 1) < 0.15 + rounding).all()
+    assert (np.abs(stated / expected - 1) < 0.15 + rounding).all()
 
 
-@pytest.mark.parametrize("periods", [20, 40, 80])
+@pytest.mark.parametrize("periods", [20, 80])
 def test_few_periods(demo, monte_carlo, periods):
-    """A 5 % test rejects a true model 3 to 7 % of the time; intervals cover."""
+    """theory.md: intervals cover 95 to 97 % at 20 periods, and the test of the misfit holds."""
     clean = demo.record(periods=periods)
 
     def draw(rng):
         estimator = quick(start=demo.start(rng, 0.1), covariance="white")
         return [demo.noisy(clean, rng)], estimator
 
-    found = monte_carlo(demo.model, demo.truth, draw, 700, seed=105)
-    assert 0.03 <= found.rejected <= 0.07
-    assert abs(found.cost_deviation) < 3
-    # theory.md: 95 to 97 % at 20 periods; over 700 seeds one error is 0.8 %.
-    assert (np.abs(found.coverage - 0.955) < 0.03).all()
+    check(monte_carlo(demo.model, demo.truth, draw, SEEDS, seed=105), joint=False)
 
 
 def test_gains_with_priors_cover(demo, bearings, monte_carlo):
     """1 % on each of four sensors, drawn anew for every record."""
     sensors = [Channel(name, "m", gain_std=0.01) for name in bearings]
     clean = demo.record(sensors)
-    estimator = quick(fixed={"L1": 0.3}, start=demo.start(np.random.default_rng(0), 0))
-    estimator = replace(estimator, start={n: v for n, v in estimator.start.items() if n != "L1"})
+    estimator = quick(fixed={"L1": 0.3}, start=near(demo, np.random.default_rng(0), {"L1"}, 0))
 
     def draw(rng):
-        gains = 1 + 0.01 * rng.standard_normal(4)
         spectra = clean.spectra.copy()
-        spectra[:, :, 4:] *= gains
+        spectra[:, :, 4:] *= 1 + 0.01 * rng.standard_normal(4)
         return [demo.noisy(replace(clean, spectra=spectra), rng)], estimator
 
     # The errors of the gains themselves are left out: they differ from record to record.
     truth = {**demo.truth, **{f"gain[{name}]": np.nan for name in bearings}}
-    found = monte_carlo(demo.model, truth, draw, 600, seed=106)
-    assert found.statuses.count("ok") == 600
-    assert abs(found.cost_deviation) < 3
-    assert 0.03 <= found.rejected <= 0.075
-    assert (np.abs(found.coverage[:12] - 0.95) < 0.03).all()
-    assert (np.abs(found.rms / found.stated - 1)[:12] < 0.1).all()
+    found = monte_carlo(demo.model, truth, draw, SEEDS, seed=106)
+    check(found, joint=False, asked=slice(12))
 
 
 def test_declared_delay_covers(demo, bearings, monte_carlo):
@@ -189,68 +209,14 @@ def test_declared_delay_covers(demo, bearings, monte_carlo):
     spectra = clean.spectra.copy()
     spectra[:, :, 4:] *= np.exp(-5e-6j * clean.omega)[:, None]
     late = replace(clean, spectra=spectra)
-    start = {n: v for n, v in demo.start(np.random.default_rng(0), 0).items() if n != "L1"}
+    start = near(demo, np.random.default_rng(0), {"L1"}, 0)
 
     def draw(rng):
         estimator = quick(fixed={"L1": 0.3}, start=start, delays=("position",))
         return [demo.noisy(late, rng)], estimator
 
-    found = monte_carlo(demo.model, {**demo.truth, "delay[position]": 5e-6}, draw, 600, seed=107)
-    assert found.statuses.count("ok") == 600
-    assert agrees(found)
-    assert 0.03 <= found.rejected <= 0.075
-    assert (np.abs(found.coverage - 0.95) < 0.03).all()
-
-
-OTHER = {"L1": 0.25, "L2": 0.4, "k1": 5e5, "k2": 1.2e6}
-
-
-def test_another_rotor(demo, monte_carlo):
-    """Asymmetric, all coordinates: nothing was made for the first one."""
-    machine = replace(demo, truth={**demo.truth, **OTHER})
-    clean = machine.record()
-
-    def draw(rng):
-        return [machine.noisy(clean, rng)], quick(start=machine.start(rng, 0.1))
-
-    found = monte_carlo(machine.model, machine.truth, draw, 1000, seed=108)
-    assert found.statuses.count("ok") == 1000
-    assert agrees(found)
-    # Over 1000 seeds one standard error of a coverage is 0.7 %, of an rms 2.2 %.
-    assert (np.abs(found.coverage - 0.95) < 0.022).all()
-    assert (found.rms <= 1.08 * bounds_of(machine, found)).all()
-
-
-def bounds_of(machine, found, sensors=None, **options):
-    """Return the Cramer-Rao bound of each quantity, for the truth of the machine."""
-    estimator = MaximumLikelihood(**options)
-    bound = predict_accuracy(machine.model, machine.plan(sensors), estimator, machine.truth)
-    least = np.array([bound.std(name) for name in found.names])
-    print("rms error over bound:", np.round(found.rms / least, 3))
-    return least
-
-
-def test_another_rotor_by_its_bearing_sensors(demo, bearings, monte_carlo):
-    """Dynamic unbalance to 8 %, near a resonance: each interval holds, the joint one is bent.
-
-    The distance from the truth in the metric of the covariance has mean 14.6 where 12 would be
-    expected: second-order terms, products of large errors, along directions that are known much
-    better.
-    """
-    machine = replace(demo, truth={**demo.truth, **OTHER})
-    clean = machine.record(bearings)
-
-    def draw(rng):
-        start = machine.start(rng, 0.1)
-        del start["L1"]
-        return [machine.noisy(clean, rng)], quick(fixed={"L1": 0.25}, start=start)
-
-    found = monte_carlo(machine.model, machine.truth, draw, 600, seed=109)
-    assert found.statuses.count("ok") == 600
-    assert abs(found.cost_deviation) < 3
-    assert (np.abs(found.coverage - 0.95) < 0.03).all()
-    least = bounds_of(machine, found, bearings, fixed={"L1": 0.25})
-    assert (found.rms <= 1.1 * least).all()
+    truth = {**demo.truth, "delay[position]": 5e-6}
+    check(monte_carlo(demo.model, truth, draw, SEEDS, seed=107))
 
 
 @pytest.mark.parametrize("sensors", [None, "beside the bearings"])
@@ -266,16 +232,10 @@ def test_rigid_rotor(demo, monte_carlo, sensors):
             Channel("xb", "m", reads={"x": 1.0, "theta_y": 0.23}),
             Channel("yb", "m", reads={"y": 1.0, "theta_x": -0.23}),
         ]
-    clean = machine.record(planes)
+    clean, fixed = machine.record(planes), {"L_a": 0.2}
 
     def draw(rng):
-        start = machine.start(rng, 0.1)
-        del start["L_a"]
-        return [machine.noisy(clean, rng)], quick(fixed={"L_a": 0.2}, start=start)
+        return [machine.noisy(clean, rng)], quick(fixed=fixed, start=near(machine, rng, fixed))
 
-    found = monte_carlo(model, model.nominal, draw, 1000, seed=110)
-    assert found.statuses.count("ok") == 1000
-    assert agrees(found)
-    assert (np.abs(found.coverage - 0.95) < 0.022).all()
-    least = bounds_of(machine, found, planes, fixed={"L_a": 0.2})
-    assert (found.rms <= 1.08 * least).all()
+    found = monte_carlo(model, model.nominal, draw, SEEDS, seed=110)
+    check(found, bounds_of(machine, found, planes, fixed=fixed))
