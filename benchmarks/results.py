@@ -23,9 +23,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import numpy as np
-from loop_cases import by_noise, by_periods, by_the_rig
 from result_cases import (
     balanced,
+    by_noise,
+    by_periods,
+    by_the_rig,
     close_case,
     covered,
     identified,

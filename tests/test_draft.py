@@ -27,8 +27,8 @@ from rotorid.experiment.draft import (
     role_of,
     sensors_at_inputs,
 )
-from rotorid.io import open_table
 from rotorid.signals.period_search import Period
+from rotorid.testing import open_table
 
 MODEL = rid.load_model("jeffcott")
 RATE, PERIOD = 2000.0, 200

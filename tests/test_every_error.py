@@ -10,7 +10,8 @@ import pytest
 from working_folder import make
 
 from rotorid import InputError, cli
-from rotorid.commands import NO_ANSWER, OK, WRONG_INPUT
+
+OK, NO_ANSWER, WRONG_INPUT = 0, 1, 2  # the exit codes as they are documented
 
 OUTPUTS = ["--json", "new.json", "--report", "new.html"]
 COMMANDS = {

@@ -30,7 +30,8 @@ from rotorid.core.files import (
     write_whole,
 )
 from rotorid.core.toml import TOML_BYTES, TOML_VALUES, parse_toml
-from rotorid.io import READERS, open_table
+from rotorid.io import READERS
+from rotorid.testing import open_table
 
 # -------------------------------------------------------------------------------------------------
 # What may be opened, how much of it is read, and that anything else is told at once.

@@ -10,7 +10,7 @@ from sampled_bank import AXIS_TRUE, axis
 
 import rotorid as rid
 from rotorid.cli import run
-from rotorid.io import Source
+from rotorid.testing import Source
 
 FILE = """
 model = "emps"

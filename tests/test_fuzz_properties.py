@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 import rotorid as rid
 from rotorid import InputError, parse_model
 from rotorid.cli import run
-from rotorid.io import open_table
+from rotorid.testing import open_table
 
 
 @contextmanager

@@ -1,7 +1,8 @@
 """For those who test models and estimators: records straight from their lines, over many seeds.
 
 Besides, `phasor_lines` makes lines of a table of phasors, and `parse_rig` a rig of its text. `bind`
-and `bind_all` say what the channels of lines are to a model, as estimators see them.
+and `bind_all` say what the channels of lines are to a model, as estimators see them. `open_table`
+shows the columns that a reader finds in a file; a `Source` says which column is a channel.
 
 White noise on samples is white noise on every line of every period: independent, circular, of
 variance s^2 / samples. Drawing it there, on the kept lines only, gives records that no test could
@@ -22,6 +23,8 @@ from rotorid.data.observation import bind as bind
 from rotorid.data.observation import bind_all as bind_all
 from rotorid.data.record import Channel, PeriodicRecord
 from rotorid.data.table_lines import phasor_lines as phasor_lines
+from rotorid.io import Source as Source
+from rotorid.io import open_table as open_table
 from rotorid.models import Model
 from rotorid.rig.file import parse_rig as parse_rig
 from rotorid.signals.spectrum import line_spectra, synthesize

@@ -16,7 +16,7 @@ from io_writers import WRITERS, write_mdf, write_tdms, write_uff
 
 import rotorid as rid
 from rotorid import ReadError
-from rotorid.io import open_table, open_tables, sandbox
+from rotorid.io import open_tables, sandbox
 from rotorid.io import text as delimited
 from rotorid.io.table import COLUMNS, check_held
 from rotorid.io.text import (
@@ -29,6 +29,7 @@ from rotorid.io.text import (
     is_value,
     open_delimited,
 )
+from rotorid.testing import open_table
 
 # Text tables as programs of measurement write them: preambles, no names, clocks, white space.
 

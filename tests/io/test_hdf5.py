@@ -17,9 +17,10 @@ import pytest
 
 from rotorid import ReadError
 from rotorid.cli import run
-from rotorid.io import hdf5, open_table
+from rotorid.io import hdf5
 from rotorid.io.hdf5 import CHUNK_BYTES, NODES
 from rotorid.io.table import DEPTH
+from rotorid.testing import open_table
 
 
 @pytest.fixture

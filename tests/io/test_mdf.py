@@ -11,7 +11,8 @@ import pytest
 
 from rotorid import ReadError
 from rotorid.cli import run
-from rotorid.io import formats, open_table
+from rotorid.io import formats
+from rotorid.testing import open_table
 
 pytest.importorskip("asammdf")
 

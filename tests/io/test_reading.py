@@ -13,7 +13,6 @@ from io_writers import write_parquet, write_tdms
 
 import rotorid as rid
 from rotorid import InputError, ReadError
-from rotorid.io import Source, open_table
 from rotorid.io import columns as blocks
 from rotorid.io.clock import (
     BEARABLE,
@@ -28,6 +27,7 @@ from rotorid.io.clock import (
 )
 from rotorid.io.columns import open_blocks
 from rotorid.signals.average import PeriodSums, average_blocks
+from rotorid.testing import Source, open_table
 
 # From files to records in SI units.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from fitting import fit
+from result_cases import fit
 from rotor_files import random_rotor, uniform
 
 import rotorid as rid

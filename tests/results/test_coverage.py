@@ -5,8 +5,17 @@ The whole figures, of 500 records each, are those of ``benchmarks/results.py``.
 
 import numpy as np
 import pytest
-from loop_cases import by_few_lines, by_noise, by_periods, by_the_rig
-from result_cases import balanced, close_case, covered, errors_at_the_minimum, identified
+from result_cases import (
+    balanced,
+    by_few_lines,
+    by_noise,
+    by_periods,
+    by_the_rig,
+    close_case,
+    covered,
+    errors_at_the_minimum,
+    identified,
+)
 
 pytestmark = pytest.mark.slow
 

@@ -1,21 +1,29 @@
-"""What a result keeps of its records: true to them, small, and the same when it is read again."""
+"""What an estimate predicts of records, and the evidence of them that is stored."""
+
+from __future__ import annotations
 
 import json
 from dataclasses import replace
 from pathlib import Path
 
+import adverse
 import numpy as np
 import pytest
+from adverse import FUNDAMENTAL, TURN
 
 import rotorid as rid
-from rotorid import with_evidence
+from rotorid import Estimate, InputError, PeriodicRecord, load_rig, predict, with_evidence
+from rotorid.answer import validation
 from rotorid.answer.estimate import Evidence, Prior
-from rotorid.answer.validation import at_best_phase, channel_errors
+from rotorid.answer.validation import ChannelError, at_best_phase, channel_errors, verdict_of
+from rotorid.linear.family import information
 from rotorid.report.estimate_report import estimate_report
+from rotorid.report.estimate_report import verdict_of as shown_verdict
 from rotorid.results import evidence as gathering
 from rotorid.results.evidence import record_evidence
+from rotorid.testing import line_record
 
-TURN = 2 * np.pi
+# What a result keeps of its records: true to them, small, and the same when it is read again.
 
 
 @pytest.fixture(scope="module")
@@ -259,3 +267,273 @@ def test_lines_that_only_noise_moves_are_left_out_over_time(
     estimate = rid.identify(model, few, "ml")
     (shown,) = record_evidence(estimate, model, [few])
     assert {channel.left_out for channel in shown.channels} == {0}
+
+
+# Predictions of an estimate, and its validation on other records.
+
+
+# Predictions: an independent computation of the figure, and every kind of estimate.
+
+
+HARMONICS = (1, 3, 5, 7, 9, 11)
+SPEED = 2 * np.pi * 140
+
+
+@pytest.fixture(scope="module")
+def three_mass():
+    return rid.load_model("three-mass")
+
+
+def record_of(three_mass, rng, *, shares=(0.5, 1.0, 1.0, -0.5), sensors=None):
+    """Return a simulated record, with the paper's excitation unless told otherwise."""
+    time = np.arange(250) / 5000.0
+    wave = sum(10 * np.sin(w * time) + 10 * np.cos(w * time) for w in 40 * np.pi * np.r_[1:12:2])
+    record = rid.simulate(
+        three_mass,
+        three_mass.values(three_mass.nominal),
+        np.outer(wave, shares),
+        sample_rate=5000.0,
+        periods=60,
+        speed=SPEED,
+        noise={
+            **dict.fromkeys(three_mass.inputs, 1.0),
+            **dict.fromkeys(three_mass.coordinates, 5e-6),
+        },
+        rng=rng,
+    )
+    names = [
+        *three_mass.inputs,
+        *(three_mass.coordinates if sensors is None else sensors),
+    ]
+    kept = rid.Record(
+        tuple(rid.Channel(name) for name in names),
+        np.column_stack([record.column(name) for name in names]),
+        record.sample_rate,
+        record.speed,
+        record.angle,
+    )
+    return rid.average(kept, 20.0, harmonics=HARMONICS)
+
+
+@pytest.mark.parametrize("method", [rid.LeastSquares(), rid.Batch(), rid.Sequential()])
+def test_the_figure_is_that_of_the_residual_of_the_rows_with_forces(three_mass, method, rng):
+    periods = record_of(three_mass, rng)
+    estimate = rid.identify(three_mass, periods, method)
+    found = predict(three_mass, estimate, periods)
+    values = {p.name: p.value for p in estimate.parameters}
+    lines = dict(zip(periods.names, periods.mean_spectrum.T, strict=True))
+    # Row 1 by hand: m1 x1'' + k1 (x1 - x2) + k1 L1 theta_y.
+    predicted = (
+        -(periods.omega**2) * values["m1"] * lines["x1"]
+        + values["k1"] * (lines["x1"] - lines["x2"])
+        + values["k1*L1"] * lines["theta_y"]
+    )
+    wanted = np.linalg.norm(predicted - lines["F_x1"]) / np.linalg.norm(lines["F_x1"])
+    assert found["F_x1"].relative_error == pytest.approx(wanted, rel=1e-12)
+    check_same(found, estimate.prediction)
+
+
+def check_same(found, wanted):
+    assert found.keys() == wanted.keys()
+    for name, prediction in wanted.items():
+        assert found[name].relative_error == pytest.approx(prediction.relative_error, rel=1e-10)
+
+
+def test_another_record_is_predicted_within_its_noise(three_mass, rng):
+    estimate = rid.identify(three_mass, record_of(three_mass, rng), rid.Batch())
+    other = record_of(three_mass, rng, shares=(1.0, -0.5, 0.5, 1.0))
+    assert max(p.relative_error for p in predict(three_mass, estimate, other).values()) < 0.03
+
+
+def test_fixed_parameters_stay_in_the_prediction(three_mass, rng):
+    periods = record_of(three_mass, rng)
+    estimate = rid.identify(three_mass, periods, rid.Batch(fixed={"L1": 0.3, "m2": 11.322}))
+    check_same(predict(three_mass, estimate, periods), estimate.prediction)
+
+
+@pytest.mark.parametrize("fixed", [{"L1": 0.3}, {"L1": 0.3, "m1": 0.83339}])
+def test_outputs_are_predicted_where_coordinates_are_hidden(three_mass, fixed, rng):
+    periods = record_of(three_mass, rng, sensors=("x1", "y1", "x3", "y3"))
+    estimate = rid.identify(three_mass, periods, rid.MaximumLikelihood(fixed=fixed))
+    found = predict(three_mass, estimate, periods)
+    assert list(found) == ["x1", "y1", "x3", "y3"]
+    for name, prediction in estimate.prediction.items():
+        assert found[name].relative_error == pytest.approx(prediction.relative_error, rel=1e-9)
+    # By a result of batch too: the outputs follow from its derived physical parameters.
+    batch = rid.identify(three_mass, record_of(three_mass, rng), rid.Batch())
+    assert max(p.relative_error for p in predict(three_mass, batch, periods).values()) < 0.1
+
+
+def test_nuisances_take_part_in_the_prediction(three_mass, rng):
+    lines = line_record(
+        three_mass,
+        three_mass.values(three_mass.nominal),
+        np.full((6, 1), 5 - 5j) * np.array([0.5, 1.0, 1.0, -0.5]),
+        harmonics=HARMONICS,
+        fundamental=20.0,
+        sample_rate=5000.0,
+        periods=60,
+        speed=SPEED,
+    )
+    shifted = lines.spectra * np.exp(-1j * lines.omega * 80e-6)[None, :, None]
+    shifted[..., :4] = lines.spectra[..., :4]
+    noise = rng.standard_normal((2, *shifted.shape)) * 1e-4 * np.abs(shifted)
+    late = rid.PeriodicRecord(
+        **{**vars(lines), "spectra": shifted + noise[0] + 1j * noise[1]},
+    )
+    estimate = rid.identify(three_mass, late, rid.MaximumLikelihood(delays=("position",)))
+    assert estimate.value("delay[position]") == pytest.approx(80e-6, rel=0.05)
+    found = predict(three_mass, estimate, late)
+    error = max(p.relative_error for p in found.values())
+    blind = estimate.with_(nuisance=(), covariance=estimate.covariance[:-1, :-1])
+    assert max(p.relative_error for p in predict(three_mass, blind, late).values()) > 5 * error
+
+
+def test_a_result_of_another_model_is_refused(three_mass, rng):
+    estimate = rid.identify(three_mass, record_of(three_mass, rng), rid.Batch())
+    with pytest.raises(InputError, match="without 'm'; expected the parameters of 'jeffcott'"):
+        predict(rid.load_model("jeffcott"), estimate, record_of(three_mass, rng))
+
+
+def test_information_grows_with_the_square_of_the_forces(three_mass, rng):
+    weak = information(three_mass, record_of(three_mass, np.random.default_rng(1)))
+    shares = tuple(10 * s for s in (0.5, 1.0, 1.0, -0.5))
+    strong = information(three_mass, record_of(three_mass, np.random.default_rng(1), shares=shares))
+    masses = [weak.names.index("m1"), weak.names.index("k1")]
+    ratio = np.diag(strong.matrix)[masses] / np.diag(weak.matrix)[masses]
+    assert ratio == pytest.approx([100.0, 100.0], rel=0.2)
+    assert weak.scaled_condition_number < weak.condition_number
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)
+
+
+def test_currents_are_told_in_amperes(rng):
+    """What a law makes a force of is compared as it was measured."""
+    three_mass = rid.load_model("three-mass")
+    periods = rid.average(load_rig("three-mass").rig.run(1.0, rng), "20 Hz", harmonics=HARMONICS)
+    shown = with_evidence(rid.identify(three_mass, periods, "ml"), three_mass, periods)
+    channels = shown.evidence.records[0].channels
+    assert {c.unit for c in channels if c.name in three_mass.inputs} == {"A"}
+    size = np.abs(periods.mean_spectrum[0, periods.names.index("F_x1")])
+    assert channels[0].measured[0] == pytest.approx(2 * size, rel=1e-5)
+    assert "explain 4 currents to" in shown_verdict(shown).sentence
+
+
+# Another record is predicted within deviations and noise; that of another rotor is not.
+
+
+def identified(kind: str, seed: int) -> tuple[adverse.Trial, Estimate]:
+    trial = adverse.new_trial(kind, np.random.default_rng([seed, 51]))
+    adverse.measure(trial)
+    return trial, adverse.estimate_of(trial)
+
+
+def further(trial: adverse.Trial, machine: adverse.Machine | None = None) -> PeriodicRecord:
+    """Another record of the same machine, or of another one, with other forces."""
+    phases = np.exp(1j * TURN * trial.rng.random(trial.forces.shape))
+    other = replace(trial, forces=trial.forces * phases, machine=machine or trial.machine)
+    adverse.measure(other)
+    return rid.average(adverse.record_of(other), FUNDAMENTAL, harmonics=trial.harmonics)
+
+
+@pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three", "eight"])
+def test_another_record_is_predicted(kind: str) -> None:
+    trial, estimate = identified(kind, 1)
+    found = channel_errors(trial.machine.model, estimate, further(trial))
+    assert verdict_of([found]).verdict == "predicts"
+    for channel in found:
+        assert channel.p_value is not None
+        assert channel.p_value > 1e-4
+        assert channel.relative_error is not None
+        assert channel.noise is not None
+        assert channel.relative_error < 30 * channel.noise
+
+
+@pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three"])
+def test_another_rotor_is_not(kind: str) -> None:
+    trial, estimate = identified(kind, 2)
+    heavier = replace(trial.machine, inertia=1.02 * trial.machine.inertia)
+    found = channel_errors(trial.machine.model, estimate, further(trial, heavier))
+    told = verdict_of([found])
+    said = told.sentence
+    assert told.verdict == "fails"
+    assert "the result does not predict the record: " in said
+    assert "where noise makes" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three"])
+def test_chances_are_even(kind: str) -> None:
+    """Of records of the machine identified, 5 % have a chance below 5 %."""
+    low = []
+    for seed in range(60):
+        trial, estimate = identified(kind, 100 + seed)
+        found = channel_errors(trial.machine.model, estimate, further(trial))
+        low += [c.p_value < 0.05 for c in found if c.p_value is not None]
+    assert 0.01 < np.mean(low) < 0.10
+
+
+def test_deviations_count() -> None:
+    """With values that are not known at all any record of another rotor is predicted."""
+    trial, estimate = identified("jeffcott", 2)
+    heavier = replace(trial.machine, inertia=1.02 * trial.machine.inertia)
+    record = further(trial, heavier)
+    unsure = estimate.with_(
+        covariance=1e4 * estimate.covariance,
+        parameters=tuple(
+            replace(v, std=None if v.std is None else 100 * v.std) for v in estimate.parameters
+        ),
+    )
+    assert verdict_of([channel_errors(trial.machine.model, unsure, record)]).verdict == "predicts"
+    sure = estimate.with_(covariance=np.zeros((0, 0)))
+    assert verdict_of([channel_errors(trial.machine.model, sure, record)]).verdict == "fails"
+
+
+def test_rounding_of_the_covariance_moves_no_deviation() -> None:
+    """Variances of a stiffness and of an unbalance lie 20 powers of ten apart."""
+    trial, estimate = identified("jeffcott", 3)
+    record, three_mass = further(trial), trial.machine.model
+    spread = np.sqrt(np.diag(estimate.covariance))
+    assert spread.max() > 1e8 * spread.min()
+    rounding = 1e-14 * trial.rng.standard_normal(estimate.covariance.shape)
+    rounded = estimate.covariance + (rounding + rounding.T) * np.outer(spread, spread)
+    one, other = (
+        channel_errors(three_mass, estimate.with_(covariance=c), record)
+        for c in (estimate.covariance, rounded)
+    )
+    for a, b in zip(one, other, strict=True):
+        assert a.deviations == pytest.approx(b.deviations, rel=1e-9)
+
+
+def test_a_record_that_hides_any_error_proves_nothing() -> None:
+    hidden = ChannelError("F", 0.4, 0.4, 0.5, 0.31)  # together .506
+    told = verdict_of([[hidden, ChannelError("x", 0.6, 0.6, 0.5, 0.0)]])
+    assert told.verdict == "fails"
+    assert told.sentence.startswith("inconclusive: F is off by 40 %")
+    assert told.cures == (validation.LOUDER,)
+    shown = ChannelError("G", 0.4, 0.4, 0.5, 0.29)  # .494
+    assert verdict_of([[hidden], [shown]]).verdict == "predicts"
+    zero = verdict_of([[ChannelError("F", None, None, None)]])
+    assert zero.sentence == "inconclusive: every channel of the record is zero"
+
+
+def test_where_nothing_says_what_noise_does() -> None:
+    assert pytest.approx(0.6180339887) == validation.CHIRP
+    assert ChannelError("F", 0.51, None, None).fails
+    assert not ChannelError("F", 0.49, None, None).fails
+    assert not ChannelError("F", None, None, None).fails
+    assert ChannelError("F", 0.01, 0.001, 0.9e-6).fails
+    assert not ChannelError("F", 0.01, 0.001, 1.1e-6).fails
+    rows = [[ChannelError("F", 0.6, None, None)], [ChannelError("x", 0.2, 0.1, 1e-9)]]
+    assert verdict_of(rows).sentence.endswith("F of record 1 is off by 60 %")
+    three_mass = rid.load_model("jeffcott")
+    forces = 100 * np.cos(TURN * np.arange(100) / 100)[:, None] * [1.0, 0.5]
+    values = three_mass.values(three_mass.nominal)
+    silent = rid.simulate(three_mass, values, forces, sample_rate=1000.0, periods=3)
+    periods = rid.average(silent, 10.0, harmonics=[1])
+    _, estimate = identified("jeffcott", 3)
+    found = channel_errors(three_mass, estimate, periods)
+    assert [(c.noise, c.p_value) for c in found] == [(None, None)] * 2

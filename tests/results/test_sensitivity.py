@@ -12,7 +12,8 @@ import pytest
 import scipy
 import scipy.signal
 from linear_machines import estimate_of
-from loop_cases import (
+from report_pages import Page, check_self_contained
+from result_cases import (
     FUNDAMENTAL,
     LAST,
     exact,
@@ -24,7 +25,6 @@ from loop_cases import (
     played,
     sampled_loop,
 )
-from report_pages import Page, check_self_contained
 
 import rotorid as rid
 from rotorid import InputError, cli, load_rig

@@ -10,7 +10,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from fitting import fit
+from result_cases import fit
 
 from rotorid import Constraint, Lines, MaximumLikelihood, average, identify
 from rotorid.likelihood.inference import infer

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from adverse import WRONG
 from adverse_cases import CASES
-from fitting import fit
+from result_cases import fit
 from rotor_bank import (
     ADVERSE,
     BEARINGS,

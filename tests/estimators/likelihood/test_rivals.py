@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from adverse_cases import CASES
-from fitting import fit
+from result_cases import fit
 
 import rotorid as rid
 from rotorid import Channel, Constraint, InputError, MaximumLikelihood, identify, load_model
