@@ -18,7 +18,6 @@ amplitude decays with sigma. No segment is short enough to mend that; it is told
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -246,11 +245,12 @@ def _lines(record: Record, cut: _Cut) -> Lines:
     lines = cut.phasors if forward else cut.phasors.conj()
     matrices = (cut.covariance if forward else cut.covariance.conj()) / 4
     covariance = LineCovariance(matrices[order], cut.dof, "repeated", shared=cut.group)
-    found = lines_at_speeds(
-        record.channels, cut.speed[order], lines[order] / 2, covariance, record.sample_rate
-    )
-    return replace(
-        found,
+    return lines_at_speeds(
+        record.channels,
+        cut.speed[order],
+        lines[order] / 2,
+        covariance,
+        record.sample_rate,
         phase_known=record.phase_known,
         phase_std=record.phase_std,
         source=record.source,

@@ -13,7 +13,6 @@ Piersol, Random Data); of the complex number it is the root of two times as much
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -87,8 +86,8 @@ def phasor_lines(
             stated = known[order[rows]]
             covariance = _diagonal(stated**2 / 2, KNOWN, "stated")
             said = _doubted(scatter, groups, stated)
-    found = lines_at_speeds(channels, turning, recorded, covariance, 1.0)
-    return replace(found, source=source, warnings=told + said, checks=tuple(checks))
+    notes = {"warnings": told + said, "checks": tuple(checks)}
+    return lines_at_speeds(channels, turning, recorded, covariance, 1.0, source=source, **notes)
 
 
 def lines_at_speeds(
@@ -97,17 +96,11 @@ def lines_at_speeds(
     lines: Complexes,
     covariance: LineCovariance,
     sample_rate: float,
+    **told: Any,
 ) -> Lines:
     """Return 1x lines as recorded, a speed each, corrected for hold, delay and dynamics."""
-    return _corrected(
-        channels,
-        np.abs(speed) / (2 * np.pi),
-        lines,
-        covariance,
-        sample_rate,
-        speed=speed,
-        clock=PhasorClock(speed),
-    )
+    hertz, turning = np.abs(speed) / (2 * np.pi), {"speed": speed, "clock": PhasorClock(speed)}
+    return _corrected(channels, hertz, lines, covariance, sample_rate, **turning, **told)
 
 
 def _corrected(

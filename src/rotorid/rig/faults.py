@@ -270,7 +270,8 @@ def _hysteresis(part: Actuator, size: float) -> Actuator:
     return replace(part, hysteresis=size)
 
 
-_LAW = ("force law", "ki", "ks", "common gain")
+_GAIN = ("force law", "ki", "common gain")
+_LAW = (*_GAIN, "ks")
 
 
 @_fault("20 um", "rejected", "gap", *_LAW, of=_magnets, rig="rigid")
@@ -279,18 +280,7 @@ def _iron_path(law: Differential, size: float) -> Differential:
     return replace(law, iron=size)
 
 
-@_fault(
-    "1.8",
-    "rejected",
-    "nonlinear",
-    "saturation",
-    "force law",
-    "common gain",
-    "ki",
-    of=_magnets,
-    none=np.inf,
-    rig="rigid",
-)
+@_fault("1.8", "rejected", "nonlinear", *_GAIN, "saturation", of=_magnets, none=np.inf, rig="rigid")
 def _saturation(law: Differential, size: float) -> Differential:
     """Iron whose knee is at so many times the flux of the bias."""
     return replace(law, saturation=size * law.bias / law.gap)
