@@ -374,9 +374,12 @@ def test_filters_that_cannot_be(asked: dict, message: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["axis", "white", "rests", "spring"])
 def test_deviations_cover(kind: str) -> None:
-    """Two hundred records of each: 95 % intervals cover 93 to 97 % over all parameters."""
+    """A hundred records of each; the scatter of all parameters over what is stated is known to 5 %.
+
+    All deviations 20 % too small (a scatter of 1.25) are found always, those of one with 1 in 2.
+    """
     errors = []
-    for seed in range(200):
+    for seed in range(100):
         rng = np.random.default_rng(seed)
         if kind == "spring":
             model, truth, low = DUFFING, DUFFING_TRUE, rid.filtered(duffing(rng), 60.0, decimate=5)
@@ -390,7 +393,8 @@ def test_deviations_cover(kind: str) -> None:
             low = rid.filtered(record, 40.0, decimate=10)
         errors.append(pulls(rid.identify(model, low, "ls"), truth))
     found = np.array(errors)
-    assert 0.925 < (np.abs(found) < 1.96).mean() < 0.975
+    assert 0.915 < (np.abs(found) < 1.96).mean() < 0.985
+    assert np.sqrt((found**2).mean()) == pytest.approx(1, abs=0.15)
     assert (np.abs(found.mean(axis=0)) < 0.8).all()
     rms = np.sqrt((found**2).mean(axis=0))
     assert (rms > 0.7).all()

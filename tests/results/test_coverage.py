@@ -23,13 +23,14 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("periods", [10, 100])
 def test_deviations_hold_with_few_periods_and_where_few_lines_tell(periods):
     """Damping c, d and the cross stiffness e are told by lines at the resonance."""
-    cases = (close_case(seed, periods=periods, stream=77) for seed in range(1200))
+    cases = (close_case(seed, periods=periods, stream=77) for seed in range(600))
     found = [errors_at_the_minimum(case) for case in cases]
     assert set(found[0]) == {"m", "I_t", "I_p", "k_x", "k_y", "c", "d", "e"}
     for name in found[0]:
         held = np.mean([abs(each[name]) < 1.96 for each in found])
-        assert 0.93 < held < 0.97, name  # known to .6 percent; without _widening .92 of ten periods
-        assert np.sqrt(np.mean([each[name] ** 2 for each in found])) < 1.07, name
+        assert 0.923 < held < 0.977, name  # known to .9 percent
+        # Known to 2.9 percent; without _widening 1.12 of ten periods.
+        assert np.sqrt(np.mean([each[name] ** 2 for each in found])) < 1.08, name
 
 
 def test_modes_and_critical_speeds_that_come_close():
@@ -72,8 +73,11 @@ def test_peaks_of_sensitivity_and_their_zones():
 
 
 def test_peaks_of_sensitivity_in_short_records():
-    """By parabolas in windows a third of these were held, and zones of the wrong side."""
-    found = [by_few_lines(seed) for seed in range(1000, 1040)]
-    assert np.mean([each.held for each in found]) >= 0.86
+    """By parabolas in windows a third of these were held, and zones of the wrong side.
+
+    Intervals of half their width hold two thirds; of 24 records that is found with 94 %.
+    """
+    found = [by_few_lines(seed) for seed in range(1000, 1024)]
+    assert np.mean([each.held for each in found]) >= 0.83
     assert not any(each.wrong for each in found)
     assert np.sqrt(np.mean([each.off_db**2 for each in found])) < 0.1

@@ -512,8 +512,8 @@ def test_the_page_is_what_a_run_gives(name: str) -> None:
     ("case", "seconds"), [("measured", 5.0), ("commanded", 5.0), ("flux", 10.0)]
 )
 def test_intervals_hold_the_truth(case: str, seconds: float) -> None:
-    """Eight records: 56 errors or more, correlated in each record; 95 % give 85 to 100."""
-    ok, cover, rms, _ = script("calibration").calibration([case], 8, seconds, 1)[case]
-    assert ok >= 7
-    assert cover > 85.0
-    assert 0.7 < rms < 1.4
+    """Five records: 35 errors or more, correlated in each record; 95 % give 80 to 100."""
+    ok, cover, rms, _ = script("calibration").calibration([case], 5, seconds, 1)[case]
+    assert ok >= 4
+    assert cover > 80.0
+    assert 0.65 < rms < 1.4

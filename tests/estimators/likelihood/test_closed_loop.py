@@ -11,6 +11,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from result_cases import fit
+from scipy.stats import norm
 
 from rotorid import Constraint, Lines, MaximumLikelihood, average, identify
 from rotorid.likelihood.inference import infer
@@ -128,14 +129,15 @@ class Figures:
 
 @pytest.mark.slow
 def test_statistics_of_the_three_covariances(demo):
-    """400 records. What holds: cross terms, from neighbouring lines; what does not: the rest.
+    """240 records. What holds: cross terms, from neighbouring lines; what does not: the rest.
 
-    That the rest does not hold shows in sixty of them.
+    A deviation that is stated 20 % too small is found with 95 %, all of them together always. That
+    the rest does not hold shows in sixty records.
     """
     model = demo.model
     knowledge = Knowledge(start=demo.truth)
     found = {"correlated": Figures(), "white": Figures(), "diagonal": Figures()}
-    for seed in range(400):
+    for seed in range(240):
         record = run(seed)
         for choice in ("auto", "white") if seed < 60 else ("auto",):
             fitted = fit(model, [bind(model, record)], knowledge, Nuisances(), covariance=choice)
@@ -154,11 +156,11 @@ def test_statistics_of_the_three_covariances(demo):
         print(f"{name:>10}: {figures}")
     right = found["correlated"]
     assert abs(right.cost_deviation) < 3
-    assert 0.03 <= right.rejected <= 0.075
+    assert norm.ppf(right.p_values).std() == pytest.approx(1, abs=0.14)
     assert abs(right.distance[0] - 13) < 3 * right.distance[1]
-    # Over 400 runs one standard error of a coverage is 1.1 %.
-    assert (np.abs(right.coverage - 0.95) < 0.035).all()
-    assert (np.abs(right.ratio - 1) < 0.12).all()
+    # Over 240 runs one standard error of a coverage is 1.4 %, of a scatter 4.6 %.
+    assert (np.abs(right.coverage - 0.95) < 0.045).all()
+    assert (np.abs(right.ratio - 1) < 0.15).all()
     white, diagonal = found["white"], found["diagonal"]
     assert white.cost_deviation < -5
     assert white.rejected < 0.02
