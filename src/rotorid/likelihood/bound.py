@@ -13,7 +13,6 @@ from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
-from rotorid.core.values import Floats
 from rotorid.data.lines import Lines
 from rotorid.data.observation import bind
 from rotorid.data.record import Channel, Drive, PeriodicRecord
@@ -233,9 +232,6 @@ def _guess(
         )
     if not base:
         return dict(truth)
-    held = {n: v for n, v in known.fixed.items() if n in model.parameter_names}
-    reduced = model.substitute(held)
-    physical: Floats = reduced.values(truth)
-    named = zip(reduced.base.names, reduced.base_values(physical).tolist(), strict=True)
-    nuisance = {n: v for n, v in truth.items() if n not in model.parameter_names}
-    return {**dict(named), **nuisance}
+    reduced = model.substitute(known.held(model))
+    values = reduced.base_values(reduced.values(truth)).tolist()
+    return {**truth, **dict(zip(reduced.base.names, values, strict=True))}
