@@ -27,7 +27,7 @@ LAYERS = (
     ("answer",),
     ("linear",),
     ("likelihood",),
-    ("answer.identify", "answer.predict", "answer.validation"),
+    ("answer.identify", "answer.predict"),
     ("results",),
     ("rig",),
     ("io",),

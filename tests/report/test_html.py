@@ -37,7 +37,7 @@ from rotorid import (
     with_evidence,
 )
 from rotorid.answer.estimate import Evidence, Prior, SourceFile
-from rotorid.answer.validation import ChannelError
+from rotorid.answer.predict import ChannelError
 from rotorid.demo import TABLE, DemoResult, demo_report, findings, run_demo, simulate_record
 from rotorid.report.estimate_report import (
     estimate_report,

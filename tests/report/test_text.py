@@ -23,7 +23,7 @@ from rotorid import (
 )
 from rotorid.answer.estimate import ChannelEvidence, Evidence, RecordEvidence
 from rotorid.answer.estimate_tables import page
-from rotorid.answer.validation import ChannelError
+from rotorid.answer.predict import ChannelError
 from rotorid.core.tables import page_text
 from rotorid.report import html
 from rotorid.report.drawn import Axis, Curve, Panel, thinned

@@ -13,9 +13,9 @@ from adverse import FUNDAMENTAL, TURN
 
 import rotorid as rid
 from rotorid import Estimate, InputError, PeriodicRecord, load_rig, predict, with_evidence
-from rotorid.answer import validation
+from rotorid.answer import predict as validation
 from rotorid.answer.estimate import Evidence, Prior
-from rotorid.answer.validation import ChannelError, at_best_phase, channel_errors, verdict_of
+from rotorid.answer.predict import ChannelError, at_best_phase, channel_errors, verdict_of
 from rotorid.linear.family import information
 from rotorid.report.estimate_report import estimate_report
 from rotorid.report.estimate_report import verdict_of as shown_verdict

@@ -20,7 +20,6 @@ from rotorid.core.notes import Note, Severity
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Floats
 from rotorid.models import Model
-from rotorid.models.expressions import symbol
 from rotorid.models.linear_form import LinearForm
 from rotorid.models.structure import force_balance
 
@@ -142,9 +141,8 @@ def _parts(reduced: Model, linear: LinearForm, base: Floats, omega: float) -> tu
     part = np.array([kept.get(m, -1) for m in range(linear.monomials)])[linear.stiffness.monomial]
     table, part = linear.stiffness.where(part >= 0), part[part >= 0]
     size, place = table.sizes(omega), (part, table.row, table.column)
-    kinds = [(kind.order, kind.factor) for kind in table.kinds]
-    inertial = np.array([order == 2 and not factor.free_symbols for order, factor in kinds])
-    turning = np.array([kind == (1, symbol("Omega")) for kind in kinds])
+    inertial = np.array([k.matrix == "M" and not k.factor.free_symbols for k in table.kinds])
+    turning = np.array([k.matrix == "G" for k in table.kinds])
     np.add.at(mass, place, size * inertial[table.kind])
     np.add.at(gyroscopic, place, table.coefficient * turning[table.kind])
     np.add.at(forces, place[1:], omega**table.order * np.abs(size * base[part]))

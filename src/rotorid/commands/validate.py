@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.answer.estimate import Estimate
+from rotorid.answer.predict import at_best_phase, channel_errors, verdict_of
 from rotorid.answer.result_file import load_estimate
-from rotorid.answer.validation import at_best_phase, channel_errors, verdict_of
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import Outputs, done, source_of
 from rotorid.core.errors import InputError, naming

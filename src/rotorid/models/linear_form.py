@@ -137,6 +137,16 @@ class TermKind(NamedTuple):
     factor: Expression
     structural: bool
 
+    @property
+    def matrix(self) -> str:
+        """The name of the matrix that holds such terms."""
+        gyroscopic = self.order == 1 and self.factor == symbol("Omega")
+        return "H" if self.structural else "G" if gyroscopic else "KDM"[self.order]
+
+
+MATRICES = "MDGKH"
+TURNING = MATRICES.index("G")
+
 
 @dataclass(frozen=True, eq=False)
 class StiffnessTable:
@@ -208,26 +218,19 @@ class LinearForm:
     monomials: int  # their number
 
     def matrices(self, values: ArrayLike, speed: float = 0.0) -> Matrices:
-        mu = self.monomial_values(np.asarray(values, dtype=float))
-        blocks = {name: np.zeros(self.rows * self.coordinates) for name in "MDGKH"}
-        for (name, factor), (where, monomial, coefficient) in self._stacked.items():
-            scale = 1.0 if name == "G" else speed_factor(factor, speed)
-            weights = scale * coefficient * mu[monomial]
-            blocks[name] += np.bincount(where, weights, minlength=len(blocks[name]))
-        shaped = {name: b.reshape(self.rows, self.coordinates) for name, b in blocks.items()}
-        return Matrices(**shaped, B=self.input_matrix(mu))
+        mu, table = self.monomial_values(np.asarray(values, dtype=float)), self.stiffness
+        sizes = np.where(self._matrix == TURNING, table.coefficient, table.sizes(speed))
+        place = (self._matrix * self.rows + table.row) * self.coordinates + table.column
+        shape = len(MATRICES), self.rows, self.coordinates
+        found = np.zeros(shape)
+        found += np.bincount(place, sizes * mu[table.monomial], found.size).reshape(shape)
+        return Matrices(**dict(zip(MATRICES, found, strict=True)), B=self.input_matrix(mu))
 
     @cached_property
-    def _stacked(self) -> dict[tuple[str, Expression], tuple[Integers, Integers, Floats]]:
-        """Place, monomial and coefficient of the terms, by matrix and factor."""
-        table, found = self.stiffness, {}
-        where = table.row * self.coordinates + table.column
-        for number, (order, factor, structural) in enumerate(table.kinds):
-            gyroscopic = order == 1 and factor == symbol("Omega")
-            name = "H" if structural else "G" if gyroscopic else "KDM"[order]
-            chosen = table.kind == number
-            found[name, factor] = (where[chosen], table.monomial[chosen], table.coefficient[chosen])
-        return found
+    def _matrix(self) -> Integers:
+        """Which of `MATRICES` each term is in, (term,)."""
+        found = [MATRICES.index(kind.matrix) for kind in self.stiffness.kinds]
+        return np.array(found, dtype=np.int64)[self.stiffness.kind]
 
     def input_matrix(self, mu: Floats) -> Floats:
         """Return B, shape (row, input), from the values of the monomials."""

@@ -29,8 +29,8 @@ from rotorid.answer.estimate_tables import (
     two_digits,
     value_tables,
 )
-from rotorid.answer.validation import ChannelError
-from rotorid.answer.validation import verdict_of as validated
+from rotorid.answer.predict import ChannelError
+from rotorid.answer.predict import verdict_of as validated
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import Table, table

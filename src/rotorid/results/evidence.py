@@ -21,8 +21,7 @@ from rotorid.answer.estimate import (
     RecordKind,
 )
 from rotorid.answer.identify import Estimator
-from rotorid.answer.predict import missing_values
-from rotorid.answer.validation import Forecast
+from rotorid.answer.predict import Forecast, missing_values
 from rotorid.core.errors import InputError
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PhasorClock, SampledClock, SilentClock
