@@ -112,20 +112,20 @@ class MeasuredRow:
     def ratio(self) -> float:
         return -self.value.real / abs(self.value)
 
-    def rows(self, relaxation: float) -> Iterator[tuple[float, float, complex]]:
-        """Yield error and deviation of frequency and damping; ``Re(w d lambda)`` is their change.
-
-        The third is w.
-        """
+    def rows(self, relaxation: float) -> Iterator[tuple[float, float, Callable[..., Floats]]]:
+        """Yield error and deviation of frequency and damping, and their derivative by lambda's."""
         hertz, std, _ = self.mode.in_si
         granted = GRANTED * relaxation
         spread = float(np.hypot(std, granted * hertz))
-        yield self.hertz - hertz, spread, -1j / (2 * np.pi)
+        yield self.hertz - hertz, spread, lambda slope: slope.imag / (2 * np.pi)
         if self.mode.damping is not None:
             ratio, std = self.mode.damping
-            size = abs(self.value)
-            weight = -(1 + self.ratio * self.value.conjugate() / size) / size
-            yield self.ratio - ratio, float(np.hypot(std, granted)), weight
+            unit = self.value.conjugate() / abs(self.value)
+            yield (
+                self.ratio - ratio,
+                float(np.hypot(std, granted)),
+                lambda slope: -(slope.real + self.ratio * (unit * slope).real) / abs(self.value),
+            )
 
 
 @frozen
@@ -217,7 +217,7 @@ class ModalRows:
         rows: list[Floats] = []
         for each in self.measured(unknowns):
             slope = each.slope()
-            rows += [(weight * slope).real / std for _, std, weight in each.rows(relaxation)]
+            rows += [by_slope(slope) / std for _, std, by_slope in each.rows(relaxation)]
         return np.array(rows).reshape(len(rows), len(unknowns))
 
 
