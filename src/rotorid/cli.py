@@ -417,11 +417,6 @@ def _prepare(arguments: Sequence[str]) -> None:
         # What libraries have to say is for developers; what users must know stands in the answer.
         warnings.simplefilter("ignore")
         logging.lastResort = None
-    _hasten()
-
-
-def _hasten() -> None:
-    """Spare a start what packages do when they load, and commands have no use for."""
     # What a command loads stays until its end: to search it for garbage takes a tenth of a start.
     gc.set_threshold(100_000)
     # pydantic would look for its plugins in every package that is installed.
@@ -429,7 +424,6 @@ def _hasten() -> None:
 
 
 def main() -> None:
-    """Run the command line of this process."""
     arguments = sys.argv[1:]
     try:
         _prepare(arguments)

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from hashlib import file_digest
 from pathlib import Path
 from platform import python_version
@@ -205,23 +206,17 @@ def check_outputs(*targets: tuple[Path | None, Kind], force: bool = False) -> li
     """Refuse what cannot be written before the work begins; return the targets there are."""
     given = [(path, kind) for path, kind in targets if path is not None and path != STDOUT]
     for path, kind in given:
-        if kind is REPORT:
-            _require_page(path)
+        if kind is REPORT and path.suffix.lower() not in ("", ".html", ".htm"):
+            raise InputError(
+                f"a report of the ending {path.suffix}",
+                "a page: .html",
+                f"write {path.with_suffix('.html').name}; a browser prints it to PDF",
+                file=str(path),
+            )
     for path, kind in given:
         check_target(path, kind, force=force)
     _FOUND.set({} if force else {path: seen(path) for path, _ in given})
     return [path for path, _ in given]
-
-
-def _require_page(path: Path) -> None:
-    """Refuse a report under an ending that says it is something else than a page."""
-    if path.suffix.lower() not in ("", ".html", ".htm"):
-        raise InputError(
-            f"a report of the ending {path.suffix}",
-            "a page: .html",
-            f"write {path.with_suffix('.html').name}; a browser prints it to PDF",
-            file=str(path),
-        )
 
 
 def write(*outputs: Output) -> None:
@@ -263,14 +258,12 @@ class Outputs(NamedTuple):
         report has pictures, fonts and settings that can fail.
         """
         faults: list[Exception] = []
-        try:
-            write((self.json, data if callable(data) else as_json(data, self.kind)))
-        except (InputError, click.exceptions.Exit, OSError) as error:
-            faults.append(error)
-        try:
-            show(page)
-        except (click.exceptions.Exit, OSError) as error:
-            faults.append(error)
+        figures = data if callable(data) else as_json(data, self.kind)
+        for step in (partial(write, (self.json, figures)), partial(show, page)):
+            try:
+                step()
+            except (InputError, click.exceptions.Exit, OSError) as error:
+                faults.append(error)
         if not any(isinstance(fault, InputError) for fault in faults):
             if self.report is not None:
                 watch("writing the report")

@@ -28,12 +28,10 @@ def median(values: Floats, axis: int = -1) -> Floats:
 
 
 def gamma_tail(value: float, shape: float) -> float:
-    """Return the chance that a gamma variable of unit scale exceeds a value."""
     return float(scipy.special.gammaincc(shape, value))
 
 
 def f_tail(value: float, first: float, second: float) -> float:
-    """Return the chance that F with these degrees of freedom exceeds a value."""
     return float(scipy.special.fdtrc(first, second, value))
 
 
@@ -95,7 +93,6 @@ class Expectation:
     dof: int
 
     def p_value(self, cost: float) -> float:
-        """Return the chance that noise alone gives this cost or more."""
         if self.dof <= 0 or self.mean <= 0:
             return 1.0
         spread = self.variance / self.mean**2
@@ -110,7 +107,6 @@ class Expectation:
 
 
 def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Floats, Floats]:
-    """Return mean and variance of each line's cost."""
     t, c = np.maximum(left, 0.0), multiplicity
     a = c * t
     b = np.maximum(c * (dof - t + 1), 4.0 + 1e-3)  # fewer have no variance

@@ -291,7 +291,6 @@ def _written(path: Path, data: bytes, mode: int | None) -> str:
 
 
 def _sent(path: Path, data: bytes) -> None:
-    """Write to a device or a pipe."""
     try:
         stream = open(path, "wb", opener=_open)  # noqa: SIM115 - closed below
     except OSError as error:

@@ -32,16 +32,11 @@ def frozen(kind: Any = None, /, *, kw_only: bool = False) -> Any:
         if kind.__eq__ is object.__eq__:
             kind.__eq__, kind.__hash__ = _equal, _hashed
         if kind.__eq__ is _equal:
-            kind._content = staticmethod(_getter(kind))
+            names = [each.name for each in fields(kind) if each.compare]
+            kind._content = staticmethod(attrgetter(*names) if names else lambda _: ())
         return kind
 
     return made if kind is None else made(kind)
-
-
-def _getter(kind: Any) -> Callable[[Any], Any]:
-    """Return the function that takes from an object all that is compared."""
-    names = [each.name for each in fields(kind) if each.compare]
-    return attrgetter(*names) if names else lambda _: ()
 
 
 def _set_once(self: Any, name: str, value: object) -> None:
@@ -52,19 +47,16 @@ def _set_once(self: Any, name: str, value: object) -> None:
 
 
 def _keep(self: Any, name: str) -> None:
-    """Refuse to delete."""
     raise FrozenInstanceError(f"cannot delete field {name!r}")
 
 
 def _equal(self: Any, other: Any) -> Any:
-    """Compare by the fields, among objects of one class."""
     if other.__class__ is not self.__class__:
         return NotImplemented
     return bool(self._content(self) == other._content(other))
 
 
 def _hashed(self: Any) -> int:
-    """Return a number that is the same for what is equal."""
     return hash(self._content(self))
 
 

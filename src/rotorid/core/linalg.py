@@ -97,16 +97,10 @@ def covariance_root(covariance: Floats) -> Floats:
 def leave_out(share: Floats, score: Floats, least: float) -> tuple[Floats, Floats]:
     """Return ``(1 - share)^-1 score``, of an answer without one group of rows (the jackknife).
 
-    Parameters
-    ----------
-    share : array, shape (n, n)
-        What the group tells of the whole: ``G_b X_b`` of values ``G @ right side`` with the design
-        X, or ``X_b G_b``.
-    score : array, shape (n,)
-        ``G_b e_b``, or e_b, the group's residual: then the result is its residual without it.
-    least : float
-        Singular values of ``1 - share`` up to which the group tells something alone. That is left
-        out of the result, and returned beside it, (n, directions).
+    With the share ``G_b X_b``, of values ``G @ right side`` with the design X, and the score
+    ``G_b e_b``, e_b the group's residual; or with ``X_b G_b`` and e_b, for its residual without it.
+    What the group tells alone, singular values of ``1 - share`` up to `least`, is left out of the
+    result, and returned beside it, (n, directions).
     """
     left, size, right = np.linalg.svd(np.eye(len(share)) - share)
     told = size > least

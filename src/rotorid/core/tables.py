@@ -31,8 +31,9 @@ class Table:
     @property
     def numeric(self) -> tuple[bool, ...]:
         """Which columns hold numbers, shape (column,)."""
-        columns = list(zip(self.headings, *self.rows, strict=True))
-        return (False, *(_is_numeric(cells) for _, *cells in columns[1:]))
+        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.headings)
+        said = [[cell for cell in cells if cell not in ("", "fixed")] for cells in columns][1:]
+        return (False, *(bool(cells) and all(map(_NUMBER.fullmatch, cells)) for cells in said))
 
     def text(self, width: int | None = None) -> str:
         """Return aligned columns; those that do not fit a width follow below, with the names."""
@@ -117,11 +118,6 @@ def by_hand(unit: str) -> tuple[str, float]:
 
 def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
     return Table(tuple(headings), tuple(tuple(row) for row in rows))
-
-
-def _is_numeric(cells: Sequence[str]) -> bool:
-    said = [cell for cell in cells if cell not in ("", "fixed")]
-    return all(_NUMBER.fullmatch(cell) for cell in said) and bool(said)
 
 
 def _aligned(cells: Sequence[str], right: bool) -> list[str]:

@@ -80,7 +80,6 @@ def read_toml(path: str | Path, schema: type[S]) -> S:
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Read a file written by hand."""
     cure = "check that this is the right file"
     return read_regular(path, TOML_BYTES, "a TOML file written by hand", cure)
 
@@ -222,17 +221,13 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
 
 def _known_keys(schema: type[Schema], location: tuple[int | str, ...]) -> list[str]:
     """Return the keys that the table at a location may hold."""
-    inner: type[Schema] | None = schema
-    for part in location:
-        inner = _inner_schema(inner, part)
-    return [] if inner is None else [f.alias or name for name, f in inner.model_fields.items()]
-
-
-def _inner_schema(schema: type[Schema] | None, part: int | str) -> type[Schema] | None:
-    if schema is None or isinstance(part, int) or part not in schema.model_fields:
-        return schema  # an index of a list, or a key of a mapping: the schema of its members
-    found = _schemas_in(schema.model_fields[part].annotation)
-    return found[0] if len(found) == 1 else None
+    for part in location:  # of an index or a key of a mapping, the schema is that of its members
+        if isinstance(part, str) and part in schema.model_fields:
+            found = _schemas_in(schema.model_fields[part].annotation)
+            if len(found) != 1:
+                return []
+            schema = found[0]
+    return [field.alias or name for name, field in schema.model_fields.items()]
 
 
 def _schemas_in(annotation: Any) -> list[type[Schema]]:

@@ -161,12 +161,10 @@ class Unit:
 
 
 def symbol_power(symbol: str, power: object) -> str:
-    """Return a symbol with its power, such as ``m^2``."""
     return symbol if power == 1 else f"{symbol}^{power}"
 
 
 def base_powers(atoms: Mapping[str, int]) -> dict[str, int]:
-    """Return the powers of kg, m, s, A, K and rad in a product of SI symbols."""
     total: Counter[str] = Counter()
     for atom, power in atoms.items():
         _, base = _SYMBOLS.get(atom, ("", {atom: 1}))
@@ -409,7 +407,6 @@ def check_unit(text: str, *, place: str = "") -> str:
 
 
 def multiply_units(factors: Iterable[tuple[str, int]]) -> str:
-    """Return the SI unit of a product of powers of units."""
     factors = [(unit, power) for unit, power in factors if power and unit != "1"]
     if len(factors) == 1 and factors[0][1] == 1:
         return check_unit(factors[0][0])

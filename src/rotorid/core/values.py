@@ -86,7 +86,6 @@ LONGEST = 80
 
 
 def _brief(value: Any) -> str:
-    """Return a value in a few characters."""
     if isinstance(value, np.ndarray):
         return f"<{'x'.join(map(str, value.shape)) or 'one'} {value.dtype}>"
     if isinstance(value, tuple) and value and all(hasattr(v, "name") for v in value):

@@ -99,7 +99,6 @@ def _leaf(name: str) -> str:
 
 
 def is_excitation(column: Found) -> bool:
-    """Tell whether a column is by its name what was added to the commands."""
     return _EXCITATION.match(_leaf(column.name)) is not None
 
 
@@ -246,7 +245,6 @@ def currents(
 
 
 def likeness(quantity: str, column: str, is_input: bool) -> float:
-    """Return how alike a quantity of a model and a column's name are, 1 for the same."""
     wanted = _plain(quantity)
     options = _options(column, is_input=is_input) if wanted else []
     return max((_alike(wanted, option) for option in options), default=0.0)
@@ -477,7 +475,6 @@ def _rotation(run: _Run, model: Model | None) -> Iterator[_Line]:
 
 
 def unbalanced(model: Model) -> bool:
-    """Tell whether the equations of a model hold the rotor angle."""
     return any("phi" in text for text in model.texts)
 
 
@@ -508,7 +505,6 @@ def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
 
 
 def _widest(columns: Iterable[Found]) -> Found | None:
-    """Return the column that moves the most; None where all are at rest."""
     moving = [c for c in columns if np.ptp(c.values) > 0]
     return max(moving, key=lambda c: float(np.ptp(c.values)), default=None)
 

@@ -295,7 +295,6 @@ def check_tables(found: Sequence[Measured], inputs: Collection[str]) -> None:
 
 
 def _response_again(one: Lines, other: Lines) -> str | None:
-    """Say which response of a table another table holds, differentiated perhaps."""
     if one.channels[0].name != other.channels[0].name:
         return None
     here, there = _common(other.frequency, one.frequency)
@@ -309,7 +308,6 @@ def _response_again(one: Lines, other: Lines) -> str | None:
 
 
 def _rows_again(one: Lines, other: Lines, inputs: Collection[str]) -> str | None:
-    """Say how many rows of phasors another table holds."""
     names = [n for n in other.names if n in one.names and n not in inputs]
     here, there = _common(other.speed, one.speed)
     a, b = ([lines.names.index(n) for n in names] for lines in (other, one))
@@ -473,7 +471,6 @@ def check_told(records: Sequence[RecordEntry]) -> None:
 
 
 def turns_untold(record: RecordEntry) -> bool:
-    """Tell whether a record turns and says nothing of where its angle begins."""
     if record.kind != "samples" or record.angle is not None or record.keyphasor is not None:
         return False
     return bool(record.speed.value) and "phase" not in record.model_fields_set

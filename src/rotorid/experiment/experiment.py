@@ -32,6 +32,8 @@ from rotorid.experiment.read import (
     plan_record,
     said_of,
     shared_currents,
+    turn_of_keyphasor,
+    without_mark,
 )
 from rotorid.experiment.schema import (
     OPEN,
@@ -46,7 +48,6 @@ from rotorid.experiment.schema import (
 from rotorid.io import READERS, read_record
 from rotorid.models import Model, load_model
 from rotorid.models.knowledge import Constraint, Knowledge
-from rotorid.signals.angle import keyphasor_angle, pulse_edges
 from rotorid.signals.average import KEYS
 from rotorid.signals.inspection import Inspection, LineInspection, inspect_lines, inspect_record
 
@@ -255,7 +256,6 @@ class Experiment:
 
 
 def _check_ending(path: Path) -> None:
-    """Refuse a record in place of the experiment file; text may be either."""
     ending = path.suffix.lower()
     if ending in READERS and ending != ".txt":
         raise ReadError(
@@ -342,7 +342,6 @@ def _model(name: str, experiment: Path) -> Model:
 
 
 def _read_table(plan: Recording, model: Model) -> Sequence[Lines]:
-    """Read a record that is a table; responses to several inputs are several."""
     from rotorid.experiment import table_records  # which few records need
 
     if plan.entry.kind == "phasors":
@@ -384,7 +383,6 @@ def named_files(path: Path) -> list[Path]:
 
 
 def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection]:
-    """Inspect one record of a finished file."""
     one = plan.channels[number]
     entry = one.entry
     if entry.channel_kind != "samples":
@@ -430,23 +428,13 @@ def _inspect_draft(folder: Path, entry: DraftRecord) -> Inspection:
     if OPEN in entry.paths:
         raise ReadError("no name of a file", "the file of a record", "name it")
     record = read_record([folder / name for name in entry.paths], mask=entry.mask, **said_of(entry))
-    return _inspected(_without_mark(record, entry), entry)
-
-
-def _without_mark(record: Record, entry: DraftRecord) -> Record:
-    """Leave out the column of the rotor angle, which is no channel; a keyphasor tells the speed."""
     mark = entry.keyphasor if entry.angle is None else entry.angle.column
-    kept = [c for c, name in enumerate(record.names) if name != mark]
-    turned: dict[str, Any] = {}
-    if entry.keyphasor in record.names:
-        with suppress(InputError):  # what is wrong with it is told once the file is finished
-            column, rate = record.column(entry.keyphasor), record.sample_rate
-            times, half = pulse_edges(column, rate, source=record.source)
-            seen = keyphasor_angle(times, len(column), rate, half=half, source=record.source)
-            turned = {"speed": seen.speed, "angle": seen.angle}
-    return replace(
-        record,
-        channels=tuple(record.channels[c] for c in kept),
-        samples=record.samples[:, kept],
-        **turned,
-    )
+    if mark in record.names:
+        bare, marks = without_mark(record, mark)
+        turned: dict[str, Any] = {}
+        if entry.keyphasor:
+            with suppress(InputError):  # what is wrong with it is told once the file is finished
+                seen = turn_of_keyphasor(record, marks)
+                turned = {"speed": seen.speed, "angle": seen.angle}
+        record = replace(bare, **turned)
+    return _inspected(record, entry)

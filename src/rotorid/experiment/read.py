@@ -30,7 +30,7 @@ from rotorid.io.columns import open_blocks
 from rotorid.io.table import Column
 from rotorid.models import Model
 from rotorid.models.equations import DERIVATIVES, SensorTerm, sensor_terms
-from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
+from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import RecordBlocks, average, average_blocks
 from rotorid.signals.checks.periods import detect_settling
 from rotorid.signals.checks.rotation import rotation_warnings
@@ -181,7 +181,6 @@ def _products(
 def dynamics_of(
     entry: DynamicsEntry | None, *, actuator: bool, folder: Path = Path()
 ) -> Dynamics | None:
-    """Return the dynamics of a channel; by default an input's are its actuator's."""
     if entry is None:
         return None
     common: dict[str, Any] = {
@@ -332,7 +331,6 @@ def check_columns(entries: Entries) -> None:
 
 
 def shared_currents(plan: Recording) -> tuple[str, ...]:
-    """Say which currents feed several force laws."""
     users: dict[str, list[str]] = {}
     for name, law in plan.laws.items():
         for source in law.channels:
@@ -521,28 +519,33 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
     """Return the record without the column of its mark, with the angle from it."""
     if _MARK not in record.names:
         return record
-    index = record.names.index(_MARK)
-    column, rate, source_file = record.samples[:, index], record.sample_rate, record.source
+    (bare, column), rate = without_mark(record, _MARK), record.sample_rate
     if entry.angle is not None:
         lines = entry.angle.lines
         turn = float(lines or 1) if entry.angle.unit is None else 2 * np.pi
-        turned = encoder_angle(column, rate, per_revolution=turn, lines=lines, source=source_file)
+        turned = encoder_angle(column, rate, per_revolution=turn, lines=lines, source=record.source)
     else:
-        times, half = pulse_edges(column, rate, source=source_file)
-        turned = keyphasor_angle(times, len(column), rate, half=half, source=source_file)
+        turned = turn_of_keyphasor(record, column)
     # Nobody measures the time between mark and columns: filters before the logger delay the columns
     # and not the mark. Unless the file says better, it is taken to lie anywhere within a sample.
     lag_std = entry.angle_lag_std
     if lag_std is None:
         lag_std = 1 / (rate * np.sqrt(12))
-    return replace(
-        record,
-        channels=tuple(c for c in record.channels if c.name != _MARK),
-        samples=np.delete(record.samples, index, axis=1),
-        speed=turned.speed,
-        angle=turned.angle,
-        phase_std=float(np.hypot(turned.angle_std, abs(turned.speed) * lag_std)),
-    )
+    phase_std = float(np.hypot(turned.angle_std, abs(turned.speed) * lag_std))
+    return replace(bare, speed=turned.speed, angle=turned.angle, phase_std=phase_std)
+
+
+def without_mark(record: Record, name: str) -> tuple[Record, Floats]:
+    """Return a record without the column of its mark, which is no channel, and that column."""
+    channels = tuple(c for c in record.channels if c.name != name)
+    samples = np.delete(record.samples, record.names.index(name), axis=1)
+    return replace(record, channels=channels, samples=samples), record.column(name)
+
+
+def turn_of_keyphasor(record: Record, column: Floats) -> MeasuredAngle:
+    times, half = pulse_edges(column, record.sample_rate, source=record.source)
+    count, rate = len(column), record.sample_rate
+    return keyphasor_angle(times, count, rate, half=half, source=record.source)
 
 
 def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]:

@@ -81,7 +81,6 @@ def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str)
 
 
 def _factor(rows: Columns, entry: ChannelEntry, place: str) -> float:
-    """Return what amplitudes as they stand are multiplied by."""
     scale = 1.0 if entry.scale is None else entry.scale
     if isinstance(scale, str):
         with naming(place=f"{place}.scale"):

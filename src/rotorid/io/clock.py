@@ -85,7 +85,6 @@ def error_as_they_are(time: Floats, rate: float, frequency: float) -> float:
 
 
 def even_rate(time: Floats) -> Rate | None:
-    """Return the rate of equidistant times, and none for others."""
     try:
         clock = read_clock(time)
     except ReadError:
@@ -94,7 +93,6 @@ def even_rate(time: Floats) -> Rate | None:
 
 
 def _gap(time: Floats, step: float, wrong: np.ndarray) -> ReadError:
-    """Return the error for missing samples, with the longest stretch that has none."""
     first = int(wrong[0]) if wrong.size else 0
     size = time[first + 1] - time[first]
     cure = "leave time out and give sample_rate, if only the time stamps are wrong"
@@ -224,7 +222,6 @@ class RecordClock:
 
 
 def _first_at(stamps: Floats, time: float) -> int:
-    """Return the number of samples before a time, counted from the first stamp."""
     later = np.flatnonzero(stamps - stamps[:1] >= time - 1e-9)
     return int(later[0]) if len(later) else len(stamps)
 

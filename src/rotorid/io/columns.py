@@ -313,7 +313,6 @@ class _IntoSI:
         self.largest = dict.fromkeys(sources, 0.0)
 
     def samples(self, read: Mapping[str, Column], rows: int | None = None) -> Floats:
-        """Return samples, shape (sample, channel)."""
         lengths = {name: len(read[name].values[:rows]) for name in self.factors}
         longest = max(lengths.values(), default=0)
         for name, length in lengths.items():
@@ -335,7 +334,6 @@ class _IntoSI:
         return found
 
     def check(self) -> None:
-        """Refuse channels of samples too small."""
         for name, factor in self.factors.items():
             check_magnitude(self.largest[name], factor, _place(name, "unit"))
 

@@ -43,7 +43,6 @@ _TOGETHER = 100  # columns of Parquet that are read at once: each by itself take
 def _loaded(
     file: str, arrays: Mapping[str, Column], others: Mapping[str, str] | None = None
 ) -> ArrayFile:
-    """Return arrays that are in memory."""
     shapes = {name: np.shape(column.values) for name, column in arrays.items()}
     return ArrayFile(file, shapes, arrays.__getitem__, others)
 
@@ -162,7 +161,6 @@ def _arrow_numbers(column: Any) -> Floats:
 
 
 def _unit_of_field(field: Any) -> str | None:
-    """Return the unit in the metadata of a column."""
     for key in (b"units", b"unit"):
         if field.metadata and key in field.metadata:
             return field.metadata[key].decode("utf-8", "replace").strip() or None
@@ -208,7 +206,6 @@ def open_tdms(file: str) -> Iterator[ArrayFile]:
 
 
 def _tdms_numbers(values: Any) -> Floats:
-    """Return numbers as floats; time stamps in s from the first."""
     array = np.asarray(values)
     if array.dtype.kind == "M":
         array = (array - array[:1]).astype("timedelta64[ns]").astype(np.int64) * 1e-9
@@ -253,7 +250,9 @@ def open_universal(file: str) -> Iterator[ArrayFile]:
     where that line does not tell the sets apart.
     """
     found, types = _read_sets(file)
-    sets = [one for one in found if _is_over_time(one)]
+    over_time = ("abscissa_spec_data_type", _TIME_AXIS), ("func_type", _TIME_RESPONSE)
+    sets = [one for one in found if any(one.get(key) == kind for key, kind in over_time)]
+    sets = [one for one in sets if not np.iscomplexobj(one["data"])]
     if not sets:
         raise ReadError(
             f"data sets {sorted(set(types))}, none of a signal over time" if types else "no sets",
@@ -264,18 +263,12 @@ def open_universal(file: str) -> Iterator[ArrayFile]:
 
 
 def _read_sets(file: str) -> tuple[list[Any], list[int]]:
-    """Return the functions of a universal file, and the types of all its data sets."""
     from pyuff import UFF
 
     with np.errstate(all="ignore"):
         data = UFF(file)
         types = [int(kind) for kind in np.atleast_1d(data.get_set_types())]
         return [data.read_sets(i) for i, kind in enumerate(types) if kind == _FUNCTION], types
-
-
-def _is_over_time(found: Mapping[str, Any]) -> bool:
-    time = found.get("abscissa_spec_data_type") == _TIME_AXIS
-    return (time or found.get("func_type") == _TIME_RESPONSE) and not np.iscomplexobj(found["data"])
 
 
 def _names(sets: list[Mapping[str, Any]]) -> list[str]:
@@ -503,7 +496,6 @@ def convert(samples: np.ndarray, block: Any, version: int) -> Floats:
 
 
 def no_numbers(found: str) -> ReadError:
-    """Return the error for a channel that holds something else than numbers."""
     return ReadError(found, "real numbers", "name a channel of numbers, or export it so")
 
 

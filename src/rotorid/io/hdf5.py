@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import h5py
@@ -48,6 +49,8 @@ REFERENCES = 4
 
 _RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
 _INTERVAL = ("sample_interval", "wf_increment", "dt")
+_PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "_Unsigned")
+_ASKED = ("units", "unit", *_RATE, *_INTERVAL, *_PACKING)
 _HOPS = 16  # links that lead to links: what HDF5 itself allows
 _TEXTS = (b"char", b"cell")  # what MATLAB calls text as codes, and cells
 
@@ -74,11 +77,13 @@ class _Hdf5File(ArrayFile):
 
     def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
         """Return the bytes of the files that hold data sets; refuse one not there whole."""
-        datasets = [self.shapes.node(place.path).dataset for place in places.values()]
-        for dataset in datasets:
-            if dataset not in self._stored:
-                self._stored[dataset] = check_stored(dataset, self.file)
-        return max((self._stored[dataset] for dataset in datasets), default=0)
+        most = 0
+        for place in places.values():
+            dataset = self.shapes.node(place.path).dataset
+            if (held := self._stored.get(dataset)) is None:
+                held = self._stored[dataset] = check_stored(dataset, self.file)
+            most = max(most, held)
+        return most
 
     def columns(
         self, places: Mapping[str, ColumnPlace], rows: int | None
@@ -87,7 +92,8 @@ class _Hdf5File(ArrayFile):
         for name, place in places.items():
             arrays.setdefault((place.path, place.axis), {})[name] = place
         nodes = {path: self.shapes.node(path) for path, _ in arrays}
-        column = {name: _column_of(nodes[p.path], p.index) for name, p in places.items()}
+        rates = dict[int, Rate | None]()
+        column = {name: _column_of(nodes[p.path], p.index, rates) for name, p in places.items()}
         together = _together(nodes.values())
         count = max(max(self.shapes[path], default=1) for path in nodes)
         step = rows or max(count, 1)
@@ -125,7 +131,7 @@ def _rows(
 ) -> dict[str, Any]:
     """Return some rows of an array: of a 2-D one the columns that are asked for, read at once."""
     first, shape = next(iter(asked.values())), node.dataset.shape
-    if node.dataset in records:
+    if records and node.dataset in records:
         return dict.fromkeys(asked, records[node.dataset][node.field])
     numbers = node.dataset if node.field is None else node.dataset.fields(node.field)
     if first.index is None:
@@ -138,14 +144,20 @@ def _rows(
     return {name: several[:, place.index] for name, place in asked.items()}
 
 
-def _column_of(node: Hdf5Node, index: int | None) -> Callable[[Any], Column]:
+def _column_of(
+    node: Hdf5Node, index: int | None, rates: dict[int, Rate | None]
+) -> Callable[[Any], Column]:
     """Return what makes a column of stored numbers, by the attributes of their data set.
 
-    A rate may be one of a group above it.
+    A rate may be one of a group above it, in `rates` once it was looked for.
     """
-    found = [node.dataset.attrs, *(group.attrs for group in reversed(node.above))]
-    rate = next((rate for attributes in found if (rate := _rate(attributes))), None)
-    unit, unpacked = _unit(found[0], index), _unpacking(node.dataset)
+    said = attributes(node.dataset)
+    if (rate := _rate(said)) is None:
+        if id(node.above) not in rates:
+            above = (_rate(attributes(group)) for group in reversed(node.above))
+            rates[id(node.above)] = next(filter(None, above), None)
+        rate = rates[id(node.above)]
+    unit, unpacked = _unit(said, index), _unpacking(node.dataset, said)
 
     def column(stored: Any) -> Column:
         values = np.asarray(unpacked(stored), dtype=np.float64)
@@ -154,11 +166,10 @@ def _column_of(node: Hdf5Node, index: int | None) -> Callable[[Any], Column]:
     return column
 
 
-def _unit(attributes: Any, index: int | None) -> str | None:
+def _unit(said: Mapping[str, Any], index: int | None) -> str | None:
     """Return the attribute ``units`` (or ``unit``): one text, or one per column."""
     for key in ("units", "unit"):
-        texts = attribute(attributes, key)
-        if texts is not None:
+        if (texts := said.get(key)) is not None:
             which = 0 if len(texts) == 1 or index is None else min(index, len(texts) - 1)
             return _text(texts[which]) or None
     return None
@@ -168,22 +179,21 @@ def _text(value: Any) -> str:
     return (value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)).strip()
 
 
-def _rate(attributes: Any) -> Rate | None:
+def _rate(said: Mapping[str, Any]) -> Rate | None:
     """Return the sample rate in Hz of an attribute of that name, or of the interval in s."""
     for key in (*_RATE, *_INTERVAL):
-        number = _one_number(attribute(attributes, key))
+        number = _one_number(said.get(key))
         if number > 0:
-            size = number * _unit_of(attributes, key)
+            size = number * _unit_of(said, key)
             if size > 0:  # in a unit that says something
                 return Rate(size if key in _RATE else 1 / size)
     return None
 
 
-def _unit_of(attributes: Any, key: str) -> float:
+def _unit_of(said: Mapping[str, Any], key: str) -> float:
     """Return what turns a rate into Hz, or an interval into s, as an attribute beside it says."""
     for name in (f"{key}_units", f"{key}_unit", "time_units" if key in _INTERVAL else ""):
-        texts = attribute(attributes, name) if name else None
-        if texts is not None:
+        if (texts := said.get(name)) is not None:
             try:
                 return si_factor(_text(texts[0]), "Hz" if key in _RATE else "s")
             except InputError:
@@ -191,13 +201,20 @@ def _unit_of(attributes: Any, key: str) -> float:
     return 1.0
 
 
-def attribute(attributes: Any, key: str) -> Any:
-    """Return an attribute as a row of values; None where there is none, or none that we ask for."""
-    if key not in attributes or (shape := (told := attributes.get_id(key)).shape) is None:
-        return None
+def attributes(of: h5py.Dataset | h5py.Group) -> dict[str, Any]:
+    """Return attributes as rows of values; None for one that holds none that we ask for."""
+    there = [key for key in _ASKED if h5py.h5a.exists(of.id, key.encode())]
+    beside = [f"{key}_{unit}" for key in there for unit in ("units", "unit")]
+    there += [k for k in (*beside, "time_units") if there and h5py.h5a.exists(of.id, k.encode())]
+    return {key: _row(of.attrs, key) for key in there}
+
+
+def _row(attrs: Any, key: str) -> Any:
+    told = attrs.get_id(key)
     if told.dtype.kind == "O" and h5py.check_string_dtype(told.dtype) is None:
         return None  # a list of any length: of a damaged one HDF5 ends the process
-    return np.ravel(attributes[key]) if 0 < np.prod(shape) <= COLUMNS else None
+    shape = told.shape
+    return np.ravel(attrs[key]) if shape is not None and 0 < np.prod(shape) <= COLUMNS else None
 
 
 def _one_number(found: Any) -> float:
@@ -206,18 +223,21 @@ def _one_number(found: Any) -> float:
     return float(found[0]) if is_one and np.isfinite(found[0]) else math.nan
 
 
-def _unpacking(dataset: Any) -> Callable[[Any], Any]:
+def _unpacking(dataset: Any, said: Mapping[str, Any]) -> Callable[[Any], Any]:
     """Return what makes samples of stored numbers, by the attributes beside them, as netCDF has it.
 
     ``value = scale_factor * stored + add_offset``, and a stored ``_FillValue`` is no sample at all.
     """
-    scale, offset = (_packing(dataset, key) for key in ("scale_factor", "add_offset"))
-    missing = []
-    for key in ("_FillValue", "missing_value"):
-        found = attribute(dataset.attrs, key)
-        if found is not None and is_numeric(found.dtype):
-            missing += [float(x) for x in found if np.isfinite(x)]
-    text = attribute(dataset.attrs, "_Unsigned")
+    scale, offset = (_packing(dataset, said, key) for key in ("scale_factor", "add_offset"))
+    fills = [said.get(key) for key in ("_FillValue", "missing_value")]
+    missing = [
+        float(x)
+        for fill in fills
+        if fill is not None and is_numeric(fill.dtype)
+        for x in fill
+        if np.isfinite(x)
+    ]
+    text = said.get("_Unsigned")
     unsigned = text is not None and str(text[0]).strip("b'").lower() == "true"
     wrap = 2.0 ** (8 * dataset.dtype.itemsize) if unsigned and dataset.dtype.kind == "i" else 0.0
     if (scale, offset, missing, wrap) == (1.0, 0.0, [], 0.0):
@@ -232,10 +252,10 @@ def _unpacking(dataset: Any) -> Callable[[Any], Any]:
     return unpacked
 
 
-def _packing(dataset: Any, key: str) -> float:
-    if key not in dataset.attrs:
+def _packing(dataset: Any, said: Mapping[str, Any], key: str) -> float:
+    if key not in said:
         return float(key == "scale_factor")
-    number = _one_number(attribute(dataset.attrs, key))
+    number = _one_number(said[key])
     if math.isnan(number) or (number == 0 and key == "scale_factor"):
         raise ReadError(
             f"an attribute {key} of {dataset.name[:80]!r} that is no number to scale by",
@@ -296,7 +316,6 @@ class _Contents(Mapping[str, tuple[int, ...]]):
         self.others: dict[str, str] = {}  # what else there is, as far as it was looked at
 
     def node(self, path: str) -> Hdf5Node:
-        """Return the data set of a path."""
         if path not in self._nodes:
             above, _, name = path.rpartition("/")
             table, fields = self._fields.get(above, (None, ()))
@@ -420,7 +439,6 @@ def _key(group: h5py.Group, name: str) -> bytes | None:
 
 
 def _shown(key: str | bytes) -> str:
-    """Return a name with the letters that it was written in."""
     with suppress(UnicodeDecodeError):
         return _raw(key).decode("utf-8")
     return _raw(key).decode("latin-1")
@@ -437,9 +455,14 @@ def _open(group: h5py.Group, name: bytes, kind: int) -> Any:
         return h5py.Group(h5py.h5g.open(group.id, name))
     if kind != h5py.h5o.TYPE_DATASET:
         return None
+    return h5py.Dataset(h5py.h5d.open(group.id, name, _access()))
+
+
+@cache
+def _access() -> Any:
     access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
     access.set_efile_prefix(b"${ORIGIN}")
-    return h5py.Dataset(h5py.h5d.open(group.id, name, access))
+    return access
 
 
 _REWRITE = "write the data set whole, or cut it to what was recorded (dataset.resize in h5py)"
@@ -447,18 +470,18 @@ _REWRITE = "write the data set whole, or cut it to what was recorded (dataset.re
 
 def check_stored(dataset: h5py.Dataset, file: str, depth: int = 0) -> int:
     """Refuse a data set that is not there whole; return the bytes of the files that hold it."""
-    held = check_regular(file).st_size
-    if not dataset.size:
+    held, size, made = check_regular(file).st_size, dataset.size, dataset.id.get_create_plist()
+    if not size:
         return held
-    if dataset.is_virtual:
+    if (layout := made.get_layout()) == h5py.h5d.VIRTUAL:
         held += _check_virtual(dataset, file, depth)
-    elif dataset.external:
+    elif made.get_external_count():
         held += _check_external(dataset, file, depth)
-    elif dataset.chunks:
+    elif layout == h5py.h5d.CHUNKED:
         _check_chunks(dataset)
     elif not dataset.id.get_storage_size() and not _tells_gaps(dataset):
         raise _gap(dataset, "no sample written")
-    check_held(dataset.size * dataset.dtype.itemsize, held, file)
+    check_held(size * dataset.dtype.itemsize, held, file)
     return held
 
 

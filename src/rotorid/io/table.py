@@ -156,7 +156,6 @@ def check_held(size: int, held: int, file: str) -> None:
 
 
 def no_column(name: str, names: Iterable[str], file: str = "", kind: str = "column") -> ReadError:
-    """Return the error for a name that is not in the file, with the nearest that is."""
     there = list(names)
     shown = ", ".join(other[:NAME_CHARACTERS] for other in there[:8])
     shown += f", ... ({len(there)} in all)" if len(there) > 8 else ""
@@ -315,7 +314,6 @@ def _not_a_column(name: str, shape: tuple[int, ...]) -> ReadError:
 
 
 def is_numeric(dtype: Any) -> bool:
-    """Tell whether samples of this type are real numbers."""
     return np.dtype(dtype).kind in "biuf"
 
 
@@ -329,7 +327,6 @@ class Format:
     contents: tuple[str, ...] = ()  # `kind` where nothing else is said
 
     def open(self, path: Path) -> Sandbox:
-        """Open a file in a child."""
         found = content(path)
         if found not in (self.contents or (self.kind,)):
             raise not_what_it_says(path, found, self.kind)
@@ -385,7 +382,6 @@ class Stored:
         return dict(chain.from_iterable(part.items() for part in parts))
 
     def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]:
-        """Return columns, or why one cannot be read; one by one only where that is so."""
         try:
             return {**self.read(names)}
         except TooMuchError:

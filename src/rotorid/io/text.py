@@ -134,7 +134,6 @@ def _factor(match: re.Match[str], base: str) -> float | None:
 
 
 def _known(text: str, base: str) -> float | None:
-    """Return the size of a unit of rates, or of times."""
     if base == "Hz":
         match = _PER_SECOND.fullmatch(text)
         return None if match is None else _PREFIXES[(match[1] or "").lower()]
@@ -216,7 +215,6 @@ def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect
 
 
 def split(line: str, delimiter: str) -> list[str]:
-    """Split a row into its fields, without blanks around them."""
     line = line.strip("\r\n\ufeff") if delimiter == "\t" else line.strip()
     if delimiter == " ":
         return line.split()
@@ -399,7 +397,6 @@ class DelimitedTable:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the columns, without their units."""
         return self.dialect.names
 
     def find(self, name: str) -> str:
@@ -488,7 +485,6 @@ class DelimitedTable:
         return Path(self.file).open(encoding=self.encoding, errors="replace")
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        """Yield the fields of the rows of values, each with the number of its line."""
         with self._opened() as stream:
             for number, line in enumerate(self._bounded(stream), start=1):
                 text = line.partition("#")[0]
