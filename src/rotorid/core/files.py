@@ -170,9 +170,8 @@ def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -
     if mode is None:
         folder = os.path.dirname(os.path.realpath(path))
         if not os.path.isdir(folder):
-            raise InputError(
-                "no such folder", "a folder to write into", "create it", file=str(path)
-            )
+            expected = "a folder to write into"
+            raise InputError("no such folder", expected, "create it", file=str(path))
     elif stat.S_ISDIR(mode):
         raise InputError("a folder", "a file to write", "add a file name", file=str(path))
     elif stat.S_ISREG(mode):

@@ -216,17 +216,15 @@ def displacement(model: Model, name: str) -> str:
 
 def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
     """Return columns of sensors in the planes of inputs that are not coordinates, by input."""
-    if {displacement(model, name) for name in model.inputs} <= set(model.coordinates):
-        return {}
-    return _at_inputs(model, [c for c in columns if c.measures("m")])
+    beside = {displacement(model, name) for name in model.inputs} - set(model.coordinates)
+    return _at_inputs(model, [c for c in columns if c.measures("m")]) if beside else {}
 
 
 def _at_inputs(model: Model, like: Sequence[Found]) -> dict[str, Found]:
     """Return the columns in the planes of the inputs; nothing where one is left over."""
     inputs = {key: name for name in model.inputs if (key := _place(name))}
-    if not len(inputs) == len(model.inputs) == len(like):
-        return {}
-    return _in_order(inputs, like, _planes(model.inputs))
+    whole = len(inputs) == len(model.inputs) == len(like)
+    return _in_order(inputs, like, _planes(model.inputs)) if whole else {}
 
 
 def currents(
@@ -528,10 +526,8 @@ def _whole_record(run: _Run, rate: float | None) -> Iterator[_Line]:
 
 def _filter(run: _Run, rate: float | None) -> Iterator[_Line]:
     """Yield the cut-off for a nonlinear model: a multiple of the frequencies of the motion."""
-    cutoff = OPEN
-    told = (
-        "no period found, and the model is not linear: five to ten times the motion's frequencies"
-    )
+    cutoff, told = OPEN, "no period found, and the model is not linear"
+    told += ": five to ten times the motion's frequencies"
     column = _widest(c for c in run.channels() if c.measures(*_MOTIONS))
     if rate is not None and column is not None:
         highest = _excited_band(column.values, rate)[1]

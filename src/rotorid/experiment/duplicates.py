@@ -178,7 +178,10 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -
     sensors = [_sensors(plan.channels, model.inputs) for plan in plans]
     for path, numbers in by_file.items():
         for first, second in combinations(numbers, 2):
-            if _overlap(records[first], records[second]) and sensors[first] & sensors[second]:
+            pair = records[first], records[second]
+            begin = max(one.skip or 0.0 for one in pair)
+            apart = any(one.until is not None and one.until <= begin for one in pair)
+            if not apart and _lines_overlap(*pair) and sensors[first] & sensors[second]:
                 raise InputError(
                     f"the samples of records.{first} again ({path.name[:120]})",
                     "each sample once: twice it counts as two measurements",
@@ -393,13 +396,6 @@ def _sensors(entries: Entries, inputs: Collection[str]) -> set[tuple[str, ...]]:
         if entry.law is None and (name not in inputs or entry.kind == "responses")
         for column in columns_of(entry)
     }
-
-
-def _overlap(first: RecordEntry, second: RecordEntry) -> bool:
-    """Tell whether two records of one file take a sample, or a line, that is the same."""
-    begin = max(first.skip or 0.0, second.skip or 0.0)
-    end = min(np.inf if one.until is None else one.until for one in (first, second))
-    return begin < end and _lines_overlap(first, second)
 
 
 def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:

@@ -307,7 +307,10 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     _check_ending(path)
     entry = read_toml(path, ExperimentFile)
     where = path.parent if folder is None else Path(folder)
-    model = _model(entry.model, path)
+    try:
+        model = load_model(entry.model, folder=path.parent)
+    except InputError as error:
+        raise error if error.file else error.at(file=str(path), place="model") from None
     with naming(str(path)):
         plans = []
         check_shared(entry.records, entry.channels)
@@ -332,13 +335,6 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             channels=tuple(plans),
             priors=knowledge_of(entry, model),
         )
-
-
-def _model(name: str, experiment: Path) -> Model:
-    try:
-        return load_model(name, folder=experiment.parent)
-    except InputError as error:
-        raise error if error.file else error.at(file=str(experiment), place="model") from None
 
 
 def _read_table(plan: Recording, model: Model) -> Sequence[Lines]:

@@ -486,13 +486,10 @@ def open_table(path: str | Path, *, header_row: int | None = None) -> OneFile:
             file=str(path),
         )
     if header_row is not None:
-        raise ReadError(
-            "header_row of a file that is no text", "a text table", "remove it", file=str(path)
-        )
+        found = "header_row of a file that is no text"
+        raise ReadError(found, "a text table", "remove it", file=str(path))
     form = FORMATS[ending]
-    if form is MAT and content(path) in HDF5.contents:
-        form = HDF5
-    return Stored(path, form)
+    return Stored(path, HDF5 if form is MAT and content(path) in HDF5.contents else form)
 
 
 def open_tables(
