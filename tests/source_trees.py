@@ -19,11 +19,8 @@ def tree_of(path: Path) -> ast.Module:
 
 @cache
 def _every_node() -> list[tuple[str, ast.AST]]:
-    return [
-        (path.relative_to(SOURCE).as_posix(), node)
-        for path in FILES
-        for node in ast.walk(tree_of(path))
-    ]
+    names = {path: path.relative_to(SOURCE).as_posix() for path in FILES}
+    return [(name, node) for path, name in names.items() for node in ast.walk(tree_of(path))]
 
 
 def nodes(kind: type[ast.AST]) -> Iterator[tuple[str, Any]]:

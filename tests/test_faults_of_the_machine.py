@@ -134,7 +134,8 @@ def test_closed_descriptors(here: Path, closed: tuple[int, ...]) -> None:
     assert content(here) == before
 
 
-@pytest.mark.parametrize("command", [["--help"], ["models"], ["new", "run.csv"]], ids=str)
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("command", [["models"], ["--help"], ["new", "run.csv"]], ids=str)
 def test_a_reader_that_has_gone(here: Path, command: list[str]) -> None:
     reading, writing = os.pipe()
     os.close(reading)

@@ -96,7 +96,7 @@ def test_the_tables_as_they_are(tmp_path: Path) -> None:
     assert worst(estimate) < 3
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("change", "old", "new", "told"),
     [

@@ -235,7 +235,7 @@ def test_too_few_periods_say_so(demo, periods):
     clean = demo.record(periods=periods)
     start = demo.start(np.random.default_rng(0), 0.0)
     scaled = []
-    for seed in range(15):
+    for seed in range(5):
         record = demo.noisy(clean, np.random.default_rng(seed))
         estimate = identify(demo.model, record, MaximumLikelihood(start=start))
         assert estimate.status == "ok"
