@@ -147,8 +147,7 @@ def _spaces(
         )
     stiffness, damping, mass = matrices
     push = machine.input_matrix()
-    heavy = (mass != 0).any(axis=0)
-    damped = (damping != 0).any(axis=0)
+    heavy, damped = ((part != 0).any(axis=0) for part in (mass, damping))
     body, light = np.flatnonzero(heavy), np.flatnonzero(damped & ~heavy)
     gain, away = np.flatnonzero(heavy | damped), np.flatnonzero(~(heavy | damped))
     still = int((~((mass != 0) | (damping != 0)).any(axis=1)).sum())
@@ -174,9 +173,8 @@ def _spaces(
     coordinates[gain, np.arange(n)] = 1.0
     coordinates[away] = follows[n:]
     model = machine.model
-    names = [model.coordinates[i] for i in gain]
-    states = [(q, model.units[q]) for q in names]
-    states += [(f"{names[i]}'", f"{model.units[names[i]]}/s") for i in own]
+    states = [(q, model.units[q]) for q in (model.coordinates[i] for i in gain)]
+    states += [(f"{q}'", f"{unit}/s") for q, unit in (states[i] for i in own)]
     read = rows @ coordinates
     return StateSpace(
         slopes[:, :count],
