@@ -16,9 +16,6 @@ from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
 from rotorid.models.model import fact
 
-ROUNDING = 1e-12
-"""Share of its start below which an unknown is zero: a step to a bound leaves rounding there."""
-
 
 @frozen
 class Layout:
@@ -45,16 +42,6 @@ class Layout:
     @cached_property
     def free(self) -> Integers:
         return np.flatnonzero([not unknown.fixed for unknown in self.unknowns])
-
-    def sizes(self, unknowns: Floats) -> Floats:
-        """Return the size of each unknown: that of its start, where it is zero but for rounding.
-
-        Rounding is told beside what most of them keep of their start: without a scale, all shrink.
-        """
-        size, start = np.abs(unknowns), np.abs(self.start)
-        told = [i for i in self.free if start[i] > 0]
-        kept = min(1.0, float(np.median(size[told] / start[told]))) if told else 1.0
-        return np.where(size > ROUNDING * kept * start, size, start)
 
     def places(self) -> Iterator[tuple[Unknown, Integers]]:
         first = self.parameters

@@ -29,6 +29,8 @@ from rotorid.likelihood.relations import Relation, Relations
 
 Number = TypeVar("Number", np.float64, np.int64)
 
+NOTHING = 1e-9
+"""Deviations of the noise by which an unknown that is zero but for rounding moves all residuals."""
 OUTSIDE = 1e-12
 """What a bound may be violated by, relative to the size of its terms: rounding."""
 
@@ -177,9 +179,21 @@ class Point:
         return np.concatenate([*blocks, known[:, free]])
 
     @cached_property
+    def sizes(self) -> Floats:
+        """The size of each unknown: that of its start, where what is left of it moves nothing.
+
+        A step to a bound of zero leaves rounding there, whose size says nothing of the unknown.
+        """
+        free, sizes = self.problem.layout.free, np.abs(self.unknowns)
+        effect = sizes[free] * np.linalg.norm(self.jacobian, axis=0)
+        nothing = free[effect <= NOTHING]
+        sizes[nothing] = np.abs(self.problem.layout.start[nothing])
+        return sizes
+
+    @cached_property
     def linear(self) -> Linearized:
         layout, free = self.problem.layout, self.problem.layout.free
-        size = layout.sizes(self.unknowns)[free]
+        size = self.sizes[free]
         typical = np.where(size > 0, size, 1.0)
         relations = self.problem.exact.jacobian(self.unknowns)[:, free]
         shifts = np.array([layout.unknowns[i].additive for i in free], dtype=bool)

@@ -287,7 +287,7 @@ WRONG_SIGN = (
 def _held_bounds(case: Case) -> dict[Limit, int]:
     """Return the bounds that are active, and where they stand among the bounds."""
     found: dict[Limit, int] = {}
-    for row in bounds_held(case.point.problem, case.point.unknowns):
+    for row in bounds_held(case.point):
         limit = case.prepared.bounds.rows[row].stated
         assert isinstance(limit, Limit)
         found.setdefault(limit, row)

@@ -298,7 +298,7 @@ def _descended(
     ended = walk.ended(problem, stages[-1], brief, near)
     if ended is None:
         return None
-    active = bounds_held(problem, ended[0].unknowns) if bounded else ()
+    active = bounds_held(ended[0]) if bounded else ()
     return Solution(*ended, walk.iterations, active, tuple(trail))
 
 
@@ -376,9 +376,9 @@ def _same(problem: Problem, one: Floats, other: Floats) -> bool:
     return bool((np.abs(a - b) <= JOINED * np.maximum(np.abs(a), np.abs(b))).all())
 
 
-def bounds_held(problem: Problem, unknowns: Floats) -> tuple[int, ...]:
-    bounds, sizes = problem.bounds, problem.layout.sizes(unknowns)
-    reached = bounds.values(unknowns) <= HELD * bounds.sizes(sizes)
+def bounds_held(point: Point) -> tuple[int, ...]:
+    bounds = point.problem.bounds
+    reached = bounds.values(point.unknowns) <= HELD * bounds.sizes(point.sizes)
     return tuple(int(i) for i in np.flatnonzero(reached))
 
 

@@ -604,8 +604,10 @@ def test_a_bound_holds_where_it_is_reached_but_for_rounding(distance, held) -> N
     bounds = SimpleNamespace(
         values=lambda x: np.array([5.0 * distance]), sizes=lambda x: np.array([5.0])
     )
-    problem = SimpleNamespace(bounds=bounds, layout=SimpleNamespace(sizes=np.abs))
-    assert bounds_held(problem, np.ones(1)) == held
+    point = SimpleNamespace(
+        problem=SimpleNamespace(bounds=bounds), unknowns=np.ones(1), sizes=np.ones(1)
+    )
+    assert bounds_held(point) == held
 
 
 @pytest.mark.parametrize(("deviations", "seen"), [(2.9, False), (3.1, True)])
