@@ -46,7 +46,7 @@ STILL_MISCALLED = {"a spring that stiffens": 1}
 def test_the_bank_is_large_and_says_each_thing_once() -> None:
     assert len(CASES) >= 100
     assert len({case.what for case in CASES}) == len(CASES)
-    assert {case.what for case in CASES}.issuperset(*ALIKE)
+    assert {case.what for case in CASES} >= set().union(*ALIKE)
 
 
 SAMPLED = CASES[::8]

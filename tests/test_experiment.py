@@ -199,7 +199,7 @@ def test_a_start_never_biases(folder: Path) -> None:
 def test_paths_are_relative_to_the_experiment(folder: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.mkdir()
-    text = rid.models.loader.files("rotorid.models").joinpath("library/jeffcott.toml").read_text()
+    text = rid.load_model("jeffcott").file_text
     (other / "mine.toml").write_text(text)
     (other / "experiment.toml").write_text(EXPERIMENT.replace('"jeffcott"', '"mine.toml"'))
     experiment = rid.load_experiment(other / "experiment.toml", folder=folder)

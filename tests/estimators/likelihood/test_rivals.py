@@ -614,7 +614,7 @@ def test_lines_of_the_rotation_are_no_odd_ones():
     at = SimpleNamespace(problem=SimpleNamespace(equations=1, lines=12), residual=np.ones(24))
     at.jacobian = lambda: np.zeros((24, 0))
     known = SimpleNamespace(jacobian=lambda *at: np.zeros((0, 0)))
-    layout = SimpleNamespace(free=np.zeros(0, dtype=int), unknowns=(), sizes=np.abs)
+    layout = SimpleNamespace(free=np.zeros(0, dtype=int), unknowns=(), start=np.zeros(0))
     problem = SimpleNamespace(layout=layout, exact=Relations((), 0), known=known)
     none = np.zeros(0)
     point = Point(problem, none, [at], none)
