@@ -9,7 +9,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import load_rig
-from rotorid.force.reading import forces
+from rotorid.testing import forces
 
 LINES = [1, 3, 5, 7, 9, 11]
 

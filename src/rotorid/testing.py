@@ -2,7 +2,8 @@
 
 Besides, `phasor_lines` makes lines of a table of phasors, and `parse_rig` a rig of its text. `bind`
 and `bind_all` say what the channels of lines are to a model, as estimators see them. `open_table`
-shows the columns that a reader finds in a file; a `Source` says which column is a channel.
+shows the columns that a reader finds in a file; a `Source` says which column is a channel; `forces`
+turns the currents of a record into forces, by their laws.
 
 White noise on samples is white noise on every line of every period: independent, circular, of
 variance s^2 / samples. Drawing it there, on the kept lines only, gives records that no test could
@@ -23,6 +24,7 @@ from rotorid.data.observation import bind as bind
 from rotorid.data.observation import bind_all as bind_all
 from rotorid.data.record import Channel, PeriodicRecord
 from rotorid.data.table_lines import phasor_lines as phasor_lines
+from rotorid.force.reading import forces as forces
 from rotorid.io import Source as Source
 from rotorid.io import open_table as open_table
 from rotorid.models import Model
