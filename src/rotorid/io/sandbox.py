@@ -32,7 +32,7 @@ from rotorid.core.errors import InputError, ReadError
 
 LEAST, SPEED = 3, 2e6
 """Seconds of the processor that reading any file may take, and bytes a second beyond: packages read
-faster by twenty times, but ten thousand data sets of a few numbers, and with a damaged file some
+faster by twenty times, but thousands of data sets of a few numbers, and with a damaged file some
 never end."""
 
 PATIENCE = 10
