@@ -39,8 +39,6 @@ _BLOCK = 1 << 16
 
 @frozen
 class FileClock:
-    """What sample times tell."""
-
     rate: Rate
     even: bool  # the steps are equal but for the digits in which the times are written
     jitter: float  # root mean square of the deviation from equal steps, in s
@@ -133,12 +131,10 @@ def _resolution(time: Floats) -> float:
 def onto_grid(
     time: Floats, samples: Floats, rate: float, highest: float | None
 ) -> tuple[Floats, float, float]:
-    """Interpolate samples to equal steps.
+    """Interpolate samples to equal steps, by polynomials through `_TAPS` samples around each.
 
-    By polynomials through the `_TAPS` samples around each instant. Returned beside the samples is
-    the error of a wave of the frequency `highest`, sampled at these times, root mean square and
-    relative, which so holds for every line below it; and that frequency, where None was given the
-    highest that bears it.
+    Return besides the relative error (rms) of a wave of the frequency `highest`, which bounds that
+    of lines below; and that frequency, where None was given the highest that bears it.
     """
     count = int(np.floor((time[-1] - time[0]) * rate * (1 + 1e-12) + 1e-6)) + 1
     offset = time - time[0]
@@ -155,7 +151,6 @@ def onto_grid(
 
 
 def interpolation_error(time: Floats, grid: Floats, frequency: float) -> float:
-    """Return the error of a wave of that frequency, interpolated from times to a grid."""
     total, count = 0.0, 0
     for part, taken, weights in _weights(time, grid):
         angles = 2 * np.pi * frequency * (time[taken] - grid[part, None])

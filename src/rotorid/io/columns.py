@@ -44,7 +44,6 @@ class Source:
     alone: bool = False  # its column is that of no other source that is alone
 
     def channel(self, name: str, unit: str) -> Channel:
-        """Return the channel of that name, its samples in `unit`."""
         said = self.reads, self.hold, self.delay, self.delay_std, self.gain_std
         return Channel(name, unit, *said, dynamics=self.dynamics)
 
@@ -246,8 +245,7 @@ def check_stated(declared: str, stated: str, place: str) -> None:
 def check_magnitude(largest: float, factor: float, place: str) -> None:
     """Refuse samples whose squares leave what doubles hold: no machine has such, units do.
 
-    `largest` is of the column, which `factor` turns into SI; infinity and no number at all are
-    told elsewhere.
+    `largest` is of the column, which `factor` turns into SI; what is not finite is told elsewhere.
     """
     size = abs(largest * factor)
     if largest and math.isfinite(largest) and not 1 / MAGNITUDE <= size <= MAGNITUDE:
@@ -358,10 +356,7 @@ def open_blocks(
     header_row: int | None = None,
     overrule: bool = False,
 ) -> RecordBlocks | None:
-    """Open a record to be read in blocks; None where it is small or cannot be read so.
-
-    Parameters are those of `rotorid.read_record`, in SI.
-    """
+    """Open as `read_record` does, in SI and in blocks; None where small or not readable so."""
     table = open_tables(paths, header_row=header_row)
     if not isinstance(table, Stored):
         return None
@@ -390,7 +385,6 @@ def open_blocks(
 def _blocks(
     table: Stored, keys: Mapping[str, str], into_si: _IntoSI, clock: RecordClock
 ) -> Iterator[Floats]:
-    """Yield blocks of samples in SI, up to the end that the clock knows."""
     left, done, asked = clock.end, 0, list(dict.fromkeys(keys.values()))
     whole = table.size_in_blocks(asked) if left is None else 8 * left * len(keys)
     say = f"reading megabytes of {printable(Path(table.file).name)}"

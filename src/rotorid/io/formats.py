@@ -1,7 +1,4 @@
-"""Readers of MATLAB, Parquet, TDMS, universal and MDF files, each by the package of its format.
-
-Each opens a file in a child; what its package raises there is told in one line.
-"""
+"""Readers of MATLAB, Parquet, TDMS, universal and MDF files, each by a package run in a child."""
 
 from __future__ import annotations
 
@@ -72,7 +69,6 @@ def open_mat(file: str) -> Iterator[ArrayFile]:
 
 
 def _flat(prefix: str, fields: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield what structures hold, by its path."""
     for name, value in fields.items():
         if isinstance(value, dict):
             yield from _flat(f"{prefix}{name}/", value)
@@ -288,7 +284,6 @@ def _end(found: Mapping[str, Any], end: str, axes: Sequence[str] = _AXES) -> str
 
 
 def _text(value: Any) -> str:
-    """Return a text of a data set, empty where it says NONE."""
     text = str(value or "").strip()
     return "" if text == "NONE" else text
 
@@ -306,8 +301,6 @@ def _universal(found: Mapping[str, Any]) -> Column:
 
 @frozen
 class StoredResponse:
-    """One frequency response of a file."""
-
     name: str  # ``12+X/3+Z``: node and direction of the response, then of the reference
     frequency: Floats  # (line,): hz
     values: Complexes  # (line,): as stored
@@ -318,7 +311,6 @@ class StoredResponse:
 
 
 def read_responses(path: Path) -> dict[str, StoredResponse]:
-    """Return the frequency responses of a universal file by name."""
     found: dict[str, StoredResponse] = RESPONSES.open(path).ask("copy")  # of what is opened
     return found
 
@@ -338,7 +330,6 @@ def open_responses(file: str) -> Iterator[dict[str, StoredResponse]]:
 
 
 def _responses(sets: Sequence[Mapping[str, Any]]) -> dict[str, StoredResponse]:
-    """Return the responses among data sets, each with its coherence."""
     named = [(f"{_end(s, 'rsp')}/{_end(s, 'ref')}", s) for s in sets]
     coherence = {name: s for name, s in named if s.get("func_type") == _COHERENCE}
     found: dict[str, StoredResponse] = {}
@@ -387,10 +378,7 @@ def open_mdf(file: str) -> Iterator[ArrayFile]:
 
 
 class _Channels:
-    """The channels of an open file, which asammdf reads unconverted, by whatever way it does.
-
-    Each conversion is looked at before it is used.
-    """
+    """Channels that asammdf reads unconverted; each conversion is looked at before it is used."""
 
     def __init__(self, data: Any, file: str) -> None:
         self._data, self._file = data, file
@@ -412,7 +400,6 @@ class _Channels:
                 channel.conversion = None
 
     def column(self, path: str) -> Column:
-        """Return a channel, with the rate and the start that the times of its group tell."""
         group, index = self._places[path]
         conversion = self._conversions[group, index]
         channel = self._data.groups[group].channels[index]
@@ -520,7 +507,6 @@ def _is_block(part: Any) -> bool:
 
 
 def _ranges(x: np.ndarray, block: Any) -> Any:
-    """Range to value, else the default."""
     entry = _entry(x, block, "lower", "upper")
     return np.where(entry < 0, block.default, _values(block, "phys")[entry])
 
@@ -539,10 +525,7 @@ def _referenced(first: str, last: str, x: np.ndarray, block: Any) -> Floats:
 
 
 def _entry(x: np.ndarray, block: Any, first: str, last: str) -> np.ndarray:
-    """Return which range each sample is in, or -1.
-
-    The end of a range belongs to it for integers, and to the next one for floats (ASAM MDF 4).
-    """
+    """Return the range of each sample, or -1; its end is in it for integers only (ASAM MDF 4)."""
     lower, upper = _values(block, first), _values(block, last)
     order = np.argsort(lower)
     place = order[np.searchsorted(lower[order], x, side="right") - 1]

@@ -147,10 +147,7 @@ def _rows(
 def _column_of(
     node: Hdf5Node, index: int | None, rates: dict[int, Rate | None]
 ) -> Callable[[Any], Column]:
-    """Return what makes a column of stored numbers, by the attributes of their data set.
-
-    A rate may be one of a group above it, in `rates` once it was looked for.
-    """
+    """Return what makes a column of stored numbers; `rates` keeps those of the groups above."""
     said = attributes(node.dataset)
     if (rate := _rate(said)) is None:
         if id(node.above) not in rates:
@@ -218,16 +215,12 @@ def _row(attrs: Any, key: str) -> Any:
 
 
 def _one_number(found: Any) -> float:
-    """Return the one finite number of an attribute, else NaN."""
     is_one = found is not None and len(found) == 1 and is_numeric(found.dtype)
     return float(found[0]) if is_one and np.isfinite(found[0]) else math.nan
 
 
 def _unpacking(dataset: Any, said: Mapping[str, Any]) -> Callable[[Any], Any]:
-    """Return what makes samples of stored numbers, by the attributes beside them, as netCDF has it.
-
-    ``value = scale_factor * stored + add_offset``, and a stored ``_FillValue`` is no sample at all.
-    """
+    """Return what unpacks, as netCDF: ``scale_factor * stored + add_offset``, or a gap."""
     scale, offset = (_packing(dataset, said, key) for key in ("scale_factor", "add_offset"))
     fills = [said.get(key) for key in ("_FillValue", "missing_value")]
     missing = [
@@ -286,7 +279,6 @@ class Hdf5Node:
 
 
 def _kind(dtype: Any) -> str | None:
-    """Say what a type holds in place of real numbers."""
     if dtype.kind == "b":
         return None  # a bit is an enumeration, too
     found = {

@@ -56,11 +56,7 @@ Opener = Callable[[str], AbstractContextManager[Any]]
 
 
 class Sandbox:
-    """A child that opens a file, and what it is asked of it, until nobody holds this object.
-
-    `kind` is what a damaged file is called. A child that ends before its work does, or takes more
-    of the processor than a file of that size may, is a damaged file.
-    """
+    """A child that holds a file open; where it ends early, or takes long, the file is damaged."""
 
     def __init__(self, opener: Opener, file: str, kind: str = "data") -> None:
         from tempfile import TemporaryDirectory
@@ -180,7 +176,6 @@ def _spawned(*work: Any) -> Started:
 
 
 def _serve(asked: int, sender: int, opener: Opener, file: str, kind: str, scratch: str) -> None:
-    """Open a file, and answer what is asked of it."""
     import tempfile
 
     _silence(asked, sender)
@@ -216,7 +211,6 @@ def _refusing(answers: IO[bytes], file: str, kind: str) -> Iterator[None]:
 
 
 def damaged(error: Exception, kind: str, file: str) -> ReadError:
-    """Return in one line what a package raised, which may be anything, on damaged data."""
     text = str(error).partition("\n")[0][:160] or type(error).__name__
     return ReadError(f"damaged {kind} ({text})", f"whole {kind}", "write it again", file=file)
 

@@ -60,8 +60,6 @@ _SIGNATURES = {
 
 @frozen
 class Rate:
-    """A sample rate that a file states."""
-
     hertz: float
     # how far, relative, it may be off for the digits in which it is written
     rounding: float = 1e-12
@@ -77,7 +75,6 @@ class Column:
     start: float | None = None  # when its first sample was taken, in s by the clock of all columns
 
     def __post_init__(self) -> None:
-        """Take a rate that no logger has for none."""
         if self.rate is not None and not RATES[0] <= self.rate.hertz <= RATES[1]:
             object.__setattr__(self, "rate", None)
 
@@ -87,11 +84,8 @@ class TooMuchError(ReadError):
 
 
 class ColumnFile(Protocol):
-    """An open file of columns."""
-
     @property
-    def file(self) -> str:
-        """The path, for messages."""
+    def file(self) -> str: ...
 
     @property
     def names(self) -> Sequence[str]:
@@ -103,13 +97,11 @@ class ColumnFile(Protocol):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
 
-    def scalar(self, name: str) -> float:
-        """Return a scalar variable."""
+    def scalar(self, name: str) -> float: ...
 
 
 class OneFile(ColumnFile, Protocol):
-    def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]:
-        """Return columns, or why one cannot be read."""
+    def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]: ...
 
 
 def content(path: Path) -> str:
@@ -140,7 +132,6 @@ def not_what_it_says(path: Path, found: str, expected: str) -> ReadError:
 
 
 def check_size(values: int, file: str, itemsize: int = 8) -> None:
-    """Refuse a file that declares more numbers than its bytes can hold."""
     check_held(values * itemsize, os.path.getsize(file), file)
 
 
@@ -180,11 +171,7 @@ class ColumnPlace:
 
 
 class ArrayFile:
-    """An open file of arrays found by path, or by the end of it where that is unique.
-
-    `array` returns one by its path, its samples of any shape. Formats that read parts of a file
-    have `columns` of their own.
-    """
+    """An open file of arrays; formats that read parts of a file have `columns` of their own."""
 
     in_blocks = False  # whether `columns` yields some rows after others
 
@@ -210,7 +197,6 @@ class ArrayFile:
             yield {name: replace(found, values=np.asarray(values, dtype=np.float64).reshape(-1))}
 
     def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
-        """Return the bytes of what holds these columns."""
         return os.path.getsize(self.file)
 
     def names(self) -> list[str]:
@@ -293,7 +279,6 @@ class ArrayFile:
         return found
 
     def scalar(self, name: str) -> float:
-        """Return the value of an array of one number."""
         scalars = [path for path, shape in self.shapes.items() if np.prod(shape) == 1]
         fitting = [p for p in scalars if name.strip("/") in (p, p.rsplit("/", 1)[-1])]
         if len(fitting) != 1:
@@ -319,8 +304,6 @@ def is_numeric(dtype: Any) -> bool:
 
 @frozen
 class Format:
-    """A binary format: what opens it in a child, and what its files hold by their first bytes."""
-
     opener: str  # module and function under `rotorid.io`
     package: str  # which reads it
     kind: str
@@ -399,7 +382,6 @@ class Stored:
         return float(self._child.ask("scalar", name))
 
     def size_in_blocks(self, names: Sequence[str]) -> int:
-        """Return the size of columns in memory; 0 where they are not read in blocks."""
         return int(self._child.ask("size_in_blocks", list(names)))
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
@@ -413,10 +395,7 @@ class Stored:
 
 @frozen
 class JoinedTables:
-    """Several files of one clock: their columns beside one another.
-
-    A column is named by its name where that is unique, else by ``file.csv:name``.
-    """
+    """Several files of one clock; a column whose name is not unique is ``file.csv:name``."""
 
     tables: Mapping[str, ColumnFile]
 
@@ -495,7 +474,6 @@ def open_table(path: str | Path, *, header_row: int | None = None) -> OneFile:
 def open_tables(
     path: str | Path | Sequence[str | Path], *, header_row: int | None = None
 ) -> ColumnFile:
-    """Open a file, or several as one."""
     if isinstance(path, str | Path):
         return open_table(path, header_row=header_row)
     paths = [Path(one) for one in path]

@@ -158,8 +158,6 @@ _BODY = 12  # rows from which the delimiter is judged
 
 @frozen
 class Dialect:
-    """How a text table is written."""
-
     # names of the columns without their units; their numbers from 0 where there are none
     names: tuple[str, ...]
     # from the names (``x1 [um]``), or from a row of units beside them
@@ -174,10 +172,7 @@ class Dialect:
 
 
 def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect | None:
-    """Find how a table is written from its first lines; None where there are no rows of values.
-
-    The names stand in line `header_row`, from 1; 0 where there are none.
-    """
+    """Find how a table is written; None without rows of values. `header_row` counts from 1."""
     told = [i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in COMMENTS]
     if header_row:
         told = [i for i in told if i >= header_row]
@@ -229,10 +224,7 @@ def is_value(field: str) -> bool:
 
 
 def _decimal_mark(fields: Sequence[str], delimiter: str) -> str:
-    """Return the decimal mark of a table; empty where all its numbers are whole.
-
-    Numbers with commas beside others with points are refused: one stands between thousands.
-    """
+    """Return the decimal mark, empty where all numbers are whole; refuse commas beside points."""
     if delimiter == ",":
         return "."
     first = {
@@ -322,10 +314,7 @@ def _names(
 
 
 def _whole_names(names: list[str], fields: int, delimiter: str, line: int) -> list[str]:
-    """Put names together that hold the delimiter in brackets, as ``Time (s)`` may.
-
-    More names than columns even so are refused: nothing tells whose they are.
-    """
+    """Join names that hold the delimiter in brackets, as ``Time (s)``; refuse more than columns."""
     whole: list[str] = []
     for name in names:
         unit = delimiter == " " and name[:1] in _BRACKETS.values()
@@ -385,8 +374,6 @@ _DAY = 86400.0
 
 @frozen
 class DelimitedTable:
-    """An open text table; its numbers are read when they are asked for."""
-
     file: str
     dialect: Dialect
     encoding: str
@@ -400,7 +387,6 @@ class DelimitedTable:
         return self.dialect.names
 
     def find(self, name: str) -> str:
-        """Return the name of a column, once it is sure to be there once."""
         if name not in self._places:
             error = no_column(name, self.names, self.file)
             if not self.dialect.named:
@@ -460,7 +446,6 @@ class DelimitedTable:
         return text.isascii() and "_" not in text
 
     def _no_value(self, text: str | None, line: int, place: int) -> ReadError:
-        """Return the error for a field, or for a row that ends before it."""
         at = f"line {line}" if text is None else f"line {line}, column {self.names[place]}"
         found = repr(text)[:80] if text else "an empty field"
         if text is None:
@@ -473,7 +458,6 @@ class DelimitedTable:
         return ReadError(found, expected, cure, file=self.file, place=at)
 
     def scalar(self, name: str) -> float:
-        """Refuse: a text table has columns only."""
         raise ReadError(
             f"scale {name!r} in a text table",
             "a number, or a scalar variable of an HDF5 or MAT file",
@@ -500,10 +484,7 @@ class DelimitedTable:
         return lines
 
     def _bounded(self, stream: IO[str]) -> Iterator[str]:
-        """Return the lines of a text; refuse one that never seems to end.
-
-        In a small file none can; looking at each takes a seventh of the time of reading numbers.
-        """
+        """Refuse a line without end; in a small file none can be, and looking takes time."""
         return iter(stream) if getsize(self.file) <= SMALL_TEXT else self._checked(stream)
 
     def _checked(self, stream: IO[str]) -> Iterator[str]:
@@ -580,7 +561,6 @@ class DelimitedTable:
         return columns
 
     def _clock(self, position: int) -> Floats:
-        """Return a column of times of day in s from its first."""
         name = self.names[position]
         for _, wrong in self._wrong([name]):
             raise wrong

@@ -86,12 +86,10 @@ class Controller:
         )
 
     def on_each(self, axes: int) -> Controller:
-        """Return a controller of one position and one command, repeated on several axes."""
         return side_by_side([self] * axes)
 
 
 def side_by_side(controllers: Sequence[Controller]) -> Controller:
-    """Return one controller of several that do not know of one another: decentralized."""
     for controller in controllers:
         if (controller.positions, controller.commands) != (1, 1):
             raise InputError(
@@ -116,11 +114,10 @@ def pid(
     filter_frequency: float,
     period: float,
 ) -> Controller:
-    """Return a sampled PID of one axis with derivative filter, fed back negatively.
+    """Return a sampled PID of one axis, fed back negatively: ``u = -(P y + I int y dt + d)``.
 
-    u = -(P y + I int y dt + D dy/dt filtered by a first-order low-pass): the integral by the
-    forward rule, the derivative as first-order hold through the filter, so that
-    ``d[k] = a d[k-1] + D (1 - a) (y[k] - y[k-1]) / T``, a = exp(-2 pi f T).
+    The integral by the forward rule; the derivative as first-order hold through a low-pass,
+    ``d[k] = a d[k-1] + D (1 - a) (y[k] - y[k-1]) / T`` with a = exp(-2 pi f T).
     """
     cure = "give the corner of the filter of the derivative"
     require_positive(filter_frequency, "Hz", cure, place="filter_frequency")

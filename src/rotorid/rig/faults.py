@@ -39,8 +39,6 @@ Apply = Callable[[Rig, float], Rig]
 
 @frozen
 class Fault:
-    """Something that a rig has and its experiment file does not say."""
-
     # the unit is of SI; shown is the size by default, as one would write it
     name: str
     unit: str
@@ -71,10 +69,7 @@ def _fault(
     rig: str = "three-mass",
     turns: bool = False,
 ) -> Callable[[Callable[..., Any]], Apply]:
-    """Enter a function as the fault of its name, its docstring being what it is.
-
-    The function changes a rig, or the parts that it is a fault `of`.
-    """
+    """Enter a function, of a rig or the parts it is a fault `of`, by its name and its docstring."""
 
     def enter(change: Callable[..., Any]) -> Apply:
         name = change.__name__.strip("_").replace("_", "-")
@@ -165,8 +160,6 @@ Change = Callable[[Floats, float, np.random.Generator], Floats]
 
 
 def _columns(chosen: Callable[[Rig, str], bool]) -> Callable[[Change], Apply]:
-    """Have the samples of the logger's columns changed, those of the names chosen."""
-
     def of(change: Change) -> Apply:
         def apply(rig: Rig, size: float) -> Rig:
             return _spoiled(
@@ -212,7 +205,6 @@ def _side(name: str) -> float:
 
 
 def _sum(*parts: tuple[float, Mapping[str, float]]) -> dict[str, float]:
-    """Return a sum of multiples of combinations of coordinates."""
     found: dict[str, float] = {}
     for factor, combination in parts:
         for name, value in combination.items():
@@ -225,7 +217,6 @@ def _work(rig: Rig, values: Floats) -> Floats:
 
 
 def _translations(rig: Rig, axis: str) -> list[str]:
-    """Return the coordinates along an axis."""
     units = rig.model.units
     return [n for n in rig.model.coordinates if n.startswith(axis) and units[n] == "m"]
 

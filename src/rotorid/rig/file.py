@@ -470,8 +470,6 @@ class RigFile(Schema):
 
 @frozen
 class RigPlan:
-    """What a rig file says."""
-
     # the rig's name and title, and its file as it stands
     name: str
     title: str
@@ -483,7 +481,6 @@ class RigPlan:
     seed: int  # of the noise
 
     def run(self, seed: int | None = None) -> RigRecord:
-        """Run the rig for its duration, with its seed or another."""
         found = self.record(seed)
         with naming(self.file or self.name):
             return read(self.rig.described or self.rig, found)

@@ -30,11 +30,7 @@ _PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffl
 def record_bytes(
     record: Logged | RigRecord, *, rig_text: str = "", faults: Sequence[str] = ()
 ) -> bytes:
-    """Return the HDF5 file of what the logger of a rig recorded.
-
-    One dataset per column, with its unit in the attribute ``units``; the sample times in ``t``;
-    and a group ``truth``, which no logger would write.
-    """
+    """Return an HDF5 file: datasets with ``units``, times ``t`` and a group ``truth``."""
 
     def fill(data: h5py.File) -> None:
         data.attrs.update(written_by=RECORD.writer, written=MARK)
@@ -79,7 +75,6 @@ def _write_truth(group: h5py.Group, truth: Truth) -> None:
 
 
 def experiment_path(out: Path, rig: str) -> Path:
-    """Return where the experiment file of a record goes: beside it, with the ending .toml."""
     if out.suffix.lower() not in (".h5", ".hdf5"):
         raise InputError(
             f"the ending {out.suffix!r}",
@@ -200,7 +195,6 @@ def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
 
 
 def _place(rig: Rig, position: Mapping[str, float]) -> str:
-    """Name the sensor that reads a displacement; or say which coordinates it is made of."""
     for sensor in rig.sensors:
         if dict(sensor.combination) == dict(position):
             return sensor.name
@@ -262,7 +256,6 @@ def _known_parameters(rig: Rig) -> dict[str, Any]:
 def write_excitation(
     signals: Multisine, path: str | Path, sample_rate: float, *, full_scale: float | None = None
 ) -> None:
-    """Write one period of a multisine, to be played over and over."""
     path = Path(path)
     samples = signals.samples(sample_rate)
     match path.suffix.lower():

@@ -72,8 +72,6 @@ class Bearings(NamedTuple):
 
 
 class RotorTable(NamedTuple):
-    """The equations of the rotor, what random forces do to it, and how it turns."""
-
     plant: Plant
     noise: Floats
     rotation: Floats
@@ -398,10 +396,7 @@ def _read(loop: Any, time: float, error: Any, out: Any) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _control(loop: Any, step: int, reading: Any, memory: Any, scratch: Any, command: Any) -> None:
-    """One step of the controller: command from reading, the state moved on.
-
-    step counts from the first sample of the record; the gain is that of the step, or of all.
-    """
+    """Turn reading into command, move the state on; step counts from the first sample recorded."""
     command[:] = 0.0
     scratch[:] = 0.0
     _add_product(loop.C, memory, command)
@@ -446,7 +441,6 @@ def _exact_step(
 
 @njit(cache=True, error_model="numpy")
 def _laws_at(bearings: Any, time: float, laws: Any) -> None:
-    """Compute the constants of the forces some time after the record began."""
     for j in range(laws.shape[0]):
         for k in range(laws.shape[1]):
             laws[j, k] = bearings.law[j, k]

@@ -45,7 +45,6 @@ class LoggedColumn:
     dynamics: FirstOrder | None = None
 
     def channel(self, name: str) -> Channel:
-        """Return the channel, of a name, that a reader makes of it."""
         return Channel(name, self.unit, hold=self.hold, delay=self.delay, dynamics=self.dynamics)
 
 
@@ -71,16 +70,12 @@ class Truth:
 
     @property
     def rpm(self) -> float:
-        """Mean speed in revolutions per minute."""
         return float(self.speed.mean() * 30 / np.pi)
 
 
 @frozen
 class Logged:
-    """What the logger of a rig leaves: columns of one clock; and the truth beside them.
-
-    Nothing in it has been read yet, so it may hold what no reader takes.
-    """
+    """Columns of one clock, and the truth; not read yet, so it may hold what no reader takes."""
 
     sample_rate: float
     columns: tuple[LoggedColumn, ...]
@@ -93,11 +88,7 @@ class Logged:
 
 @frozen
 class RigRecord(Record):
-    """A `Record` from a rig, with the logger's columns and the truth.
-
-    Channels of linear actuators hold the currents, with their `Drive`;
-    `rotorid.force.reading.forces` turns them into forces. Those of other actuators are forces.
-    """
+    """Channels of linear actuators hold currents, with their `Drive`; those of others, forces."""
 
     columns: tuple[LoggedColumn, ...] = ()
     truth: Truth | None = field(default=None, repr=False)
@@ -113,10 +104,9 @@ def how_recorded(rig: RigMachine, part: Actuator) -> tuple[bool, float]:
 
     The quantity, a hold of commands delayed by d and smoothed by the amplifier, is later than
     they are by d + T/2 + lag on average; the column by their mean age at the samples. Beside a
-    command, the amplifier's lag stands by itself, as its dynamics. A column
-    that changes only when it is sampled is held from sample to sample, exactly: a command logged
-    as often as it is computed or a whole number of times more, and so the current of an amplifier
-    without lag.
+    command the amplifier's lag is its dynamics. A column that changes only when it is sampled is
+    held, exactly: a command logged as often as it is computed or a whole number of times more, and
+    so the current of an amplifier without lag.
     """
     command = rig.logger.current == "command"
     oversampled = rig.logger.oversampling > 1
@@ -184,7 +174,6 @@ def logged(rig: RigMachine, plant: Plant, log: Log, rng: np.random.Generator) ->
 
 
 def read(rig: RigMachine, found: Logged) -> RigRecord:
-    """Return the record that a reader makes of a rig's columns, told what the rig is."""
     by_name = {column.name: column for column in found.columns}
     mark = by_name.get("encoder", by_name.get("keyphasor"))
     turned: Floats | None

@@ -111,10 +111,8 @@ def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Sched
 
 @frozen
 class RigMachine:
-    """A rotor on magnetic bearings, its controller and its logger: what a rig is made of.
+    """What a rig is made of.
 
-    Notes
-    -----
     The displacement of an actuator is B'q, the one that does work with its force. While the speed
     changes, the loads follow it as the model says; the angular acceleration adds nothing.
     """
@@ -186,7 +184,6 @@ class RigMachine:
 
     @property
     def parts(self) -> tuple[Actuator, ...]:
-        """The actuators in the order of the inputs."""
         return tuple(self.actuators[name] for name in self.model.inputs)
 
     @property
@@ -211,7 +208,6 @@ class RigMachine:
 
     @cached_property
     def fed_back(self) -> Integers:
-        """Which sensors the controller reads."""
         names = [sensor.name for sensor in self.sensors]
         return np.array([names.index(name) for name in self.feedback], dtype=np.int64)
 

@@ -100,8 +100,6 @@ class Rotation:
 
 @frozen
 class Encoder:
-    """A disc with lines; the logger reads a counter."""
-
     lines: int  # counts per revolution
     jitter: float = 0.0  # standard deviation of each reading before it is counted, in rad
     # lines that the counter loses in the record, each at a time of its own; negative where it
@@ -116,11 +114,7 @@ class Encoder:
 
 @frozen
 class Keyphasor:
-    """A mark that passes a sensor once per revolution, at phi = 0.
-
-    The logger samples the pulse, whose flanks last two samples each, as its low-pass makes them;
-    a logic level has no samples on its flanks.
-    """
+    """A mark that passes at phi = 0; flanks of its pulse last two samples, as a low-pass has it."""
 
     jitter: float = 0.0  # standard deviation of the pulses' times in s
     noise: float = 0.0  # standard deviation of the samples; a pulse is 1 high
@@ -217,7 +211,6 @@ def _times_of(turns: Floats, rotation: Rotation, time: Floats) -> Floats:
 
 
 def read_mark(mark: Encoder | Keyphasor, column: Floats, sample_rate: float) -> MeasuredAngle:
-    """Return what a reader makes of the column of the angle."""
     if isinstance(mark, Encoder):
         return encoder_angle(column, sample_rate, per_revolution=mark.lines, lines=mark.lines)
     times, half = pulse_edges(column, sample_rate)
@@ -371,8 +364,6 @@ class SensorRunout:
 
 @frozen
 class PositionSensor:
-    """A sensor of a coordinate, or of a combination of some."""
-
     name: str  # A coordinate's name, or a new one where it reads several
     reads: Mapping[str, float] | None = None  # ``{coordinate: coefficient}``
     # standard deviation, offset and least step in m (rad for an angle)
@@ -390,7 +381,6 @@ class PositionSensor:
 
     @property
     def combination(self) -> Mapping[str, float]:
-        """What it reads, as ``{coordinate: coefficient}``."""
         return {self.name: 1.0} if self.reads is None else self.reads
 
 
@@ -402,8 +392,6 @@ def sensor_unit(combination: Iterable[str], units: Mapping[str, str]) -> str:
 
 @frozen
 class Logger:
-    """What is recorded, and how often."""
-
     sample_rate: float  # Hz
     # {"command", "measured"}: the controller's command, or the coil's current
     current: Literal["command", "measured"] = "command"
@@ -441,10 +429,7 @@ class ProcessNoise:
 
 @frozen
 class Disturbance:
-    """A force, or an acceleration of the frame, that nobody measures.
-
-    Held over each period of the controller, at its value in the middle.
-    """
+    """A force, or acceleration of the frame, held over each controller period at its middle."""
 
     # input (N), or coordinate (acceleration in m/s^2, rad/s^2), to its factor
     on: Mapping[str, float]

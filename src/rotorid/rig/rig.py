@@ -47,17 +47,11 @@ SETTLED = 60.0
 
 @frozen
 class Rig(RigMachine):
-    """A machine that can be run; its parameters are those of `Machine`, and one more."""
-
     described: Rig | None = None
     spoils: tuple[Spoil, ...] = ()  # what happens to the logger's columns, one after the other
 
     def run(self, duration: float, rng: np.random.Generator) -> RigRecord:
-        """Run the rig for so many seconds, record it, and read the record.
-
-        A loop that is unstable, a rotor that touches its auxiliary bearing and a current beyond the
-        bias are a `RigError`: what, when, and where.
-        """
+        """Run so many s; an unstable loop, a touch or a current beyond the bias is a `RigError`."""
         return read(self.described or self, self.record(duration, rng))
 
     def record(self, duration: float, rng: np.random.Generator) -> Logged:
@@ -120,7 +114,6 @@ class Rig(RigMachine):
         return RigError(found, expected, cure).of(time, name)
 
     def _require_stable(self, plant: Plant, duration: float) -> None:
-        """Refuse a loop that grows at any speed of the run."""
         for speed in dict.fromkeys(self.rotation.range_until(duration)):
             rate, frequency, axis = growth(self, plant, speed)
             if rate >= 0:
@@ -229,7 +222,6 @@ def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, s
 def kernel_tables(
     rig: RigMachine, plant: Plant, samples: int, rng: np.random.Generator
 ) -> tuple[Events, Steps, Bearings, RotorTable, Lags, Loop]:
-    """Return what the kernel works on, for a record of so many samples."""
     plan, lags = rig.schedule, rig.lags(plant)
     # The pattern of events is repeated until the record is complete.
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
@@ -291,7 +283,6 @@ def rotor_table(rig: RigMachine, plant: Plant) -> RotorTable:
 
 
 def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Generator) -> Loop:
-    """Return controller, sensors and their errors, excitation, and the random forces."""
     plan = events.pattern
     steps = events.repeats * plan.controls
     start = events.settling * plan.duration

@@ -1,8 +1,4 @@
-"""Rotor angle from an encoder or from a pulse once per revolution.
-
-A rotor with its inertia turns smoothly; what a counter or a pulse shows of that is a staircase.
-`rotorid.signals.rotation_fit` fits the one to the other.
-"""
+"""Rotor angle from an encoder or a pulse per revolution: a smooth rotation through a staircase."""
 
 from __future__ import annotations
 
@@ -41,8 +37,6 @@ PLATEAU = 0.02
 
 @frozen
 class MeasuredAngle:
-    """Rotor angle at each sample, and how the rotor turns."""
-
     angle: Floats  # (sample,): phi in rad, continuous
     speed: float  # mean speed in rad/s, by regression over the whole record
     drift: float  # change of the speed in rad/s^2, by the same regression
@@ -72,10 +66,9 @@ def encoder_angle(
 ) -> MeasuredAngle:
     """Return the angle from readings of an encoder or a resolver, one per sample.
 
-    A counter shows the last line that has passed: with `lines`, the steps of a revolution, each
-    reading is an interval, and a smooth rotation is fitted through all of them. Lines lost or
-    counted twice are set right. Readings may start afresh at every revolution, `per_revolution`
-    after the last start: 2 pi, 360, or the counts. Backwards the speed is negative.
+    With `lines`, the steps of a revolution, each reading is an interval: a smooth rotation is
+    fitted, lines lost or counted twice are set right. Readings may start afresh every
+    `per_revolution`: 2 pi, 360, or the counts. Backwards the speed is negative.
     """
     raw = np.asarray(readings, dtype=float)
     bad = np.flatnonzero(~np.isfinite(raw))
@@ -206,8 +199,7 @@ def keyphasor_angle(
 ) -> MeasuredAngle:
     """Return the angle at each of `count` samples from the times of pulses, at which phi = 2 pi n.
 
-    Pulses that are missing or too many are understood by their rhythm; a smooth rotation is
-    fitted through the others. `half` is half the time in s that each leaves open.
+    The rhythm tells those missing or too many; `half` is half the time in s that each leaves open.
     """
     t = np.asarray(times, dtype=float)
     with naming(source):

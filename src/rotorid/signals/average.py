@@ -108,10 +108,7 @@ def average(
 
 
 def _excerpt(record: Record, first: int, size: int) -> Record:
-    """Return the periods of a long record that are looked at: some of its start, middle and end.
-
-    What a channel does in every period, as to clip, shows in any.
-    """
+    """Return periods of start, middle and end: what a channel does in every period shows in any."""
     count, few = len(record.samples), size * max(1, _LOOKED_AT // (3 * size))
     if record.valid is not None or count <= max(_LOOKED_AT, 3 * few):
         return record
@@ -139,8 +136,6 @@ def _kept_periods(record: Record, used: slice, size: int) -> tuple[Booleans, tup
 
 @frozen
 class RecordBlocks:
-    """What a `Record` says of itself, and its samples in blocks."""
-
     channels: tuple[Channel, ...]
     sample_rate: float  # Hz
     # rad/s, and the rotor angle in rad at the file's first sample
@@ -213,7 +208,6 @@ def _begun(
     harmonics: Sequence[int] | None,
     band: tuple[float, float] | None,
 ) -> PeriodSums:
-    """Return the sums of no period yet, or refuse the period or the lines."""
     rate, channels = source.sample_rate, source.channels
     size = _period_size(rate, fundamental, period_samples)
     lines = _lines_of(rate, size, harmonics, band)
@@ -310,10 +304,9 @@ _LEAST = 8  # periods worked on at once, so that merging their means costs littl
 
 @dataclass
 class PeriodSums:
-    """What is kept of periods: their number, mean, squares about it, and the lines of each.
+    """Sums of periods less the mean of the first ones: no digits are lost to a large mean.
 
-    Every period is summed as it differs from the mean of the first ones: no digits are lost to a
-    large mean (Chan, Golub and LeVeque 1983), and sums of parts add in any order.
+    Chan, Golub and LeVeque 1983; sums of parts add in any order.
     """
 
     channels: tuple[Channel, ...]

@@ -70,8 +70,7 @@ def correlated_covariance(spectra: Complexes, neighbours: int | None = None) -> 
     With ``G_kj = sum_p z_kp exp(-2 pi i j p / P)``, the line j record lines away,
     ``C_k = sum_{0 < |j| <= m} G_kj G_kj^H / (2 m P^2)``. Right where the noise carries over from
     period to period, as true random motion in closed loop does: there the scatter between periods
-    holds a term that cancels in the mean. 2 m degrees of freedom, P - 1 where m is half the
-    periods; m, `neighbours`, is a twelfth of the periods where it is not given.
+    holds a term that cancels in the mean. 2 m degrees of freedom, P - 1 where m is half of P.
     """
     periods = _periods(spectra)
     m = max(1, round(periods / 12)) if neighbours is None else neighbours
@@ -87,10 +86,7 @@ def correlated_covariance(spectra: Complexes, neighbours: int | None = None) -> 
 
 
 def lag_one_correlation(residual: Complexes) -> float:
-    """Return the correlation of the residual of one period with that of the next.
-
-    Each line and row counts alike; the mean over periods is taken out.
-    """
+    """Return the residual's correlation with that a period later; lines and rows count alike."""
     scatter = residual - residual.mean(axis=0)
     power = (np.abs(scatter) ** 2).sum(axis=0)
     # Rounding leaves a scatter of its own where there is no noise.
@@ -102,11 +98,9 @@ def lag_one_correlation(residual: Complexes) -> float:
 
 
 def is_correlated(residual: Complexes) -> bool:
-    """Tell whether a covariance counts as correlated: whether periods depend on one another.
+    """Tell whether the lag-one correlation is three deviations off the -1/P of independent periods.
 
-    True where the lag-one correlation of the residual is more than three of its standard
-    deviations, ``1 / sqrt(2 P lines)`` (a real line counts half), away from the -1/P of
-    independent periods.
+    The deviation is ``1 / sqrt(2 P lines)``, where a real line counts half.
     """
     periods, lines = residual.shape[:2]
     if periods < 8:

@@ -21,11 +21,7 @@ from rotorid.signals.period_search import find_period, only_rotation
 
 @frozen
 class Distortion:
-    """What the lines of a run hold, one entry per channel in each array.
-
-    All levels are root mean squares over lines of the amplitude |X| of the mean over periods, so
-    that they compare with one another and with the excited lines.
-    """
+    """Levels are root mean squares over lines of |X| of the mean over periods, one per channel."""
 
     channels: tuple[str, ...]
     # (line,): odd and even harmonics that were not excited
@@ -61,9 +57,8 @@ def detect_distortion(
 ) -> Distortion:
     """Tell even and odd distortion and noise from the lines that were not excited, up to `highest`.
 
-    Left aside are the harmonics `apart`, and those of the rotation, where the speed is a whole
-    multiple of the fundamental: there unbalance and runout are. Without `highest` it is the highest
-    excited one; `skip` in s is what is dropped before.
+    Left aside are the harmonics `apart`, and those of a rotation at a whole multiple of the
+    fundamental: there unbalance and runout are. `skip` is in s.
     """
     top = int(max(excited)) if highest is None else highest
     turns = abs(record.speed) / (2 * np.pi * fundamental)
@@ -180,10 +175,9 @@ def inspect_record(
 ) -> Inspection:
     """Look at a record as a technician would, before identifying.
 
-    The period is looked for where `period_samples` does not give it, and the lines that stand
-    clear of their noise where neither `harmonics` nor `band`, in Hz, does. A record is `whole`
-    that has no periods, such as a sweep: none is looked for. What repeats in it is its rotation,
-    and the sweep is no noise beside that.
+    Period and lines, those clear of their noise, are found where they are not given; `band` in Hz.
+    A `whole` record, such as a sweep, has no periods: what repeats in it is its rotation, and the
+    sweep is no noise beside that.
     """
     size = period_samples
     found = size is None
@@ -353,7 +347,6 @@ class LineInspection(Judged):
 
 
 def inspect_lines(lines: Lines) -> LineInspection:
-    """Look at a table as a technician would: what each channel reads, where, and how clearly."""
     turning = isinstance(lines.clock, PhasorClock)
     size = (2.0 if turning else 1.0) * np.abs(lines.mean)
     noise = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real

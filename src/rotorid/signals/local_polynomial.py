@@ -83,8 +83,7 @@ def local_covariance(
 ) -> Local:
     """Return C of chosen lines by the least order that leaves no bend.
 
-    Channels, references and rotation hold all lines of the record from DC on; `rotation` has no
-    column at standstill.
+    The other arguments hold all lines from DC on; `rotation` has no column at standstill.
     """
     windows = [_Windows(channels, references, rotation, order) for order in ORDERS]
     fitting = [each for each in windows if 2 * each.half + 1 <= len(channels)]
@@ -221,11 +220,9 @@ class _Regression:
     def poles(self, scaled: Complexes, orthogonal: Complexes) -> tuple[Complexes, Floats]:
         """Return the poles' inverses, and the share of the residual that they explain.
 
-        `orthogonal` are the columns of a window without poles.
-
-        By linear least squares for a_1 and a_2. What A is multiplied with is noise too, so that
-        lines far from the poles weigh more: near enough, and repeating it with the weights of the
-        last A (Sanathanan, Koerner 1963) ran astray where noise is all there is.
+        `orthogonal` are the columns without poles. By linear least squares for a_1 and a_2: what A
+        is multiplied with is noise too, so that lines far from the poles weigh more. That will do;
+        weights of the last A (Sanathanan, Koerner 1963) ran astray where noise is all there is.
         """
         turned = scaled[:, :, :, None] * self.offset[:, :, None, None] ** np.arange(POLES + 1)
         flat = turned.reshape(*scaled.shape[:2], -1)
@@ -244,10 +241,7 @@ class _Regression:
 
 
 def _decaying(a: Complexes, half: int) -> Complexes:
-    """Return the inverse roots of 1 + a_1 j + a_2 j^2; zero for one that does not decay.
-
-    Such a one inside the window is hum, or stands beside a zero and means nothing.
-    """
+    """Return the inverse roots of 1 + a_1 j + a_2 j^2; zero for one that does not decay, as hum."""
     root = np.sqrt(a[:, 0] ** 2 - 4 * a[:, 1])
     inverse = np.stack([-a[:, 0] + root, -a[:, 0] - root], axis=1) / 2
     lines = half / np.where(inverse == 0, 1e-12, inverse)

@@ -114,10 +114,7 @@ def full_harmonics(highest: int) -> Integers:
 
 
 def leave_out(harmonics: ArrayLike, group: int, rng: np.random.Generator) -> Integers:
-    """Leave one harmonic out of each group of successive ones: detection lines.
-
-    Distortion of odd order falls on the odd lines left out, of even order on the even lines.
-    """
+    """Leave a random line out of each group: odd distortion falls on odd ones, even on even."""
     lines = _harmonics(harmonics)
     if group < 2:
         raise InputError(f"groups of {group}", "2 or more", "choose larger groups", place="group")
@@ -126,10 +123,7 @@ def leave_out(harmonics: ArrayLike, group: int, rng: np.random.Generator) -> Int
 
 
 def schroeder_phases(power: ArrayLike) -> Floats:
-    """Return Schroeder's phases for lines of given power: a sweep in each period.
-
-    ``phase_n = -2 pi sum_{j<n} (n - j) p_j`` with p_j the part of line j in the power.
-    """
+    """Return the phases of a sweep, ``-2 pi sum_{j<n} (n - j) p_j``, p_j the share of line j."""
     part = np.asarray(power, dtype=float)
     part = part / part.sum()
     return np.asarray(-2 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(part))[:-1]]))
@@ -145,10 +139,9 @@ def multisine(
     unit: str = "N",
     rng: np.random.Generator | None = None,
 ) -> Multisine:
-    """Build a multisine of one or several signals.
+    """Build a multisine; `amplitude` is the peak of every line of a signal, or one for each line.
 
-    `amplitude` is, of each signal, the peak of every line, or one for each. `apart` gives each line
-    to one signal only, in turn, so that one run tells the inputs apart. Random phases take `rng`.
+    `apart` gives each line to one signal only, in turn: one run tells the inputs apart.
     """
     lines = _harmonics(harmonics)
     names = tuple(amplitude)
@@ -180,9 +173,7 @@ def multisine(
 def orthogonal(signals: Multisine) -> tuple[Multisine, ...]:
     """Return as many runs as signals, in which the inputs are orthogonal on every line.
 
-    In run r the signal s has the phase of the single run plus 2 pi r s / n: on each line the
-    matrix (signal, run) is the lines' amplitude times a DFT matrix, which has condition 1 where
-    the amplitudes are equal.
+    Run r adds 2 pi r s / n to the phases of signal s: amplitudes times a DFT matrix.
     """
     turns = scipy.linalg.dft(len(signals.names)).conj()
     return tuple(replace(signals, amplitudes=signals.amplitudes * turn) for turn in turns)
@@ -191,9 +182,8 @@ def orthogonal(signals: Multisine) -> tuple[Multisine, ...]:
 def minimize_crest(signals: Multisine, *, steps: int = 8) -> Multisine:
     """Return the multisine with phases that lower the crest factor; amplitudes are kept.
 
-    The peak is the limit of the norms of order 2p: these are minimized over the phases, p = 2, 4,
-    8, ..., each from the last. There are many minima: besides the given phases, a few sweeps serve
-    as starts, the same ones each time, and the lowest peak is kept.
+    The norms of order 2p, whose limit is the peak, are minimized for p = 2, 4, 8, ..., each from
+    the last. The given phases and a few sweeps serve as starts, and the lowest peak is kept.
     """
     columns = [
         _flattened(tuple(signals.harmonics.tolist()), tuple(column.tolist()), steps)

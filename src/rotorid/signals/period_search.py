@@ -40,11 +40,7 @@ class Period:
 
 
 def find_period(samples: Floats) -> Period | None:
-    """Return the shortest period of a signal, shape (sample,), or none.
-
-    The middle of the record is compared with itself, shifted; head and tail, where a machine
-    moves to its place and back, would lengthen what is found.
-    """
+    """Return the shortest period of a signal, or none: its middle is compared with itself."""
     middle = _middle(samples)
     size = len(middle)
     if size < 16 or not np.ptp(middle):

@@ -41,7 +41,6 @@ def lines_within(band: tuple[float, float], sample_rate: float, samples: int) ->
 
 
 def synthesize(lines: ArrayLike, harmonics: ArrayLike, samples: int) -> Floats:
-    """Return one period of the signals that have these lines and no others."""
     lines = np.asarray(lines, dtype=complex)
     full = np.zeros((*lines.shape[:-2], samples // 2 + 1, lines.shape[-1]), dtype=complex)
     full[..., np.asarray(harmonics), :] = lines
@@ -51,11 +50,7 @@ def synthesize(lines: ArrayLike, harmonics: ArrayLike, samples: int) -> Floats:
 def differentiate(
     lines: ArrayLike, harmonics: Integers, samples: int, sample_rate: float, order: int
 ) -> Complexes:
-    """Return the lines of a time derivative: ``(i omega_k)^order X_k``.
-
-    The Nyquist line of an even number of samples shows the cosine only, whose odd derivatives
-    vanish at the samples: there they are zero.
-    """
+    """Return ``(i omega_k)^order X_k``; the Nyquist line is a cosine: odd derivatives vanish."""
     omega = 2 * np.pi * sample_rate / samples * harmonics
     factor = (1j * omega) ** order
     if order % 2:
@@ -95,11 +90,7 @@ _BETA = 18.9  # 180 dB beside the lines
 
 
 def shifted(samples: Floats, steps: float, period: int | None = None) -> Floats:
-    """Return samples of a signal `steps` sample periods later, by local interpolation.
-
-    Lines up to 0.45 of the sample rate are right to 1e-9; the last sixty-four samples at each end
-    as far as the signal goes on there as it is thought to.
-    """
+    """Return a signal `steps` samples later; 64 at each end are as right as `extended` is."""
     whole = int(np.floor(steps + 1e-9))
     part = steps - whole
     if abs(steps) < 1e-9:
@@ -138,11 +129,7 @@ AMPLIFIED = 10.0
 def quantity(
     column: Floats, channel: Channel, sample_rate: float, period: int | None = None
 ) -> Floats:
-    """Return the samples that a column would have had without what recorded it, (sample,).
-
-    A delay by local interpolation; dynamics line by line over the record, where a table of a
-    response goes on beyond its ends as it is there.
-    """
+    """Return a column without its delay, by interpolation, or its dynamics, line by line."""
     if channel.dynamics is None:
         return shifted(column, channel.delay * sample_rate, period)
     goes_round = period is not None and len(column) % period == 0

@@ -77,7 +77,6 @@ _MOST_LEVELS = 2**20  # beyond 20 bits it is the rounding of single-precision fl
 
 
 def is_input(channel: Channel) -> bool:
-    """Tell whether a channel drives the machine, by how it was recorded and its unit."""
     return channel.hold or channel.drive is not None or channel.unit in INPUT_UNITS
 
 
@@ -113,10 +112,7 @@ def quantum(samples: Floats) -> float:
 @whole_check("dead")
 @record_check("dead", "every channel moves")
 def check_dead(seen: Seen) -> Iterator[Note]:
-    """Find channels that say nothing: the same value in every sample.
-
-    Where others scatter between periods, they are measured, and no sensor is without noise.
-    """
+    """Refuse a still sensor where others scatter between periods: no sensor is without noise."""
     record, scatter = seen.part, seen.scatter
     if not len(record.samples):
         return
@@ -192,7 +188,6 @@ def _flat(samples: Floats, value: float) -> int:
 @whole_check("quantized")
 @record_check("quantized", "no channel is too coarse")
 def check_quantized(seen: Seen) -> Iterator[Note]:
-    """Find channels whose steps are so coarse that their rounding does not average out."""
     record, scatter = seen.part, seen.scatter
     for c, channel in enumerate(record.channels):
         step = quantum(record.samples[:, c])
@@ -243,11 +238,9 @@ def _copied_scatter(periods: PeriodicRecord) -> Iterator[Note]:
 
 
 def check_copied(channels: Sequence[Channel], deviations: Floats) -> Iterator[Note]:
-    """Find pairs of channels whose noise is the same: one column read twice.
+    """Find pairs of channels whose noise is the same; of several copies each is told of the first.
 
-    `deviations`, (value, channel), are what chance makes of each channel: deviations from the mean
-    over periods, or, where there are no periods, the samples less their mean. Of several copies of
-    one channel each is told of that one alone.
+    `deviations`, (value, channel): from the mean over periods, or of samples from their mean.
     """
     power = np.sqrt((deviations**2).sum(axis=0))
     alive = power > 0
@@ -304,7 +297,6 @@ class _Rest:
     tolerance: float
 
     def abrupt(self, samples: Floats) -> bool:
-        """Tell whether it begins out of full motion."""
         return self.first > 0 and abs(samples[self.first - 1] - self.level) > ABRUPT * self.digit
 
     def aside(self, samples: Floats) -> bool:
@@ -315,7 +307,6 @@ class _Rest:
         return bool(abs(self.level - moving.mean()) > ASIDE * moving.std())
 
     def alone(self, samples: Floats) -> bool:
-        """Tell whether the channel rests nowhere else a tenth as long."""
         beside = max(2, int((self.after - self.first) / STUCK_BESIDE))
         parts = samples[: self.first], samples[self.after :]
         whole = (part[: len(part) // beside * beside].reshape(-1, beside) for part in parts)
@@ -482,7 +473,6 @@ def check_probes(names: Sequence[str], phasors: Complexes, std: Floats | None) -
 
 
 def check_phases(name: str, phases: Floats, *, degrees: bool) -> Iterator[Note]:
-    """Find phases, as the table states them, that are hardly in their unit."""
     size, spread = float(np.abs(phases).max(initial=0.0)), float(np.ptp(phases))
     low, high = float(phases.min()), float(phases.max())
     if not degrees and size > TURNS * 2 * np.pi:

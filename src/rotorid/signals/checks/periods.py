@@ -63,9 +63,8 @@ NONE = Settling(0, 0.0, 0.0)
 def detect_settling(periods: PeriodicRecord) -> Settling:
     """Find the periods at the start that are not like those of the second half.
 
-    Of each period, d = the mean over lines and channels of |z - z_settled|^2 / s^2, with z_settled
-    and s the mean and the scatter over the second half; a transient lasts until d stays below what
-    chance explains. It is looked for on the kept lines only: elsewhere it does no harm.
+    d of a period is the mean over lines and channels of |z - z_settled|^2 / s^2, with z_settled and
+    s of the second half. Only the kept lines count: elsewhere a transient does no harm.
     """
     count = periods.periods
     if count < LEAST_PERIODS:
@@ -165,7 +164,6 @@ in 8000 lines."""
 
 @period_check("identical periods", "the periods scatter, so that deviations can be stated")
 def check_identical(periods: PeriodicRecord) -> Iterator[Note]:
-    """Find channels without scatter: nothing tells how well their mean is known."""
     level = np.sqrt((periods.mean**2).mean(axis=0))
     scatter = np.sqrt(periods.variance.mean(axis=0))
     moving = np.ptp(periods.mean, axis=0) > NO_SCATTER * level
@@ -189,10 +187,7 @@ def check_identical(periods: PeriodicRecord) -> Iterator[Note]:
 
 @period_check("copied periods", "no period is an earlier one again")
 def check_copied_periods(periods: PeriodicRecord) -> list[Note]:
-    """Find periods that are earlier ones again: a file that holds a measurement twice.
-
-    Periods that settled without noise are the same too, but then each is the same as the next.
-    """
+    """Find periods that are earlier ones again, but not where each is as the next: no noise."""
     z = periods.spectra - periods.mean_spectrum
     size = np.sqrt((np.abs(z) ** 2).sum(axis=(0, 1)))
     scatters = size > 0
@@ -466,11 +461,7 @@ ROUNDING = 1e-9
 
 
 def ramps(record: Record, periods: PeriodicRecord) -> Floats:
-    """Return by how much the offset of each channel rises in a period, 0 where that is no matter.
-
-    A ramp within every period is the same in each, and falls on all lines: on line k of one that
-    rises by d in a period d / (2 pi k).
-    """
+    """Return the rise d of each offset in a period, d / (2 pi k) on line k; 0 where no matter."""
     none = np.zeros(len(record.channels))
     size, count = periods.samples, periods.periods
     first = first_used(record, periods)
@@ -492,7 +483,6 @@ def ramps(record: Record, periods: PeriodicRecord) -> Floats:
 
 
 def without_ramps(record: Record, periods: PeriodicRecord, rise: Floats) -> Record:
-    """Return a record without its ramps; its mean stays."""
     place = (np.arange(len(record.samples)) - len(record.samples) / 2) / periods.samples
     return replace(record, samples=record.samples - place[:, None] * rise)
 
@@ -567,11 +557,7 @@ def check_multiple(seen: Seen) -> list[Note]:
 
 
 def _without_orders(samples: Floats, turns: float, multiple: int) -> Floats:
-    """Return the samples without the orders of the rotation, which explain themselves.
-
-    Shape (period, sample, channel); the rotation makes so many turns a period, and a whole number
-    of them in a multiple.
-    """
+    """Take out the orders of the rotation, whole in a multiple; (period, sample, channel)."""
     count, size, channels = samples.shape
     used = count - count % multiple
     joined = samples[:used].reshape(-1, multiple * size, channels)

@@ -50,10 +50,7 @@ def check_references(
     channels: Complexes,
     sample_rate: float,
 ) -> Iterator[Note]:
-    """Find references that are late, or that nothing follows.
-
-    `references` and `channels` are the lines from DC on, (line, reference) and (line, channel).
-    """
+    """Find references that are late, or that nothing follows; lines from DC on, (line, column)."""
     samples = 2 * (len(references) - 1)
     references, channels = references[:MOST], channels[:MOST]
     for j, name in enumerate(names):
@@ -154,10 +151,7 @@ def check_quiet(
     speeds: tuple[float, float],
     shown: float | None = None,
 ) -> list[Note]:
-    """Hold a quiet record against the one it goes with.
-
-    `speeds` are as stated of each, and `shown` is what the lines of the quiet one show, rad/s.
-    """
+    """Compare a quiet record with its record; speeds as stated, and as its lines show, rad/s."""
     stated, other = speeds
     cure = "record the machine without excitation at the speed and under the control of the record"
     if abs(other - stated) > NEARLY * abs(stated):

@@ -126,11 +126,10 @@ class Seen:
 def check_record(
     record: Record, periods: PeriodicRecord | None = None, *, excerpt: Record | None = None
 ) -> tuple[Note, ...]:
-    """Look at the samples of a record: dead, clipped, quantized and copied channels, the speed.
+    """Return notes on the samples, one that passes for each check that finds nothing.
 
-    The scatter of its `periods` tells rounding from noise; `excerpt` is the part of a long record
-    in which the channels are looked at one by one. One note passes for each thing that was looked
-    at and found in order.
+    The scatter of `periods` tells rounding from noise; `excerpt` is the part of a long record in
+    which the channels are looked at one by one.
     """
     return _told("record", Seen(record, periods, excerpt))
 

@@ -246,10 +246,7 @@ def _off_grid(rest: Floats, power: Floats, floor: Floats, rate: float, name: str
 
 
 def _is_ghost(tone: Tone, strongest: Tone, periods: PeriodicRecord, spacing: float) -> bool:
-    """Tell whether a tone on the grid is what the mean over periods holds of a much stronger one.
-
-    Of a tone between the lines the mean keeps a little, and taking it away puts that on all lines.
-    """
+    """Tell whether a tone on the grid is what the mean over periods holds of a stronger one."""
     turns = tone.frequency / periods.fundamental
     near = abs(turns - round(turns)) * periods.fundamental < 2 * spacing
     return near and tone.strength <= GHOST * strongest.strength
@@ -293,7 +290,6 @@ def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
 
 @record_check("speed", "no line contradicts the speed", needs=lambda seen: seen.untorn)
 def check_speed(seen: Seen) -> list[Note]:
-    """Hold the speed against the tones of the sensors, the excitation taken away with periods."""
     record, periods = seen.record, seen.periods
     given = abs(record.speed) / _TURN
     found = tones(record, periods)
@@ -342,7 +338,6 @@ def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency
 
 @period_check("wander", "the line of the rotation scatters as the others do")
 def check_wander(periods: PeriodicRecord) -> list[Note]:
-    """Find a line of the rotation that scatters from period to period as no other does."""
     on, others = np.flatnonzero(periods.on_rotation), np.flatnonzero(~periods.on_rotation)
     if not periods.speed or not len(on) or len(others) < 2 or periods.periods < 4:
         return []

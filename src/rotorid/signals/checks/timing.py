@@ -94,11 +94,9 @@ class _Lines:
         return np.where(self.clear, 1.0 / self.noise, 0.0)
 
     def turned(self, tau: Floats, at: slice = slice(None)) -> Complexes:
-        """Return the lines of some channels without a shift of each period."""
         return np.asarray(self.z[:, :, at] * np.exp(1j * tau[:, None, None] * self.omega[:, None]))
 
     def told(self, tau: Floats, at: slice = slice(None)) -> Shifts:
-        """Return the shifts of some channels together."""
         z, weight = self.z[:, :, at], self.weight[:, at]
         before, after = (
             float((weight * values.var(axis=0)).sum()) for values in (z, self.turned(tau, at))
@@ -121,11 +119,7 @@ def shifts_of(
 
 
 def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
-    """Return the shift of each channel, where every line turns but little against its mean.
-
-    No phase then wraps, and all channels are done at once; None where a line turns by more than
-    `LITTLE`, or none is clear. As `shifts_of`, one by one.
-    """
+    """Return each channel's shift, all at once; None where a line turns by more than `LITTLE`."""
     seen = _Lines.of(periods, range(len(periods.channels)))
     mean = seen.z.mean(axis=0)
     phase = np.angle(np.where(seen.clear, seen.z * mean.conj(), 1.0))
@@ -242,7 +236,6 @@ def _long_run(left: Floats, unknowns: int, noise: float) -> float:
 
 @period_check("lost samples", "every period comes when it should")
 def check_timing(periods: PeriodicRecord) -> list[Note]:
-    """Find lost samples, a period that is not the one given, and a second clock."""
     if periods.periods < LEAST_PERIODS:
         return []
     channels = {c: s for c, s in _each_shift(periods).items() if s.explained >= EXPLAINED}
