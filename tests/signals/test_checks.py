@@ -1056,7 +1056,7 @@ def test_the_references_of_a_loop() -> None:
         return rid.identify(MODEL, lines, KNOWN)
 
     assert not [check for check in turning(record.samples).checks if check.about == "reference"]
-    wrong = rotation_of(late)
+    wrong = turning(late)
     assert wrong.status == "ok"  # it makes deviations wider, and none wrong
     told = [check for check in wrong.checks if check.about == "reference"]
     assert [(", ".join(check.on), check.verdict) for check in told] == [
