@@ -16,10 +16,7 @@ from rotorid.core.values import Floats
 
 
 def median(values: Floats, axis: int = -1) -> Floats:
-    """Return the median over an axis: to sort many short rows is faster than to part them.
-
-    numpy's own loads arrays with masks, which take longer than what is done here at a start.
-    """
+    """Return the median by sorting, fast for short rows; numpy's loads masked arrays first."""
     ordered = np.sort(np.moveaxis(values, axis, -1), axis=-1)
     middle = ordered.shape[-1] // 2
     if ordered.shape[-1] % 2:
@@ -50,10 +47,9 @@ def t_limit(chance: float, freedom: Floats) -> Floats:
 
 
 def bound_of_length(mean: Floats, covariance: Floats, chance: float) -> float:
-    """Return what the length of a normal vector in the plane stays below with a chance.
+    """Return what the length of a normal vector, (2,), stays below with a chance.
 
-    `mean` has shape (2,), `covariance` (2, 2). Its density along the wider axis of the ellipse
-    times what the other axis leaves inside the circle, integrated over the circle.
+    The density along the wider axis, times what the other leaves in the circle, is integrated.
     """
     size, axes = np.linalg.eigh(covariance)
     narrow, wide = np.sqrt(np.clip(size, 0.0, None))

@@ -1,8 +1,7 @@
 """The errors that a user sees, and what of other people's text may stand in a line.
 
-Titles, columns, file names and keys of TOML come from files that others wrote. They may hold
-escape sequences that a terminal obeys, newlines that begin a new key of a file, marks that turn
-the direction of writing, and any length.
+Text of files that others wrote may hold escape sequences that a terminal obeys, newlines that begin
+a new key of a file, marks that turn the direction of writing, and any length.
 """
 
 from __future__ import annotations
@@ -39,8 +38,6 @@ def printable(text: str, *, keep: str = "") -> str:
 def shortened(text: str, most: int) -> str:
     """Return a text of at most `most` characters: its beginning and its end.
 
-    Examples
-    --------
     >>> shortened("abcdefghijklmnopqrstuvwxyz", 15)
     'abcde ... vwxyz'
     """
@@ -51,7 +48,6 @@ def shortened(text: str, most: int) -> str:
 
 
 def one_line(text: str, most: int = PART) -> str:
-    """Return a text as one printable line, white space as single blanks, cut to `most`."""
     # What is far too long is cut first: escaping it all would take its time.
     return shortened(printable(" ".join(shortened(text, 8 * most).split())), most)
 
@@ -110,10 +106,7 @@ def require_names(
     file: str = "",
     place: str = "",
 ) -> None:
-    """Refuse a name that is none of those that are there; `found` has a place for it.
-
-    Without a cure, the nearest name is one.
-    """
+    """Refuse a name not there; `found` has a place for it; without a cure, the nearest is one."""
     known = list(there)
     for name in names:
         if name not in known:

@@ -1,11 +1,8 @@
 """Regular files read, and files written whole or not at all.
 
 A pipe would be waited for without end, a device may have no end or do things when it is opened.
-
-Every file that rotorid writes is written here. Its content is made in memory first; it is then
-written beside its target and moved there, so that at any moment the old file or the new one is
-there, whole. A file that came there while a command worked, or changed, is kept: it is somebody
-else's.
+What is written is made in memory, then beside its target, and moved there. A file that came there
+while a command worked, or changed, is kept: it is somebody else's.
 """
 
 from __future__ import annotations
@@ -61,7 +58,6 @@ def open_regular(path: str | Path, expected: str = "a readable file") -> BinaryI
 
 
 def read_regular(path: str | Path, most: int, expected: str, cure: str) -> bytes:
-    """Return the content of a regular file of at most so many bytes."""
     with open_regular(path, expected) as stream:
         try:
             data = stream.read(most + 1)
@@ -141,7 +137,6 @@ class Kind:
         return data.replace(MARK.encode(), MARK.encode()[:-64] + self._hash(data), 1)
 
     def wrote(self, path: Path) -> bool:
-        """Tell whether this command wrote a file, and nobody edited it since."""
         if path.stat().st_size > _LARGEST:
             return False
         data = path.read_bytes()
@@ -159,10 +154,7 @@ REPORT = Kind("rotorid ... --report")
 
 
 def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -> None:
-    """Refuse, before any work, a path that cannot be written or holds what is not the program's.
-
-    A file of another kind than what is to be written there is replaced by `force` alone.
-    """
+    """Refuse, before any work, an unwritable path, or another's file, which `force` replaces."""
     try:
         mode = _mode(path)
     except (OSError, ValueError) as error:
@@ -195,7 +187,6 @@ def _refusal(path: Path, found: str) -> InputError:
 
 
 def _mode(path: Path) -> int | None:
-    """Return the mode of what a path leads to; ``None`` where there is nothing yet."""
     try:
         return os.stat(path).st_mode
     except FileNotFoundError:
@@ -232,16 +223,14 @@ def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
 
 
 def write_whole(path: str | Path, content: bytes) -> None:
-    """Write a file whole or not at all: what was there before is there still."""
     write_files({Path(path): lambda: content})
 
 
 def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | None = None) -> None:
     """Make all contents, write them beside their targets, and move them there.
 
-    What is no regular file, such as a device or a pipe, is written to as it is. What `seen` said of
-    files in `found` must still be true: another program wrote them otherwise. Where one cannot be
-    written, none is changed.
+    Devices and pipes are written to as they are. What `seen` said of files in `found` must still be
+    true: another program wrote them otherwise. Where one cannot be written, none is changed.
     """
     made = {path: content() for path, content in contents.items()}
     parts: dict[str, Path] = {}

@@ -40,7 +40,6 @@ def frozen(kind: Any = None, /, *, kw_only: bool = False) -> Any:
 
 
 def _set_once(self: Any, name: str, value: object) -> None:
-    """Set a field that is not set yet, as ``__init__`` does."""
     if name in self.__dict__ or name not in self._fields:
         raise FrozenInstanceError(f"cannot assign to field {name!r}")
     self.__dict__[name] = value
@@ -61,6 +60,5 @@ def _hashed(self: Any) -> int:
 
 
 def _told(self: Any) -> str:
-    """Return the class and its fields, as one would write them."""
     told = (f"{each.name}={getattr(self, each.name)!r}" for each in fields(self) if each.repr)
     return f"{type(self).__qualname__}({', '.join(told)})"

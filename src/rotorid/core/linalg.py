@@ -32,10 +32,7 @@ def column_lengths(matrix: Floats | Complexes) -> Floats:
 
 
 def whole_svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return U, S and V^H with one singular value for each column, be there fewer rows or not.
-
-    What fewer rows than columns leave open has the singular value 0, and is not left out.
-    """
+    """Return U, S and V^H, a value per column: 0 of what fewer rows than columns leave open."""
     rows, columns = matrix.shape
     if rows < columns:
         matrix = np.pad(matrix, ((0, columns - rows), (0, 0)))
@@ -67,10 +64,7 @@ def rank_of_columns(matrix: Complexes, tolerance: float) -> int:
 
 
 def coupled(matrix: NDArray[Any]) -> list[Integers]:
-    """Return the groups of rows and columns that a matrix couples, those of the lowest first.
-
-    scipy's graphs find them too, and take a third of the time of a command to load.
-    """
+    """Return the groups that a matrix couples, the lowest first; scipy's graphs load slowly."""
     links = (matrix != 0) | (matrix != 0).T
     left, groups = links.any(axis=0), list[Integers]()
     while left.any():
@@ -85,8 +79,7 @@ def coupled(matrix: NDArray[Any]) -> list[Integers]:
 def covariance_root(covariance: Floats) -> Floats:
     """Return R with ``R R' = covariance``, shape (n, n), by the correlations.
 
-    Variances in SI lie twenty powers of ten apart, in N/m and in m: of the matrix itself the small
-    ones would be rounding.
+    Variances in N/m and in m lie twenty powers of ten apart: the small ones would be rounding.
     """
     size = np.sqrt(np.diag(covariance).clip(0))
     scale = np.where(size > 0, size, 1.0)

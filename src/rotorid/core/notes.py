@@ -96,15 +96,12 @@ class Note:
 
 
 def remarks(about: str, texts: Iterable[str]) -> list[Note]:
-    """Return sentences that are to be read with an answer, each once."""
     return [Note(about, "remarks", text) for text in dict.fromkeys(texts)]
 
 
 def worst(notes: Iterable[Note]) -> str:
     """Return the gravest verdict of notes on the data.
 
-    Examples
-    --------
     >>> worst([Note("dead", "says", "0 in every sample"), Note("drift", "passes", "none")])
     'note'
     """

@@ -20,10 +20,7 @@ _NUMBER = re.compile(
 
 @frozen
 class Table:
-    """Headings and rows of text; the first column names the rows.
-
-    Columns that hold numbers, where they say anything, stand to the right.
-    """
+    """Headings and rows of text; the first column names rows, numbers stand to the right."""
 
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -75,10 +72,7 @@ Page = Sequence[str | Table]
 
 
 def page_text(page: Page, width: int | None = None) -> str:
-    """Return sentences and tables as text, a blank line about every table.
-
-    A width breaks sentences between words, so that a terminal need not break them within one.
-    """
+    """Return sentences and tables as text, blank lines about tables; sentences break at a width."""
     parts: list[str] = []
     for index, part in enumerate(page):
         if isinstance(part, Table):

@@ -85,7 +85,6 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def shipped(package: str) -> tuple[str, ...]:
-    """Return the names of the TOML files in the library of a package."""
     every = (path.name for path in files(package).joinpath("library").iterdir())
     return tuple(sorted(name.removesuffix(".toml") for name in every if name.endswith(".toml")))
 
@@ -153,7 +152,6 @@ def table_within(text: str | bytes) -> dict[str, Any]:
 
 
 def _not_toml(message: str, text: str, file: str) -> ReadError:
-    """Return the fault that the parser found, in words for people and with the line it is in."""
     message, _, place = message.partition(" (at ")
     place = place.rstrip(")")
     known = (told for begin, told in _FAULTS.items() if message.startswith(begin))
@@ -188,7 +186,6 @@ def _check_values(table: dict[str, Any], file: str) -> None:
 
 
 def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> InputError:
-    """Turn the first fault that pydantic found into one line."""
     faults = error.errors(include_url=False)
     # A misspelt key first: it may be the one that is missing.
     fault = min(faults, key=lambda f: f["type"] != "extra_forbidden")
@@ -220,7 +217,6 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
 
 
 def _known_keys(schema: type[Schema], location: tuple[int | str, ...]) -> list[str]:
-    """Return the keys that the table at a location may hold."""
     for part in location:  # of an index or a key of a mapping, the schema is that of its members
         if isinstance(part, str) and part in schema.model_fields:
             found = _schemas_in(schema.model_fields[part].annotation)

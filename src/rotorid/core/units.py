@@ -148,11 +148,7 @@ class Dimension:
 
 @frozen
 class Unit:
-    """A unit: what turns a value into SI, and SI symbols with their powers.
-
-    Derived units are kept as they are written: N m is not J. A unit `turns` where its text counts
-    revolutions: Hz.
-    """
+    """A unit: its factor to SI, SI symbols as written (N m is not J), whether it `turns` (Hz)."""
 
     factor: float
     atoms: Mapping[str, int]
@@ -319,7 +315,6 @@ def _unit(text: str, place: str) -> Unit:
 
 
 def _rate_kind(unit: Unit) -> str:
-    """Tell whether a rate counts revolutions (Hz), radians, or nothing that is said."""
     if unit.turns:
         return "turns"
     return "angle" if "rad" in base_powers(unit.atoms) else "plain"
@@ -347,7 +342,6 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
 
 @lru_cache(maxsize=4096)
 def converts(unit: str, expected: str) -> bool:
-    """Tell whether a unit is one of a quantity."""
     try:
         si_factor(unit, expected)
     except InputError:

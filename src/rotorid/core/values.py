@@ -20,10 +20,7 @@ Array = NDArray[Any]
 
 
 class ByContent:
-    """A base of frozen dataclasses (``eq=False``) that hold arrays: ``==`` compares content.
-
-    NaN equals NaN: what is not determined is the same as what is not determined.
-    """
+    """A base of frozen dataclasses (``eq=False``) with arrays: ``==`` by content, NaN as NaN."""
 
     __hash__: ClassVar[None]  # type: ignore[assignment]
 
@@ -32,7 +29,6 @@ class ByContent:
 
 
 def same(first: Any, second: Any) -> bool:
-    """Say whether two values hold the same, arrays and NaN included."""
     if first is second:
         return True
     if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
@@ -52,7 +48,6 @@ def same(first: Any, second: Any) -> bool:
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a view of an array that refuses to be written to."""
     view = array.view()
     view.flags.writeable = False
     return view
@@ -73,7 +68,6 @@ class Arrays(ByContent):
         return f"{type(self).__name__}({', '.join(told)})"
 
     def _repr_html_(self) -> str:
-        """Return the fields as a table, for notebooks."""
         rows = "".join(
             f"<tr><th>{escape(f.name)}</th><td>{escape(_brief(getattr(self, f.name)))}</td></tr>"
             for f in fields(self)  # type: ignore[arg-type]

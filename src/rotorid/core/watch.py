@@ -32,7 +32,6 @@ _WATCH: ContextVar[Watch] = ContextVar("watch", default=silent)
 
 @contextmanager
 def watched(by: Watch) -> Iterator[None]:
-    """Let a watch follow what is done meanwhile."""
     token = _WATCH.set(by)
     try:
         yield
@@ -46,7 +45,6 @@ def watch(say: str, done: int = 0, of: int | None = None) -> None:
 
 
 def counting(items: Sequence[Item], say: str) -> Iterator[Item]:
-    """Yield items, and tell at each how many are done."""
     for number, item in enumerate(items):
         watch(say, number, len(items) if len(items) > 1 else None)
         yield item
@@ -82,8 +80,6 @@ MINUTES = 99.5
 def words(say: str, done: int, of: int | None, left: float | None) -> str:
     """Return what is being done, how far it is, and how long it still takes.
 
-    Examples
-    --------
     >>> words("trying possible mistakes", 12, 40, 19.7)
     'trying possible mistakes, 12 of 40, about 20 s left'
     >>> words("reading", 0, None, 99.0), words("reading", 0, None, 100.0)

@@ -1,12 +1,7 @@
 """Samples of a record without periods, low-passed, for models that are not linear.
 
-Where nothing repeats and the equations are not linear in the motion, there are no lines to keep.
-The equations of motion hold at every sample, and a filter that is applied to all their columns
-alike leaves them true:
-
-    L[Phi(q, q', q'')] theta = L[u],
-
-L a zero-phase low-pass. The motion inside a nonlinear term is low-passed before, too.
+``L[Phi(q, q', q'')] theta = L[u]`` holds at every sample, L a zero-phase low-pass of all columns
+alike. The motion inside a nonlinear term is low-passed before, too.
 """
 
 from __future__ import annotations

@@ -84,7 +84,6 @@ def head_of(value: object, name: str) -> Floats:
 
 
 def mean_of(value: object, name: str) -> float:
-    """Return the mean of a field of times or angles, without making them."""
     given = unread(value, name)
     return given.mean if isinstance(given, Steady) else float(given.mean())
 

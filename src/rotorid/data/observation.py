@@ -63,12 +63,10 @@ class Observation:
 
     @cached_property
     def direct(self) -> tuple[Sensor, ...]:
-        """Sensors of positions with known coefficients."""
         return tuple(s for s in self.sensors if s.direct)
 
     @cached_property
     def indirect(self) -> tuple[Sensor, ...]:
-        """Sensors of derivatives, or with parameters among their coefficients."""
         return tuple(s for s in self.sensors if not s.direct)
 
     @cached_property
@@ -92,7 +90,6 @@ class Observation:
 
     @cached_property
     def rank(self) -> int:
-        """How many combinations of coordinates the direct sensors read."""
         return sensor_rank(self.reads)
 
     @cached_property

@@ -1,18 +1,16 @@
 """A run-up or coast-down cut into a table of 1x phasors, by the measured rotor angle.
 
-The record is cut at whole revolutions. Over each segment every channel is fitted with
+Over segments of whole revolutions every channel is fitted with
 
-    x = Re((X + X' tau) exp(i phi)) + 2x + 3x + a parabola in tau,
+    x = Re((X + X' tau) exp(i phi)) + 2x + 3x + a parabola in tau, tau = -1 .. 1,
 
-tau = -1 .. 1 along the segment: X is the phasor at its middle, where the speed is that of the angle
-there. What the fit leaves of each single revolution, demodulated, is noise about the rotation's own
-line; its scatter is the covariance of X.
+X the phasor in the middle, at the speed of the angle there. What the fit leaves of each single
+revolution, demodulated, is noise about the rotation's own line; its scatter is the covariance of X.
 
-Two things can be wrong with such a phasor. It may bend within the segment more than X' says: held
-against the same fit with a term X'' tau^2, and segments are made shorter until noise hides it. And
-the machine may not have settled at each speed: a speed that changes at the rate a leaves the motion
-behind by ``(i / 2) a d^2 X / d Omega^2`` to first order, a / sigma^2 of it at a resonance whose
-amplitude decays with sigma. No segment is short enough to mend that; it is told.
+A phasor may bend more than X' says: segments are made shorter until noise hides a term X'' tau^2.
+And a speed that changes at the rate a leaves the motion behind by ``(i / 2) a d^2 X / d Omega^2``
+to first order, a / sigma^2 of it at a resonance whose amplitude decays with sigma. No segment is
+short enough to mend that; it is told.
 """
 
 from __future__ import annotations
@@ -51,8 +49,6 @@ BEHIND = 1.0
 
 @frozen
 class _Cut:
-    """A record cut into segments of whole revolutions."""
-
     speed: Floats  # (segment,): rad/s, in the middle
     # (segment, channel): X, and by how much a term of second order would move it
     phasors: Complexes
@@ -208,11 +204,7 @@ def _parts(record: Record, angle: Floats, length: int) -> Iterator[Integers]:
 def _segment(
     record: Record, angle: Floats, edges: Integers
 ) -> tuple[float, float, Complexes, Complexes, Complexes, float]:
-    """Fit the phasors of a segment, given where its revolutions begin.
-
-    Returns speed and its rate in the middle, phasor, bending, scatter of the revolutions, and
-    samples in one of them.
-    """
+    """Return speed, its rate, phasor, bending, scatter of revolutions, samples in one of them."""
     part = slice(int(edges[0]), int(edges[-1]))
     phi, samples = angle[part], record.samples[part]
     tau = np.linspace(-1, 1, len(phi) + 1)[:-1] + 1 / len(phi)

@@ -100,8 +100,6 @@ class Channel:
 
 
 class WithChannels(Arrays):
-    """A record by its channels."""
-
     channels: tuple[Channel, ...]
 
     @property
@@ -122,8 +120,6 @@ class WithChannels(Arrays):
 
 
 class Drawn(WithChannels):
-    """A record that shows itself in a picture."""
-
     @abstractmethod
     def _drawn(self) -> tuple[Any, str]:
         """Return the panels and their title."""
@@ -145,7 +141,6 @@ class Drawn(WithChannels):
         return figure_of(self._drawn()[0])
 
     def _repr_html_(self) -> str:
-        """Return the fields as a table, and a picture, for notebooks."""
         with suppress(ImportError):
             from rotorid.report.figure import image_of  # takes its time to load
 
@@ -183,7 +178,6 @@ def samples_between(record: Record, skip: float, until: float = np.inf) -> tuple
 
 
 def part_of(record: Record, first: int, after: int) -> Record:
-    """Return some samples of a record, with the time and the angle that they have in it."""
     if not first and after == len(record.samples):
         return record
     return replace(

@@ -4,10 +4,8 @@ The signal is ``Re(X exp(i phi))``, phi the rotor angle. A row is a line at ``om
 its model evaluated at its own speed; where the rotor turns backward, phi runs backward too, and
 the line is the conjugate of the phasor.
 
-The deviation of an estimate ``H`` from `averages` averages with the coherence gamma^2 is, of its
-real and of its imaginary part, ``|H| sqrt((1 - gamma^2) / (2 gamma^2 averages))`` (Bendat and
-Piersol, Random Data); of the complex number it is the root of two times as much. With
-`averages - 1` in place of `averages` the square has no bias.
+A response of coherence gamma^2 has the variance ``|H|^2 (1 - gamma^2) / (gamma^2 (averages - 1))``,
+without bias (docs/maximum-likelihood.md; Bendat and Piersol, Random Data).
 """
 
 from __future__ import annotations
@@ -57,10 +55,9 @@ def phasor_lines(
 ) -> Lines:
     """Return the lines of a table of 1x phasors, a row per speed.
 
-    The signal of a channel is ``Re(X exp(i phi))``. Noise is told by `std`, or by repeated readings
-    at the same speed: these are averaged, and their scatter, pooled over all speeds with the cross
-    terms between channels kept, is the covariance of each reading. Where it grows with the
-    amplitude, as a gain's does, its variance is a constant and a share of the amplitude's square.
+    Noise is told by `std`, or by repeated readings at the same speed: these are averaged, and their
+    scatter, pooled over all speeds with the cross terms between channels kept, is the covariance of
+    each reading. Where it grows with the amplitude, its variance is ``a + b |X|^2``.
 
     Speeds in rad/s, (row,), negative backward; phasors in SI, amplitudes not peak to peak, (row,
     channel); `std` of the amplitude, which is that of the real and of the imaginary part, broadcast
@@ -202,7 +199,6 @@ def _scatter(speed: Floats, lines: Complexes) -> tuple[Complexes, Integers]:
 def _repeated(
     scatter: Complexes, groups: Integers, mean: Complexes, channels: Sequence[Channel]
 ) -> tuple[LineCovariance, tuple[str, ...]]:
-    """Return the covariance that repeated readings show, and what is said of it."""
     count = np.bincount(groups)
     dof = len(groups) - len(count)
     least = REPEATED * len(channels)
@@ -398,10 +394,7 @@ def _refuse_repeated(
 def multiple_of(
     hertz: Floats, responses: Complexes, variance: Floats
 ) -> tuple[int, complex] | None:
-    """Return n and c where one response is ``c (i omega)^n`` times another, noise and all.
-
-    `responses` and `variance` have the shape (2, line).
-    """
+    """Return n and c of one response ``c (i omega)^n`` times another, noise too; (2, line)."""
     kept = (np.abs(responses) > 0).all(axis=0)
     if kept.sum() < LEAST_SAME:
         return None

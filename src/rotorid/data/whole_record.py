@@ -1,6 +1,6 @@
 """Lines of a whole record, whatever excited it: sweep, noise, steps, one axis at a time.
 
-Over a window of any length the DFT of a record obeys, at every line,
+The DFT of a window of any length obeys, at every line (docs/maximum-likelihood.md),
 
     Z(omega_k) Q_k = B U_k + g_k + sum_{p=0..R} tau_p (i omega_k / omega_0)^p,
 
@@ -248,11 +248,7 @@ def whole_lines(
     groups: Sequence[Sequence[str]],
     skip: float = 0.0,
 ) -> tuple[Floats, list[Complexes], Complexes]:
-    """Return the lines of groups of channels of a whole record, and those of the rotation.
-
-    Frequency in Hz, (line,); each group, as recorded, (line, channel); exp(+-i phi), (line, 2), or
-    (line, 0) at standstill.
-    """
+    """Return Hz, (line,); each group, (line, channel); exp(+-i phi), (line, 2 or, at rest, 0)."""
     with naming(record.source):
         whole = _whole(record, skip)
         kept = whole.within(band)
@@ -261,7 +257,6 @@ def whole_lines(
 
 
 def _local(whole: _Whole, references: Complexes, lines: Integers) -> Local:
-    """Return the covariance by local polynomials, or say that the record is too short for it."""
     every, rotation = whole.every, whole.rotation
     half = half_width(every.shape[1], references.shape[1], rotation.shape[1] > 0, ORDERS[0])
     if 2 * half + 1 > len(every):
@@ -275,8 +270,6 @@ def _local(whole: _Whole, references: Complexes, lines: Integers) -> Local:
 
 @frozen
 class _Noise:
-    """The noise of a record, what is to be said of it, and where else it shows."""
-
     covariance: LineCovariance
     told: tuple[str, ...]
     beside: Beside

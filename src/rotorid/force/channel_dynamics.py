@@ -41,8 +41,6 @@ class Constant:
 
 @frozen(kw_only=True)
 class Dynamics(ABC):
-    """What a channel does to each line."""
-
     actuator: bool = False  # the quantity follows the column, rather than the column the quantity
     # name under which several channels share the constants; empty: the channel's own
     shared: str = ""
@@ -150,7 +148,6 @@ class Measured(ByContent, Dynamics):
         return float(self.frequency[0]), float(self.frequency[-1])
 
     def response(self, omega: Array, values: Array) -> Array:
-        """Interpolate; an `InputError` beyond the table."""
         hertz = np.asarray(omega) / (2 * np.pi)
         low, high = self.frequency[0], self.frequency[-1]
         outside = hertz[(hertz < low * (1 - 1e-9)) | (hertz > high * (1 + 1e-9))]
@@ -166,5 +163,4 @@ class Measured(ByContent, Dynamics):
         return np.asarray(size * np.exp(1j * phase))
 
     def slopes(self, omega: Array, values: Array) -> Array:
-        """Nothing to derive by."""
         return np.zeros((len(omega), 0), dtype=np.complex128)

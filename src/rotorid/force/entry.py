@@ -80,12 +80,10 @@ class LawEntry(Schema):
 
     @property
     def uncertain(self) -> tuple[str, ...]:
-        """Keys of the constants that are known with a deviation."""
         return tuple(key for key, constant in self._constants.items() if constant.std)
 
     @property
     def _constants(self) -> dict[str, StatedConstant]:
-        """Constants that are given, by their keys."""
         every = {key: getattr(self, key) for key in type(self).model_fields}
         return {key: value for key, value in every.items() if isinstance(value, StatedConstant)}
 

@@ -1,7 +1,4 @@
-"""Force laws: currents, fluxes and displacements to forces.
-
-The laws are values. The levitated rig drives its rotor with them and the reader of records turns
-measured currents into forces with them, so the two cannot differ.
+"""Force laws: currents, fluxes and displacements to forces, one for the rig and for records.
 
 *Notation* (theory, section 4): i current about the bias i0, x displacement about the nominal gap
 s0, alpha half the angle between the poles, K the constant of a magnet.
@@ -55,10 +52,7 @@ class Stated(NamedTuple):
 
 
 class LawConstant(NamedTuple):
-    """A constant of a force law: SI; `std` is 0 where it is exact, infinite where it is unknown.
-
-    `shared` is the name under which several channels share it, empty where it is their own.
-    """
+    """A constant, SI: `std` 0 exact, infinite unknown; `shared`: name where channels share it."""
 
     unit: str
     value: float
@@ -90,7 +84,6 @@ class Law(ABC):
 
     @property
     def constants(self) -> dict[str, LawConstant]:
-        """What is known of the constants."""
         return {
             name: LawConstant(
                 of.unit,
@@ -171,7 +164,6 @@ class Linear(Law):
         return self.ki * current + self.ks * position
 
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
-        """Return the law itself: its slopes are the same everywhere."""
         return self
 
 
@@ -266,7 +258,6 @@ class Differential(Law):
 
     @property
     def reach(self) -> float:
-        """Displacement in m at which the rotor would touch the poles."""
         return float(self.gap / np.cos(self.angle))
 
     def _force(self, current: Any, position: Any) -> Any:
@@ -291,7 +282,6 @@ class Differential(Law):
         return self.bias - abs(self.bias_difference) if self.bias else np.inf
 
     def _within(self, *signals: ArrayLike) -> tuple[Floats, ...]:
-        """Return current and position; refuse those beyond the bias or the gap."""
         i, x = np.broadcast_arrays(*super()._within(*signals))
         for name, values, limit, cure in (
             ("current", i, self.most, "check the unit and the bias, or limit the current below it"),
@@ -334,10 +324,7 @@ class Differential(Law):
         return np.asarray(moved._pull(*fluxes))
 
     def guess(self, force: Floats, position: Floats) -> Floats:
-        """Return the current in A that gives a force in N, iron that saturates left aside.
-
-        It is exact without bias; with it, a first guess by the slope at the centre.
-        """
+        """Return the current in A of a force in N, unsaturated: exact without bias, else near."""
         if self.bias:
             return np.clip(force / self.linearize().ki, -self.most, self.most)
         c, side = np.cos(self.angle), np.sign(force)
@@ -361,10 +348,7 @@ class Differential(Law):
         return np.array([ki, ks])
 
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
-        """Return the slopes at a point; at the origin 4 K i0 cos / s0^2, 4 K i0^2 cos^2 / s0^3.
-
-        Without bias and current there is none.
-        """
+        """Return the slopes at a point; at the origin 4 K i0 cos / s0^2, 4 K i0^2 cos^2 / s0^3."""
         self._within(current, position)
         if not self.bias and not current:
             raise InputError(

@@ -1,13 +1,10 @@
 """Recorded currents, fluxes and positions to forces, sample by sample, and back to currents.
 
-A current that a sampled controller commands is held while the displacement goes on: a force is the
-sum of the law over Gauss's points in the period of the hold (docs/rig.md derives it), right up to
-0.45 of the sample rate to 1e-9. A column with dynamics is first made the current that flows, or the
-displacement that there is, line by line over the record; what of the command's steps is left behind
-the amplifier enters a law that bends only by its square.
-
-Should a constant of a law that bends be another one than stated, the current that made the force is
-found again, by inverting the law, and goes through the law with the other constant.
+A commanded current is held while the displacement goes on: its force is the sum of the law over
+Gauss's points in the hold (docs/rig.md), right up to 0.45 of the sample rate to 1e-9. A column with
+dynamics is first made the current that flows, or the displacement, line by line; what of the
+command's steps is left behind the amplifier enters a law that bends only by its square. For another
+constant of a law that bends, the current is found again by inverting the law.
 """
 
 from __future__ import annotations
@@ -55,10 +52,9 @@ def forces(
     `readings` are by input; with `drives` the channels with a `Drive` are read too. What lies just
     beyond the ends of the record is taken from a `period`, in samples, away.
 
-    The channel of a force stands in place of the first that it came from; the others that were
-    used up, and are no positions, are dropped. What the force was made of stays with its channel
-    (`law`), for constants of bent laws that are not known exactly; the deviation of a linear law's
-    constants is in `gain_std`.
+    A force stands in place of the first of its channels; others that are no positions are dropped.
+    Its channel keeps what it was made of (`law`), for inexact constants of bent laws; the deviation
+    of a linear law's constants is in `gain_std`.
     """
     wanted = {**(drive_readings(record) if drives else {}), **(readings or {})}
     if not wanted and type(record) is Record:
@@ -82,7 +78,6 @@ def forces(
 
 
 def drive_readings(record: Record) -> dict[str, ForceReading]:
-    """Return how the forces of channels with a `Drive` are read."""
     positions = [channel for channel in record.channels if channel.drive is None]
     return {
         channel.name: ForceReading(
@@ -118,8 +113,6 @@ def as_channels(sensors: Sequence[Channel], position: Mapping[str, float]) -> di
 
 @frozen
 class _Reader:
-    """Columns of a record, shifted in time."""
-
     record: Record
     period: int | None
 
@@ -145,7 +138,6 @@ class _Reader:
         return total
 
     def force(self, name: str, reading: ForceReading) -> tuple[Channel, Floats]:
-        """Return the channel of the force and its samples."""
         source = self.channel(reading.channels[0])
         with naming(self.record.source, place=name):
             if isinstance(reading.law, Flux):
@@ -234,9 +226,8 @@ def displacement(lines: Lines, samples: Samples, shares: Floats) -> Floats:
 def combined_columns(lines: Lines, through: Iterable[Passed], matrix: Floats) -> Lines:
     """Return the lines whose columns are ``matrix @ columns``, as if logged so.
 
-    A column of a force that was read by a law is that of its current; the law reads it again, with
-    the displacement that the other columns give now. A positive factor of one that keeps both is
-    one of the force itself. The covariance follows by the slopes.
+    The law of a force reads its current again, with the displacement that the other columns give
+    now; a positive factor that keeps both is one of the force. The covariance follows by slopes.
     """
     samples = lines.samples
     whole, moved = matrix.astype(float), np.zeros_like(lines.mean)

@@ -73,10 +73,7 @@ def _times(one: Expression, other: Expression) -> Expression:
 
 
 def _groups(signals: Sequence[Expression]) -> dict[Expression, list[Expression]]:
-    """Split off the powers of symbols that stand in no function; what is left is grouped by them.
-
-    Signals of different groups are independent.
-    """
+    """Group signals by their powers of symbols in no function: groups are independent."""
     inside: set[Expression] = set()
     for signal in signals:
         for factor in signal.factors:
@@ -116,10 +113,7 @@ def _names(signals: Sequence[Expression]) -> list[Expression]:
 def _relations(
     signals: Sequence[Expression], most: int
 ) -> tuple[dict[Expression, Combination], int]:
-    """Return the dependent signals in terms of the others, and how many nodes were evaluated.
-
-    So many points are looked at as the independent signals that show ask for, and no more.
-    """
+    """Return the dependent signals in terms of the others, and how many nodes were evaluated."""
     rank = min(4, len(signals))
     if not signals:
         return {}, 0
@@ -170,16 +164,12 @@ def _eliminated(
 
 
 def _near(value: Real) -> Fraction:
-    """Return the simple fraction that a number is, else the number in double precision."""
     simple = simple_fraction(value)
     return Fraction(repr(float(value))) if simple is None else simple
 
 
 def _samples(signals: Sequence[Expression]) -> Iterator[list[Real]]:
-    """Evaluate signals at points where all are real, as many of each size.
-
-    Points of one size alone would let functions that are alike there pass for dependent.
-    """
+    """Evaluate signals where all are real, at several sizes: functions may be alike at one."""
     names, most = _names(signals), 8 * len(_SCALES) * (len(signals) + _SPARE)
     for k in range(most):
         point = {str(name): _coordinate(i, k) for i, name in enumerate(names)}
@@ -195,10 +185,7 @@ def _coordinate(i: int, k: int) -> Fraction:
 
 @frozen
 class BaseParameters:
-    """Independent combinations of parameter monomials.
-
-    ``base = gather @ monomial_values``. The merge is structural: it holds for every motion.
-    """
+    """Combinations ``base = gather @ monomial_values``, independent for every motion."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -213,11 +200,7 @@ def gather_base(
     parameters: Sequence[str],
     units: Mapping[str, str],
 ) -> BaseParameters:
-    """Merge monomials whose columns of the regressor depend linearly on one another.
-
-    The monomials are scanned in order: one whose column is independent of those kept is kept;
-    else it is added to them with its rational coefficients.
-    """
+    """Merge monomials, in order, whose columns of the regressor depend on those of kept ones."""
     independent = independent_signals(term.signal for term in products)
     entries: dict[tuple[int, Expression], int] = {}
     rows: dict[int, dict[int, Fraction]] = defaultdict(lambda: defaultdict(Fraction))
@@ -279,7 +262,6 @@ def _echelon(rows: Iterable[dict[int, Fraction]]) -> dict[int, dict[int, Fractio
 def _without(
     row: dict[int, Fraction], column: int, pivot: dict[int, Fraction], work: Work
 ) -> dict[int, Fraction]:
-    """Take from a row what makes one of its columns zero."""
     factor = row.get(column, Fraction(0))
     if not factor:
         return row
@@ -289,7 +271,6 @@ def _without(
 
 
 def monomial_name(monomial: Monomial, parameters: Sequence[str]) -> str:
-    """Return a name such as ``k1*L1^2``."""
     factors = zip(parameters, monomial, strict=True)
     return "*".join(name if n == 1 else f"{name}^{n}" for name, n in factors if n)
 

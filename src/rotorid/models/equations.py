@@ -64,10 +64,7 @@ def split_equations(
     inputs: Sequence[str],
     parameters: Sequence[str],
 ) -> tuple[Product, ...]:
-    """Expand equations into products: those of the left sides, then those of the right.
-
-    No left side holds an input; the signals of the right sides are the symbols of the inputs.
-    """
+    """Expand equations into products: of the left sides, then of the right, all inputs there."""
     left: list[Product] = []
     right: list[Product] = []
     forced, work = frozenset(map(symbol, inputs)), Work()
@@ -133,7 +130,6 @@ def _declaration(monomial: Monomial) -> tuple[int, ...]:
 
 
 def sort_monomials(monomials: set[Monomial]) -> list[Monomial]:
-    """Sort by the tuple of declaration indices, as `base` names them."""
     return sorted(monomials, key=_declaration)
 
 
@@ -145,7 +141,6 @@ def _orientation(others: list[Product], forces: list[Product]) -> int:
 
 
 def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
-    """Return the coefficients of a polynomial by the powers of its names."""
     known = frozenset(names)
     found = {}
     for powers, coefficient in read(text, known, known, work=Work(COMBINATION)).items():
@@ -191,7 +186,6 @@ def sensor_terms(
 
 
 def linear_combination(text: str, names: Sequence[str], *, place: str = "") -> dict[str, float]:
-    """Return the coefficients of a combination of positions."""
     terms = sensor_terms(text, names, place=place)
     moving = [t for t in terms if t.order]
     if moving:
@@ -229,11 +223,7 @@ def product_dimensions(
 def unit_faults(
     products: Sequence[Product], dimensions: Sequence[Dimension | None]
 ) -> Iterator[str]:
-    """Say what is wrong with the units of each equation.
-
-    A term with a number in it other than a small whole one is passed over: 9.81 or 0.4 may have
-    a unit of its own.
-    """
+    """Name equations of unlike units; terms with 9.81 or 0.4, which may have one, do not count."""
     found: dict[int, dict[Dimension, None]] = {}
     for p, dimension in zip(products, dimensions, strict=True):
         plain = p.coefficient.denominator == 1 and abs(p.coefficient) <= 4
@@ -246,7 +236,6 @@ def unit_faults(
 
 
 def _times(powers: Iterable[tuple[Dimension | None, int | Fraction]]) -> Dimension | None:
-    """Return the product of powers; ``None`` where one of them cannot be told."""
     total = _NUMBER
     for unit, power in powers:
         if unit is None:
@@ -257,7 +246,6 @@ def _times(powers: Iterable[tuple[Dimension | None, int | Fraction]]) -> Dimensi
 
 
 def _signal_dimension(signal: Expression, symbols: Mapping[str, Dimension]) -> Dimension | None:
-    """Return the dimension of a signal; ``None`` where it cannot be told."""
     if signal.kind == "name":
         return symbols[str(signal)]
     if not signal.free_symbols:

@@ -27,11 +27,7 @@ Monomial = tuple[int, ...]  # exponent of each parameter
 
 @frozen
 class Expression:
-    """What `kind` says of `parts`.
-
-    A name holds its text, a number its fraction, a power its base and its exponent (a fraction);
-    sums, products and functions hold expressions.
-    """
+    """What `kind` says of `parts`: text, fraction, base and fraction (a power), or expressions."""
 
     kind: str
     parts: tuple[Any, ...] = ()
@@ -62,7 +58,6 @@ class Expression:
 
     @cached_property
     def factors(self) -> tuple[Factor, ...]:
-        """Bases and exponents that it is the product of."""
         if self.kind == "product":
             return tuple(factor for part in self.parts for factor in part.factors)
         if self.kind == "power":
@@ -138,10 +133,7 @@ MAX_VALUE = 1e100
 
 
 def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
-    """Return the value of an expression on arrays that broadcast.
-
-    It is infinite or NaN, without a warning, where the expression has no finite value.
-    """
+    """Return the value on arrays that broadcast; infinite or NaN without a warning."""
 
     def of(value: Expression) -> NDArray[np.float64]:
         if value.kind == "name":
@@ -169,10 +161,7 @@ def is_usable(value: ArrayLike) -> bool:
 
 
 def values_at(point: Mapping[str, Fraction], signals: Sequence[Expression]) -> list[Real] | None:
-    """Return the values of signals to a hundred digits.
-
-    Nothing at a pole, and where one is not real or too large. What signals share is found once.
-    """
+    """Return values to a hundred digits; None at a pole, and where one is not real or too large."""
     known: dict[int, Real] = {}
 
     def of(value: Expression) -> Real:
@@ -215,7 +204,6 @@ def _real(value: Fraction) -> Real:
 
 
 def simple_fraction(value: Real) -> Fraction | None:
-    """Return the simple fraction that a number is, if it is one."""
     exact = Fraction(*map(int, to_rational(value._mpf_)))
     simple = exact.limit_denominator(10**6)
     return simple if abs(exact - simple) < Fraction(1, 10**30) else None

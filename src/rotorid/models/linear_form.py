@@ -34,10 +34,9 @@ REPEATS = 1e-9
 
 
 def rotation_line(signal: Expression, speed: float) -> complex:
-    """Return g of the part ``Re(g exp(i phi))`` of a load at a speed in rad/s.
+    """Return g of the part ``Re(g exp(i phi))`` of a load at a speed in rad/s; NaN if not finite.
 
-    A load that depends on the time has none: it may turn as fast, but not from the same zero. What
-    is no finite number is NaN.
+    A load that depends on the time has none: it may turn as fast, but not from the same zero.
     """
     if symbol("t") in signal.free_symbols:
         return 0j
@@ -64,7 +63,6 @@ def runs_by_time(signal: Expression) -> Expression | None:
 
 @lru_cache(maxsize=1000)
 def _repeats(signal: Expression) -> bool:
-    """Tell whether a load is the same after each turn."""
     angle = np.linspace(0.1, 6.1, 7)
     first = _wave(signal, angle, 1.0)
     later = [_wave(signal, angle + 2 * np.pi * turns, 1.0) for turns in (1, 2, 3)]
@@ -74,7 +72,6 @@ def _repeats(signal: Expression) -> bool:
 
 
 def _wave(signal: Expression, angle: Floats, speed: float) -> Floats:
-    """Return a load at rotor angles."""
     return evaluate(signal, {"phi": angle, "Omega": speed}) * np.ones(len(angle))
 
 
@@ -116,10 +113,7 @@ class Matrices:
 
 @frozen
 class StiffnessTerm:
-    """``coefficient * monomial * factor(Omega) * d^order q / dt^order``.
-
-    Structural damping, a stiffness that lags, is turned by i on lines above 0 Hz.
-    """
+    """``coefficient * monomial * factor(Omega) * d^order q / dt^order``, `structural`: times i."""
 
     row: int
     column: int
@@ -139,7 +133,6 @@ class TermKind(NamedTuple):
 
     @property
     def matrix(self) -> str:
-        """The name of the matrix that holds such terms."""
         gyroscopic = self.order == 1 and self.factor == symbol("Omega")
         return "H" if self.structural else "G" if gyroscopic else "KDM"[self.order]
 
@@ -188,7 +181,6 @@ class StiffnessTable:
         return np.array([1j if kind.structural else 1.0 for kind in self.kinds])[self.kind]
 
     def sizes(self, speed: float) -> Floats:
-        """Return the coefficient of each term, by its factor of the speed."""
         factors = np.array([speed_factor(kind.factor, speed) for kind in self.kinds])
         return np.asarray(self.coefficient * factors[self.kind])
 
@@ -199,11 +191,9 @@ class StiffnessTable:
 
 @frozen
 class LinearForm:
-    """Equations that are linear in the coordinates, with constant coefficients.
+    """Linear equations with constant coefficients: ``Z(omega) q = B u + g`` at line omega.
 
-    At line omega: ``Z(omega) q = B u + g`` with
-    ``Z = -omega^2 M + i omega (D + Omega G) + K``; every matrix is linear in the monomials of
-    the parameters.
+    ``Z = -omega^2 M + i omega (D + Omega G) + K``; every matrix is linear in the monomials.
     """
 
     # sizes
@@ -270,7 +260,6 @@ class LinearForm:
         return np.asarray(self._filled(columns, lambda x: rotation_line(x, speed), speed))
 
     def _filled(self, columns: Any, value: Callable[[Expression], Any], speed: float) -> Any:
-        """Add the loads to their columns, by the value of each signal."""
         values: dict[Expression, Any] = {}
         for term in self.load_terms:
             if term.signal not in values:
@@ -290,11 +279,7 @@ SINGULAR = 1e12
 def solved(
     stiffness: Complexes, right: Complexes, omega: Floats, size: Floats | None = None
 ) -> Complexes:
-    """Solve ``Z_k q_k = right_k`` on each line, shape (line, coordinate).
-
-    `size` is that of the parts that Z is a sum of, where they may cancel: a line exactly on an
-    undamped resonance of one coordinate alone.
-    """
+    """Solve ``Z_k q_k = right_k``, (line, coordinate); `size`: of Z's parts, which may cancel."""
     # Rows and columns in units of their own size, so that the condition means something.
     size = np.abs(stiffness) if size is None else size
     row = 1 / np.maximum(size.max(axis=2), 1e-300)

@@ -98,8 +98,6 @@ def eigenvalues(
 
 @frozen
 class _Scaled:
-    """The pencil with rows, columns and lambda scaled to entries of one size."""
-
     stiffness: Floats | Complexes
     damping: Floats | Complexes
     mass: Floats | Complexes
@@ -151,7 +149,6 @@ class _Scaled:
 
     @cached_property
     def free(self) -> tuple[int, int]:
-        """How many motions are free, and on how many of them damping acts."""
         return _free_motions(self.stiffness, self.damping)
 
     def told_apart(self, values: Complexes) -> tuple[Integers, Integers, int]:
@@ -184,7 +181,6 @@ def _free_motions(stiffness: Floats | Complexes, damping: Floats | Complexes) ->
 
 
 def _frequency(mass: Floats | Complexes, stiffness: Floats | Complexes) -> float:
-    """Return a frequency of the machine, from entries that M and K both have."""
     both = (mass != 0) & (stiffness != 0)
     if not both.any():
         return 1.0
@@ -205,10 +201,8 @@ def _scales(size: Floats) -> tuple[Floats, Floats]:
 def parted(gram: Complexes, slopes: Complexes, toward: Floats) -> Complexes:
     """Return the derivatives of eigenvalues that coincide here, (mode, unknown), by frequency.
 
-    On the way `toward`, shape (unknown,), they part: the vectors that they part with are those of
-    ``G^-1 dL``, and it is their derivatives that belong to each.
-
-    `gram`, shape (mode, mode), is ``G = Y^H (2 lambda M + D) X``; `slopes`, (mode, mode, unknown),
+    They belong to the vectors of ``G^-1 dL`` with which they part on the way `toward`, (unknown,).
+    `gram`, (mode, mode), is ``G = Y^H (2 lambda M + D) X``; `slopes`, (mode, mode, unknown),
     ``Y^H (lambda^2 dM + lambda dD + dK) X`` by each unknown.
     """
     solved = -np.linalg.solve(gram, slopes.reshape(len(gram), -1)).reshape(slopes.shape)

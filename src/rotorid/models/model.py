@@ -55,10 +55,7 @@ Kind = TypeVar("Kind", bound=HasFacts)
 def fact(
     work: Callable[Concatenate[Kind, Arguments], Found],
 ) -> Callable[Concatenate[Kind, Arguments], Found]:
-    """Keep what a function finds of a model or of lines there, for the arguments it had last.
-
-    Fit, checks and pages ask for the same facts, each for itself.
-    """
+    """Keep what a function finds of a model or of lines there, for its last arguments: many ask."""
     name = f"{work.__module__}.{work.__qualname__}"
 
     def found(model: Kind, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
@@ -91,7 +88,6 @@ class DeclaredParameter(Schema):
     positive: bool = False
 
     def parameter(self, name: str) -> Parameter:
-        """Return the parameter, in SI."""
         place = f"parameters.{name}.unit"
         unit = check_unit(self.unit, place=place)
         factor = si_factor(self.unit, place=place)

@@ -73,7 +73,6 @@ class Work:
         self.units = self.left = WORK if units is None else units
 
     def spend(self, units: int) -> None:
-        """Count what is to be done next; refuse what is too much."""
         self.left -= units
         if self.left < 0:
             raise ModelError(
@@ -100,8 +99,7 @@ def read(
 ) -> Polynomial:
     """Return the terms of an expression, or of an equation as left minus right side.
 
-    `linear` are the names that stand in no function, root or divisor. Atoms that are numbers have
-    become part of the coefficients.
+    `linear`: names that stand in no function, root or divisor. Coefficients hold the numbers.
     """
     if len(text) > MAX_LENGTH:
         raise ModelError(
@@ -112,7 +110,6 @@ def read(
 
 
 def out_of_range(coefficient: Fraction) -> bool:
-    """Tell a coefficient that is too large or too small to compute with."""
     return not 10**-MAX_EXPONENT < abs(coefficient) < 10**MAX_EXPONENT
 
 
@@ -128,7 +125,6 @@ def expression(polynomial: Polynomial) -> Expression:
 
 
 def _sorted(polynomial: Polynomial) -> list[tuple[Expression, Fraction]]:
-    """Return monomials and coefficients by their text, the number last."""
     found = [(_product(powers), c) for powers, c in polynomial.items()]
     return sorted(found, key=lambda term: (not term[0].factors, str(term[0])))
 
@@ -142,7 +138,6 @@ def _alone(base: Expression, exponent: int | Fraction = 1) -> Polynomial:
 
 
 def shown(value: Expression) -> str:
-    """Return an expression as a message shows it."""
     text = str(value).replace("**", "^")
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -388,7 +383,6 @@ class _Reader(_Algebra):
         return word
 
     def accepts(self, *signs: str) -> str:
-        """Take the next token where it is one of these signs."""
         return self.taken() if self.word in signs else ""
 
     def needs(self, sign: str) -> None:
@@ -464,7 +458,6 @@ class _Reader(_Algebra):
         return self.call(name, argument)
 
     def inner(self, part: Callable[[], Polynomial]) -> Polynomial:
-        """Read what stands in parentheses, or above a power."""
         self.nesting += 1
         if self.nesting > MAX_NESTING:
             raise _too_deep()
@@ -540,7 +533,6 @@ def _check_count(terms: int) -> None:
 
 
 def _check_digits(value: Fraction) -> None:
-    """Refuse a number of more digits than `DIGITS`."""
     if max(value.numerator.bit_length(), value.denominator.bit_length()) > _BITS:
         raise ModelError(
             f"a number of more than {DIGITS} digits",

@@ -63,7 +63,6 @@ class ForceBalance:
         return np.asarray(columns[self.rows] / scales)
 
     def check(self, shares: Floats) -> None:
-        """Refuse coordinates whose forces no equation tells."""
         for coordinate, fault in self.faults.items():
             if np.any(shares[coordinate]):
                 raise InputError(
@@ -87,10 +86,7 @@ def equation_order(inertia: Floats) -> tuple[Integers, Floats]:
 
 
 def force_balance(model: Model, inertia: Floats) -> ForceBalance:
-    """Return the equation of each coordinate of a model, and its scale.
-
-    `inertia` is M at the values, shape (row, coordinate): it tells which equation is whose.
-    """
+    """Return equation and scale of each coordinate; `inertia`, M (row, coordinate), tells whose."""
     if not model.typed.equations:  # matrices that no one typed: a drawing's
         n = len(model.coordinates)
         return ForceBalance(np.arange(n), np.ones(n), names=model.coordinates)
@@ -125,8 +121,6 @@ Key = tuple[int, Expression, Monomial]
 
 @frozen
 class _Equation:
-    """What is typed of one coordinate's equation."""
-
     row: int
     entries: Mapping[Key, Mapping[int, float]]  # coefficients of each coordinate
     numbers: tuple[float, ...]  # sizes of the coefficients of parameters, without inputs
@@ -163,7 +157,6 @@ class _Equation:
         return "" if whole else self.multiplied(once)
 
     def multiplied(self, by: float | None = None) -> str:
-        """Say that it may be a multiple."""
         size = min(self.numbers) if by is None else by
         return f"equation {self.row + 1}, which may be the balance of forces times {size:.6g}"
 

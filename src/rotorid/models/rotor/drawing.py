@@ -70,7 +70,6 @@ class Quantity:
         return Quantity(tuple(found.items()))
 
     def value(self, values: Mapping[str, float]) -> float:
-        """Return its value at values of the names, all of which are there."""
         return sum(c * prod(values[name] ** n for name, n in f) for f, c in self.terms)
 
 
@@ -100,7 +99,6 @@ def read_quantity(
 
 
 def _of_names(text: str, unit: str, parameters: Mapping[str, str], place: str) -> Quantity:
-    """Return a polynomial of names; every term must have the expected unit."""
     names = [*parameters, SPEED]
     units = {**parameters, SPEED: "rad/s"}
     with naming(place=place):
@@ -165,7 +163,6 @@ def _of(unit: str, *, signed: bool = True, above: bool = False, speed: bool = Fa
 
 
 def _check_nominal(quantity: Quantity, nominal: Mapping[str, float]) -> None:
-    """Refuse a quantity that has no value above 0 at the nominal values."""
     missing = [name for name in quantity.names if name not in nominal]
     if missing:
         raise ModelError(
@@ -448,7 +445,6 @@ class Rotor(Schema):
         return self
 
     def with_elements(self, counts: Sequence[int]) -> Rotor:
-        """Return the same rotor, its sections divided into so many elements."""
         pairs = zip(self.sections, counts, strict=True)
         sections = tuple(s.model_copy(update={"elements": count}) for s, count in pairs)
         return Rotor.model_construct(**{**dict(self), "sections": sections})
@@ -478,7 +474,6 @@ class Rotor(Schema):
         return SAME * self.length
 
     def _merged(self, positions: list[float]) -> list[float]:
-        """Return positions in ascending order, each once."""
         found: list[float] = []
         for z in sorted(positions):
             if not found or z - found[-1] > self._near:
@@ -493,7 +488,6 @@ class Rotor(Schema):
 
     @cached_property
     def positions(self) -> Floats:
-        """Positions of the nodes in m."""
         return np.array([node.position for node in self.nodes])
 
     def node(self, at: float) -> int:

@@ -6,10 +6,7 @@ plane its coordinates are displacement and slope at its left and right node; the
 in the plane of x and -theta_x in that of y.
 
 A rotor on fewer coordinates is projected, from both sides, on the shapes in which it moves on some
-lines, for a force on each coordinate that is kept: those that are driven, read, or hold an
-unbalance. It answers as the whole one at the values at hand, and near them but for the square of
-the difference (a reduced basis: Quarteroni, Manzoni and Negri 2016; docs/rotors.md). Whether it is
-near enough is told at the estimate, where shapes are taken again.
+lines: a reduced basis (Quarteroni, Manzoni and Negri 2016; docs/rotors.md).
 """
 
 from __future__ import annotations
@@ -121,7 +118,6 @@ def _planes(nodes: int) -> tuple[Floats, Floats]:
 
 
 def _both_planes(plane: Floats) -> Floats:
-    """Return the matrix of an element from that of one plane."""
     along, across = _planes(2)
     return along @ plane @ along.T + across @ plane @ across.T
 
@@ -154,11 +150,9 @@ class Piece:
     matrix: Any  # sparse array, shape (row, coordinate); of a load an array, shape (row, 2)
 
     def value(self, values: Mapping[str, float]) -> float:
-        """Return what the factors come to."""
         return float(np.prod([values[name] ** power for name, power in self.factors]))
 
     def substituted(self, fixed: Mapping[str, float]) -> Piece:
-        """Return the same with numbers in place of some factors."""
         inside = [factor for factor in self.factors if factor[0] in fixed]
         left = tuple(factor for factor in self.factors if factor[0] not in fixed)
         size = replace(self, factors=tuple(inside)).value(fixed)
@@ -190,7 +184,6 @@ def _gathered(rotor: Rotor, blocks: Iterable[Block]) -> tuple[Piece, ...]:
 
 
 def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
-    """Return the matrices of a rotor, in the coordinates of its nodes."""
     return _gathered(rotor, _blocks(rotor))
 
 
@@ -221,7 +214,6 @@ def _blocks(rotor: Rotor) -> Iterator[Block]:
 
 
 def _elastic(rotor: Rotor, first: int, section: Section, beam: Beam) -> Iterator[Block]:
-    """Yield the stiffness of an element, with the damping that goes with it."""
     stiffness = _both_planes(beam.stiffness()) / section.material.modulus
     elastic = section.material.E.times(section.stiffness)
     yield elastic, 0, first, stiffness, False
@@ -267,9 +259,8 @@ FINER = 1.25
 def divided(rotor: Rotor) -> Rotor:
     """Return a rotor whose sections have the elements asked for, the others as many as needed.
 
-    As many as make the first three bending frequencies of the free shaft, without what stands on
-    it, converge: elements of about one length, shortened until twice as many change the frequencies
-    by no more than `CONVERGED`.
+    They are enough where twice as many move bending frequencies of the free shaft by no more than
+    `CONVERGED`.
     """
     size = max(section.length for section in rotor.sections)
     while True:
@@ -295,10 +286,7 @@ def divided(rotor: Rotor) -> Rotor:
 
 
 def bending(rotor: Rotor, parts: int = 1) -> Floats:
-    """Return the first bending frequencies of the shaft alone in one plane, free, in rad/s.
-
-    Each of its elements is divided into so many parts.
-    """
+    """Return bending frequencies of the free shaft in one plane, rad/s, each element in `parts`."""
     nodes = parts * (len(rotor.nodes) - 1) + 1
     mass, stiffness = np.zeros((2 * nodes, 2 * nodes)), np.zeros((2 * nodes, 2 * nodes))
     for number, section, whole in spans(rotor):
@@ -349,7 +337,6 @@ class Banded:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece], values: Mapping[str, float]) -> Banded:
-        """Take the matrices of a rotor at some values of its parameters."""
         entries = [piece.matrix.tocoo() for piece in pieces]
         width = max(int(np.abs(e.row - e.col).max(initial=0)) for e in entries)
         bands = np.zeros((len(pieces), 2 * width + 1, pieces[0].matrix.shape[0]))
@@ -377,15 +364,11 @@ class Banded:
         return self.solved(self.at(omega, speed), forces)
 
     def solved(self, bands: Complexes, right: Complexes) -> Complexes:
-        """Solve with the bands of a line."""
         ends = (self.width, self.width)
         return np.asarray(scipy.linalg.solve_banded(ends, bands, right, check_finite=False))
 
     def force(self, kept: Integers, motion: Complexes, omega: float, speed: float) -> Complexes:
-        """Return the forces on what is kept where nothing acts on the rest, which follows.
-
-        motion, shape (kept,), is theirs in SI, and so are the forces.
-        """
+        """Return the forces on what is kept by its motion, (kept,), in SI; none act on the rest."""
         bands, width = self.at(omega, speed), self.width
         held, right = bands.copy(), np.zeros(len(self.size), dtype=np.complex128)
         columns = np.arange(-width, width + 1)[:, None] + kept  # of the rows that are kept

@@ -80,7 +80,6 @@ class RotorModel(Model):
 
     @property
     def used(self) -> frozenset[str]:
-        """The parameters that a matrix or a load holds."""
         return frozenset(name for factors in self._held for name, _ in factors)
 
     @cached_property
@@ -144,7 +143,6 @@ class RotorModel(Model):
         return product([*term.factor.factors, (held, Fraction(1))])
 
     def signal_value(self, index: int, motion: Motion) -> Floats:
-        """Evaluate a signal; structural damping has none."""
         if any(base.kind == LAGGING for base, _ in self.signals[index].factors):
             raise ModelError(
                 "structural damping",
@@ -156,7 +154,6 @@ class RotorModel(Model):
 
     @property
     def nonlinear(self) -> bool:
-        """Whether a signal is not linear in the motion: never."""
         return False
 
     def _linear_terms(self) -> tuple[StiffnessTable, tuple[Term, ...]]:
@@ -219,9 +216,7 @@ class RotorModel(Model):
     ) -> RotorModel:
         """Return a model with fewer coordinates, where that pays; equations are as they stand.
 
-        `reads` are the coordinates that are measured; omega and speed are in rad/s, shape (line,);
-        `values` of the parameters need be about right; shapes that come to less than a share of the
-        largest are left out.
+        `reads`: those that are measured; omega and speed in rad/s, (line,); `values` about right.
         """
         full = self if self.whole is None else self.whole
         known = {**full.nominal, **values}
@@ -294,7 +289,6 @@ class RotorModel(Model):
 def rotor_model(
     rotor: Rotor, parameters: Sequence[Parameter], *, name: str, title: str = "", source: str = ""
 ) -> RotorModel:
-    """Return the model of a drawing, in the coordinates of its nodes."""
     coordinates = tuple(name for node in rotor.nodes for name in node.coordinates)
     inputs = tuple(f"F_{axis}{place}" for place in rotor.actuators for axis in "xy")
     units = {q: "rad" if q.startswith("theta") else "m" for q in coordinates}
@@ -326,7 +320,6 @@ class Inertia:
 
 
 def inertia(model: RotorModel, values: Mapping[str, float]) -> Inertia:
-    """Return the inertia of the whole rotor, from its M and G."""
     matrices = model.require_linear().matrices(model.values(values))
     place = model.rotor.positions
     across, tilt = np.zeros(len(model.coordinates)), np.zeros(len(model.coordinates))
@@ -346,7 +339,6 @@ def inertia(model: RotorModel, values: Mapping[str, float]) -> Inertia:
 
 
 def structure_of(model: Model, values: Floats, speed: float) -> Structure | None:
-    """Return the structure of a model at a speed, where all its values are known."""
     drawn = model if isinstance(model, RotorModel) else None
     if not np.isfinite(values).all() or (drawn and drawn.whole is not None):
         return None  # the coordinates of a reduced rotor are no places
@@ -481,7 +473,6 @@ def from_ross(
 def _support(
     at: float, number: int, bearing: Any, named: Callable[[str, str, float], Quantity]
 ) -> Support:
-    """Return a bearing, its constants as parameters."""
     quantities = {
         kind + axes: named(f"{kind}{axes}_{number}", unit, _constant(bearing, kind + axes))
         for kind, unit in (("k", "N/m"), ("c", "N s/m"))
@@ -491,7 +482,6 @@ def _support(
 
 
 def _in_order(rotor: Any) -> list[Any]:
-    """Return the elements of a shaft from left to right, one after the other."""
     elements = sorted(rotor.shaft_elements, key=lambda e: int(e.n))
     if [int(e.n) for e in elements] != list(range(len(elements))):
         raise InputError(
