@@ -15,10 +15,7 @@ RANK_TOLERANCE = 1e-9
 
 
 def base_of(model: Model, estimate: Estimate, *, physical: bool) -> tuple[Floats, Floats] | None:
-    """Return the base parameters at an estimate, and their slopes by each free value of it.
-
-    From its physical parameters or its base ones; None where it lacks one.
-    """
+    """Return the base parameters, and their slopes by each free value; None where one lacks."""
     found = {value.name: value.value for value in estimate.parameters}
     names = model.parameter_names if physical else model.base.names
     values = np.array([found.get(name, np.nan) for name in names])
@@ -33,14 +30,12 @@ def base_of(model: Model, estimate: Estimate, *, physical: bool) -> tuple[Floats
 
 
 def deviation(slopes: Floats, covariance: Floats) -> float:
-    """Return the deviation of a sum of values."""
     return float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
 
 
 def base_from_physical(
     model: Model, values: Floats, covariance: Floats, names: Sequence[str] | None = None
 ) -> tuple[Value, ...]:
-    """Return the base parameters that follow from physical ones, `names` in place of theirs."""
     jacobian = model.base_jacobian(values)
     std = np.sqrt(np.einsum("bi,ij,bj->b", jacobian, covariance, jacobian).clip(0))
     own = names is None or tuple(names) == model.parameter_names
@@ -50,7 +45,6 @@ def base_from_physical(
 
 
 def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[Value, ...]:
-    """Return the physical parameters that base parameters determine, as `physical_fit` does."""
     values, spread, determined = physical_fit(model, base, covariance)
     std = np.sqrt((spread**2).sum(axis=1))
     return tuple(

@@ -684,7 +684,6 @@ def adapter() -> TypeAdapter[Estimate]:
 
 
 def check_units(estimate: Estimate, units: Mapping[str, str]) -> None:
-    """Refuse values in other units than those that a model gives its parameters."""
     for value in estimate.parameters:
         unit = units.get(value.name.partition("[")[0], value.unit)
         if value.unit != unit:

@@ -26,14 +26,12 @@ _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which 
 
 
 def page(estimate: Estimate, *, intervals: bool = False) -> Page:
-    """Return all there is to read: status, tables, and notes on them."""
     doubt = f", but doubtful ({estimate.doubt})" if estimate.doubt else ""
     head = f"{estimate.model}, {estimate.method}: {estimate.status}{doubt}"
     return [head, *tables(estimate, intervals=intervals), *sentences(estimate)]
 
 
 def value_tables(estimate: Estimate, *, intervals: bool = False) -> dict[str, Table]:
-    """Return the values by their kind, those kinds of which there are any."""
     return {
         kind: _table(kind, values, intervals=intervals)
         for kind, values in estimate.quantities.items()
@@ -42,7 +40,6 @@ def value_tables(estimate: Estimate, *, intervals: bool = False) -> dict[str, Ta
 
 
 def tables(estimate: Estimate, *, intervals: bool = False) -> list[Table]:
-    """Return the values, unbalance, what may be wrong, and what follows from the values."""
     values = value_tables(estimate, intervals=intervals)
     derived = values.pop("derived", None)
     late = estimate.method == "ml"  # products of the parameters, which few want to read
@@ -61,7 +58,6 @@ def tables(estimate: Estimate, *, intervals: bool = False) -> list[Table]:
 
 
 def sentences(estimate: Estimate) -> list[str]:
-    """Return sentences on the fit, the data, what was taken as exact, and the warnings."""
     return [
         *on_fit(estimate),
         *(f"{c.verdict}, {on_data(c)}" for c in estimate.checks if c.severity != "passes"),
@@ -122,7 +118,6 @@ def _together(estimate: Estimate) -> list[str]:
 
 
 def _by_noise(estimate: Estimate) -> str:
-    """Say what makes a prediction from the forces worse than none, where the cost is in order."""
     worst = max((p.relative_error for p in estimate.prediction.values() if p), default=0.0)
     if worst < SPOILT or estimate.status != "ok" or estimate.misfit is None:
         return ""
@@ -133,7 +128,6 @@ def _by_noise(estimate: Estimate) -> str:
 
 
 def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> Table:
-    """Return name, value, deviation, the same in percent, inflated, unit; or 95 % intervals."""
     if intervals:
         ends = [(value.name, *_ends(value), _row(value)[-1]) for value in values]
         return table((title, "value", "95 % from", "to", "unit"), ends)
@@ -194,7 +188,6 @@ def _unbalance_table(estimate: Estimate, *, intervals: bool) -> Table:
 
 
 def _suspect_table(estimate: Estimate) -> Table | None:
-    """Return what the model may lack, what explains most first; nothing where nothing is wrong."""
     if estimate.status == "ok":
         return None
     rows = [
@@ -213,7 +206,6 @@ def _suspect_table(estimate: Estimate) -> Table | None:
 
 
 def _misfit_table(estimate: Estimate) -> Table | None:
-    """Return where the misfit lies, worst first; nothing where it is what noise leaves."""
     rows = sorted(estimate.line_misfit, key=lambda row: row.cost - row.expected, reverse=True)
     if estimate.misfit is None or estimate.misfit.p_value > NOTICED:
         return None
@@ -278,7 +270,6 @@ def figures(value: float, spread: float) -> str:
 
 
 def two_digits(number: float) -> str:
-    """Return a spread, nothing for one that there is not."""
     return _plain(f"{number:#.2g}") if math.isfinite(number) else ""
 
 

@@ -38,7 +38,6 @@ METHODS = {
 
 
 def by_name(method: str) -> Estimator:
-    """Return an estimator with its default settings by the name of its method."""
     require_names([method], METHODS, "the method {}", "name one of these methods")
     estimator: Estimator = getattr(import_module("rotorid"), METHODS[method])()
     return estimator
@@ -124,10 +123,7 @@ def _checks(data: Data) -> tuple[Note, ...]:
 
 
 def without_deviations(estimate: Estimate) -> Estimate:
-    """Return an estimate from periods that do not scatter: values, and no deviations, never 0.
-
-    Such periods are copies of one, or made without noise: they tell nothing of what noise does.
-    """
+    """Return an estimate from periods that do not scatter: values, and no deviations, never 0."""
 
     def bare(values: tuple[Value, ...]) -> tuple[Value, ...]:
         return tuple(v if v.fixed else replace(v, std=None, std_inflated=None) for v in values)

@@ -1,8 +1,7 @@
 """What the notes on an answer come to: its status, and the order in which they are told.
 
-This is the one place that weighs notes against one another. Some doubts are cast only on an answer
-of a certain status: they ask `judge` for that of the notes so far, which costs nothing; the status
-of an estimate is that of all its notes.
+No other place weighs notes against one another: doubts that are cast only on an answer of a certain
+status ask `judge` for that of the notes so far.
 """
 
 from __future__ import annotations

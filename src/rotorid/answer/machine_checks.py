@@ -280,7 +280,6 @@ def residual(cost: float, expected: Expectation) -> Iterator[Note]:
 
 
 def noise_bias(names: Sequence[str], bias: Floats, std: Floats) -> Iterator[Note]:
-    """Judge what noise in the measured motion does to an answer, by its deviations."""
     known = (std > 0) & np.isfinite(bias)
     share = np.where(known, bias, 0.0) / np.where(known, std, 1.0)
     worst = int(np.abs(share).argmax())

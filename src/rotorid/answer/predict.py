@@ -121,10 +121,7 @@ def predict_lines(
 def missing_values(
     model: Model, estimate: Estimate, number: int = 0, given: Iterable[str] = ()
 ) -> list[str]:
-    """Return what the model needs and neither estimate nor record names, physical or base.
-
-    `number` is that of the record, `given` the parameters that it states itself.
-    """
+    """Return what the model needs, physical or base, and neither estimate nor `given` names."""
     found = {v.name for v in estimate.parameters}
     names = model.parameter_names
     told = {*given, *(n for n in names if n in found or f"{n}[{number}]" in found)}
@@ -193,8 +190,6 @@ def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) 
 
 @frozen
 class ChannelError:
-    """How far the prediction of one channel is off."""
-
     name: str
     # |predicted - measured| / |measured|; None for a channel that is zero
     relative_error: float | None
@@ -206,14 +201,12 @@ class ChannelError:
 
     @property
     def tells(self) -> bool:
-        """Whether a wrong prediction would show: by more than noise and deviations hide."""
         if self.relative_error is None:
             return False
         return float(np.hypot(self.noise or 0.0, self.deviations or 0.0)) < UNEXPLAINED
 
     @property
     def fails(self) -> bool:
-        """Whether the error is more than noise and deviations explain."""
         if self.p_value is not None:
             return self.p_value < FAILS
         return self.relative_error is not None and self.relative_error > UNEXPLAINED
@@ -280,8 +273,6 @@ def at_best_phase(
 
 @frozen
 class Forecast:
-    """What an estimate predicts of a record, and what is unsure of the error."""
-
     model: Model
     estimate: Estimate
     record: Data
@@ -297,10 +288,7 @@ class Forecast:
 
     @cached_property
     def noise(self) -> Floats | None:
-        """The variance that the noise of the record gives predicted - measured, (line, predicted).
-
-        None where the model is not linear or nothing is known of the noise.
-        """
+        """The variance that noise gives predicted - measured, (line, predicted); None: unknown."""
         if self.model.linear is None or not np.abs(self.bound.lines.covariance.matrices).any():
             return None
         by_data, (covariance, _) = self._by_data, self.covariance
@@ -402,15 +390,12 @@ def _chance(
 
 @frozen
 class Validated:
-    """Whether a result predicts some records."""
-
     verdict: str  # "predicts" or "fails"
     sentence: str  # what it rests on: the worst channel
     cures: tuple[str, ...] = ()  # what to do where it fails
 
 
 def verdict_of(records: Sequence[Sequence[ChannelError]]) -> Validated:
-    """Return whether records are predicted, and what to do where they are not."""
     every = [(k, channel) for k, record in enumerate(records) for channel in record]
     failing = [pair for pair in every if pair[1].fails]
     several = len(records) > 1

@@ -152,7 +152,6 @@ class _Head(BaseModel, defer_build=True):
     checks: tuple[_Check, ...] = ()
 
     def notes(self) -> tuple[Note, ...]:
-        """Return the notes of a file that holds them in words alone."""
         return (
             *(Note("warning", "doubts", text) for text in self.warnings),
             *(

@@ -56,7 +56,6 @@ class Terms:
 
     @classmethod
     def of(cls, layout: Layout, further: Sequence[Entry], loads: Sequence[RowLoad] = ()) -> Terms:
-        """Return the model's own stiffness, and further terms behind it."""
         table, products = layout.model.require_linear().stiffness, layout.monomial_factors
         used = {factors for factors in products if factors is not None}
         used |= {term.factors for term in further} | {load.factors for load in loads}
@@ -157,7 +156,6 @@ def _constant(
 
 
 def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
-    """Return the displacement in the bearing of an input, levers that are parameters included."""
     assert channel.drive is not None
     terms = combined(channel.drive.position, layout.model, "a force law at", channel.name)
     if any(t.order for t in terms):
@@ -217,10 +215,7 @@ def every_load(layout: Layout) -> list[RowLoad]:
 def load_lines(
     loads: Sequence[RowLoad], lines: Lines, rows: Floats, phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
-    """Return the columns of g, one for each product of unknowns, and the orders of the rotor angle.
-
-    Shapes (order, line, row, product), the products ascending, and (order,); `rows`: the scales.
-    """
+    """Return the columns of g, (order, line, row, product), products ascending, and the orders."""
     place = {signal: k for k, signal in enumerate(dict.fromkeys(load.signal for load in loads))}
     found, orders = _signal_lines(lines, tuple(place), phase_unknown)
     product = {factors: k for k, factors in enumerate(sorted({load.factors for load in loads}))}
@@ -235,7 +230,6 @@ def load_lines(
 def _signal_lines(
     lines: Lines, signals: tuple[Expression, ...], phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
-    """Return the lines of signals for each order of the rotor angle, and the orders."""
     timed = any(symbol("t") in signal.free_symbols for signal in signals)
     steps = phase_steps(signals) if phase_unknown else 1
     found = np.zeros((steps, len(lines.omega), len(signals)), dtype=np.complex128)
@@ -265,8 +259,6 @@ def phase_steps(signals: Sequence[Expression]) -> int:
 
 
 def _signal(signals: Sequence[Expression], shift: float) -> Signal:
-    """Return expressions in t, phi and Omega as a function, the angle moved by `shift`."""
-
     def values(time: Floats, angle: Floats, speed: Floats) -> Floats:
         known = {"t": time, "phi": angle + shift, "Omega": speed}
         shape = np.broadcast_shapes(np.shape(time), np.shape(angle), np.shape(speed))
@@ -292,10 +284,7 @@ def sensing_of(reads: Floats, rank: int) -> Sensing:
 def assemble(
     layout: Layout, observation: Observation, number: int = 0, like: Likelihood | None = None
 ) -> Likelihood:
-    """Build the likelihood of one record, the `number`-th of its machine.
-
-    `like` is one of the same record, whose noise is factored already.
-    """
+    """Build the likelihood of record `number`; `like` has factored the noise of the same one."""
     layout = layout.of_record(number)
     observation = layout.observed(observation)
     lines, reads = observation.lines, observation.reads

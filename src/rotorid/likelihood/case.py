@@ -74,7 +74,6 @@ class Case:
         return self.costs(GROSS)
 
     def costs(self, times: float) -> bool:
-        """Tell whether the cost is more than so many times what noise leaves."""
         return self.point.cost > times * max(self.expected, 1.0)
 
     @property
@@ -83,14 +82,12 @@ class Case:
 
     @cached_property
     def structure(self) -> Structure | None:
-        """Springs, masses and axes of the model at the estimate, where it has any."""
         if self.values is None:
             return None
         speeds = (float(v) for record in self.records for v in record.lines.speed)
         return structure_of(self.model, self.values, max(speeds, key=abs, default=0.0))
 
     def plus(self, *added: Unknown, fixed: bool = False) -> Case:
-        """Return the case with further unknowns, which stand behind the others."""
         every, layout = self.prepared, self.prepared.layout
         scalars = tuple(scalar for unknown in added for scalar in unknown.scalars)
         if fixed:
@@ -130,7 +127,6 @@ class Case:
         return replace(self, records=tuple(records), found=None, like=None)
 
     def on_lines(self, few: int) -> Case:
-        """Return the case on some of the lines of its records, where they have more than few."""
         fewer = thinned(self.records, few)
         return self if fewer is None else self.reading(fewer)
 
@@ -154,7 +150,6 @@ class Case:
         return self.at(self.minimized(way))
 
     def minimized(self, way: Way = "near") -> Point | None:
-        """Return the lowest end of the ways from some points, from the starts by the homotopy."""
         here: list[tuple[Floats, Sequence[float]]] = [(self.unknowns, (0.0,))]
         afar: list[tuple[Floats, Sequence[float]]] = [(x, STAGES) for x in self._starts()]
         tried = {"near": here, "far": afar, "both": here + afar, "start": afar[:1]}[way]
@@ -235,7 +230,6 @@ class Rival:
 
     @property
     def place(self) -> tuple[str, ...]:
-        """What it acts on, or itself where that is the model."""
         return self.on or (self.term,)
 
     def value_at(self, point: Point) -> float | None:
@@ -278,7 +272,6 @@ class Slopes:
 
     @classmethod
     def of(cls, case: Case, added: Sequence[Unknown]) -> Slopes:
-        """Evaluate the derivative by all unknowns of a case, and by further ones."""
         wide = case.plus(*added, fixed=True) if added else case
         rows = [record.jacobian() for record in wide.point.records]
         known = wide.point.problem.known.jacobian(wide.unknowns)
@@ -313,8 +306,6 @@ def rivals(stage: str) -> Callable[[E], E]:
 
 
 def freed(unknown: Unknown, kind: Kind = "term", on: tuple[str, ...] = ()) -> Rival:
-    """Return the rival that an unknown is not what it is taken for."""
-
     def instead(case: Case, point: Point) -> Iterator[Rival]:
         value = rival.value_at(point)
         if value is not None and point.cost >= case.expected + CLOSE:
@@ -361,6 +352,5 @@ def each_record(
 
 
 def not_asked(case: Case, unknowns: Iterable[Unknown]) -> list[Unknown]:
-    """Return the unknowns that are not estimated already."""
     index = case.prepared.layout.index
     return [u for u in unknowns if not any(s.name in index for s in u.scalars)]

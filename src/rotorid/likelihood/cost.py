@@ -140,7 +140,6 @@ class Likelihood:
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates, hidden ones included."""
         return len(self.sensing.right)
 
     @property
@@ -170,7 +169,6 @@ class Likelihood:
 
     @cached_property
     def loaded(self) -> Integers:
-        """The unknowns that loads depend on."""
         factors = self.monomials.factors[self.loading]
         return np.unique(factors[factors < self.monomials.unknowns])
 

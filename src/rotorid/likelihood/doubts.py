@@ -44,8 +44,6 @@ CATALOGUE: list[tuple[Doubt, tuple[Status, ...]]] = []
 
 
 def doubt(*when: Status) -> Callable[[Doubt], Doubt]:
-    """Enter a function into the catalogue: cast on answers of these statuses, or of any."""
-
     def entered(function: Doubt) -> Doubt:
         CATALOGUE.append((function, when or ANY))
         return function
@@ -81,7 +79,6 @@ def no_machine(model: Model, estimate: Estimate, fit: Fit) -> list[Note]:
 
 
 def _names(fit: Fit) -> list[str]:
-    """Return the names of the free unknowns."""
     return [fit.layout.unknowns[i].name for i in fit.layout.free]
 
 
@@ -160,7 +157,6 @@ def _figure(size: float) -> str:
 
 
 def _angle_notes(fit: Fit) -> Iterator[Note]:
-    """Say where the stated uncertainty of the rotor angle is most of that of a parameter."""
     layout, free = fit.layout, fit.layout.free
     turning = {int(i) for _, _, at in layout.wherever(Turns) for i in at}
     turned = [k for k, i in enumerate(free) if i in turning and layout.unknowns[i].std]
@@ -179,10 +175,7 @@ def _angle_notes(fit: Fit) -> Iterator[Note]:
 
 
 def _scale_notes(fit: Fit, column: Floats) -> Iterator[Note]:
-    """Say where a scale that is taken as exact is in masses and stiffnesses, and in no misfit.
-
-    `column`, shape (row,), is the derivative of the residual by the scale.
-    """
+    """Say what follows a scale unseen; `column`, (row,): the derivative of the residual by it."""
     layout, point = fit.layout, fit.solution.point
     channels = [c for record in fit.records for c in record.inputs]
     read = [c.name for c in channels if c.law is not None or c.drive is not None]
@@ -240,7 +233,6 @@ LEAST_PERIODS = 4
 
 @doubt("ok", "rejected")
 def halves_differ(fit: Fit) -> Iterable[Note]:
-    """Hold the halves of periods against each other, or those of whole records."""
     halves = answers_of_parts(fit.solution.point, fit.records, 2)
     if halves is not None:
         turning = {fit.layout.unknowns[i].name for i in fit.problem.affine}
@@ -250,10 +242,7 @@ def halves_differ(fit: Fit) -> Iterable[Note]:
 
 
 def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -> Floats | None:
-    """Return how the free unknowns of each part of the periods differ, (part, free).
-
-    To first order; None where a record has too few periods.
-    """
+    """Return how parts of the periods differ to first order, (part, free); None if too few."""
     if not records or any(r.lines.periods < parts * LEAST_PERIODS for r in records):
         return None
     columns = [_changes(point, number, record, parts) for number, record in enumerate(records)]
@@ -337,9 +326,8 @@ def unit_of_speed(fit: Fit) -> Iterator[Note]:
 
     With all speeds a factor f off, stiffnesses are f^2 and dampings f times what they are, and
     nothing else in a table changes; with all frequencies of responses, masses are f^-2 times, and
-    with those of measured modes, stiffnesses f^2 times what they are. So the answer is held
-    against its start: where it is far off, and near with the speeds in another unit, that unit is
-    suspected.
+    with those of measured modes, stiffnesses f^2 times. Where the answer is far off its start, and
+    near with the speeds in another unit, that unit is suspected.
     """
     records, layout, unknowns = fit.records, fit.layout, fit.solution.point.unknowns
     force = bool(records) and all(map(is_response, records))
@@ -403,7 +391,6 @@ NONE = 1e-9
 
 @doubt()
 def growing(fit: Fit) -> Iterator[Note]:
-    """Say that a machine whose responses were measured grows by itself: it would have none."""
     layout, unknowns, covariance = fit.layout, fit.solution.point.unknowns, fit.covariance
     linear = layout.model.require_linear()
     if not _determined(fit) or linear.rows != linear.coordinates:
@@ -452,7 +439,6 @@ def coherence(record: Observation) -> float:
 
 @doubt()
 def told_by_few(fit: Fit) -> Iterator[Note]:
-    """Say which unknowns, but for the unbalance, few lines of whole records in a loop tell."""
     point, records, layout = fit.solution.point, fit.records, fit.layout
     closed = any(r.lines.parts is not None and coherence(r) > CLOSED for r in records)
     if not closed or not _determined(fit):
@@ -494,7 +480,6 @@ BLOCKS = 8
 
 @doubt()
 def too_good(fit: Fit) -> Iterator[Note]:
-    """Say where the cost is lower than chance makes it."""
     cost, expected = fit.solution.point.cost, fit.inference.expectation
     # Of measured modes alone the deviations are what the user stated.
     if not fit.records or expected.dof <= 0 or not 1 - expected.p_value(cost) < TOO_GOOD:
@@ -517,7 +502,6 @@ def too_good(fit: Fit) -> Iterator[Note]:
 
 @doubt("rejected")
 def scattered(fit: Fit) -> Iterator[Note]:
-    """Say where what is left of rejected tables has no order: then noise was understated."""
     if not all(map(is_table, fit.records)):
         return
     order, count = 0.0, 0.0
@@ -540,7 +524,6 @@ def scattered(fit: Fit) -> Iterator[Note]:
 
 @doubt()
 def few_periods(fit: Fit) -> Iterator[Note]:
-    """Say where too few periods in closed loop leave the misfit no power."""
     for record in fit.records:
         periods, sensors = record.lines.periods, len(record.sensors)
         white = record.lines.covariance.kind == "white" and record.lines.scatter is not None
@@ -555,7 +538,6 @@ def few_periods(fit: Fit) -> Iterator[Note]:
 
 @doubt()
 def sensors_alike(fit: Fit) -> Iterator[Note]:
-    """Say where sensors share noise, which was stated of each by itself."""
     shared = fit.shared
     if shared is not None:
         text = (
@@ -568,7 +550,6 @@ def sensors_alike(fit: Fit) -> Iterator[Note]:
 
 @doubt()
 def lines_alike(fit: Fit) -> Iterator[Note]:
-    """Say that neighbouring lines of responses hold the same noise, as a window makes them."""
     misfit = fit.inference.expectation.p_value(fit.solution.point.cost) < MISFIT
     for record, at in zip(fit.records, fit.solution.point.records, strict=True):
         if misfit or not is_response(record) or len(at.whitened) < LEAST:
@@ -587,7 +568,6 @@ def lines_alike(fit: Fit) -> Iterator[Note]:
 
 
 def blocks_scatter(fit: Fit) -> Iterator[Note]:
-    """Say how much the answers of blocks of the record scatter, against the stated deviations."""
     most = min((r.lines.periods // LEAST_PERIODS for r in fit.records), default=0)
     parts = min(BLOCKS, most)
     answers = answers_of_parts(fit.solution.point, fit.records, parts) if parts >= 3 else None

@@ -47,7 +47,6 @@ PLACES = np.linspace(-1.0, 1.0, 201)
 
 
 def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note]:
-    """Judge whether the rotation of whole records keeps to its angle, where it matters."""
     layout, std = point.problem.layout, np.linalg.norm(point.linear.root, axis=1)
     held = np.isin(layout.free, layout.held) & (std > 0)
     for at, rows, record in zip(point.records, point.rows, records, strict=True):
@@ -137,7 +136,6 @@ class Creep:
 
     @property
     def creeps(self) -> bool:
-        """Whether the angle is worse known than it was said to be."""
         return abs(self.rate) > CREEPS * self.std
 
     @property
@@ -147,17 +145,14 @@ class Creep:
 
     @property
     def strays(self) -> bool:
-        """Whether the creep is sure, and so large that the unbalance's line suffers."""
         return abs(self.rate) > STRAYS * self.std and abs(self.rate) * self.periods > LOST
 
     @property
     def jumps(self) -> bool:
-        """Whether a step is sure."""
         return abs(self.step) > JUMPS * self.step_std
 
 
 def creeps(point: Point, records: Sequence[Observation]) -> tuple[Creep | None, ...]:
-    """Return how the rotation of each record moves against its angle, where that can be seen."""
     return tuple(_creep(at, r) for at, r in zip(point.records, records, strict=True))
 
 
@@ -181,10 +176,7 @@ def _creep(at: Evaluation, record: Observation) -> Creep | None:
 
 
 def _given(periodic: PeriodicRecord) -> Floats | None:
-    """Return by how much the given angle is ahead of its line in each period; None off the lines.
-
-    rad, less the mean.
-    """
+    """Return the given angle less its line in each period, rad, less the mean; None off lines."""
     turns = periodic.speed / (2 * np.pi * periodic.fundamental)
     if abs(turns - round(turns)) * periodic.periods > 1:
         return None
@@ -227,7 +219,6 @@ def _fitted(angles: Floats, std: float, middle: float) -> Creep:
 
 
 def creeping(records: Sequence[Observation], found: Sequence[Creep | None]) -> Iterator[Note]:
-    """Judge how the rotation of each record moves against its angle."""
     for record, creep in zip(records, found, strict=True):
         if creep is not None and (creep.strays or creep.jumps):
             yield Note(ANGLE, "rejects", told(record, creep))

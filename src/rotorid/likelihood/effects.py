@@ -180,10 +180,7 @@ def _factor(channel: int, scales: Scales, at: Integers, omega: Floats) -> Bound:
 
 
 def _passage(channel: int, scales: Scales, at: Integers, omega: Floats, lines: Complexes) -> Bound:
-    """Return a factor of a sensor as it acts on a force that was read with that sensor.
-
-    `lines` are those of the slope of the law times what the sensor reads.
-    """
+    """Return a sensor's factor in a force read with it; `lines`: slope of the law times reading."""
 
     def slopes(x: Floats) -> tuple[Line, Line]:
         changed = scales.factor(x[at], omega) * lines
@@ -224,7 +221,6 @@ def _rotation(
 
 
 def _law(channel: int, passed: Passed, rereads: Placed[Rereads], samples: Samples) -> Bound:
-    """Return a force law of which constants are unknown, by the samples that went through it."""
     at = np.array([where[0] for _, where in rereads])
     about = passed.force - passed.force.mean()
     size = float(about @ about)
@@ -237,10 +233,7 @@ def _law(channel: int, passed: Passed, rereads: Placed[Rereads], samples: Sample
         return passed.law.changed(passed.flowing, passed.position, changes)
 
     def split(change: Floats) -> tuple[float, Complexes]:
-        """Return a change of the force as a share of the force itself, and the rest.
-
-        The share is of the whole force, so that its noise follows too.
-        """
+        """Return a change as a share of the whole force, whose noise follows too, and the rest."""
         gain = float(about @ change) / size if size > 0 else 0.0
         return gain, samples.lines((change - gain * passed.force)[:, None])[:, 0]
 
@@ -266,8 +259,6 @@ class CalibrationState:
 
 @frozen
 class Calibration:
-    """How the channels of one record depend on unknowns of the measurement."""
-
     shape: tuple[int, int]  # lines and channels
     phase_unknown: int | None = None  # the unknown that adds to phi
     # (order,): orders n of exp(i n phi) into which the loads are split; (0,) where the phase is
@@ -287,7 +278,6 @@ class Calibration:
         phase: int | None,
         orders: Floats,
     ) -> Calibration:
-        """Bind what acts on the channels of a record; `phase`: the unknown that adds to phi."""
         omega, names = observation.lines.omega, [c.name for c in observation.channels]
         acting = [
             _factor(channel, effect, at, omega)
@@ -315,7 +305,6 @@ class Calibration:
 
     @cached_property
     def _idle(self) -> CalibrationState | None:
-        """The state where nothing acts on the channels: the same at all unknowns."""
         if self.every or self.phase_unknown is not None:
             return None
         none = np.zeros(self.shape, dtype=np.complex128)
@@ -347,7 +336,6 @@ def _laws(observation: Observation, rereads: Placed[Rereads]) -> Iterator[Bound]
 
 
 def _passages(observation: Observation, scales: Placed[Scales]) -> Iterator[Bound]:
-    """Yield what factors of sensors do to the forces that were read with them."""
     lines = observation.lines
     if lines.samples is None:
         return

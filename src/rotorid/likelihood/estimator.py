@@ -114,14 +114,12 @@ class Search(Iterator[Progress]):
 
 
 def _answer(model: Model, step: Step, trial: Tried = NOTHING_TRIED) -> Estimate:
-    """Return the answer at a step, with all doubts about it that are cheap."""
     fit = step.best
     own = fit.records[0].model if fit.records else model  # perhaps a rotor with fewer shapes
     return doubted(own, summarize(own, fit, trial.notes), fit, speed=trial.speed)
 
 
 def _so_far(model: Model, step: Step, trial: Tried = NOTHING_TRIED) -> Estimate:
-    """Return the answer at a step that is not the last."""
     told = f"the search was stopped while {step.say}: this is the best answer so far"
     note = Note("interrupted", "unfinished", told, "let the search run to its end")
     return _ended_by(note, _answer(model, step, trial))

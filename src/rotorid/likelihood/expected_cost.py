@@ -45,7 +45,6 @@ class Sum:
 def by_equation_errors(
     inference: Inference, point: Point, records: Sequence[Observation]
 ) -> Inference:
-    """Return an inference whose expected cost the equation errors of whole records have told."""
     costs = []
     for record, at, cost in zip(records, point.records, inference.records, strict=True):
         beside, expected = record.lines.beside, float(cost.means.sum())

@@ -85,10 +85,7 @@ class Fit:
 
     @cached_property
     def case(self) -> Case:
-        """What was estimated, for what else may be asked of it.
-
-        Its values are of the model that was fitted, NaN where base parameters leave them open.
-        """
+        """What was estimated; values of the model fitted, NaN where base parameters do not tell."""
         layout, point = self.layout, self.solution.point
         if layout.base:
             values = physical_start(layout.model, point.unknowns[: layout.parameters])
@@ -147,14 +144,11 @@ class Step:
 
     @property
     def best(self) -> Fit:
-        """The best so far, with its deviations."""
         return self.fit if self.refine is None else answered(self.refine(self.fit), ask=False)
 
 
 @frozen
 class Fitting:
-    """How the minimum is looked for, and in what model."""
-
     model: Model
     knowledge: Knowledge[float]
     nuisances: Nuisances
@@ -198,10 +192,7 @@ class Fitting:
     def approached(
         self, records: Sequence[Observation], bound: Sequence[Observation]
     ) -> Rough | None:
-        """Follow the homotopy once with few shapes on few lines; None where it leads nowhere.
-
-        The last steps take the shapes that all lines have at the minimum.
-        """
+        """Follow the homotopy once with few shapes on few lines; None where it leads nowhere."""
         watch("finding a rotor of fewer shapes")
 
         def posed(chosen: Sequence[Observation], few: int) -> Problem:
@@ -222,7 +213,6 @@ class Fitting:
     def located(
         self, records: Sequence[Observation], rough: Rough | None = None
     ) -> Generator[Step, None, Fit]:
-        """Look for the minimum, from that of a simpler problem where there is one."""
         if self.covariance == "correlated":
             records = _correlated(records, self.neighbours)
         for step in _globally(self.prepared(records), records, rough):
@@ -313,10 +303,7 @@ def _refuse_silence(records: Sequence[Observation]) -> None:
 def _globally(
     prepared: Problem, records: Sequence[Observation], rough: Rough | None
 ) -> Iterator[Step]:
-    """Look for the minimum from the start, and from others where there is reason.
-
-    And for mistakes that are plain before thousands of lines are searched.
-    """
+    """Look for plain mistakes, then for the minimum, from the start and with reason from others."""
 
     def step(found: Solution, *said: Any, plain: Plain | None = None) -> Step:
         return Step(Fit(found, found.inference, tuple(records), plain=plain), *said)
@@ -418,10 +405,7 @@ def _resembles(at: Evaluation, scatter: Complexes) -> bool:
 def starting_values(
     model: Model, records: Sequence[Observation], knowledge: Knowledge[float], base: bool
 ) -> dict[str, float]:
-    """Return starting values by name: from batch where it applies, else the nominal ones.
-
-    What only loads hold, the unbalance, is left to start from zero.
-    """
+    """Return starts by name, of batch or nominal; what loads alone hold is left out, to be zero."""
     nominal = model.nominal
     if base:
         model = model.substitute(knowledge.held(model))
@@ -445,7 +429,6 @@ def starting_values(
 
 
 def _batch(model: Model, records: Sequence[Observation]) -> Floats | None:
-    """Return the base parameters by batch, or None where it does not apply."""
     if any(channel.drive is not None for record in records for channel in record.channels):
         return None
     try:

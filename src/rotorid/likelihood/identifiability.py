@@ -61,7 +61,6 @@ class Combination:
 
 
 def open_combinations(fit: Fit) -> list[Combination]:
-    """Return the directions that the records leave open, few members each."""
     linear, layout = fit.inference.linear, fit.layout
     if not linear.null.shape[1]:
         return []
@@ -205,10 +204,7 @@ def _left_open(fit: Fit, record: Observation, number: int) -> int:
 
 
 def find_cures(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
-    """Return what would determine the open combinations, best first.
-
-    Tried are: fixing members, a record at another speed, and a sensor of each coordinate.
-    """
+    """Return what would determine the open combinations, best first."""
     if not combinations:
         return []
     count = len(combinations)
@@ -232,7 +228,6 @@ def _rest(left: int, count: int) -> str:
 
 
 def _fixing(combinations: Sequence[Combination]) -> str:
-    """Say which members to fix: any one of each combination, its first members at best."""
     first = combinations[0].names
     if len(combinations) == 1:
         return f"fix {'one of ' if len(first) > 1 else ''}{', '.join(first)}"
@@ -241,7 +236,6 @@ def _fixing(combinations: Sequence[Combination]) -> str:
 
 
 def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> Iterator[str]:
-    """Say which natural frequencies are missing, where they are all that was measured."""
     modes = fit.problem.known.modes
     if fit.records or not len(modes):
         return
@@ -321,7 +315,6 @@ def _other_speeds(fit: Fit) -> Iterator[tuple[int, str]]:
 
 
 def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
-    """Say that the line of the rotation is not among those of a record, where all turns with it."""
     lines, clock = record.lines, record.lines.clock
     hertz = abs(float(lines.speed[0])) / (2 * np.pi)
     if not isinstance(clock, SampledClock) or lines.transient is not None or not hertz:

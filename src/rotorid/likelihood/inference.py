@@ -67,8 +67,6 @@ def effective_dof(at: Evaluation) -> Floats:
 
 @frozen
 class RecordCost:
-    """What noise leaves of the cost of a record."""
-
     means: Floats  # (line,): expected cost of each line
     variance: float
     unused: Floats  # (line,): t
@@ -90,7 +88,6 @@ class Inference:
 
     @property
     def explained(self) -> bool:
-        """Whether noise alone explains the cost."""
         return self.p_value >= SUSPICIOUS
 
     @property
@@ -99,10 +96,7 @@ class Inference:
 
 
 def _widening(point: Point, shares: Floats, left: list[Floats]) -> Floats:
-    """Return by how much few periods widen each deviation, shape (free,).
-
-    `shares` of each row in what tells an unknown, shape (free, row); `left` is t.
-    """
+    """Return by how much few periods widen deviations, (free,); `shares` (free, row); `left`: t."""
     unsure = np.zeros(len(shares))
     for at, rows, t in zip(point.records, point.by_line(shares.T), left, strict=True):
         if at.problem.noise.shared > 1:  # one size for all lines
@@ -166,8 +160,6 @@ LEAST = 12
 
 @frozen
 class SharedNoise:
-    """What shared noise makes of the deviations."""
-
     covariance: Floats  # (free, free)
     factor: float  # by which it widens the deviation that it widens most
     names: tuple[str, ...]  # the sensors that share it

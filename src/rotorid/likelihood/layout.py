@@ -19,8 +19,6 @@ from rotorid.models.model import fact
 
 @frozen
 class Layout:
-    """Names of the unknowns, and the monomials of the model in their terms."""
-
     model: Model  # with what is fixed left in (physical) or put in (base)
     unknowns: tuple[Scalar, ...]  # parameters, then those of the nuisances in order
     base: bool = False  # the parameters are the base ones
@@ -55,7 +53,6 @@ class Layout:
         return [(e, at) for record, e, at in self.wherever(kind) if record in (None, self.record)]
 
     def wherever(self, kind: type[E]) -> list[tuple[int | None, E, Integers]]:
-        """Return the effects of a kind on any record, behind the record if it is on one alone."""
         return [(record, e, at) for record, e, at in self._effects if isinstance(e, kind)]
 
     @cached_property
@@ -69,16 +66,12 @@ class Layout:
         return tuple((record, e, int(at[0])) for record, e, at in every if record is not None)
 
     def of_record(self, number: int) -> Layout:
-        """Return the layout with the parameters that a record has to itself in their places."""
         own = {effect.parameter: at for record, effect, at in self.replaced if record == number}
         return replace(self, own=own, record=number)
 
     @cached_property
     def monomial_factors(self) -> tuple[tuple[int, ...] | None, ...]:
-        """The unknowns whose product each monomial of the model is.
-
-        None where another monomial stands for it.
-        """
+        """The unknowns whose product each monomial of the model is; None: another stands for it."""
         factors, own = _factors(self.model, self.base), self.own
         return tuple(f and tuple(sorted(own.get(i, i) for i in f)) for f in factors)
 

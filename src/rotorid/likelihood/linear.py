@@ -96,7 +96,6 @@ class Linearized:
 
     @property
     def determined(self) -> Linearized:
-        """The same without the directions that are open."""
         n = self.rank
         parts = self.left[:, :n], self.values[:n], self.directions[:, :n]
         return Linearized(self.residual, self.scale, *parts, n)
@@ -113,7 +112,6 @@ class Linearized:
 
     @property
     def undetermined(self) -> Booleans:
-        """Which unknowns are not determined, (free,)."""
         return np.asarray((np.abs(self.null) > OPEN).any(axis=1))
 
     def left_open(self, slopes: Floats) -> Booleans:

@@ -43,7 +43,6 @@ class Pencil:
 
     @cached_property
     def weight(self) -> Floats | Complexes:
-        """Of each term, (term,)."""
         found: Floats | Complexes = self.terms.sizes(self.speed) * self.terms.lag
         return found
 
@@ -88,8 +87,6 @@ class Pencil:
 
 @frozen
 class Solved:
-    """The machine of one configuration at one point: M, D + Omega G, its modes, which are one."""
-
     mass: Floats | Complexes
     damping: Floats | Complexes
     modes: Eigenmodes
@@ -98,8 +95,6 @@ class Solved:
 
 @frozen
 class MeasuredRow:
-    """A measured mode at a point: lambda of the model, and what finds its derivative."""
-
     mode: Mode
     value: complex
     slope: Callable[[], Complexes]  # by every unknown
@@ -130,8 +125,6 @@ class MeasuredRow:
 
 @frozen
 class Configuration:
-    """The modes that were measured in one configuration of the machine."""
-
     modes: tuple[Mode, ...]  # numbered
     pencil: Pencil
     # how many modes each distinct natural frequency has, in ascending order, in general
@@ -192,7 +185,6 @@ class ModalRows:
         return len(self.texts)
 
     def of_mode(self, name: str, *, others: bool = False) -> ModalRows:
-        """Return the rows of one mode, or those of all others."""
         chosen = (
             replace(each, modes=tuple(m for m in each.modes if (str(m) == name) != others))
             for each in self.configurations
@@ -317,7 +309,6 @@ def mode_fits(
 
 
 def close_modes(modes: ModalRows, unknowns: Floats) -> Iterator[Note]:
-    """Doubt measured modes near which the model has another one that was not."""
     for each in modes.configurations:
         hertz = each.eigenvalues(unknowns).imag / (2 * np.pi)
         taken = {mode.mode for mode in each.modes}

@@ -186,10 +186,7 @@ def _deviations_of(root: Floats) -> Floats:
 
 
 def _predicted_root(point: Point, weights: Sequence[Floats] = ()) -> Floats:
-    """Return a root of the covariance that the noise-free response gives, of all directions.
-
-    `weights`: of the rows of each record, 1 without them.
-    """
+    """Return a root of the covariance by the noise-free response; `weights`: of records' rows."""
     linear = noise_free(point).linear
     if weights:
         linear = linear.weighted(np.concatenate([*weights, np.ones(len(point.known))]))
@@ -257,10 +254,7 @@ def _borne_out(point: Point) -> list[Floats]:
 
 
 def _by_noise(point: Point) -> list[Floats]:
-    """Return the Jacobians that the noise of the inputs would make by itself, (input, row, free).
-
-    Information is quadratic in the inputs: that of true inputs and their noise is the sum of both.
-    """
+    """Return the Jacobians that the noise of the inputs alone would make, (input, row, free)."""
     free, affine = point.problem.layout.free, point.problem.affine
     still = point.unknowns.copy()
     still[affine] = 0.0  # what turns is no noise
@@ -301,11 +295,7 @@ def _idle_share(at: Evaluation, count: int) -> Floats:
 def questioned(
     solution: Solution, mirrors: Mirrors
 ) -> tuple[Solution, Inference, tuple[Point, ...], list[Note]]:
-    """Return the lowest minimum that is found, how far it may be off, others, and what is doubtful.
-
-    Further starts and the valley of the minimum itself may lead to a lower one, and so may the
-    other places of hidden parts, where a prior tells them.
-    """
+    """Return the lowest minimum found, how far it may be off, others, and what is doubtful."""
     at = _Minimum(solution)
     others = [mirrors.as_started(end) for end in at.minima()]
     others += [image for image, _ in mirrors.images(solution)]
@@ -457,10 +447,7 @@ class _Minimum:
         return taken
 
     def about(self, count: int) -> list[Floats]:
-        """Return the start and others about it, with what is linear (unbalance) as it was found.
-
-        A start that is far off is no plausible machine; those about the answer serve then.
-        """
+        """Return the start, or an answer far from it, and others about it, with loads as found."""
         start, unknowns = self.problem.layout.start, self.solution.point.unknowns
         affine, rigid = self.problem.affine, self.problem.rigid
         a, b = np.abs(start[rigid]), np.abs(unknowns[rigid])
@@ -479,7 +466,6 @@ def doubt_notes(
     noise: tuple[str, ...] = (),
     bent: tuple[str, ...] = (),
 ) -> Iterator[Note]:
-    """Say what is doubtful, and what would cure it."""
     if noise:
         text = (
             f"{', '.join(noise)}: their stated deviations are noise taken "
@@ -504,7 +490,6 @@ def doubt_notes(
 
 
 def _cure(problem: Problem, doubtful: Container[str]) -> str:
-    """Say which other excitation would inform the doubtful unknowns, tried on the start."""
     if not problem.likelihoods:
         return (
             "natural frequencies of another configuration, with other parameters that are known "

@@ -148,7 +148,6 @@ def _check(layout: Layout, knowledge: Knowledge[float]) -> None:
 
 
 def _refuse_physical(layout: Layout, knowledge: Knowledge[float]) -> None:
-    """Refuse what is known of physical parameters and base parameters cannot use."""
     asked = "where base parameters are asked for"
     if layout.replaced:
         raise InputError(
@@ -165,7 +164,6 @@ def _refuse_physical(layout: Layout, knowledge: Knowledge[float]) -> None:
 
 
 def _known(layout: Layout, knowledge: Knowledge[float]) -> Iterator[Relation]:
-    """Yield what is known beforehand but for bounds: exactly, or with a deviation."""
     for i, unknown in enumerate(layout.unknowns):
         if unknown.std:
             yield Relation({(i,): 1.0, (): -unknown.prior}, unknown.name, unknown.std)

@@ -50,12 +50,10 @@ class Known:
         return self.relations.texts + self.modes.texts
 
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        """Return the residuals, of deviation one, shape (row,)."""
         modes = self.modes.values(unknowns, relaxation)
         return np.concatenate([self.relations.values(unknowns), modes])
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        """Return their derivative, shape (row, unknown)."""
         modes = self.modes.jacobian(unknowns, relaxation)
         return np.concatenate([self.relations.jacobian(unknowns), modes])
 
@@ -145,7 +143,6 @@ class Problem:
 
     @cached_property
     def rigid(self) -> Integers:
-        """The free unknowns but for the affine ones."""
         return np.setdiff1d(self.layout.free, self.affine)
 
     @property
@@ -213,7 +210,6 @@ class Point:
         ]
 
     def of_known(self, rows: Floats) -> Floats:
-        """Return the rows of (row, ...) that are of what is known."""
         return rows[len(rows) - len(self.known) :]
 
 

@@ -74,8 +74,6 @@ Polynomial = Mapping[tuple[int, ...], float]
 
 @frozen
 class Limit:
-    """A bound as it was stated."""
-
     expression: str
     way: float  # 1 of a lower bound, -1 of an upper one
     value: float  # SI

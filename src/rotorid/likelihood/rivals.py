@@ -109,8 +109,6 @@ class Finding:
 
 @frozen
 class Tried:
-    """What is suspected after a rival was tried, and how many of its stage were."""
-
     done: int = 0
     of: int = 0
     notes: tuple[Note, ...] = ()
@@ -124,8 +122,6 @@ quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 @frozen
 class RivalSearch:
-    """Rank what may be wrong, what explains most first, and say what to do about it."""
-
     case: Case
     known: frozenset[str] = frozenset()  # terms of mistakes that are known to explain nothing
     besides: str = ""  # said behind everything else
@@ -181,12 +177,10 @@ class RivalSearch:
     def explained(
         self, among: Callable[[Finding], bool] = lambda _: True, rest: Sequence[Finding] = ()
     ) -> bool:
-        """Tell whether some of what was found, or of what is left, explains the data."""
         return any(self.explains(f) for f in (*self.found, *rest) if among(f))
 
     @quiet
     def scored(self, small: Sequence[Rival]) -> list[Finding]:
-        """Return small changes by the score test, the largest drop of the cost first."""
         found = []
         for slopes, among in Slopes.turns(self.case, small):
             for rival in among:
@@ -205,7 +199,6 @@ class RivalSearch:
 
     @quiet
     def follow(self, rival: Rival) -> None:
-        """Minimize with a rival, and with what says the same more exactly."""
         waiting = [rival]
         while waiting:
             rival = waiting.pop(0)
@@ -252,7 +245,6 @@ class RivalSearch:
         yield from self.one_by_one([rival for _, rival in likeliest])
 
     def likeliest(self, stage: str) -> Tries:
-        """Follow the best of a stage after screening."""
         entered, costs = self.entered(stage), list[float]()
         for rival in entered:
             costs.append(self.screen(rival))
@@ -338,7 +330,6 @@ def alike(found: Sequence[Finding], expected: float) -> list[Finding]:
 
 
 def _which_end(case: Case, found: Sequence[Finding]) -> str:
-    """Say that either end of the shaft may carry what the first finding is, where that is so."""
     if case.records or not isinstance(case.model, RotorModel):
         return ""
     last = len(case.model.coordinates) - PLANES
@@ -358,7 +349,6 @@ def _entries(rival: Rival) -> set[Entry]:
 
 
 def sentence(case: Case, found: Sequence[Finding]) -> str:
-    """Say which rival is best, and what to do about it."""
     if not found or found[0].share < EXPLAINS:
         best = f"; the best, {found[0].rival.term}, {100 * found[0].share:.2g} %" if found else ""
         return (
@@ -385,7 +375,6 @@ def sentence(case: Case, found: Sequence[Finding]) -> str:
 
 
 def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
-    """Look for what is wrong: with what the search came upon, then on as many lines as it needs."""
     shown = _shown(case, plain)
     if shown.notes:
         yield shown
@@ -437,7 +426,6 @@ def _explaining(case: Case, rivals: Sequence[Rival], way: Way = "near") -> list[
 
 
 def _by_lines(few: Case, every: Case) -> str:
-    """Say how many lines of records were looked at."""
     some, whole = (sum(len(r.lines.frequency) for r in c.records) for c in (few, every))
     return "" if some == whole else f" (by {some} of the {whole} lines)"
 

@@ -1,8 +1,6 @@
 """Rival hypotheses on channels: sign, swap, unit, factors, force laws, what a sensor reads.
 
-A swapped column, a sign, a unit: none of these is a small change, so that no derivative at the
-estimate shows it. The lines are changed as if the mistake had not been made, and the likelihood is
-minimized again. What a sensor reads may hold parameters: it is upside down all the same.
+Lines are changed as if the mistake had not been made, and the likelihood is minimized again.
 """
 
 from __future__ import annotations
@@ -99,7 +97,6 @@ def _gain(unknown: Unknown, label: str) -> Rival:
 
 @rivals("gain")
 def _gains(case: Case) -> Iterator[Rival]:
-    """Yield factors of each channel, of the inputs, and of the sensors of a unit."""
     groups = _like_groups(case)
     found = {name: [name] for group in groups for name in group}
     found |= {_label(case, group): group for group in groups if len(group) > 1}
@@ -124,7 +121,6 @@ def _typical(case: Case) -> Iterator[Rival]:
 
 @rivals("channel")
 def _effects(case: Case) -> Iterator[Rival]:
-    """Yield what else may be unknown of channels and their force laws, and runout of orders."""
     if case.records:
         exact = set.intersection(*(_exact_inputs(record) for record in case.records))
         for unknown in not_asked(case, unknowns_of(case.records)):
@@ -187,7 +183,6 @@ def _side(turn: Floats, one: Floats, other: Floats) -> float:
 
 
 def _read(case: Case) -> dict[str, Floats]:
-    """Return what each sensor reads of the coordinates at the estimate, direct ones first."""
     record, values = case.records[0], np.asarray(case.values)
     rows = {}
     for sensor in (*record.direct, *record.indirect):
@@ -198,7 +193,6 @@ def _read(case: Case) -> dict[str, Floats]:
 
 
 def _groups_with_planes(case: Case) -> Iterator[tuple[list[str], list[tuple[str, str]]]]:
-    """Yield groups of like channels, each with the pairs in it that share a place."""
     pairs = planes(case)
     for group in _like_groups(case):
         yield group, [pair for pair in pairs if {*pair} <= {*group}]
@@ -206,7 +200,6 @@ def _groups_with_planes(case: Case) -> Iterator[tuple[list[str], list[tuple[str,
 
 @rivals("single")
 def _single(case: Case) -> Iterator[Rival]:
-    """Yield two channels exchanged, and one upside down."""
     for group, pairs in _groups_with_planes(case):
         both = list(combinations(group, 2))
         if len(group) > LIKE_CHANNELS:
@@ -237,7 +230,6 @@ def _several(case: Case) -> Iterator[Rival]:
 
 @rivals("single")
 def _positions(case: Case) -> Iterator[Rival]:
-    """Yield another displacement in the force law of each input that holds a current."""
     for channel in case.records[0].inputs:
         if channel.drive is None or not channel.drive.ks:
             continue

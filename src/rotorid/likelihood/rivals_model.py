@@ -73,7 +73,6 @@ Matrices = Mapping[tuple[int, int], Floats]
 
 
 def _of_parts(structure: Structure, still: bool) -> Iterator[tuple[str, str, Matrices]]:
-    """Yield name, unit and matrices of damping and asymmetry of springs and masses."""
     springs, masses = structure.springs, structure.masses
     several = [(", ".join(n for n, _ in springs), _sum(springs))] if len(springs) > 1 else []
     for name, matrix in (*springs, *several):
@@ -148,10 +147,7 @@ def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> Itera
 
 
 def parts_between(structure: Structure, units: Sequence[str]) -> list[Unknown]:
-    """Return a mass halfway between two places of the shaft, each pair of displacements.
-
-    None of a drawing, in which the shaft between two places bends.
-    """
+    """Return a mass halfway between each two places of a shaft; none of a drawing: it bends."""
     found, unknown = list[Unknown](), structure.balance.faults.keys()
     places = [p for p in structure.pairs if units[p[0]] == "m" and not unknown & {*p}]
     for one, other in combinations(places, 2) if not structure.slopes else ():
@@ -219,7 +215,6 @@ def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) ->
 
 
 def _elastic(pieces: tuple[Piece, ...], known: Mapping[str, float], size: int) -> Matrices:
-    """Return the stiffness of some elements, and their damping."""
     matrices = {at: np.zeros((size, size)) for at in (K, K_SPEED, D)}
     for piece in pieces:
         if not piece.structural:
@@ -229,7 +224,6 @@ def _elastic(pieces: tuple[Piece, ...], known: Mapping[str, float], size: int) -
 
 
 def levers(structure: Structure, model: RotorModel) -> Iterator[Unknown]:
-    """Yield each actuator beside the place where it is drawn."""
     rows = structure.balance.rows
     for place, (name, actuator) in enumerate(model.rotor.actuators.items()):
         first = PLANES * model.rotor.node(actuator.at)
@@ -269,7 +263,6 @@ def _drawn(case: Case) -> Iterator[Rival]:
 
 @rivals("drawn far")
 def _drawn_far(case: Case) -> Iterator[Rival]:
-    """Yield the same, to be looked for from afar."""
     return (replace(rival, way="both") for rival in _drawn(case))
 
 
@@ -285,7 +278,6 @@ WRONG_SIGN = (
 
 
 def _held_bounds(case: Case) -> dict[Limit, int]:
-    """Return the bounds that are active, and where they stand among the bounds."""
     found: dict[Limit, int] = {}
     for row in bounds_held(case.point):
         limit = case.prepared.bounds.rows[row].stated
@@ -296,14 +288,12 @@ def _held_bounds(case: Case) -> dict[Limit, int]:
 
 @rivals("bound")
 def _single_bounds(case: Case) -> Iterator[Rival]:
-    """Yield that each bound that is active is too narrow."""
     for limit, row in _held_bounds(case).items():
         yield _without(case, {limit: row})
 
 
 @rivals("bounds")
 def _all_bounds(case: Case) -> Iterator[Rival]:
-    """Yield that all of several are."""
     held = _held_bounds(case)
     if len(held) > 1:
         listed = ", ".join(map(str, held))
@@ -322,7 +312,6 @@ def _without(case: Case, held: Mapping[Limit, int]) -> Rival:
         return limit.value + limit.way * float(every.bounds.values(point.unknowns)[row])
 
     def likely(point: Point) -> bool:
-        """Tell whether a point is so near to the limit that the bound is the likeliest mistake."""
         return limit.value != 0 and 1 / CLOSE < value(point) / limit.value < CLOSE
 
     def said(value: float | None) -> str:
@@ -393,7 +382,6 @@ UNITS = {"rad/s": 2 * np.pi, "cycles per minute": 60.0}
 
 @rivals("modes")
 def _wrong_unit(case: Case) -> Iterator[Rival]:
-    """Yield natural frequencies in another unit."""
     for name, factor in UNITS.items() if len(case.prepared.known.modes) else ():
         said = f"natural frequencies in {name}, not in Hz"
         cure = "write frequency and std in [[modes]] with their unit"
@@ -424,7 +412,6 @@ def _raised(mode: Mode, above: Sequence[Mode]) -> Mode:
 
 
 def _with_modes(case: Case, change: Callable[[Mode], Mode]) -> Case:
-    """Return a case with each measured mode changed."""
     known = case.prepared.known
     configurations = (
         replace(each, modes=tuple(map(change, each.modes))) for each in known.modes.configurations
@@ -439,7 +426,6 @@ QUARTER = 1e-9
 
 @rivals("trial")
 def _moved_masses(case: Case) -> Iterator[Rival]:
-    """Yield each trial mass at the angle that explains most."""
     layout = case.prepared.layout
     for record, *parts in trials(case):
         names = [layout.unknowns[i].name for i in parts]

@@ -51,7 +51,6 @@ mistakes each; the record with the mistake is among them, as the others agree.""
 
 @rivals("single")
 def _speeds(case: Case) -> Iterator[Rival]:
-    """Yield mistaken speeds, and those that the data show, of all records and of single ones."""
     shown = _speeds_of_lines(case)
     every = [np.unique(record.lines.speed) for record in case.records]
     given = {k: float(speeds[0]) for k, speeds in enumerate(every) if len(speeds) == 1}
@@ -79,7 +78,6 @@ def _speeds_of_lines(case: Case) -> dict[int, list[float]]:
 
 
 def _mistaken(given: Mapping[int, float], shown: Sequence[float], which: str) -> Iterator[Rival]:
-    """Yield what the speeds of some records may be instead, by one mistake with all of them."""
     where = f" of {which}" if which else ""
     factors = {f"the rotor{where} turning the other way": -1.0}
     for said, factor in SPEEDS.items():
@@ -135,7 +133,6 @@ def turned(record: Observation, now: float, speed: float) -> Observation:
 
 
 def shown_speed(records: Records) -> Rival | None:
-    """Return the rival that the rotation is the one that the lines of records show."""
     given = {k: float(record.lines.speed[0]) for k, record in enumerate(records)}
     right = {k: records[k].lines.shown or v if v else v for k, v in given.items()}
     others = [k for k in given if right[k] != given[k]]
@@ -162,7 +159,6 @@ BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).
 
 @rivals("angle")
 def _angles(case: Case, starts: Sequence[float] = (0.0,)) -> Iterator[Rival]:
-    """Yield that the rotor angle of a further record begins elsewhere."""
     for number, phase in later_phases(case.records, starts):
         cure = MARKED if is_table(case.records[number]) else BEGINS
         for unknown in not_asked(case, [replace(phase, cure=cure)]):
@@ -171,7 +167,6 @@ def _angles(case: Case, starts: Sequence[float] = (0.0,)) -> Iterator[Rival]:
 
 @rivals("angle far")
 def _angles_far(case: Case) -> Iterator[Rival]:
-    """Yield the same from angles all around."""
     return (replace(rival, way="both") for rival in _angles(case, BEGINNINGS))
 
 
@@ -205,7 +200,6 @@ def _of_record(case: Case, number: int) -> str:
 
 @rivals("table")
 def _all_rows(case: Case) -> Iterator[Rival]:
-    """Yield what may be mistaken in every row alike."""
     tables = [record for record in case.records if is_table(record)]
     if not tables or not case.gross:
         return
@@ -222,7 +216,6 @@ def _all_rows(case: Case) -> Iterator[Rival]:
 
 @rivals("table")
 def _responses(case: Case) -> Iterator[Rival]:
-    """Yield what may be mistaken in the frequency responses among some records."""
     responses = [record for record in case.records if is_response(record)]
     orders = {s.order for record in responses for s in record.sensors}
     if not orders or not case.gross:
@@ -335,7 +328,6 @@ def _line(case: Case) -> Iterator[Rival]:
 
 
 def source(hertz: float) -> str:
-    """Say what a line comes from, as far as its frequency tells."""
     for mains in MAINS:
         multiple = round(hertz / mains)
         if multiple and abs(hertz / mains - multiple) < ON * multiple:
@@ -369,7 +361,6 @@ MOST = 6
 
 @rivals("trial")
 def _exchanges(case: Case) -> Iterator[Rival]:
-    """Yield that the files of two records are exchanged, where what is stated of them differs."""
     own = [u for u in case.prepared.layout.nuisances if of_kind(Replaces, u.effects)]
     stated = {unknown.record for unknown in own if unknown.scalars[0].std is not None}
     kinds = [(record.lines.names, record.lines.passive) for record in case.records]

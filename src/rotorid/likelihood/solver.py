@@ -5,9 +5,8 @@ Errors granted to every equation of motion smooth local minima away, fewer from 
 
 Where the records inform some combination of the unknowns only weakly, the minimum lies at the end
 of a narrow, bent valley. Straight steps along it leave its floor, and ever shorter ones hardly
-get on: hundreds of iterations, or none that ends. So a step that does not lower the cost is given
-a few Gauss-Newton steps square to itself, which lead back to the floor, before it is judged. They
-converge fast, since the one weak direction is out of them; steps a thousand times as long succeed.
+get on. So a step that does not lower the cost is given a few Gauss-Newton steps square to itself,
+which lead back to the floor, before it is judged: steps a thousand times as long succeed.
 
 Exact relations are eliminated: steps are taken in the null space of their derivative, and Newton
 steps lead back to them. Bounds wait until the end, since the way to the minimum may well lead
@@ -137,7 +136,6 @@ class _Walk:
     def ended(
         self, problem: Problem, relaxation: float, brief: bool, near: bool
     ) -> tuple[Point, bool] | None:
-        """Go through the last stage; return its end and whether it converged there."""
         self._hurry(brief)
         converged = None if near else self._astray(problem, relaxation)
         self.problem = problem
@@ -199,7 +197,6 @@ def evaluated(problem: Problem, unknowns: Floats, relaxation: float = 0.0) -> Po
 
 
 def _kept(problem: Problem, unknowns: Floats, scale: Floats, bounded: bool) -> Floats | None:
-    """Return the nearest point that keeps the exact relations and, if `bounded`, the bounds."""
     if bounded:
         return inside(problem, unknowns, scale)
     if len(problem.exact):
@@ -223,11 +220,9 @@ def solve(
 ) -> Solution:
     """Minimize the cost from a start, within the bounds; `bounded`: also on the way.
 
-    With `brief`, a way that is hopeless after a few steps is left there.
-
-    The start itself is a candidate: where it costs less than what the homotopy led to, the
-    minimum nearest to it is looked for too, and the lower one taken. A `LinAlgError` says that no
-    point on the way has a finite cost, or that no point near keeps the bounds.
+    With `brief` a way that is hopeless after a few steps is left there. Where the start itself
+    costs less than what the homotopy led to, the minimum nearest to it is looked for too. A
+    `LinAlgError` says that no point on the way has a finite cost, or that none near is in bounds.
     """
     with np.errstate(all="ignore"):  # what overflows on the way is refused there
         ends = _ends(problem, start, stages, bounded, brief=brief)
@@ -303,7 +298,6 @@ def _descended(
 
 
 def few_steps(problem: Problem, start: Floats, stages: Sequence[float], steps: int) -> Point:
-    """Return where a few steps at each stage lead, bounds left aside."""
     walk = _Walk(problem, start, bounded=False)
     return [walk.descend(relaxation, limit=steps)[0] for relaxation in stages][-1]
 
@@ -357,10 +351,7 @@ def _idle(
 
 
 def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: bool = False) -> bool:
-    """Tell whether a way from another start joins a known one by the end of its first stage.
-
-    See `elsewhere` for the reason.
-    """
+    """Tell whether a way joins a known one in its first stage; see `elsewhere` for the reason."""
     if not known or any(len(outside(problem.bounds, point)) for point in known):
         return False
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):

@@ -4,11 +4,10 @@ On each line the whole rotor's other coordinates follow exactly from those that 
 forces on the kept coordinates then differ by, whitened, is a change of the residual, and moves the
 estimate like any other: to first order by ``-C J^T dr``.
 
-The homotopy from the given start finds the minimum of nearly every record that informs all
-unknowns, and its cost says so. Where it does not, further ways are taken. A cost that noise does
-not explain is believed, and put down to the model or to the data, once two different starts have
-led to it; where a mass has vanished on the way, only once all ways have been tried; and where
-unknowns are open that the start would tell, never (docs/maximum-likelihood.md, section 1).
+Further ways are taken where the homotopy from the given start ends at a cost that noise does not
+explain. It is believed once two different starts have led to it; where a mass has vanished on the
+way, only once all ways have been tried; and where unknowns are open that the start would tell,
+never (docs/maximum-likelihood.md, section 1).
 """
 
 from __future__ import annotations
@@ -124,10 +123,7 @@ def moved(record: Observation, model: Model) -> Observation:
 
 
 def shift_by_reduction(point: Point, covariance: Floats, records: Sequence[Observation]) -> float:
-    """Return the deviations by which the whole rotor would move the parameter that it moves most.
-
-    `covariance` is that of the free unknowns.
-    """
+    """Return the deviations by which the whole rotor would move the parameter it moves most."""
     pairs = zip(point.records, records, strict=True)
     parts = [_change(at, record, point, number) for number, (at, record) in enumerate(pairs)]
     known = np.zeros(len(point.known))
@@ -217,10 +213,7 @@ def _ways(problem: Problem, start: Floats) -> Iterator[_Way]:
 
 
 def search(problem: Problem, start: Floats) -> Iterator[Solution]:
-    """Yield the lowest minimum so far after each way; the last is the answer.
-
-    Nothing where no way leads anywhere.
-    """
+    """Yield the lowest minimum so far after each way, last the answer; nothing if none leads on."""
     best: Solution | None = None
     first: Solution | None = None
     # where ways ended, by the numbers of their starts, and the costs
@@ -262,7 +255,6 @@ def search(problem: Problem, start: Floats) -> Iterator[Solution]:
 
 
 def searched(problem: Problem, start: Floats) -> Solution | None:
-    """Return the lowest minimum of all ways; None where none leads anywhere."""
     ends = deque(search(problem, start), maxlen=1)
     return ends.pop() if ends else None
 
@@ -299,7 +291,6 @@ def _opened(problem: Problem, start: Floats, inference: Inference) -> bool:
 
 
 def vanished(problem: Problem, start: Floats, solution: Solution) -> bool:
-    """Tell whether an unknown has come to nothing without a bound that holds it there."""
     free = problem.layout.free
     small = np.abs(solution.point.unknowns[free]) < VANISHED * np.abs(start[free])
     return bool(small.any()) and not solution.active
@@ -315,7 +306,6 @@ def _known(problem: Problem, way: _Way, first: Solution) -> bool:
 
 
 def _agreed(ends: Sequence[tuple[int, float]], best: Solution) -> bool:
-    """Tell whether different starts led to the lowest cost, to rounding."""
     lowest, expected = best.point.cost, best.inference.expectation.mean
     most = lowest * (1 + max(AGREE, ALIKE / max(expected, 1.0))) + 1e-3
     return len({number for number, cost in ends if cost <= most}) > 1

@@ -86,7 +86,6 @@ def _values(fit: Fit) -> list[Value]:
 def nothing_found(
     model: Model, records: Sequence[Observation], fixed: Mapping[str, float], message: str
 ) -> Estimate:
-    """Return the result of an iteration that ended nowhere: no values, and why."""
     told = remarks("record", (w for r in records for w in r.lines.warnings))
     notes = (*told, Note("search", "unfinished", message))
     known = {name: (value, 0.0, 0.0, True) for name, value in fixed.items()}
@@ -98,7 +97,6 @@ def nothing_found(
 
 
 def trials_of(fit: Fit) -> Iterator[Tried]:
-    """Look for what is wrong where the data reject the model; where they do not, nothing is."""
     if fit.inference.p_value < REJECTED:
         yield from suspected(fit.case, fit.plain)
 
@@ -172,7 +170,6 @@ def _notes(fit: Fit) -> Iterator[Note]:
 
 
 def _mixed(fit: Fit) -> Iterator[Note]:
-    """Say of which records the covariance was mixed with its diagonal."""
     for number, at in enumerate(fit.solution.point.records):
         noise = at.problem.noise
         told = fit.records[number].lines.covariance.kind != "coherence"

@@ -75,14 +75,11 @@ class Symmetry:
 
     @property
     def turned(self) -> list[int]:
-        """The unknowns whose signs turn."""
         return np.flatnonzero(self.factors < 0).tolist()
 
 
 @frozen
 class Mirrors:
-    """Which other answers the symmetries of a machine make of one."""
-
     layout: Layout
     turns: tuple[Symmetry, ...] = ()
     exchanges: tuple[Symmetry, ...] = ()
@@ -137,7 +134,6 @@ class Mirrors:
         return [(self.as_started(x) if each.pairs else x, each) for x, each in images if x]
 
     def notes(self, solution: Solution, inference: Inference) -> Iterator[Note]:
-        """Say of which parameters no record tells the sign."""
         free, x = self.layout.free, solution.point.unknowns
         std = np.zeros(len(x))
         std[free] = inference.std
@@ -195,10 +191,7 @@ class Mirrors:
 def _links(
     layout: Layout, records: Sequence[Observation], unknowns: Floats, most: float
 ) -> tuple[list[Place], list[Link]]:
-    """Return the nodes and the terms of all records, those of records that are alike once.
-
-    `most`: of the first records only that have no more terms.
-    """
+    """Return nodes and terms of records that differ, the first that have no more than `most`."""
     nodes: dict[Place, int] = {("unknown", i): i for i in range(len(layout.unknowns))}
     gone = {i for i, u in enumerate(layout.unknowns) if u.fixed and not unknowns[i]}
     links: list[Link] = []
@@ -218,10 +211,7 @@ def _links(
 
 
 def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
-    """Return the coefficient of each kind, row, column and product of unknowns.
-
-    `record`: None of a machine of which natural frequencies alone are known.
-    """
+    """Return the coefficient of each kind, row, column and product; no `record`: of modes alone."""
     n, rows = len(layout.model.coordinates), len(layout.model.texts)
     found: dict[Entry, float] = {}
 
@@ -264,7 +254,6 @@ def _web(
     unknowns: Floats,
     most: float = np.inf,
 ) -> Web:
-    """Return the terms of records with which nodes may turn their signs, and change places."""
     names, links = _links(layout, records, unknowns, most)
     used = {f for link in links for f in link.factors}
     movable = {i for i in used if i < layout.named} - layout.idle
@@ -335,7 +324,6 @@ def _coordinates(model: Model, web: Web, nodes: Sequence[int]) -> tuple[str, ...
 def _exchanges(
     model: Model, web: Web, free: Sequence[int], fixed: Mapping[int, float]
 ) -> tuple[Symmetry, ...]:
-    """Return the ways in which free parameters may change places; `fixed`: values of others."""
     names = web.names
     count, found = sum(what == "unknown" for what, _ in names), list[Symmetry]()
     used = {factor for link in web.links for factor in link.factors}
@@ -364,7 +352,6 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def exchanged(layout: Layout, exchange: Symmetry, values: Floats) -> str:
-    """Say which parts may change places, and what would tell them apart."""
     pairs = [(i, j) for i, j in exchange.pairs if not layout.unknowns[i].fixed]
     names = [[layout.unknowns[k].name for k in side] for side in zip(*pairs, strict=True)]
 
@@ -519,7 +506,6 @@ class _Search:
             colours = split
 
     def matched(self, colours: list[int]) -> list[int] | None:
-        """Return where each node of one copy is in the other, if there is a way."""
         if self.effort <= 0 or (split := self.refined(colours)) is None:
             return None
         one, other = split[: self.count], split[self.count :]

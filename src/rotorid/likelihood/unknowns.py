@@ -33,8 +33,6 @@ from rotorid.models.knowledge import own_in_si
 
 @frozen
 class Scalar:
-    """One scalar that the likelihood depends on."""
-
     name: str
     unit: str
     start: float  # SI
@@ -114,7 +112,6 @@ class Nuisances:
 
 
 def _amplitude(values: Floats) -> float:
-    """Return the value of a scalar, or the amplitude of a vector."""
     if len(values) == 1:
         return float(values[0])
     return float(np.linalg.norm(values) / np.sqrt(max(1.0, len(values) / 2)))
@@ -122,8 +119,6 @@ def _amplitude(values: Floats) -> float:
 
 @frozen
 class Unknown:
-    """Scalars of the measurement, and what they do to the records of one machine."""
-
     scalars: tuple[Scalar, ...]
     on: frozenset[str]  # names of the channels or parameters that it acts on
     effects: tuple[Effect, ...]
@@ -153,7 +148,6 @@ class Unknown:
         return self.scalars[0].unit
 
     def said(self, size: float | None) -> str:
-        """Say what it would be at a size."""
         remark = "" if size is None else self.remark(size)
         return f"{self.phrase or self.term}{amount(size, self.unit)}{remark}"
 
@@ -203,7 +197,6 @@ SNAP = 0.03
 
 
 def factor_name(gain: float) -> str:
-    """Say which unit was mistaken where a gain is that of one, and whether it is upside down."""
     name, _ = _nearest(abs(gain)) or ("", 1.0)
     told = [name] if name else []
     if gain < 0:
@@ -645,7 +638,6 @@ def own_values(
 
 
 def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:
-    """Return values of parameters in one record, in place of what the others share."""
     if wanted is None or not records:
         return []
     given, found = [own_in_si(record) for record in records], []

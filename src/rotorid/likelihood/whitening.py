@@ -213,7 +213,6 @@ class Projection:
 
 
 def by_qr(stiffness: Complexes, hidden: Floats) -> Projection:
-    """Factor P H of all lines at once."""
     basis, triangle = np.linalg.qr(stiffness @ hidden, mode="complete")
     adjoint, count = basis.conj().transpose(0, 2, 1), hidden.shape[1]
 

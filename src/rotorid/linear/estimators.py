@@ -61,7 +61,6 @@ def filtered_records(records: Sequence[Observation]) -> bool:
 
 
 def refuse_filtered(records: Sequence[Observation], method: str) -> None:
-    """Refuse filtered records for a method that needs lines."""
     for record in records:
         if record.filtered is not None:
             raise InputError(
@@ -201,7 +200,6 @@ def _doubted(names: Sequence[str], scatter: Scatter) -> Iterator[Note]:
 
 
 def _said(regressions: Sequence[SampledRegression], scatter: Scatter) -> tuple[Note, ...]:
-    """Say what was filtered, and where the deviations come from."""
     seconds = sum(r.record.duration for r in regressions)
     told = (
         f"deviations from {scatter.blocks} blocks of {seconds / scatter.blocks:.3g} s, each left "
@@ -373,10 +371,7 @@ class Sequential(LinearEstimator):
 
 
 def plan_stages(problem: Problem) -> list[Stage]:
-    """Derive the stages from which row holds which unknown.
-
-    A stage whose rows cannot tell its unknowns apart takes in further rows that hold them.
-    """
+    """Derive the stages from which row holds which unknown."""
     structure = problem.structure
     holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
     known: Booleans = np.zeros(holds.shape[1], dtype=bool)

@@ -105,7 +105,6 @@ class Posed:
         return [int(i) for i in np.flatnonzero(~reached)]
 
     def reached(self, solution: LeastSquaresSolution) -> Floats:
-        """Return the values of a solution, NaN where no chain of equations reaches them."""
         values = solution.values.copy()
         values[self.unreached] = np.nan
         return values
@@ -122,14 +121,12 @@ class Posed:
         return design, equations.target - equations.design @ self.elimination.origin
 
     def blocks(self, variance: Callable[[Any], Floats]) -> list[Block]:
-        """Return the equations of all records, weighted by a variance of each."""
         return [
             Block(*self.free_equations(r), variance(r), r.observation.periodic)
             for r in self.regressions
         ]
 
     def _told(self, undetermined: Floats) -> list[Note]:
-        """Say what is wrong with the units, and what the equations leave open, with a cure."""
         names = self.names
         told = [Note("units", "doubts", fault) for fault in self.full.unit_faults]
         for i in self.unreached:
@@ -203,8 +200,6 @@ class Posed:
 
 @frozen
 class Fitted:
-    """The lines of one record at a solution."""
-
     regression: Regression
     design: Complexes  # (line, row, free)
     gains: Complexes  # (free, line, row): how the values answer to the targets
@@ -212,7 +207,6 @@ class Fitted:
 
     @property
     def weight(self) -> Floats:
-        """The multiplicity of each line."""
         return self.regression.record.multiplicity
 
     @cached_property
@@ -376,7 +370,6 @@ class LeastSquaresProblem(Posed):
         return force_variance(regression)
 
     def summarize(self, method: str, solved: Solver) -> Estimate:
-        """Return the estimate that a way of solving gives, with the sandwich for its covariance."""
         solution, measured = solved(self), [r.record for r in self.regressions]
         values, fewest = self.reached(solution), min(r.periods for r in measured)
         base = np.nan_to_num(self.base(values))
@@ -410,10 +403,7 @@ class LeastSquaresProblem(Posed):
 
 
 def force_variance(regression: Regression) -> Floats:
-    """Return the variance of each row's force at each sample, shape (sample, row).
-
-    The inputs count as uncorrelated, as in the paper's (9).
-    """
+    """Return the variance of a row's force, (sample, row); inputs uncorrelated, the paper's (9)."""
     record, model = regression.record, regression.model
     channels = list(regression.observation.input_columns)
     power = (record.mean[:, channels] ** 2).mean(axis=0)

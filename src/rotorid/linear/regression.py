@@ -81,10 +81,7 @@ class Predicted:
 
 
 def relative_errors(records: Sequence[Predicted]) -> dict[str, Prediction | None]:
-    """Return |predicted - measured| / |measured| of each channel, all records together.
-
-    ``None`` for a channel that is zero.
-    """
+    """Return |predicted - measured| / |measured| of each channel; None for one that is zero."""
     sums: dict[str, Floats] = {}
     for record in records:
         for name, *powers in zip(record.names, record.wrong, record.size, strict=True):
@@ -103,8 +100,6 @@ def lay_to_inputs(left: NDArray[Any], matrix: NDArray[Any]) -> Complexes:
 
 @frozen
 class Equations(ABC):
-    """The equations of motion of one record, on its lines or at the samples that are used."""
-
     observation: Observation
 
     @property
@@ -113,10 +108,7 @@ class Equations(ABC):
 
     @cached_property
     def sensed(self) -> tuple[list[int], Floats]:
-        """The columns of the sensors, and what makes coordinates of them, (sensor, coordinate).
-
-        Refuses an observation from which the coordinates do not follow.
-        """
+        """The columns of the sensors, and what makes coordinates of them, (sensor, coordinate)."""
         seen = self.observation
         if seen.hidden or seen.indirect:
             derived = [s.channel.name for s in seen.indirect]
@@ -130,7 +122,6 @@ class Equations(ABC):
         return [sensor.column for sensor in seen.direct], np.asarray(np.linalg.pinv(seen.reads).T)
 
     def check_forces(self) -> None:
-        """Refuse an input whose channel holds a current."""
         for channel in self.observation.inputs:
             if channel.drive is not None:
                 found = f"a current in the channel of {channel.name}"
@@ -203,10 +194,7 @@ class Regression(Equations):
 
     @cached_property
     def coordinates(self) -> Complexes:
-        """Lines of the coordinates, shape (period, line, coordinate).
-
-        Sensors of several coordinates are solved for them.
-        """
+        """Lines of the coordinates, (period, line, coordinate), solved for from the sensors'."""
         columns, follow = self.sensed
         return np.asarray(self._lines(columns) @ follow)
 
@@ -268,7 +256,6 @@ class Regression(Equations):
 
     @property
     def forces(self) -> Complexes:
-        """Lines of B u in the mean period, shape (line, row)."""
         return np.asarray(self.period_forces.mean(axis=0))
 
     def period_residual(self, base: Floats) -> Complexes:
@@ -334,7 +321,6 @@ class SampledRegression(Equations):
         )
 
     def counting(self, rows: Any) -> Any:
-        """Return rows with zeros where an equation holds the sign of noise."""
         told = self.told[self.kept]
         return rows * told.reshape(told.shape + (1,) * (rows.ndim - 2))
 
@@ -348,7 +334,6 @@ class SampledRegression(Equations):
 
     @property
     def forces(self) -> Floats:
-        """Filtered B u, shape (sample, row)."""
         return np.asarray(self.inputs @ self.model.input_matrix.T)
 
     @cached_property
@@ -365,7 +350,6 @@ class SampledRegression(Equations):
 
     @property
     def left_out(self) -> str:
-        """What was left out at rest, in words; empty where nothing was."""
         count = int((~self.told).any(axis=1).sum())
         if not count:
             return ""
@@ -377,7 +361,6 @@ class SampledRegression(Equations):
         )
 
     def lowered(self, share: float) -> SampledRegression:
-        """Return the same samples, low-passed at a share of the cut-offs."""
         lower = self.record.lowered(share)
         return SampledRegression(replace(self.observation, filtered=lower))
 

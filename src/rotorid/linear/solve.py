@@ -146,8 +146,6 @@ MEMORY = 1.0
 
 @frozen
 class Scatter:
-    """What blocks of the record say of the answer."""
-
     covariance: Floats  # (free, free)
     shifts: Floats  # (block, free): what each block adds to the answer, in the order of the record
     memory: bool  # whether neighbouring blocks still depend on one another

@@ -32,7 +32,6 @@ def in_si(values: Mapping[str, float | str], model: Model) -> dict[str, float]:
 
 
 def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
-    """Return the parameters that a record has to itself, value and deviation in SI."""
     units = record.model.parameter_units
     found = {}
     for name, known in record.own.items():
@@ -98,7 +97,6 @@ def constraints_in_si(constraints: Sequence[Constraint], model: Model) -> tuple[
 
 
 def bounds_in_si(bounds: Bounds, model: Model) -> dict[str, tuple[float | None, float | None]]:
-    """Return bounds in SI: numbers as they are, texts with the unit of the expression."""
     return {text: _numbers(text, ends, model, "bounds of") for text, ends in bounds.items()}
 
 
@@ -165,7 +163,6 @@ class Elimination:
 def eliminate(
     model: Model, constraints: Sequence[Constraint], fixed: Mapping[str, float] | None = None
 ) -> Elimination:
-    """Eliminate exact constraints that are linear in the base parameters."""
     size = len(model.base.names)
     if not constraints:
         return Elimination(np.zeros(size), np.eye(size), tuple(range(size)))
@@ -347,8 +344,6 @@ def _counted(group: Sequence[Mode]) -> list[Mode]:
 
 @frozen
 class Knowledge(Generic[Amount]):
-    """What is known before the records are looked at."""
-
     fixed: Mapping[str, Amount] = field(default_factory=dict)  # exactly, nuisances too
     constraints: tuple[Constraint, ...] = ()
     known: Mapping[str, tuple[Amount, Amount]] = field(default_factory=dict)  # value, deviation
@@ -358,7 +353,6 @@ class Knowledge(Generic[Amount]):
     modes: tuple[Mode, ...] = ()
 
     def held(self, model: Model) -> dict[str, float]:
-        """Return the fixed values of parameters."""
         return {n: float(v) for n, v in self.fixed.items() if n in model.parameter_names}
 
     def knowledge(self, model: Model) -> Knowledge[float]:
