@@ -147,13 +147,10 @@ class DemoResult:
         return np.asarray(100 * self.bound / np.abs(self.truth))
 
     def scatter_over_stated(self, estimator: str) -> Floats:
-        """Return the scatter of the estimates over the deviation they state, shape (base,)."""
         stated = np.sqrt((self.deviations[estimator] ** 2).mean(axis=0))
         return np.asarray(self.values[estimator].std(axis=0, ddof=1) / stated)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures as plain data, as ``rotorid demo --json`` writes them."""
-
         def told(**figures: Floats) -> dict[str, dict[str, float]]:
             return {
                 name: {key: float(values[i]) for key, values in figures.items()}
@@ -211,7 +208,6 @@ def run_demo(
     rng: np.random.Generator,
     estimators: Mapping[str, Estimator] = ESTIMATORS,
 ) -> DemoResult:
-    """Simulate the paper's example `runs` times and identify it with every estimator."""
     if runs < 1:
         raise InputError(f"{runs} runs", "one or more", "ask for 60", place="runs")
     model, names = load_model("three-mass"), [row.base for row in TABLE]
@@ -238,7 +234,6 @@ FIRM = 2.0  # standard errors from which on a difference counts
 
 
 def findings(result: DemoResult) -> list[str]:
-    """Return what the figures show, in five sentences that follow from them."""
     ratios = ((name, result.rms(name) / result.bound_percent) for name in by_merit(result))
     told = ", ".join(f"{name} {over.min():.2f} to {over.max():.2f}" for name, over in ratios)
     bound = (
@@ -278,10 +273,7 @@ def by_merit(result: DemoResult) -> list[str]:
 
 
 def bias_share(result: DemoResult, estimator: str) -> Floats:
-    """Return the share of bias in the mean square error, shape (base,).
-
-    The square of the mean error is freed of the part that scatter over few records gives it.
-    """
+    """Return the share of bias in the mean square error, (base,), less what scatter gives it."""
     errors = result.errors(estimator)
     chance = errors.var(axis=0, ddof=1) / len(errors)
     square = (errors**2).mean(axis=0)
@@ -289,10 +281,7 @@ def bias_share(result: DemoResult, estimator: str) -> Floats:
 
 
 def ratio_of_errors(result: DemoResult, first: str, second: str) -> tuple[float, float]:
-    """Return log of the ratio of rms errors, mean over the parameters, and its deviation.
-
-    Both estimators saw the same noise: the deviation leaves out one record after the other.
-    """
+    """Return mean log ratio of rms errors, and its jackknife deviation: both saw the same noise."""
     squares = [result.errors(name) ** 2 for name in (first, second)]
     sums = [square.sum(axis=0) for square in squares]
     left_out = 0.5 * np.log((sums[0] - squares[0]) / (sums[1] - squares[1])).mean(axis=1)
@@ -341,7 +330,6 @@ def sizes(result: DemoResult) -> Table:
 
 
 def beside_the_paper(result: DemoResult) -> Table:
-    """Return the errors that the paper prints, each with the median here; and the truth."""
     medians = [result.median(name) for name in COLUMNS]
     rows = []
     for i, row in enumerate(TABLE):
@@ -419,8 +407,6 @@ MASS = "m1 + m2 + m3"
 
 @frozen
 class MachineResult:
-    """A machine, what its record showed, and what came out beside the truth."""
-
     model: Model
     inspection: Inspection
     periods: PeriodicRecord
@@ -431,7 +417,6 @@ class MachineResult:
 
 
 def run_machine(rng: np.random.Generator) -> MachineResult:
-    """Run the rig, look at its record, and identify it from what its bearings measure."""
     rig = load_rig(RIG).rig
     rig = replace(rig, sensors=tuple(s for s in rig.sensors if s.name in SENSORS))
     record = rig.run(SECONDS, rng)
@@ -459,7 +444,6 @@ def run_machine(rng: np.random.Generator) -> MachineResult:
 
 
 def machine_page(result: MachineResult) -> Page:
-    """Return what was done, in sentences, and every quantity beside its truth."""
     periods, seconds = result.periods, result.periods.periods / result.periods.fundamental
     fixed = [f"{v.name} = {v.value:g} {v.unit}" for v in result.estimate.parameters if v.fixed]
     return [

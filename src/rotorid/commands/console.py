@@ -75,7 +75,6 @@ _SILENT: ContextVar[bool] = ContextVar("silent", default=False)
 
 @contextmanager
 def silence(wanted: bool) -> Iterator[None]:
-    """Let `show` print nothing meanwhile, where that is wanted."""
     token = _SILENT.set(wanted)
     try:
         yield
@@ -84,7 +83,6 @@ def silence(wanted: bool) -> Iterator[None]:
 
 
 def show(page: Page) -> None:
-    """Print sentences and tables, as wide as the terminal and in colour where there is one."""
     if _SILENT.get():
         return
     text = page_text(page)
@@ -187,7 +185,6 @@ _DISPLAY: ContextVar[_Display | None] = ContextVar("display", default=None)
 
 @contextmanager
 def progress(quiet: bool) -> Iterator[None]:
-    """Say on a terminal how far long work is; nothing where stderr is a pipe, or if `quiet`."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield
         return
@@ -238,8 +235,6 @@ def write(*outputs: Output) -> None:
 
 
 class Outputs(NamedTuple):
-    """Where the answer of a command goes, and the line that asked for it."""
-
     json: Path | None
     report: Path | None
     force: bool = False
@@ -247,7 +242,6 @@ class Outputs(NamedTuple):
     kind: Kind = REPORT  # of the JSON
 
     def check(self, *reports: Path | None) -> list[Path]:
-        """Refuse what cannot be written before the work begins; return the targets there are."""
         pages = ((path, REPORT) for path in (self.report, *reports))
         return check_outputs((self.json, self.kind), *pages, force=self.force)
 
@@ -276,7 +270,6 @@ class Outputs(NamedTuple):
 
 
 def _unfinished(report: Path | None, error: Exception) -> UnfinishedError:
-    """Say that the report is missing, and only that."""
     if isinstance(error, InputError):
         found = error.found
     else:

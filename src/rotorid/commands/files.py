@@ -130,7 +130,6 @@ def simulate(
 
 
 def demo(runs: int, machine: Path | None, answer: Outputs) -> int:
-    """Identify the levitated machine, then the paper's example, each with its report."""
     import numpy as np
 
     from rotorid import demo as shows

@@ -96,7 +96,6 @@ def _with_evidence(
 
 
 def provenance(plan: Experiment, command: str) -> Provenance:
-    """Return what went into an estimate: files with their sha256, experiment, version, command."""
     from rotorid import __version__  # its look-up takes its time
 
     files = [path for path in dict.fromkeys(plan.files) if path.is_file()]

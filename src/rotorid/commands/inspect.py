@@ -17,7 +17,6 @@ from rotorid.signals.inspection import Inspection, LineInspection
 
 
 def run(experiment: Path, answer: Outputs) -> int:
-    """Say what is in the records of an experiment, before identifying."""
     targets = answer.check()
     if targets:
         check_apart(targets, named_files(experiment))
@@ -36,7 +35,6 @@ def run(experiment: Path, answer: Outputs) -> int:
 
 
 def content_of(found: Sequence[Inspection | LineInspection]) -> dict[str, Any]:
-    """Return what was found, as the interface has it; several records side by side."""
     parts = [_one(one) if isinstance(one, Inspection) else _table(one) for one in found]
     first = dict(parts[0])
     first["verdict"] = worst(check for one in found for check in one.checks)

@@ -59,7 +59,6 @@ def modes(
 
 
 def source_of(source: str) -> Estimate | Model:
-    """Read a result, or the model of that name or in that file."""
     return load_estimate(source) if source.lower().endswith(".json") else load_model(source)
 
 

@@ -89,7 +89,6 @@ def _pairs(plan: Experiment, given: Sequence[str]) -> dict[str, str]:
 def _read(
     plan: Experiment, pairs: Mapping[str, str]
 ) -> tuple[Sequence[PeriodicRecord] | Sequence[Record], dict[str, Any]]:
-    """Read all records with their references, and what `sensitivity` is to know of them."""
     entries = plan.entry.records
     if len({entry.periodic for entry in entries}) > 1:
         raise InputError(

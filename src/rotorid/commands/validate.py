@@ -73,7 +73,6 @@ def _check_model(estimate: Estimate, name: str, result: Path) -> None:
 
 
 def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:
-    """Say which records the result was made of: those it predicts better than any other."""
     made_of = () if estimate.provenance is None else estimate.provenance.files
     sums = {source.sha256 for source in made_of} - {""}
     return [
@@ -84,7 +83,6 @@ def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:
 
 
 def _fitted(angles: Sequence[float | None]) -> list[str]:
-    """Say which records do not know their rotor angle, so that the one that fits was taken."""
     return [
         f"note: nothing tells the rotor angle of record {number + 1}: {np.rad2deg(angle):.4g} deg, "
         "which fits best, was taken: the amount of the unbalance is tested, its direction is not"

@@ -215,7 +215,6 @@ def displacement(model: Model, name: str) -> str:
 
 
 def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
-    """Return columns of sensors in the planes of inputs that are not coordinates, by input."""
     beside = {displacement(model, name) for name in model.inputs} - set(model.coordinates)
     return _at_inputs(model, [c for c in columns if c.measures("m")]) if beside else {}
 
@@ -230,7 +229,6 @@ def _at_inputs(model: Model, like: Sequence[Found]) -> dict[str, Found]:
 def currents(
     model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
 ) -> dict[str, Found]:
-    """Return the column of the current of each input that has no force."""
     free = [c for c in columns if c.measures("A")]
     if not set(model.inputs) & set(taken) and (ordered := _at_inputs(model, free)):
         return ordered
@@ -300,8 +298,6 @@ _MOST_NAMES = 8  # of columns that may be one input
 
 @frozen
 class _Run:
-    """The files of one record, and what is in them."""
-
     files: tuple[Path, ...]
     columns: tuple[Found, ...]
     rate: float | None  # Hz
@@ -311,7 +307,6 @@ class _Run:
         return [c for c in self.columns if c.role == "channel" and np.isfinite(c.values).all()]
 
     def driving(self) -> list[Found]:
-        """Return the columns of an added excitation, by their names; those that are at rest not."""
         return [c for c in self.channels() if is_excitation(c) and np.ptp(c.values) > 0]
 
 
@@ -326,10 +321,9 @@ _HEAD = f"""#:schema experiment.schema.json
 
 
 def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
-    """Return the text of an experiment file for some records.
+    """Return the text of an experiment file for some records, with paths relative to `folder`.
 
-    Files without a common column, of one length, are taken for one record; others for a record
-    each. Paths in the text are relative to the folder, in which it will lie.
+    Files of one length that share no column are one record, others a record each.
     """
     loaded = None if model is None else load_model(model, folder=folder)
     runs = _runs(files)
@@ -389,7 +383,6 @@ def _columns(table: OneFile) -> list[Found]:
 
 
 def _read(table: OneFile) -> list[tuple[str, Column | InputError]]:
-    """Return the columns of a file, or why one cannot be found or read."""
     keys, refused = dict[str, str](), dict[str, InputError]()
     for name in table.names:
         try:
@@ -477,7 +470,6 @@ def unbalanced(model: Model) -> bool:
 
 
 def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
-    """Yield the period, and the lines that stand above the others; else the whole, or a filter."""
     sources = run.driving() or run.channels()
     periods = [find_period(c.values) for c in sources]
     found = [(c, p) for c, p in zip(sources, periods, strict=True) if p is not None]
@@ -508,7 +500,6 @@ def _widest(columns: Iterable[Found]) -> Found | None:
 
 
 def _whole_record(run: _Run, rate: float | None) -> Iterator[_Line]:
-    """Yield the band of a record without period, and the columns that may be its excitation."""
     channels, driving = run.channels(), run.driving()
     column = _widest(driving or [c for c in channels if c.measures(*_DRIVES)] or channels)
     if rate is not None and column is not None:
@@ -644,7 +635,6 @@ def _column(column: Found) -> dict[str, str]:
 
 
 def _sensor_name(name: str) -> str:
-    """Return what the sensor beside an input is called: s_xa beside F_xa."""
     return f"s_{name.removeprefix('F_')}"
 
 
@@ -662,7 +652,6 @@ def _parameters(model: Model) -> Iterator[_Line]:
 
 
 def _written(table: _Container, lines: Iterable[_Line]) -> _Container:
-    """Write keys, what is told of each behind it, and remarks."""
     for key, value, told in lines:
         told = "".join(c if c.isprintable() else " " for c in told)
         if not key:

@@ -69,8 +69,6 @@ class Prints:
 
 
 class Printer:
-    """Takes the prints of a record, block by block."""
-
     def __init__(self) -> None:
         self.count, self.moves, self.digest = 0, False, blake2b()
         self.tail = np.empty(0, dtype=np.uint64)
@@ -207,8 +205,6 @@ def check_modes(modes: Sequence[ModeEntry]) -> None:
 
 
 class _Taken(NamedTuple):
-    """What is kept of a record that was read."""
-
     sensors: tuple[str, ...]
     printer: Printer
     source: str
@@ -261,7 +257,6 @@ class Overlaps:
                     self._refuse((first, second), *both)
 
     def _refuse(self, pair: tuple[int, int], count: int, *begins: int) -> None:
-        """Refuse two records of which a part that both use is the same."""
         one, other = (self.taken[k] for k in pair)
         rate = other.rate
         # samples that neither record leaves out
@@ -280,7 +275,6 @@ class Overlaps:
 
 
 def check_tables(found: Sequence[Measured], inputs: Collection[str]) -> None:
-    """Refuse tables of which another holds the same responses, or the same rows of phasors."""
     tables = [one for one in found if isinstance(one, Lines)][:_COMPARED]
     for one, other in combinations(tables, 2):
         told = None

@@ -17,7 +17,6 @@ from rotorid.models.model import Parameter
 
 
 def knowledge_of(entry: ExperimentFile, model: Model) -> Knowledge[float]:
-    """Return what a file says of parameters and expressions of them, checked against the model."""
     expressions = []
     for number, one in enumerate(entry.constraints):
         place = f"constraints.{number}"
@@ -124,7 +123,6 @@ def _check_once(entry: ExperimentFile, model: Model) -> None:
 
 
 def default_method(model: Model, entry: ExperimentFile) -> Method:
-    """Return ml where the model is linear in its coordinates and there are lines, else batch."""
     filtered = any(record.cutoff is not None for record in entry.records)
     return "batch" if filtered or model.linear is None else "ml"
 
@@ -156,7 +154,6 @@ def build_estimator(
 
 
 def _modes(entry: ExperimentFile, model: Model) -> tuple[Mode, ...]:
-    """Return the measured natural frequencies, what was otherwise in the test in SI."""
     found = []
     for number, one in enumerate(entry.modes):
         place = f"modes.{number}"

@@ -59,7 +59,6 @@ class Recording:
 
     @property
     def of_table(self) -> dict[str, Channel]:
-        """The channels of a table."""
         return {name: one.channel(name, one.expected or "") for name, one in self.sources.items()}
 
 
@@ -109,7 +108,6 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source
 
 
 def reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
-    """Return the SI unit of what the sensor of a response reads."""
     if entry.reads is None:
         return model.units[name]
     first = sensor_terms(entry.reads, model.coordinates, model.parameter_names)[0]
@@ -147,7 +145,6 @@ def reading_factor(name: str, entry: ChannelEntry, stated: str, model: Model) ->
 
 
 def _as_recorded(entry: Recorded, expected: str | None, dynamics: Dynamics | None) -> Source:
-    """Return a column as the file says that it was recorded, to be read in a unit."""
     return Source(
         column=entry.column or "",
         unit=entry.unit,
@@ -235,7 +232,6 @@ def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, 
 def law_sources(
     name: str, entry: ChannelEntry, entries: Entries, model: Model, folder: Path
 ) -> tuple[dict[str, Source], ForceReading]:
-    """Return where the columns of a force law come from, and the law."""
     place = f"channels.{name}"
     if name not in model.inputs:
         raise InputError(
@@ -279,7 +275,6 @@ def _law_dynamics(
 
 
 def _position(entry: ChannelEntry, entries: Entries, model: Model) -> dict[str, float]:
-    """Return the displacement in an actuator as a combination of coordinates."""
     if entry.position is None:
         return {}
     reads = {
@@ -347,7 +342,6 @@ _REFERENCE = "reference "
 
 
 def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
-    """Refuse channels in `[channels]` of a kind that no record is of."""
     kinds = {record.channel_kind for record in records}
     for name, entry in common.items():
         if entry.kind not in kinds:
@@ -394,7 +388,6 @@ def plan_record(
 def measured(
     plan: Recording, *, currents: bool, beside: Mapping[str, Source] | None = None
 ) -> Record:
-    """Read the samples of a record, with other channels beside those that its file names."""
     entry = plan.entry
     columns = dict(plan.sources)
     if entry.angle is not None:
@@ -431,7 +424,6 @@ def is_reference(name: str) -> bool:
 
 
 def lines_of(plan: Recording, record: Record, model: Model, *, currents: bool) -> Lines:
-    """Return the lines of a whole record, its noise from what the file names."""
     entry, quiet = plan.entry, None
     assert entry.band is not None  # the schema sees to it
     if entry.quiet is not None:
@@ -449,7 +441,6 @@ def lines_of(plan: Recording, record: Record, model: Model, *, currents: bool) -
 
 
 def said_of(entry: RecordKeys) -> dict[str, Any]:
-    """Return what an entry says of its files, for a reader of samples or of blocks."""
     return {
         "sample_rate": entry.sample_rate,
         "time": None if entry.time is None else Source(entry.time.column, entry.time.unit),
@@ -516,7 +507,6 @@ def period_of(record: Record, entry: RecordKeys) -> int | None:
 
 
 def _with_angle(record: Record, entry: RecordEntry) -> Record:
-    """Return the record without the column of its mark, with the angle from it."""
     if _MARK not in record.names:
         return record
     (bare, column), rate = without_mark(record, _MARK), record.sample_rate
@@ -536,7 +526,6 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
 
 
 def without_mark(record: Record, name: str) -> tuple[Record, Floats]:
-    """Return a record without the column of its mark, which is no channel, and that column."""
     channels = tuple(c for c in record.channels if c.name != name)
     samples = np.delete(record.samples, record.names.index(name), axis=1)
     return replace(record, channels=channels, samples=samples), record.column(name)
@@ -549,8 +538,6 @@ def turn_of_keyphasor(record: Record, column: Floats) -> MeasuredAngle:
 
 
 def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]:
-    """Return the channels, those of linear laws with their drives."""
-
     def driven(channel: Channel) -> Channel:
         found = plan.laws.get(channel.name)
         if found is None or not isinstance(law := found.law, Linear):
@@ -575,7 +562,6 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
 
 
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
-    """Cut a record into periods; drop its transient where the file does not say what to skip."""
     periods = _settled(lambda skip: average(record, skip=skip, **_chosen(entry)), entry)
     return changed(periods, warnings=(*record.warnings, *periods.warnings))
 

@@ -98,7 +98,6 @@ class DynamicsEntry(Schema):
 
     @property
     def uncertain(self) -> bool:
-        """Whether a constant is not known exactly."""
         constants = (self.bandwidth, self.damping, self.eddy)
         return any(c is not None and c.std for c in constants)
 
@@ -146,7 +145,6 @@ class Recorded(Schema):
 
     @property
     def deviations(self) -> list[str]:
-        """Keys of what is known with a deviation."""
         bent = self.dynamics is not None and self.dynamics.uncertain
         stds = {"gain_std": self.gain_std, "delay.std": self.delay.std, "dynamics": bent}
         return [key for key, std in stds.items() if std]
@@ -168,7 +166,6 @@ Kind = Literal["samples", "phasors", "responses"]
 def _check_keys(
     given: Set[str], wanted: Set[str], allowed: Set[str], beside: str, cure: str = "remove it"
 ) -> None:
-    """Refuse a key that is missing, or that does not stand beside the others."""
     for key in sorted(wanted - given):
         raise InputError("no such key", "a value", "add it", place=key)
     known = wanted | allowed
@@ -202,7 +199,6 @@ class PhasorKeys(Schema):
 
     @property
     def polar(self) -> bool:
-        """Whether the phasor stands as amplitude and phase, not as real and imaginary part."""
         return self.amplitude is not None or self.phase is not None
 
 
@@ -227,7 +223,6 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
 
     @property
     def kind(self) -> Kind:
-        """The kind of record that the channel can belong to."""
         if self.input is not None:
             return "responses"
         phasor = self.polar or self.real is not None or self.imag is not None
@@ -235,7 +230,6 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
 
     @property
     def parts(self) -> tuple[str, str]:
-        """The keys of the two columns of a phasor or a response."""
         return ("amplitude", "phase") if self.polar else ("real", "imag")
 
     @model_validator(mode="after")
@@ -273,7 +267,6 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
 
     @property
     def recorded(self) -> tuple[ColumnEntry, ...]:
-        """The columns of a force law, with what the channel says of how they were recorded."""
         said = {key: getattr(self, key) for key in _AS_RECORDED & self.model_fields_set}
         return tuple(column.model_copy(update=said) for column in self.columns)
 
@@ -481,7 +474,6 @@ class RecordEntry(RecordKeys):
 
     @property
     def periodic(self) -> bool:
-        """Whether the record is cut into periods."""
         return self.fundamental is not None or self.period_samples is not None
 
 
@@ -581,7 +573,6 @@ class EstimatorEntry(UnknownKeys):
 
     @property
     def unknown(self) -> dict[str, Any]:
-        """What is unknown of the measurement, by its keys."""
         return self.model_dump(include={*_unknown_of_measurement()})
 
 
@@ -590,7 +581,6 @@ OPEN = "?"
 
 
 def _open_places(value: object, place: str) -> list[str]:
-    """Return the keys whose values were left open."""
     if isinstance(value, dict):
         inner = {f"{place}.{key}".lstrip("."): member for key, member in value.items()}
     elif isinstance(value, list):
@@ -668,7 +658,6 @@ class DraftFile(Schema, extra="ignore"):
 
 
 def response_tables(file: ExperimentFile) -> list[str]:
-    """Return the files of measured responses of amplifiers and sensors that an experiment names."""
     every = [file.channels, *(record.channels for record in file.records)]
     entries = [entry for channels in every for entry in channels.values()]
     given = [entry.dynamics for entry in entries]

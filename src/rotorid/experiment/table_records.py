@@ -215,7 +215,6 @@ def read_responses(plan: Recording, model: Model) -> list[Lines]:
 
 
 def _of_universal(plan: Recording, model: Model) -> list[_Read]:
-    """Return the responses of universal files, by node and direction."""
     stored: dict[str, StoredResponse] = {}
     for path in plan.paths:
         stored |= formats.read_responses(path)

@@ -56,8 +56,6 @@ class Matrix:
 
 @frozen
 class Axis:
-    """An axis: its title with the unit, whether it is logarithmic, its ends, names at its ticks."""
-
     title: str = ""
     log: bool = False
     ends: tuple[float, float] | None = None
@@ -121,10 +119,7 @@ def _thinned(curve: Curve, most: int) -> Curve:
 
 
 def envelope(values: Floats, most: int) -> tuple[Floats, Floats, int]:
-    """Return the lowest and highest of each `size` samples along axis 0, and that size.
-
-    At most `most` of them, so that no spike is lost where a long record is drawn.
-    """
+    """Return lowest and highest of each `size` samples, so that no spike is lost, and `size`."""
     size = -(-len(values) // most) or 1
     blocks = values[: len(values) // size * size].reshape(-1, size, *values.shape[1:])
     return blocks.min(axis=1), blocks.max(axis=1), size
@@ -254,7 +249,6 @@ def _noise_band(
 
 
 def differences(record: Source) -> list[Panel]:
-    """Return what is left of each predicted channel over time, and the band of its noise."""
     return _over_time(record, _difference)
 
 
@@ -278,7 +272,6 @@ def _headline(channel: Any) -> str:
 
 
 def lines(record: Source) -> list[Panel]:
-    """Return each channel on its lines: measured, predicted, their difference, and the noise."""
     x, axis = _over(record.frequency_hz, turning=record.kind == "phasors")
     drawn = []
     for channel in record.channels[:MOST_PANELS]:
@@ -343,10 +336,7 @@ def misfit(
     *,
     turning: bool = False,
 ) -> Panel:
-    """Return the misfit of every line over what noise leaves of it, a colour per record.
-
-    turning: the lines are those of the rotation, over its speed.
-    """
+    """Return misfit over what noise leaves, a colour per record; over the speed if `turning`."""
     over, axis = _over(frequency, turning=turning)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.asarray(cost, dtype=float) / np.asarray(expected, dtype=float)
@@ -442,9 +432,8 @@ def shapes(
     """Return the shape of each mode: the part that whirls forward, and the part that goes back.
 
     `pairs` are coordinates x and y of one place, `alone` those without a partner; all of one kind.
-    `positions` along the rotor are those of the pairs, in m, where a drawing tells them.
-    Motion in a plane is one line: its parts are alike, and those of two modes of one frequency any.
-    A single place has no shape.
+    `positions` of the pairs along the rotor are in m. Motion in a plane is one line: its parts are
+    alike, and those of two modes of one frequency any. A single place has no shape.
     """
     frequency = np.array([mode.frequency_hz for mode in found.modes])
     return [
@@ -498,7 +487,6 @@ def _shape(
 
 
 def _along(names: Sequence[str], positions: Floats | None) -> Axis:
-    """Return the axis along the rotor: mm where positions are known, else the names of places."""
     if positions is not None:
         return Axis("mm from the left end")
     few = tuple(label(name, 12) for name in names) if len(names) <= MOST_PLACES else ()
@@ -563,8 +551,7 @@ ROUNDING = 1e-10
 def samples(record: Source, whole_blocks: int = 1) -> list[Panel]:
     """Return every channel over the record: as it is, or as the band between its extremes.
 
-    `whole_blocks` is a number of samples of which a step of the band holds whole ones: else the
-    steps beat with a period.
+    Steps of the band hold whole blocks of `whole_blocks` samples: else they beat with a period.
     """
     drawn = []
     count = len(record.samples)

@@ -64,8 +64,6 @@ MOODS: dict[str, Mood] = {"ok": "good", "rejected": "doubt"}
 
 @frozen
 class Verdict:
-    """A sentence, steps to take (what to do, or what to mind), and what is left open."""
-
     sentence: str
     steps: tuple[str, ...] = ()
     left_open: tuple[str, ...] = ()
@@ -84,7 +82,6 @@ def verdict_of(estimate: Estimate) -> Verdict:
 
 
 def _accepted(estimate: Estimate) -> str:
-    """Say what the parameters explain, and how well against the noise."""
     free = sum(not value.fixed for value in estimate.parameters)
     few = "this parameter explains" if free == 1 else f"these {free} parameters explain"
     text = f"Accepted: {few} {_explained(estimate) or 'the records'}"
@@ -92,7 +89,6 @@ def _accepted(estimate: Estimate) -> str:
 
 
 def _explained(estimate: Estimate) -> str:
-    """Return which channels are predicted, and how closely."""
     errors = [p.relative_error for p in estimate.prediction.values() if p is not None]
     if not errors:
         return f"{len(estimate.modes)} natural frequencies" if estimate.modes else ""
@@ -110,7 +106,6 @@ def _kind(estimate: Estimate, names: list[str]) -> str:
 
 
 def _misfit_against_noise(estimate: Estimate) -> str:
-    """Return how the misfit compares with noise, as far as anything tells."""
     if estimate.misfit is not None:
         p = estimate.misfit.p_value
         if not estimate.misfit.dof:
@@ -163,7 +158,6 @@ def _rejected(estimate: Estimate) -> str:
 
 
 def _open(estimate: Estimate) -> Verdict:
-    """Say which combinations the records leave open, and what would determine them."""
     open_notes = [note for note in estimate.notes if note.severity == "open"]
     left = [note.found for note in open_notes if note.found]
     cures = [note.cure for note in open_notes if note.cure]
@@ -188,8 +182,6 @@ Ends = tuple[float, float]
 
 @frozen
 class Row:
-    """One quantity, and what was known of it before."""
-
     name: str
     value: str
     half: str
@@ -202,7 +194,6 @@ class Row:
 
 
 def groups(estimate: Estimate) -> list[tuple[str, list[Row]]]:
-    """Return parameters, constants of the measurement, and what follows from them, with titles."""
     known = estimate.evidence
     titles = ("", "of the measurement", "what follows from them")
     found = [
@@ -213,7 +204,6 @@ def groups(estimate: Estimate) -> list[tuple[str, list[Row]]]:
 
 
 def _parameters(estimate: Estimate) -> Passage:
-    """Return all values with the half-width of their intervals, beside what was known before."""
     known = estimate.evidence
     any_known = known is not None and any(known.prior(value.name) for value in estimate.free)
     told = "With the half-width of the 95 % interval"
@@ -285,7 +275,6 @@ def _before(prior: Prior) -> str:
 
 
 def _moved(value: Value, prior: Prior) -> str:
-    """Return how far the value is from what was known, in deviations of that."""
     if not prior.std > 0 or not math.isfinite(value.value):
         return ""
     moved = (value.value - prior.value) / prior.std
@@ -295,7 +284,6 @@ def _moved(value: Value, prior: Prior) -> str:
 
 
 def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
-    """Return what was known and what is known now, on a scale that holds both."""
     half, before = HALF_WIDTH * (value.std or 0.0), HALF_WIDTH * prior.std
     low = min(prior.value - before, value.value - half)
     high = max(prior.value + before, value.value + half)
@@ -356,7 +344,6 @@ WITHOUT = (
 
 
 def estimate_report(estimate: Estimate) -> str:
-    """Return the page of an estimate, from the estimate alone."""
     remarks = () if estimate.evidence else (WITHOUT,)
     model = None
     try:
@@ -407,7 +394,6 @@ def _method(estimate: Estimate) -> str:
 
 
 def _work(estimate: Estimate, model: Model | None) -> Iterator[Passage]:
-    """Say what was done: the command, the files, and the texts that describe both."""
     source = estimate.provenance
     if source is None:
         return
@@ -433,7 +419,6 @@ def _work(estimate: Estimate, model: Model | None) -> Iterator[Passage]:
 def _machine(
     estimate: Estimate, model: Model | None, records: Sequence[RecordEvidence]
 ) -> Iterator[Passage]:
-    """Return the modes of the machine, at the highest speed of the records."""
     if model is not None and model.linear is not None:
         speeds = [v for record in records for v in record.speed_rad_s if math.isfinite(v)]
         yield machine_part(estimate, max(speeds, key=abs, default=0.0))
@@ -451,7 +436,6 @@ def _drawn(model: Model | None) -> Iterator[Passage]:
 
 
 def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Passage]:
-    """Draw what the estimate holds: where the misfit lies, and how parameters hang together."""
     rows = estimate.line_misfit
     turning = bool(records) and all(record.kind == "phasors" for record in records)
     if rows:
@@ -489,10 +473,7 @@ def _strongest(names: Sequence[str], matrix: Floats) -> str:
 def record_pictures(
     records: Sequence[RecordEvidence], *, another: bool = False
 ) -> Iterator[Passage]:
-    """Draw records as they were measured and as they are predicted.
-
-    Of `another` record than the estimate was made of, the deviations of its values count too.
-    """
+    """Draw records as measured and as predicted; of `another`, the values' deviations count too."""
     noise = "noise and the deviations of the values make" if another else "noise makes"
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
@@ -611,7 +592,6 @@ def validation_report(
     records: Sequence[RecordEvidence],
     notes: Sequence[str] = (),
 ) -> str:
-    """Return the page of another record, as it was measured and as it is predicted."""
     reached = validated(found)
     page = Passage(
         "Another record, predicted",
@@ -632,7 +612,6 @@ def validation_report(
 
 
 def validation_table(records: Sequence[Sequence[ChannelError]]) -> Table:
-    """Return how far each channel is off beside what explains it, and what it comes to."""
     several = len(records) > 1
     rows = [
         (

@@ -60,7 +60,6 @@ _LOOKS: dict[str, dict[str, Any]] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw in the style of the house, and leave matplotlib's settings as they were."""
     with mpl.rc_context(_STYLE), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes, no reason to fail.
         warnings.filterwarnings("ignore", message=r"Glyph .* missing from")
@@ -91,10 +90,7 @@ def figure_of(panels: Sequence[Panel], columns: int = 3, *, apart: bool = False)
 
 
 def image_of(panels: Sequence[Panel], told: str) -> str:
-    """Return the first panels as an image of HTML that holds itself, for a notebook.
-
-    At most `MOST_IMAGE` characters: a notebook keeps every picture that it showed.
-    """
+    """Return panels as an HTML image of at most `MOST_IMAGE` characters: a notebook keeps them."""
     for dpi in DPI:
         drawn = io.BytesIO()
         figure_of(panels[:MOST_IMAGE_PANELS]).savefig(drawn, format="png", dpi=dpi)
@@ -189,7 +185,6 @@ def _named(axes: Axes, which: str, names: Sequence[str]) -> None:
 
 
 def _logarithmic(axes: Axes, which: str) -> None:
-    """Make an axis logarithmic, with plain text at the ticks: powers of ten, or 1, 2, 5."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     (axes.set_xscale if which == "x" else axes.set_yscale)("log")
     axis.set_major_locator(LogLocator(numticks=6))

@@ -1,7 +1,6 @@
 """Pages as single HTML files: sections of sentences, tables and panels, with all that draws them.
 
-Nothing is fetched. Panels are plain data as plotly's JavaScript takes them, rounded to what an eye
-can tell.
+Nothing is fetched. Panels are plotly's plain data, rounded to what an eye can tell.
 """
 
 from __future__ import annotations
@@ -207,7 +206,6 @@ _SHARP = 5
 
 
 def spec(panel: Panel) -> dict[str, Any]:
-    """Return a panel as plotly takes it."""
     x, y, matrix = panel.x, panel.y, panel.matrix
     drawn = [_trace(curve, x.ends) for curve in panel.curves]
     if matrix is not None:
@@ -249,7 +247,6 @@ def shown(name: str, most: int = 24) -> str:
 
 
 def _logarithmic(values: list[Floats], ends: tuple[float, float] | None) -> dict[str, Any]:
-    """Return the ticks of an axis by the powers of ten over which its numbers reach."""
     made: dict[str, Any] = {"type": "log", "exponentformat": "power", "nticks": 6}
     every = np.concatenate([*values, np.zeros(0)]) if ends is None else np.array(ends)
     seen = every[np.isfinite(every) & (every > 0)]
@@ -333,7 +330,6 @@ def _trace(curve: Curve, ends: tuple[float, float] | None = None) -> dict[str, A
 
 
 def _stems(curve: Curve) -> dict[str, Any]:
-    """Return each point as a line from the bottom of the axis."""
     base = curve.base if curve.base is not None else np.zeros_like(curve.y)
     gap = np.full_like(curve.y, np.nan)
     x = np.column_stack([curve.x, curve.x, gap]).ravel()
@@ -394,7 +390,6 @@ def _heatmap(matrix: Matrix) -> dict[str, Any]:
 
 
 def _brief(value: float) -> str:
-    """Return a correlation of note in a few characters."""
     if not abs(value) >= 0.3:
         return ""
     return f"{value:.2f}".replace("0.", ".").replace("-", "\N{MINUS SIGN}")

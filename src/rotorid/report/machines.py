@@ -75,7 +75,6 @@ def _speeds(found: Balance) -> str:
 
 
 def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[Passage]:
-    """Yield the tables: what to add, what to mount, what is left, what to feed forward."""
     rows = [
         (
             each.plane,
@@ -233,7 +232,6 @@ def ringing(found: Modes) -> Modes:
 
 
 def ringing_curves(found: Campbell) -> Campbell:
-    """Return the curves of a diagram where they are not overdamped."""
     with np.errstate(invalid="ignore"):
         heard = np.isfinite(found.frequency_hz) & (found.damping_ratio < RESONANT)
         steps = found.frequency_hz[1:] / found.frequency_hz[:-1]
@@ -345,7 +343,6 @@ def critical_table(found: Campbell) -> Table:
 
 
 def campbell_table(found: Campbell) -> Table:
-    """Return some speeds of a Campbell diagram, a column per curve, in Hz."""
     chosen = np.unique(np.linspace(0, len(found.speed) - 1, SHOWN).round().astype(int))
     found = ringing_curves(found)
     low = np.nanmin(found.frequency_hz, axis=0, initial=np.inf)
@@ -388,7 +385,6 @@ def _ratio(value: float) -> str:
 
 
 def machine_part(source: Estimate | Model, speed: float) -> Passage:
-    """Return the modes at a speed, and the way there and beyond, as part of a page."""
     try:
         found = modes(source, speed=speed)
         diagram = campbell(source, BEYOND * speed) if speed else None
@@ -468,7 +464,6 @@ def _places(model: Model) -> tuple[list[tuple[int, int]], list[int]]:
 
 
 def _positions(model: Model, pairs: Sequence[tuple[int, int]]) -> Floats | None:
-    """Return where the pairs stand along the rotor, where a drawing tells it."""
     if not isinstance(model, RotorModel):
         return None
     at = {n.coordinates[0]: n.position for n in model.rotor.nodes}

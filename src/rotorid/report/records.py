@@ -46,7 +46,6 @@ def inspection_page(found: Inspection | LineInspection) -> Page:
 
 
 def _told(found: Inspection | LineInspection) -> tuple[str, Table, Sequence[str]]:
-    """Return what was recorded, its channels, and what there is to say of their noise."""
     if isinstance(found, Inspection):
         return _recorded(found), told_table(_HEADINGS, map(_row, found.channels)), _noise(found)
     return _tabled(found), _amplitudes(found), found.lines.warnings
@@ -131,7 +130,6 @@ MOODS: dict[str, Mood] = {"ok": "good", "note": "good", "warning": "doubt", "ref
 def inspection_report(
     name: str, found: Sequence[Inspection | LineInspection], told: str, done: Sequence[str] = ()
 ) -> str:
-    """Return the page: one part for each record."""
     several = len(found) > 1
     parts = [_part(one, f", record {k}" if several else "") for k, one in enumerate(found, 1)]
     return page_of(Passage(f"{name}: what is in it", lead=told, parts=tuple(parts)), done=done)
@@ -317,7 +315,6 @@ def _parameters(model: Model) -> list[Table]:
 
 
 def _structure(model: Model) -> list[str]:
-    """Return M, D, G, K and g row by row, where the equations are linear."""
     linear = model.linear
     if linear is None:
         return ["not linear in the coordinates: no M, D, G, K"]
@@ -370,6 +367,5 @@ def record_page(record: Logged, file: str, experiment: str) -> Page:
 
 
 def fault_page() -> Page:
-    """Return the faults that a rig may have, one a line: name, size by default, what it is."""
     names = max(map(len, FAULTS))
     return [f"{f.name:{names}}  {f.shown:>10}  {f.what}" for f in FAULTS.values()]

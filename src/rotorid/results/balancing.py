@@ -98,11 +98,7 @@ def _positive(value: float | str, unit: str, place: str) -> float:
 def chosen(
     kit: Masses, ideal: Complexes, weighed: tuple[Complexes, Complexes]
 ) -> tuple[Complexes, list[Mounted]]:
-    """Return the corrections that a kit allows, kg m, and what is mounted in each plane.
-
-    Of the nearest ways to mount two masses or fewer in each plane those that leave the least of
-    what is weighed, all planes together.
-    """
+    """Return corrections, kg m, and their mounts: those that leave least of what is weighed."""
     if kit.radius is None:
         return ideal, [() for _ in ideal]
     if not kit.masses and kit.holes is None:
@@ -203,8 +199,6 @@ class Correction:
 
 @frozen
 class Residual:
-    """What is left in one plane after the correction."""
-
     plane: str
     # it is less than this with 95 percent; ``None`` where nothing is known of the deviations
     unbalance_kg_m: float | None
@@ -217,8 +211,6 @@ class Residual:
 
 @frozen
 class Balance(ByContent):
-    """Corrections, and what is left after them."""
-
     model: str
     speeds: tuple[float, ...]  # rad/s
     corrections: tuple[Correction, ...]
@@ -387,7 +379,6 @@ def _said_of(estimate: Estimate) -> list[str]:
 def _too_coarse(
     planes: Sequence[str], applied: Complexes, ideal: Complexes, kit: Masses
 ) -> list[str]:
-    """Say in which planes the masses that there are do not come near what is needed."""
     if kit.radius is None:
         return []
     found = []
@@ -485,10 +476,7 @@ def _residual(
 
 @frozen
 class Feedforward:
-    """What one axis needs so that its magnet exerts no force on the rotation's line.
-
-    The current is ``amplitude_ampere cos(phi + angle_rad)``, phi the rotor angle.
-    """
+    """The current a cos(phi + angle) by which a magnet exerts no force on the rotation's line."""
 
     input: str
     # amplitude of the rotor at the magnet, turning about its axis of inertia
@@ -592,11 +580,10 @@ ALIKE = 1e-3
 
 
 def plane_column(machine: Machine, plane: str) -> Complexes:
-    """Return what an unbalance of 1 kg m in a plane does to the equations, over Omega^2, (row,).
+    """Return what 1 kg m in a plane does to the equations, over Omega^2, (row,).
 
-    A plane is a pair ``x2,y2`` of coordinates, of combinations of them such as
-    ``x + 0.1*theta_y, y - 0.1*theta_x``, or of inputs; or the name of a place. Of a model that
-    moves along one axis only it is the one direction.
+    A plane is a pair ``x2,y2`` of coordinates, of combinations such as ``x + 0.1*theta_y,
+    y - 0.1*theta_x``, or of inputs; the name of a place; or the one direction of a single axis.
     """
     if "," not in plane and _one_axis(machine):
         column = _force_column(machine, plane.strip())
@@ -664,7 +651,6 @@ def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) 
 
 
 def _parallel(first: Floats, second: Floats) -> bool:
-    """Tell whether two forces do the same, up to their size."""
     product = np.linalg.norm(first) * np.linalg.norm(second)
     return bool(product > 0 and abs(first @ second) > (1 - 1e-9) * product)
 
@@ -700,7 +686,6 @@ def _readings(machine: Machine, plane: str) -> Iterator[tuple[str, str]]:
 
 
 def _offered(machine: Machine) -> str:
-    """Return some planes that a machine has."""
     model = machine.model
     named = list(machine.model.coordinates)
     pairs = [f"{named[a]},{named[b]}" for a, b in partners(named) if model.units[named[a]] == "m"]

@@ -156,7 +156,6 @@ def _record(
 
 
 def _at_its_phase(record: Observation, estimate: Estimate, number: int) -> Observation:
-    """Return a record with the rotor angle that the estimate found for it."""
     phases = {value.name: value.value for value in estimate.nuisance}
     phase = phases.get(f"phase[{number}]", math.nan)
     return record.with_lines(record.lines.turned(phase)) if math.isfinite(phase) else record
@@ -261,7 +260,6 @@ def _telling(measured: Complexes, variance: Floats | None) -> NDArray[np.bool_]:
 
 
 def _of_samples(record: Observation, found: Predicted | None, most: int) -> RecordEvidence:
-    """Return a record whose samples were filtered: every so many of them."""
     filtered = record.filtered
     assert filtered is not None
     base = RecordEvidence(
@@ -306,7 +304,6 @@ def _rounded(values: Sequence[float] | Floats) -> Numbers:
 def _known(
     estimate: Estimate, model: Model, records: Sequence[Data], estimator: Estimator | None
 ) -> Iterator[Prior]:
-    """Yield what was known beforehand: of parameters, of the measurement, of their combinations."""
     for value in estimate.parameters:
         if value.fixed:
             yield Prior(value.name, value.value, 0.0)

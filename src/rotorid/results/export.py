@@ -46,19 +46,12 @@ class StateSpace(ByContent):
     model: str
 
     def to_scipy(self) -> Any:
-        """Return it as ``scipy.signal.StateSpace``."""
         from scipy.signal import StateSpace as Continuous  # takes its time to load
 
         return Continuous(self.A, self.B, self.C, self.D)
 
     def to_control(self) -> Any:
-        """Return it as ``control.StateSpace``, with its names.
-
-        Raises
-        ------
-        ImportError
-            Where python-control is not installed.
-        """
+        """Return ``control.StateSpace`` with its names; ImportError without python-control."""
         try:
             import control
         except ImportError:

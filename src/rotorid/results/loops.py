@@ -100,8 +100,6 @@ UNTOLD = "whether the loop is stable is not told"
 
 @frozen
 class LoopSensitivity:
-    """Sensitivity of each loop as it follows from plant and controller."""
-
     axes: tuple[AxisSensitivity, ...]
     frequency_hz: Floats  # (line,)
     return_difference: Complexes  # (line,): ``det(I + L)``

@@ -135,7 +135,6 @@ class Machine:
         return np.asarray(np.abs(np.diag(balance.forces(mass))))
 
     def matrices_by_speed(self, speed: float) -> Floats | Complexes:
-        """Return the derivative of `matrices` by the speed."""
         step = STEP * max(abs(speed), 1.0)
         above, below = self.matrices(speed + step), self.matrices(speed - step)
         slopes: Floats | Complexes = (above - below) / (2 * step)
@@ -253,10 +252,7 @@ class Machine:
 
 
 def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
-    """Return the machine of an estimate, or of a model at its nominal values.
-
-    `record` says whose values are taken of what every record has to itself.
-    """
+    """Return an estimate's machine, with the values of a record, or a model's, at nominal ones."""
     if isinstance(source, Model):
         return _machine(source, _nominal(source), {}, {})
     if source.status == "not_converged":
@@ -414,7 +410,6 @@ def _fitted(
 
 
 def _arranged(names: Sequence[str], known: Known) -> Floats:
-    """Return the covariance of the unknowns, in their order."""
     covariance, rows = known
     found = np.zeros((len(names), len(names)))
     at = [i for i, name in enumerate(names) if name in rows]
@@ -519,7 +514,6 @@ def shares_of(machine: Machine, text: str) -> Floats | None:
 
 
 def require_shares(machine: Machine, kind: str, text: str, cure: str) -> Floats:
-    """Return the coordinates that a text combines, shape (coordinate,), or refuse it."""
     found = shares_of(machine, text)
     if found is None:
         raise InputError(

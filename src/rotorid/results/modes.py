@@ -110,8 +110,6 @@ DRAWS = 4000
 
 @frozen
 class NaturalMode:
-    """One natural frequency of a machine."""
-
     frequency_hz: float  # ``Im lambda / (2 pi)``, with which a free vibration rings
     std_hz: float | None  # ``None`` where nothing is known of the deviations
     damping_ratio: float  # ``- Re lambda / |lambda|``; negative for a mode that grows
@@ -129,11 +127,7 @@ class NaturalMode:
 
 @frozen
 class Modes:
-    """The distinct natural frequencies of a machine at a speed, in ascending order.
-
-    They are counted as measured ones are (`Mode`): without rigid-body modes, and once where the
-    machine is the same in two planes.
-    """
+    """The natural frequencies of a machine at a speed, ascending, counted as in `Mode`."""
 
     model: str
     speed: float  # rad/s
@@ -341,10 +335,7 @@ class Eigen:
         return np.asarray(np.einsum("iju,du->dij", self._block(cluster), moved))
 
     def deviations(self, rng: np.random.Generator | None) -> tuple[Floats | None, Floats | None]:
-        """Return the deviations of frequency (Hz) and damping ratio, and intervals of 95 % (Hz).
-
-        Shapes (mode, 2); ``None`` where nothing is known of the unknowns.
-        """
+        """Return deviations of frequency (Hz) and damping ratio, and 95 % intervals: (mode, 2)."""
         if self.machine.covariance is None:
             return None, None
         values, slopes, root = self.found.values, self.slopes, self.machine.root
@@ -418,8 +409,6 @@ CURVES, SPARE = 24, 8
 
 @frozen
 class CriticalSpeed:
-    """A speed at which a natural frequency is that of the rotation."""
-
     speed_rad_s: float  # negative for a rotor that turns backward
     std: float | None  # rad/s; ``None`` where nothing is known of the deviations
     # {"forward", "backward", "planar", "mixed"}: unbalance of a machine that is the same in two
@@ -431,8 +420,6 @@ class CriticalSpeed:
 
 @frozen
 class Campbell(ByContent):
-    """Natural frequencies over the speed, and critical speeds."""
-
     model: str
     speed: Floats  # (speed,): rad/s
     # (speed, curve): naN where a mode does not oscillate; deviations are NaN where nothing is known
@@ -666,7 +653,6 @@ def _critical(
 def _spread(
     eigen: Eigen, near: int, rng: np.random.Generator | None
 ) -> tuple[float, tuple[float, float]]:
-    """Return the deviation of a critical speed, and the interval that holds 95 percent."""
     speed, sign = eigen.speed, -1.0 if eigen.speed < 0 else 1.0
     group = next(g for g in (*eigen.clusters, *eigen.found.distinct) if near in g)
     by_speed = sign * eigen.by_speed(group)

@@ -70,8 +70,6 @@ ALONE = 1e-6
 
 @frozen
 class AxisSensitivity:
-    """The sensitivity of one loop."""
-
     axis: str
     frequency_hz: Floats  # (line,)
     sensitivity: Complexes  # (line,)
@@ -114,7 +112,6 @@ class AxisSensitivity:
 
     @property
     def verdict(self) -> str:
-        """The zone in words."""
         if self.zone.endswith("worse") or self.caveat:
             return f"zone {self.zone}: {self.doubt}"
         return _told(*(zone_of(end) for end in self.interval))
@@ -174,7 +171,6 @@ def _told(low: str, high: str) -> str:
 
 
 def _from_to(low: str, high: str, word: str) -> str:
-    """Return the zones from one to another, as in a sentence: A, B or C."""
     zones = "ABCD"["ABCD".index(low) : "ABCD".index(high) + 1]
     return f" {word} ".join(filter(None, (", ".join(zones[:-1]), zones[-1])))
 
@@ -249,7 +245,6 @@ def sensitivity(
 
 
 def _settled(axis: AxisSensitivity) -> AxisSensitivity:
-    """Return an axis with the caveat that it does not come to 1, if it does not."""
     if axis.caveat or axis.interval[1] < 1:
         return axis
     why = settles_elsewhere(axis.frequency_hz, axis.sensitivity, axis.std)
@@ -378,7 +373,6 @@ class _Whole:
 
 
 def _looked_at(hertz: float, found: Sequence[LocatedPeak]) -> bool:
-    """Tell whether a frequency belongs to a peak that is known."""
     return any(abs(hertz - each.hertz) < each.reach for each in found)
 
 
@@ -458,10 +452,7 @@ class _Window:
     chance: float
 
     def _solved(self, matrix: Complexes, e: Complexes) -> tuple[Complexes, float, float, float]:
-        """Return factors, residual, variance of S over that of the noise, degrees of freedom.
-
-        The variance is inf where the lines do not tell S.
-        """
+        """Return factors, loss, variance of S over that of noise (inf: untold), freedom."""
         size = np.linalg.norm(matrix, axis=0)
         size = np.where(size > 1e-12 * max(self.loud, 1e-300), size, np.inf)
         left, values, right = np.linalg.svd(matrix / size, full_matrices=False)
@@ -501,7 +492,6 @@ class _Window:
 def _axis(
     axis: str, frequency: Floats, found: Complexes, variance: Floats, freedom: Floats
 ) -> AxisSensitivity:
-    """Return peak and interval of one loop from its lines."""
     peak, where, deviation = peak_of(frequency, found, np.sqrt(variance))
     reach = float(scipy.stats.t.ppf((1 + CONFIDENCE) / 2, 2 * freedom.mean())) * deviation
     interval = (max(peak - reach, 0.0), peak + reach)

@@ -56,8 +56,6 @@ MOST = 1.5
 
 @frozen
 class LineWindow:
-    """Lines beside each other."""
-
     place: Floats  # (line,): from -1 to 1
     e: Complexes  # (line,)
     # (line, ...)
@@ -78,7 +76,6 @@ class LineWindow:
         return np.concatenate([driven, ends, self.rotation], axis=1)
 
     def least_lines(self, poles: int) -> int:
-        """Return how many lines a curve of so many poles takes."""
         if self.periodic:
             return order_of(poles) + 1 + poles + 1
         return least_lines(self.r.shape[1], self.rotation.shape[1], poles)
@@ -240,8 +237,6 @@ def _weighed(curve: RationalCurve) -> LineWindow:
 
 @frozen
 class Peak:
-    """The peak of a curve."""
-
     value: complex  # complex
     std: float  # of its size, what curves of more freedom have otherwise included
     place: float
@@ -427,10 +422,7 @@ class LocatedPeak:
 
 
 def peak_near(band: LoopLines, hertz: float) -> LocatedPeak | None:
-    """Return the peak of S near a frequency, by as many lines as tell it best.
-
-    None where no curve follows the lines, or none tells the peak.
-    """
+    """Return the peak near a frequency by the lines that tell it best; None if none does."""
     size = least_lines(band.r.shape[1], band.rotation.shape[1], 1)
     best: LocatedPeak | None = None
     before: LocatedPeak | None = None
@@ -451,10 +443,7 @@ def peak_near(band: LoopLines, hertz: float) -> LocatedPeak | None:
 def peak_of(
     frequency: Floats, values: Complexes, std: Floats | None = None
 ) -> tuple[float, float, float]:
-    """Return the largest size of S between its lines too, where it is, and its deviation.
-
-    Of lines without deviations, as a plant and a controller make them, there is none.
-    """
+    """Return the largest |S|, between lines too, its frequency, its deviation; 0 without `std`."""
     at, about = int(np.abs(values).argmax()), min(ABOUT, len(values))
     size = float(np.abs(values[at]))
     highest = size, float(frequency[at]), 0.0 if std is None else float(std[at] / np.sqrt(2))
