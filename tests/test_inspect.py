@@ -38,7 +38,7 @@ def test_a_draft_is_read_as_far_as_it_goes(rig: Path, capsys: pytest.CaptureFixt
     assert run(["new", str(rig / "rig.h5"), "--model", "rigid", "--out", str(draft)]) == 0
     assert run(["inspect", str(draft)]) == 0
     shown = capsys.readouterr().out
-    assert "read as a draft, every column as it is" in shown
+    assert "a draft, shown with its columns as they are" in shown
     assert "100 periods of 1000 samples" in shown
     assert "encoder" not in shown.split("channel ")[1]
 

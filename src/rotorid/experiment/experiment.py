@@ -356,7 +356,7 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
         entries = _draft_records(path)
         if entries is None:
             raise
-        told = f"read as a draft, every column as it is, because of this: {error}"
+        told = f"a draft, shown with its columns as they are in the file: {error}"
         return [_inspect_draft(path.parent, entry) for entry in entries], told
     plan.require_records()
     records = counting(range(len(plan.entry.records)), "inspecting records")

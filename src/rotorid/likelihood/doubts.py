@@ -168,8 +168,8 @@ def _angle_notes(fit: Fit) -> Iterator[Note]:
         worst = np.degrees(max(layout.unknowns[free[k]].std or 0.0 for k in turned))
         text = (
             f"known to {worst:.2g} deg, which is most of the deviations of {_listed(fit, led)}: "
-            "nobody knows how much later than the mark the columns are, so within a sample, unless "
-            "angle_lag_std says it better"
+            "the delay between mark and columns is not stated, and one sample at most is taken: "
+            "angle_lag_std states it better"
         )
         yield Note("rotor angle", "says", text)
 

@@ -39,7 +39,7 @@ def inspection_page(found: Inspection | LineInspection) -> Page:
         f"{found.source}: {found.verdict}. {found.sentence}",
         recorded,
         *(f"{check.verdict}: {check}" for check in graver),
-        f"in order: {', '.join(fine)}" if fine else "",
+        f"checked, nothing found: {', '.join(fine)}" if fine else "",
         shown,
         *noise,
     ]

@@ -99,7 +99,10 @@ class AxisSensitivity:
             as_high = size[[0, -1]] + unsure >= size.max()
             settled = np.abs(size[[0, -1]] - 1) <= unsure  # S is 1 where the loop has no gain
             if size.argmax() in (0, len(size) - 1) or (as_high & ~settled).any():
-                return "it is largest at an end of the band and may rise beyond: widen the band"
+                return (
+                    "it is largest at an end of the lines that tell and may rise beyond: widen the "
+                    "band, or record longer with more excitation"
+                )
         return ""
 
     @property
