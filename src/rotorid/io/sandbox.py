@@ -30,10 +30,10 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ReadError
 
-LEAST, SPEED = 3, 2e6
+LEAST, SPEED = 3, 5e6
 """Seconds of the processor that reading any file may take, and bytes a second beyond: packages read
-faster by twenty times, but thousands of data sets of a few numbers, and with a damaged file some
-never end."""
+faster by ten times, but thousands of data sets of a few numbers, and with a damaged file some never
+end."""
 
 PATIENCE = 10
 """Times these seconds that a new interpreter has for an answer by the clock."""
