@@ -95,7 +95,7 @@ class Nuisances:
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(Nuisances).items():
             if get_origin(kind) is tuple:
-                object.__setattr__(self, name, tuple(getattr(self, name)))
+                object.__setattr__(self, name, tuple(dict.fromkeys(getattr(self, name))))
                 allowed = get_args(get_args(kind)[0])  # of a list of any names none
                 given = getattr(self, name) if allowed else ()
                 cure = "name one of these, or leave it out"

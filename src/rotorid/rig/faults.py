@@ -650,7 +650,7 @@ def _clipping(samples: Floats, size: float, _: np.random.Generator) -> Floats:
 def _nan(samples: Floats, size: float, rng: np.random.Generator) -> Floats:
     """So many readings of the first sensor that are no numbers."""
     gaps = samples.copy()
-    gaps[rng.choice(len(samples), round(size), replace=False)] = np.nan
+    gaps[rng.choice(len(samples), _count(size, len(samples)), replace=False)] = np.nan
     return gaps
 
 
@@ -664,7 +664,14 @@ def _lost_sample(rig: Rig, size: float) -> Rig:
 def _lost_samples(samples: Floats, size: float, _: np.random.Generator) -> Floats:
     """So many samples lost in the middle of the record."""
     at = len(samples) // 2 + 37
-    return np.delete(samples, slice(at, at + round(size)))
+    return np.delete(samples, slice(at, at + _count(size, len(samples) - at)))
+
+
+def _count(size: float, most: int) -> int:
+    if not 0 <= size <= most:
+        found = f"{size:g} samples"
+        raise InputError(found, f"0 to {most}, which the record has", "choose fewer, or run longer")
+    return round(size)
 
 
 @_fault("20e-6", "rejected", "clock", "drift", of=_positions)

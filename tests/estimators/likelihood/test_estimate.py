@@ -228,6 +228,15 @@ def test_refuses_contradictory_options(demo, bearings, options, message):
         identify(demo.model, demo.record(bearings), MaximumLikelihood(**options))
 
 
+def test_refuses_to_estimate_nothing_and_names_nothing_twice(demo, bearings):
+    record = demo.noisy(demo.record(bearings), np.random.default_rng(3))
+    with pytest.raises(InputError, match="every parameter fixed"):
+        identify(demo.model, record, MaximumLikelihood(fixed=demo.truth))
+    twice = MaximumLikelihood(fixed=demo.truth, delays=("position", "position"), effort="quick")
+    (free,) = identify(demo.model, record, twice).free
+    assert free.name == "delay[position]"
+
+
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("periods", [2, 5, 12])
 def test_too_few_periods_say_so(demo, periods):
