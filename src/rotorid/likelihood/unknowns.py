@@ -418,12 +418,18 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     for ks, names in alike.items():
         together = "ks" if len(alike) == 1 else f"ks[{', '.join(names)}]"
         if "ks" in asked:
-            found.append(replace(_driving("ks", together, "N/m", ks, names), rival="term"))
+            one = _driving("ks", together, "N/m", ks, names)
+            found.append(replace(one, rival="term", cure=_stated_or("ks")))
         if "ks*" in asked and not ("ks" in asked and len(names) == 1 < len(alike)):
             each = [_driving("ks", f"ks[{name}]", "N/m", ks, [name]) for name in names]
             other = together if len(names) > 1 else ""
-            found += [replace(one, rival="term", alternative_to=other) for one in each]
+            cure = _stated_or("ks*")
+            found += [replace(one, rival="term", alternative_to=other, cure=cure) for one in each]
     return found
+
+
+def _stated_or(asked: str) -> str:
+    return f'check ks of the force laws, or have it estimated: gains = ["{asked}"]'
 
 
 def force_scale(records: Records, wanted: Nuisances | None) -> list[Unknown]:

@@ -163,6 +163,26 @@ def test_force_slope_of_each_bearing(levitated):
     assert_agrees(estimate, {**{n: v for n, v in truth.items() if n != "ks"}, **each})
 
 
+def test_a_wrong_force_slope_is_named(levitated):
+    rng = np.random.default_rng(37)
+
+    def off(channel):
+        drive = channel.drive
+        return channel if drive is None else replace(channel, drive=replace(drive, ks=1.8e5))
+
+    records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
+    records = [replace(r, channels=tuple(off(c) for c in r.channels)) for r in records]
+    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=True)
+    estimate = identify(levitated.machine.model, records, estimator)
+    assert estimate.status == "rejected"
+    (one,) = (suspect for suspect in estimate.suspects if suspect.term == "ks")
+    assert one.value == pytest.approx(2e5, rel=0.02)
+    found = unknowns_of([bind(levitated.machine.model, records[0])])
+    cures = {unknown.scalars[0].name: unknown.cure for unknown in found}
+    assert 'gains = ["ks"]' in cures["ks"]
+    assert 'gains = ["ks*"]' in cures["ks[F_x1]"]
+
+
 def on_half(record, inputs):
     """State twice the slope at half the displacement: the same force by another law."""
 
