@@ -117,19 +117,18 @@ def test_messages_of_a_bus_are_not_converted_as_the_file_is_opened() -> None:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_asammdf_is_left_no_conversion(version: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_asammdf_converts_nothing(version: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever a channel is read for: its samples, its times, its unit, or another channel."""
     linear = {"conversion_type": 1 if version >= "4" else 0, "a": 2.0, "b": 1.0}
     path = write(version, dict.fromkeys(("time", "fx"), block(version, **linear)))
-    monkeypatch.setattr(formats, "convert", lambda samples, *_: samples.astype(float))
     monkeypatch.setattr(
         type(block(version, **linear)), "convert", lambda *_, **__: Path("RAN").touch()
     )
     opened = open_table(path)
     for column in opened.read([f"0/{name}" for name in opened.names]).values():
         assert column.rate is not None
-        assert column.rate.hertz == pytest.approx(1000)
-        assert column.start == 0.0
+        assert column.rate.hertz == pytest.approx(500)
+        assert column.start == 1.0
     assert not Path("RAN").exists()
 
 

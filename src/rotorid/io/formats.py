@@ -378,7 +378,10 @@ def open_mdf(file: str) -> Iterator[ArrayFile]:
 
 
 class _Channels:
-    """Channels that asammdf reads unconverted; each conversion is looked at before it is used."""
+    """The channels of an open file, converted here: asammdf evaluates what the file says.
+
+    It is left no conversion that it could evaluate, by whatever way it reads a channel.
+    """
 
     def __init__(self, data: Any, file: str) -> None:
         self._data, self._file = data, file
@@ -461,7 +464,7 @@ class _Channels:
 
 
 def convert(samples: np.ndarray, block: Any, version: int) -> Floats:
-    """Return samples in the unit of their channel, by a ChannelConversion that runs no text.
+    """Return samples in the unit of their channel, by asammdf's ChannelConversion.
 
     The same type number means another conversion in version 3 (and 2) of a file than in 4.
     """
@@ -470,14 +473,11 @@ def convert(samples: np.ndarray, block: Any, version: int) -> Floats:
     if block is None:
         return samples.astype(np.float64)
     _check_no_formula(block, _FORMULA[version])
-    kind = block.conversion_type
+    rule = _RULES[version].get(block.conversion_type)
+    if rule is None:
+        raise no_numbers("a conversion to text, or of an unknown kind")
     with np.errstate(all="ignore"):  # what cannot be computed is NaN, as a missing sample is
-        if kind in _NUMBERS[version]:
-            converted = np.array(block.convert(samples.astype(np.float64)), dtype=np.float64)
-        elif version == 4 and kind in _OF_ENTRIES:
-            converted = np.array(_OF_ENTRIES[kind](samples, block), dtype=np.float64)
-        else:
-            raise no_numbers("a conversion to text, or of an unknown kind")
+        converted: Floats = rule(samples, block).astype(np.float64)
     converted[np.isnan(samples)] = np.nan  # a table gives every sample a value
     return converted
 
@@ -504,6 +504,46 @@ def _check_no_formula(block: Any, kind: int) -> None:
 
 def _is_block(part: Any) -> bool:
     return hasattr(part, "conversion_type")
+
+
+def _linear(x: np.ndarray, block: Any) -> Any:
+    return block.a * x + block.b
+
+
+def _rational(x: np.ndarray, block: Any) -> Any:
+    """(P1 x^2 + P2 x + P3) / (P4 x^2 + P5 x + P6)."""
+    above = [block.P1, block.P2, block.P3]
+    below = [block.P4, block.P5, block.P6]
+    if above[2] == below[2] == 0:  # x in both, which at x = 0 would leave 0/0
+        above, below = above[:2], below[:2]
+    return np.polyval(above, x) / np.polyval(below, x)
+
+
+def _hyperbolic(x: np.ndarray, block: Any) -> Any:
+    """(P2 - P4 y) / (P3 y - P1) with y = x - P5 - P6: "polynomial" in MDF 3."""
+    y = x - block.P5 - block.P6
+    return (block.P2 - block.P4 * y) / (block.P3 * y - block.P1)
+
+
+def _of_seven(function: np.ufunc, x: np.ndarray, block: Any) -> Any:
+    """f(((x - P7) P6 - P3) / P1) / P2 where P4 = 0, and f((P3 / (x - P7) - P6) / P4) / P5."""
+    if block.P4 == 0:
+        return function(((x - block.P7) * block.P6 - block.P3) / block.P1) / block.P2
+    if block.P1 == 0:
+        return function((block.P3 / (x - block.P7) - block.P6) / block.P4) / block.P5
+    raise ValueError("a conversion of both P1 and P4")
+
+
+def _interpolated(x: np.ndarray, block: Any) -> Any:
+    return np.interp(x, _values(block, "raw"), _values(block, "phys"))
+
+
+def _nearest(x: np.ndarray, block: Any) -> Any:
+    """Value to value without interpolation: the nearest entry, the lower one half way."""
+    raw, physical = _values(block, "raw"), _values(block, "phys")
+    above = np.searchsorted(raw, x).clip(max=len(raw) - 1)
+    below = (above - 1).clip(min=0)
+    return np.where(x - raw[below] <= raw[above] - x, physical[below], physical[above])
 
 
 def _ranges(x: np.ndarray, block: Any) -> Any:
@@ -541,11 +581,26 @@ def _values(block: Any, name: str) -> Floats:
 
 # Type numbers as ASAM gives them. MDF 4 knows text to value, text to text and bit fields besides,
 # MDF 3 values and ranges to text, dates and times: none of them gives numbers from numbers.
-_NUMBERS = {3: (0, 1, 2, 6, 7, 8, 9, 65535), 4: (0, 1, 2, 4, 5)}
-_FORMULA = {3: 10, 4: 3}
-_OF_ENTRIES: Mapping[int, Callable[[np.ndarray, Any], Any]] = {
-    6: _ranges,
-    7: partial(_referenced, "val", "val"),
-    8: partial(_referenced, "lower", "upper"),
+_RULES: Mapping[int, Mapping[int, Callable[[np.ndarray, Any], Any]]] = {
+    3: {
+        0: _linear,
+        1: _interpolated,
+        2: _nearest,
+        6: _hyperbolic,
+        7: partial(_of_seven, np.exp),
+        8: partial(_of_seven, np.log),
+        9: _rational,
+        65535: lambda x, _: x,
+    },
+    4: {
+        0: lambda x, _: x,
+        1: _linear,
+        2: _rational,
+        4: _interpolated,
+        5: _nearest,
+        6: _ranges,
+        7: partial(_referenced, "val", "val"),
+        8: partial(_referenced, "lower", "upper"),
+    },
 }
-"""What asammdf turns into objects, or takes integers wrongly for."""
+_FORMULA = {3: 10, 4: 3}
