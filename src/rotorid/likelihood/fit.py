@@ -187,7 +187,10 @@ class Fitting:
         model = records[0].model if records else self.model
         guess = starting_values(model, records, self.knowledge, self.base)
         unknowns = unknowns_of(records, self.nuisances)
-        return prepare(model, self.knowledge, unknowns, self.base, guess)
+        problem = prepare(model, self.knowledge, unknowns, self.base, guess)
+        if records and not len(problem.layout.free):
+            raise InputError("every parameter fixed", "something to estimate", "free one")
+        return problem
 
     def approached(
         self, records: Sequence[Observation], bound: Sequence[Observation]

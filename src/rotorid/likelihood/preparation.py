@@ -49,8 +49,6 @@ def prepare(
     _check(layout, knowledge)
     layout = replace(layout, model=model.substitute(held))
     layout = replace(layout, unknowns=_unknowns(layout, knowledge, guess))
-    if not len(layout.free):
-        raise InputError("every parameter fixed", "something to estimate", "free one")
     count = len(layout.unknowns)
     stated, bounds = (Relations(tuple(k(layout, knowledge)), count) for k in (_known, _bounds))
     exact = stated.where(lambda row: not row.std)
