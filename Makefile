@@ -97,7 +97,8 @@ clean:
 	rm -f $(REPORT) $(PAPER)
 
 # The environment, renewed where the packages it holds may have changed. An interpreter that no
-# longer runs (a Python that was upgraded or removed) makes it start afresh.
+# longer runs (a Python that was upgraded or removed) makes it start afresh. Modules are compiled
+# when they are first imported: most never are, and compiling all takes half of the set-up.
 $(VENV)/.ready-demo: EXTRAS :=
 $(VENV)/.ready-test: EXTRAS := [test]
 $(VENV)/.ready-fuzz: EXTRAS := [test,fuzz]
@@ -123,5 +124,5 @@ $(VENV)/.ready-demo $(VENV)/.ready-test $(VENV)/.ready-fuzz: pyproject.toml cons
 	@case "$(CONSTRAINTS)" in \
 	    */lowest.txt) "$(BIN)/python" tests/lowest.py > "$(CONSTRAINTS)" ;; \
 	esac
-	@"$(BIN)/python" -m pip install --quiet --constraint "$(CONSTRAINTS)" --editable '.$(EXTRAS)'
+	@"$(BIN)/python" -m pip install --quiet --no-compile --constraint "$(CONSTRAINTS)" --editable '.$(EXTRAS)'
 	@touch "$@"
