@@ -25,7 +25,7 @@ from rotorid import (
     average,
     parse_model,
 )
-from rotorid.linear.estimators import _solve_stages, plan_stages
+from rotorid.linear.estimators import _solve_stages
 from rotorid.linear.family import LeastSquaresProblem, sandwich, scatter_of_answers
 from rotorid.linear.solve import (
     ALONE,
@@ -347,7 +347,7 @@ def stages_of(problem, constraints=(), **fixed):
         bind_all(problem.model, problem.records), {**problem.known, **fixed}, constraints
     )
     names = posed.names
-    return [(rows, [names[u] for u in unknowns]) for rows, unknowns in plan_stages(posed)]
+    return [(rows, [names[u] for u in unknowns]) for rows, unknowns in posed.stages]
 
 
 def test_stages_of_the_seed():
@@ -510,7 +510,7 @@ def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
         if kind == "batch":
             return Batch(fixed=problem.known).solve(problem.model, [one])
         posed = LeastSquaresProblem.of(bind_all(problem.model, [one]), problem.known, ())
-        return posed, _solve_stages(posed, plan_stages(posed))
+        return posed, _solve_stages(posed)
 
     posed, before = solve(record)
     rng = np.random.default_rng(3)

@@ -14,10 +14,10 @@ from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
-from rotorid.core.values import Booleans, Floats
+from rotorid.core.values import Floats
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
-from rotorid.linear.regression import Equations, Regression, SampledRegression, driven_rows
+from rotorid.linear.regression import Equations, Regression, SampledRegression
 from rotorid.linear.solve import (
     BLOCKS,
     Block,
@@ -328,10 +328,6 @@ class Batch(LinearEstimator):
         return np.where(free, self.free_weight * np.where(largest > 0, largest, 1.0), variance)
 
 
-Stage = tuple[list[int], list[int]]
-"""Rows that are solved together, and the unknowns that they determine."""
-
-
 @frozen
 class Sequential(LinearEstimator):
     """Weighted least squares in stages, no weight to choose.
@@ -367,41 +363,10 @@ class Sequential(LinearEstimator):
     on_samples = False
 
     def _solved(self, problem: Problem) -> LeastSquaresSolution:
-        return _solve_stages(problem, plan_stages(problem))
+        return _solve_stages(problem)
 
 
-def plan_stages(problem: Problem) -> list[Stage]:
-    """Derive the stages from which row holds which unknown."""
-    structure = problem.structure
-    holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
-    known: Booleans = np.zeros(holds.shape[1], dtype=bool)
-    rows, left = driven_rows(problem.model), set(range(structure.shape[1]))
-    stages: list[Stage] = []
-    while rows:
-        unknowns = holds[rows].any(axis=0) & ~known
-        while unknowns.any() and (more := _rows_that_help(structure, rows, unknowns, left)):
-            rows = sorted({*rows, *more})
-            unknowns = holds[rows].any(axis=0) & ~known
-        if unknowns.any():
-            stages.append((rows, np.flatnonzero(unknowns).tolist()))
-        left -= set(rows)
-        known |= unknowns
-        rows = sorted(r for r in left if (holds[r] & known).any())
-    return stages
-
-
-def _rows_that_help(
-    structure: Floats, rows: Sequence[int], unknowns: Booleans, left: set[int]
-) -> list[int]:
-    """Return further rows with unknowns that the columns of these rows do not tell apart."""
-    columns = structure[:, list(rows)][:, :, unknowns].reshape(-1, int(unknowns.sum()))
-    _, singular, directions = np.linalg.svd(columns)
-    rank = int((singular > 1e-12 * singular.max(initial=0.0)).sum())
-    tangled = np.flatnonzero(unknowns)[(np.abs(directions[rank:]) > 1e-9).any(axis=0)]
-    return sorted(r for r in left - set(rows) if structure[:, r][:, tangled].any())
-
-
-def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> LeastSquaresSolution:
+def _solve_stages(problem: Problem) -> LeastSquaresSolution:
     """Solve stage by stage; the gains carry the error of each stage into the next."""
     count, holds = len(problem.names), (problem.structure != 0).any(axis=0)
     values = np.full(count, np.nan)
@@ -409,7 +374,7 @@ def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> LeastSquaresSolu
     gains = [np.zeros((count, *target.shape), dtype=complex) for _, target in equations]
     condition, directions = 1.0, np.zeros((count, 0))
     waiting: list[int] = []
-    for planned, _ in stages:
+    for planned, _ in problem.stages:
         # Rows whose unknowns the stage before left open wait for the rows of this one.
         rows = [*waiting, *planned]
         own = np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))

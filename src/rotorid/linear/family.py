@@ -5,7 +5,7 @@ What the misfit on lines is held against: theory, section 4.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -20,7 +20,7 @@ from rotorid.answer.judge import OPEN, judge
 from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import column_lengths
+from rotorid.core.linalg import column_lengths, whole_svd
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Booleans, Complexes, Floats
 from rotorid.data.observation import Data, Observation, bind
@@ -37,6 +37,8 @@ LEAST_PERIODS = 4
 
 
 Solver = Callable[[Any], LeastSquaresSolution]
+Stage = tuple[list[int], list[int]]
+"""Rows that are solved together, and the unknowns that they determine."""
 
 
 @frozen
@@ -90,19 +92,34 @@ class Posed:
         """What each row holds of each unknown, shape (signal, row, unknown)."""
         return self.model.coefficients[0] @ self.elimination.basis
 
+    @cached_property
+    def stages(self) -> list[Stage]:
+        """Rows that are solved together, by which row holds which unknown, from those driven on."""
+        structure = self.structure
+        holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
+        known: Booleans = np.zeros(holds.shape[1], dtype=bool)
+        rows, left = driven_rows(self.model), set(range(structure.shape[1]))
+        stages: list[Stage] = []
+        while rows:
+            unknowns = holds[rows].any(axis=0) & ~known
+            while unknowns.any() and (more := _rows_that_help(structure, rows, unknowns, left)):
+                rows = sorted({*rows, *more})
+                unknowns = holds[rows].any(axis=0) & ~known
+            if unknowns.any():
+                stages.append((rows, np.flatnonzero(unknowns).tolist()))
+            left -= set(rows)
+            known |= unknowns
+            rows = sorted(r for r in left if (holds[r] & known).any())
+        return stages
+
     @property
     def unreached(self) -> list[int]:
         """Unknowns that no chain of equations ties to a measured input or a known term.
 
         Their equations have zero on the right side, which any multiple of a solution solves.
         """
-        holds = (self.structure != 0).any(axis=0)
-        rows = set(driven_rows(self.model))
-        reached = holds[sorted(rows)].any(axis=0)
-        while more := {int(r) for r in np.flatnonzero(holds[:, reached].any(axis=1))} - rows:
-            rows |= more
-            reached = holds[sorted(rows)].any(axis=0)
-        return [int(i) for i in np.flatnonzero(~reached)]
+        reached = {unknown for _, unknowns in self.stages for unknown in unknowns}
+        return [i for i in range(len(self.names)) if i not in reached]
 
     def reached(self, solution: LeastSquaresSolution) -> Floats:
         values = solution.values.copy()
@@ -151,7 +168,7 @@ class Posed:
         notes: Sequence[Note] = (),
         *,
         inflation: float = 1.0,
-        unknown: Booleans | None = None,
+        unknown: Iterable[bool] = (),
         lines_hz: tuple[float, ...] = (),
         periods: int = 1,
     ) -> Estimate:
@@ -164,15 +181,11 @@ class Posed:
         base, covariance = self.base(values), basis @ covariance @ basis.T
         found = np.isfinite(base)
         std = np.where(found, np.sqrt(np.diag(covariance).clip(0)), np.nan)
-        columns = base.tolist(), std.tolist(), (std * inflation).tolist()
-        named = zip(model.base.names, model.base.units, *columns, strict=True)
-        parameters = [Value(*row) for row in named]
-        if unknown is not None:
-            unstated = (basis[:, unknown] != 0).any(axis=1)
-            parameters = [
-                replace(p, std=None, std_inflated=None) if none else p
-                for p, none in zip(parameters, unstated, strict=True)
-            ]
+        stated = np.stack([std, std * inflation], axis=1).tolist()
+        for i in np.flatnonzero((basis[:, list(unknown)] != 0).any(axis=1)):
+            stated[i] = (None, None)
+        named = zip(model.base.names, model.base.units, base.tolist(), stated, strict=True)
+        parameters = [Value(name, unit, value, *both) for name, unit, value, both in named]
         units = self.full.parameter_units
         known, number = np.where(found, base, 0.0), solution.condition_number
         notes = (
@@ -196,6 +209,17 @@ class Posed:
             notes=notes,
             condition_number=number if np.isfinite(number) else None,
         )
+
+
+def _rows_that_help(
+    structure: Floats, rows: Sequence[int], unknowns: Booleans, left: set[int]
+) -> list[int]:
+    """Return further rows with unknowns that the columns of these rows do not tell apart."""
+    columns = structure[:, list(rows)][:, :, unknowns].reshape(-1, int(unknowns.sum()))
+    _, singular, directions = whole_svd(columns)
+    rank = int((singular > 1e-12 * singular.max(initial=0.0)).sum())
+    tangled = np.flatnonzero(unknowns)[(np.abs(directions[rank:]) > 1e-9).any(axis=0)]
+    return sorted(r for r in left - set(rows) if structure[:, r][:, tangled].any())
 
 
 @frozen
@@ -282,30 +306,25 @@ def _whitened(record: Fitted) -> tuple[NDArray[Any], ...]:
 
 def misfit(records: Sequence[Fitted]) -> tuple[float, Expectation]:
     """Return the sum of squares of the residual over its scatter, and what noise makes of it."""
+    parts = zip(*map(_whitened, records), strict=True)
+    residual, design, gains, correlation = (np.concatenate(part) for part in parts)
     # A' A = I - U V' with U = (D, G') and V = (G', D - G' D' D), so that nothing n x n is formed.
-    parts = [_whitened(record) for record in records]
-    cost = sum(float((residual**2).sum()) for residual, *_ in parts)
-    free = parts[0][1].shape[2]
-    inner, shared = np.zeros((free, free)), np.zeros((2 * free, 2 * free))
-    for _, design, _, _ in parts:
-        inner += np.tensordot(design, design, ([0, 1], [0, 1]))
-    mean = square = 0.0
-    for _, design, gains, correlation in parts:
-        u = np.concatenate([design, gains], axis=2)
-        v = np.concatenate([gains, design - gains @ inner], axis=2)
-        moved = correlation @ u
-        cross = np.tensordot(v, moved, ([0, 1], [0, 1]))
-        mean += float(np.trace(correlation, axis1=1, axis2=2).sum() - np.trace(cross))
-        square += float((correlation**2).sum() - 2 * ((correlation @ v) * moved).sum())
-        shared += cross
-    square += float((shared * shared.T).sum())
+    inner = np.tensordot(design, design, ([0, 1], [0, 1]))
+    u = np.concatenate([design, gains], axis=2)
+    v = np.concatenate([gains, design - gains @ inner], axis=2)
+    moved = correlation @ u
+    cross = np.tensordot(v, moved, ([0, 1], [0, 1]))
+    mean = float(np.trace(correlation, axis1=1, axis2=2).sum() - np.trace(cross))
+    square = (correlation**2).sum() - 2 * ((correlation @ v) * moved).sum()
+    square = float(square + (cross * cross.T).sum())
     # Every deviation is itself from so many periods.
     dof = min(record.scatter.dof for record in records)
     of_one, spread = line_moments(np.ones(1), np.array([dof]), np.full(1, 2.0))
     mean, square = max(mean, 0.0), max(square, 1e-300)
     freedom = max(round(mean**2 / square), 1)
     wider = float(spread[0]) / 4
-    return cost, Expectation(mean * float(of_one[0]) / 2, 2 * square * wider, freedom)
+    expected = Expectation(mean * float(of_one[0]) / 2, 2 * square * wider, freedom)
+    return float((residual**2).sum()), expected
 
 
 def inflation(records: Sequence[Fitted]) -> float:
@@ -333,9 +352,11 @@ def _parted(records: Sequence[Fitted]) -> Floats:
 
     Of parameters that are hardly told the answers themselves differ by more than a change.
     """
-    answers = [record.answers for record in records]
-    halves = [[half.mean(axis=0) for half in np.split(a, [len(a) // 2])] for a in answers]
-    return np.asarray(sum(a.mean(axis=0) - h for a, h in zip(answers, halves, strict=True)))
+    found = 0.0
+    for answers in (record.answers for record in records):
+        halves = np.split(answers, [len(answers) // 2])
+        found = found + answers.mean(axis=0) - [half.mean(axis=0) for half in halves]
+    return np.asarray(found)
 
 
 def _noise(records: Sequence[Fitted]) -> dict[str, float]:
@@ -346,7 +367,7 @@ def _noise(records: Sequence[Fitted]) -> dict[str, float]:
     for record in records:
         scatter = record.scatter.matrices.real
         noise += record.weight @ np.einsum("ir,krs,is->ki", inverse, scatter, inverse)
-        size += record.weight @ np.abs(record.regression.inputs.mean(axis=0)) ** 2
+        size += record.weight @ np.abs(record.regression.inputs) ** 2
     share = np.sqrt(noise.clip(0) / np.where(size > 0, size, 1.0))
     return dict(zip(model.inputs, share.tolist(), strict=True))
 

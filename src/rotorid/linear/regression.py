@@ -14,9 +14,9 @@ filtered once, exactly; others are computed from the low-passed motion, then fil
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from rotorid.answer.estimate import Prediction
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
-from rotorid.data.filtered import SPILLED, FilteredRecord, told_of
+from rotorid.data.filtered import SPILLED, FilteredRecord, LowPass, told_of
 from rotorid.data.lines import PhasorClock, SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import PeriodicRecord
@@ -134,8 +134,13 @@ class Equations(ABC):
 
     @property
     @abstractmethod
+    def inputs(self) -> Any:
+        """Shape (line or sample, input)."""
+
+    @property
     def forces(self) -> Any:
         """B u, shape (line or sample, row)."""
+        return self.inputs @ self.model.input_matrix.T
 
     def counting(self, rows: Any) -> Any:
         """Return rows, (line or sample, row, ...), with zeros where no equation counts."""
@@ -199,9 +204,13 @@ class Regression(Equations):
         return np.asarray(self._lines(columns) @ follow)
 
     @cached_property
-    def inputs(self) -> Complexes:
+    def period_inputs(self) -> Complexes:
         self.check_forces()
         return self._lines(list(self.observation.input_columns))
+
+    @property
+    def inputs(self) -> Complexes:
+        return np.asarray(self.period_inputs.mean(axis=0))
 
     def _signals(self, coordinates: Complexes) -> Complexes:
         """Return the lines of the model's signals on the motion that has these lines."""
@@ -210,24 +219,20 @@ class Regression(Equations):
             differentiate(coordinates, record.harmonics, record.samples, record.sample_rate, order)
             for order in range(3)
         ]
-        lines = np.empty((*coordinates.shape[:-1], len(model.signals)), dtype=complex)
-        others = []
-        for index, factor in enumerate(model.motion_factors):
-            if factor is None:
-                others.append(index)
-            else:
-                column, order, scale = factor
-                gain = speed_factor(scale, record.speed)
-                lines[..., index] = gain * derivatives[order][..., column]
-        still = (*coordinates.shape[:-2], record.samples, len(model.coordinates))
-        waves = [np.zeros(still)] * 3
-        if any(model.moves(index) for index in others):
+        waves = [np.zeros((*coordinates.shape[:-2], record.samples, len(model.coordinates)))] * 3
+        if model.nonlinear:
             waves = [synthesize(d, record.harmonics, record.samples) for d in derivatives]
         timed = any(symbol("t") in signal.free_symbols for signal in model.signals)
         time, angle = SampledClock.of(record).grid(timed=timed)
         motion = Motion(waves[0], waves[1], waves[2], time, angle, record.speed)
-        for index in others:
-            lines[..., index] = self._sampled_lines(index, motion)
+        lines = np.empty((*coordinates.shape[:-1], len(model.signals)), dtype=np.complex128)
+        for index, factor in enumerate(model.motion_factors):
+            if factor is None:
+                lines[..., index] = self._sampled_lines(index, motion)
+            else:
+                column, order, scale = factor
+                gain = speed_factor(scale, record.speed)
+                lines[..., index] = gain * derivatives[order][..., column]
         return lines
 
     def _sampled_lines(self, index: int, motion: Motion) -> Complexes:
@@ -249,21 +254,13 @@ class Regression(Equations):
         """Lines of the signals on the motion of each period, shape (period, line, signal)."""
         return self._signals(self.coordinates)
 
-    @cached_property
-    def period_forces(self) -> Complexes:
-        """Lines of B u in each period, shape (period, line, row)."""
-        return np.asarray(self.inputs @ self.model.input_matrix.T)
-
-    @property
-    def forces(self) -> Complexes:
-        return np.asarray(self.period_forces.mean(axis=0))
-
     def period_residual(self, base: Floats) -> Complexes:
         coefficients, known = self.model.coefficients
-        return np.asarray(self.period_signals @ (coefficients @ base + known) - self.period_forces)
+        forces = self.period_inputs @ self.model.input_matrix.T
+        return np.asarray(self.period_signals @ (coefficients @ base + known) - forces)
 
     def predicted(self, base: Floats) -> Predicted:
-        return self._predicted(base, self.inputs.mean(axis=0), self.record.multiplicity)
+        return self._predicted(base, self.inputs, self.record.multiplicity)
 
 
 NOISY = 3.0
@@ -275,31 +272,62 @@ of an axis that is held leaves more than its noise; an axis that turns is throug
 
 @frozen
 class SampledRegression(Equations):
+    """On the samples in use; arrays over samples hold those of all stretches, one after another."""
+
     @property
     def record(self) -> FilteredRecord:
         assert self.observation.filtered is not None
         return self.observation.filtered
 
     @cached_property
-    def stretches(self) -> list[Stretch]:
-        record, found = self.record, []
-        for begin, end in zip(record.begins, record.ends, strict=True):
-            first, last = np.searchsorted(record.used, (begin, end))
-            if first < last:
-                picked = record.used[first:last] - begin
-                found.append(Stretch(self, slice(int(begin), int(end)), picked))
-        return found
+    def _stretches(self) -> list[Integers]:
+        """The samples of each stretch in which some are in use: the filter works within."""
+        found = map(np.arange, self.record.begins, self.record.ends)
+        return [part for part in found if np.isin(self.record.used, part).any()]
 
-    def _joined(self, parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
-        """Return parts of stretches as one, without samples of which no equation counts."""
-        return np.concatenate(list(parts))[self.kept]
+    @cached_property
+    def _samples(self) -> Integers:
+        return np.concatenate(self._stretches)
+
+    @cached_property
+    def _picked(self) -> Integers:
+        """The samples in use, counted over all stretches, (used,)."""
+        return np.searchsorted(self._samples, self.record.used)
+
+    def _each(self, of: Callable[[NDArray[Any]], NDArray[Any]], rows: NDArray[Any]) -> NDArray[Any]:
+        """Return what something makes of each stretch: rows, or one value for all of its rows."""
+        parts = np.split(rows, np.cumsum([len(part) for part in self._stretches])[:-1])
+        return np.concatenate([np.broadcast_to(of(part), part.shape) for part in parts])
+
+    def _weight(self, on: Booleans) -> Floats:
+        """Return the share of each filtered sample's weight that lies on some samples."""
+        return self._each(self.record.outer.apply, on.astype(float)[:, None])[:, 0]
+
+    @cached_property
+    def _read(self) -> Floats:
+        return self.record.record.samples[self._samples][:, self.sensed[0]]
+
+    def _coordinates(self, low_pass: LowPass, order: int) -> Floats:
+        channels = tuple(self.record.channels[c] for c in self.sensed[0])
+        rows = self._each(lambda part: low_pass.apply(part, order, channels), self._read)
+        return np.asarray(rows @ self.sensed[1])
+
+    @cached_property
+    def _motion(self) -> Motion:
+        """The low-passed motion, at which the terms that are not linear are computed."""
+        record = self.record.record
+        time = record.start + self._samples / record.sample_rate
+        angle, speed = record.rotor_angle()[self._samples], np.asarray(record.speed)
+        if record.angle is not None:
+            speed = self._each(lambda part: np.gradient(part, 1 / record.sample_rate), angle)
+        q, velocity, acceleration = (self._coordinates(self.record.inner, k) for k in range(3))
+        return Motion(q, velocity, acceleration, time, angle, speed)
 
     @cached_property
     def told(self) -> Booleans:
         """Equations that count, shape (used, row): not those that hold the sign of noise."""
         holds = (self.model.coefficients[0] != 0).any(axis=2) | (self.model.coefficients[1] != 0)
-        count = sum(len(stretch.picked) for stretch in self.stretches)
-        out = np.zeros((count, holds.shape[1]), dtype=bool)
+        out = np.zeros((len(self._picked), holds.shape[1]), dtype=bool)
         for index, held in enumerate(holds):
             if self.model.moves(index):
                 for argument in _signs_of(self.model.signals[index]):
@@ -312,13 +340,30 @@ class SampledRegression(Equations):
         return np.asarray(self.told.any(axis=1))
 
     def _resting(self, argument: Expression) -> Booleans:
-        """Return the samples in use whose weights lie on a rest of a sign's argument, (used,)."""
-        parts = [(stretch, *stretch.sizes(argument)) for stretch in self.stretches]
-        size = np.concatenate([size for _, size, _ in parts])
-        least = SLOW * float(np.sqrt((size**2).mean()))
-        return np.concatenate(
-            [stretch.resting(size < max(NOISY * noise, least)) for stretch, size, noise in parts]
-        )
+        """Return the samples in use too much of whose weight lies on a rest of a sign's argument.
+
+        A rest lasts so long that a filtered sample lies within; one that merely turns does not.
+        """
+        size, noise = self._sizes(argument)
+        small = size < np.maximum(NOISY * noise, SLOW * np.sqrt((size**2).mean()))
+        rest = small & (self._weight(self._weight(small) > 0.5) > SPILLED)
+        return np.asarray(((self._weight(rest) > SPILLED) | rest)[self._picked])
+
+    def _sizes(self, argument: Expression) -> tuple[Floats, Floats]:
+        """Return the size of an expression of the motion, (sample,), and the noise of it."""
+        model, inner, arrays = self.model, self.record.inner, self.model.arrays(self._motion)
+        variance = np.zeros(len(self._samples))
+        for order, dots in enumerate(DERIVATIVES):
+            noise = self._each(partial(inner.noise_of, order=order), self._read)
+            offs = np.sqrt(noise**2 @ self.sensed[1] ** 2)
+            for name, off in zip(model.coordinates, offs.T, strict=True):
+                if symbol(moving := name + dots) in argument.free_symbols:
+                    above, below = (
+                        evaluate(argument, {**arrays, moving: arrays[moving] + by})
+                        for by in (off, -off)
+                    )
+                    variance += self._each(lambda part: (part**2).mean(), (above - below) / 2)
+        return np.abs(evaluate(argument, arrays)) * np.ones(len(variance)), np.sqrt(variance)
 
     def counting(self, rows: Any) -> Any:
         told = self.told[self.kept]
@@ -326,21 +371,35 @@ class SampledRegression(Equations):
 
     @cached_property
     def signals(self) -> Floats:
-        return self._joined(stretch.signals() for stretch in self.stretches)
+        model, record, used = self.model, self.record.record, self._picked[self.kept]
+        low_pass, found = self.record.outer, np.empty((len(used), len(self.model.signals)))
+        exact = cache(partial(self._coordinates, low_pass))
+        for index, factor in enumerate(model.motion_factors):
+            turning = factor is not None and symbol("Omega") in factor[2].free_symbols
+            if factor is None or (turning and record.angle is not None):
+                value = _finite_signal(model, index, self._motion, record.source)
+                whole = np.broadcast_to(value, self._motion.time.shape)
+                found[:, index] = self._each(low_pass.apply, whole[:, None])[used, 0]
+            else:
+                column, order, scale = factor
+                found[:, index] = speed_factor(scale, record.speed) * exact(order)[used, column]
+        return found
+
+    def _inputs(self, order: int) -> Floats:
+        seen, used, low_pass = self.observation, self._picked[self.kept], self.record.outer
+        if not seen.inputs:
+            return np.zeros((len(used), 0))
+        samples = self.record.record.samples[self._samples][:, list(seen.input_columns)]
+        return self._each(lambda part: low_pass.apply(part, order, seen.inputs), samples)[used]
 
     @cached_property
     def inputs(self) -> Floats:
-        return self._joined(stretch.inputs() for stretch in self.stretches)
-
-    @property
-    def forces(self) -> Floats:
-        return np.asarray(self.inputs @ self.model.input_matrix.T)
+        return self._inputs(0)
 
     @cached_property
     def force_rates(self) -> Floats:
         """The derivative of filtered B u, shape (sample, row); zero where no equation counts."""
-        rates = self._joined(stretch.inputs(1) for stretch in self.stretches)
-        return np.asarray(self.counting(rates @ self.model.input_matrix.T))
+        return np.asarray(self.counting(self._inputs(1) @ self.model.input_matrix.T))
 
     def predicted(self, base: Floats) -> Predicted:
         driven = self.model.input_matrix.any(axis=1)
@@ -363,93 +422,6 @@ class SampledRegression(Equations):
     def lowered(self, share: float) -> SampledRegression:
         lower = self.record.lowered(share)
         return SampledRegression(replace(self.observation, filtered=lower))
-
-
-@frozen
-class Stretch:
-    """A part of a record without samples that must not enter the filter."""
-
-    regression: SampledRegression
-    part: slice  # of the samples of the record
-    picked: Integers  # (used,): its samples in use, counted from the first of the part
-
-    @property
-    def _record(self) -> FilteredRecord:
-        return self.regression.record
-
-    def _coordinates(self, order: int, *, outer: bool) -> Floats:
-        record, (columns, follow) = self._record, self.regression.sensed
-        filter_ = record.outer if outer else record.inner
-        channels = tuple(record.channels[c] for c in columns)
-        samples = record.record.samples[self.part, columns]
-        return np.asarray(filter_.apply(samples, order, channels) @ follow)
-
-    def sizes(self, argument: Expression) -> tuple[Floats, float]:
-        """Return the size of an expression of the motion, (sample,), and the noise of it."""
-        model, motion = self.regression.model, self.motion
-        columns, follow = self.regression.sensed
-        samples = self._record.record.samples[self.part, columns]
-        arrays, variance = model.arrays(motion), 0.0
-        for order, dots in enumerate(DERIVATIVES):
-            noise = np.sqrt(self._record.inner.noise_of(samples, order) ** 2 @ follow**2)
-            for name, off in zip(model.coordinates, noise, strict=True):
-                if symbol(moving := name + dots) in argument.free_symbols:
-                    above = evaluate(argument, {**arrays, moving: arrays[moving] + off})
-                    below = evaluate(argument, {**arrays, moving: arrays[moving] - off})
-                    variance += float((((above - below) / 2) ** 2).mean())
-        size = np.broadcast_to(np.abs(evaluate(argument, arrays)), motion.time.shape)
-        return size, float(np.sqrt(variance))
-
-    def resting(self, small: Booleans) -> Booleans:
-        """Return the samples in use too much of whose weight lies on a rest, shape (used,).
-
-        A rest lasts so long that a filtered sample lies within; one that merely turns does not.
-        """
-
-        def weight(on: Booleans) -> Floats:
-            return self._record.outer.apply(on.astype(float)[:, None])[:, 0]
-
-        within = weight(small) > 0.5
-        if not within.any():
-            return np.zeros(len(self.picked), dtype=bool)
-        rest = small & (weight(within) > SPILLED)
-        return np.asarray(((weight(rest) > SPILLED) | rest)[self.picked])
-
-    def inputs(self, order: int = 0) -> Floats:
-        seen, record = self.regression.observation, self._record
-        if not seen.inputs:
-            return np.zeros((len(self.picked), 0))
-        samples = record.record.samples[self.part, list(seen.input_columns)]
-        return np.asarray(record.outer.apply(samples, order, seen.inputs)[self.picked])
-
-    @cached_property
-    def motion(self) -> Motion:
-        """Return the low-passed motion, at which the terms that are not linear are computed."""
-        record = self._record.record
-        time = record.start + np.arange(self.part.start, self.part.stop) / record.sample_rate
-        angle, speed = record.rotor_angle()[self.part], np.asarray(record.speed)
-        if record.angle is not None and len(angle) > 1:
-            speed = np.gradient(angle, 1 / record.sample_rate)
-        q, velocity, acceleration = (self._coordinates(order, outer=False) for order in range(3))
-        return Motion(q, velocity, acceleration, time, angle, speed)
-
-    def signals(self) -> Floats:
-        model, record = self.regression.model, self._record
-        found = np.empty((len(self.picked), len(model.signals)))
-        exact: dict[int, Floats] = {}
-        for index, factor in enumerate(model.motion_factors):
-            turning = factor is not None and symbol("Omega") in factor[2].free_symbols
-            if factor is not None and not (turning and record.record.angle is not None):
-                column, order, scale = factor
-                if order not in exact:
-                    exact[order] = self._coordinates(order, outer=True)[self.picked]
-                gain = speed_factor(scale, record.record.speed)
-                found[:, index] = gain * exact[order][:, column]
-                continue
-            value = _finite_signal(model, index, self.motion, record.source)
-            whole = np.broadcast_to(value, self.motion.time.shape)
-            found[:, index] = record.outer.apply(whole[:, None])[self.picked, 0]
-        return found
 
 
 def _signs_of(value: Expression) -> Iterator[Expression]:
