@@ -88,18 +88,34 @@ class Expectation:
     variance: float
     dof: int
 
+    @property
+    def _freedom(self) -> tuple[float, float]:
+        """The degrees of F; the second infinite where C is known, or holds part of what it weighs.
+
+        It is a gamma distribution there.
+        """
+        spread = self.variance / self.mean**2
+        excess = spread * self.dof - 2
+        if excess < 1e-9:
+            return min(2 / spread, 1e15), math.inf
+        return self.dof, max((2 * self.dof - 4 + 4 * spread * self.dof) / excess, 4.0 + 1e-6)
+
     def p_value(self, cost: float) -> float:
         if self.dof <= 0 or self.mean <= 0:
             return 1.0
-        spread = self.variance / self.mean**2
-        excess = spread * self.dof - 2
-        if excess < 1e-9:  # C is known, or holds part of what it weighs: a gamma distribution
-            shape = min(2 / spread, 1e15)
-            return gamma_tail(cost / self.mean * shape / 2, shape / 2)
-        nu = (2 * self.dof - 4 + 4 * spread * self.dof) / excess
-        if nu <= 4:
-            nu = 4.0 + 1e-6
-        return f_tail(cost / self.mean * nu / (nu - 2), self.dof, nu)
+        first, second = self._freedom
+        if second == math.inf:
+            return gamma_tail(cost / self.mean * first / 2, first / 2)
+        return f_tail(cost / self.mean * second / (second - 2), first, second)
+
+    def exceeded(self, chance: float) -> float:
+        """Return the cost that is exceeded with a chance."""
+        if self.dof <= 0 or self.mean <= 0:
+            return math.inf
+        first, second = self._freedom
+        if second == math.inf:
+            return self.mean * 2 / first * float(scipy.special.gammainccinv(first / 2, chance))
+        return self.mean * f_limit(chance, first, second) * (second - 2) / second
 
 
 def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Floats, Floats]:

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
-import scipy
 
 from rotorid.answer import machine_checks
 from rotorid.answer.estimate import DOUBTFUL, Estimate
@@ -208,21 +206,9 @@ def moved_unseen(fit: Fit, effect: Floats) -> tuple[str, float]:
     return _names(fit)[worst], float(moved[worst])
 
 
-@lru_cache(maxsize=1)
 def unseen_excess(expected: Expectation) -> float:
     """Return what may be added to the expected cost before a warning tells."""
-    if expected.dof <= 0 or expected.mean <= 0:
-        return np.inf
-    high = expected.mean
-    while expected.p_value(expected.mean + high) > DOUBTFUL:
-        high *= 2
-        if high > 1e12 * expected.mean:
-            return np.inf
-
-    def beyond(more: float) -> float:
-        return expected.p_value(expected.mean + more) - DOUBTFUL
-
-    return float(scipy.optimize.brentq(beyond, 0.0, high, xtol=1e-10 * high, rtol=1e-10))
+    return expected.exceeded(DOUBTFUL) - expected.mean
 
 
 TELLING = 1e-6
@@ -275,7 +261,7 @@ def answers_of_windows(
             linear.append(there.linear.cut(TELLING))
     except (InputError, np.linalg.LinAlgError):
         return None
-    std = np.sqrt(sum((at.root**2).sum(axis=1) for at in linear)) / 2
+    std = np.hypot(linear[0].std, linear[1].std) / 2
     lost = linear[0].undetermined | linear[1].undetermined | ~np.isfinite(std)
     return np.array([at.steps(at.residual) for at in linear]), np.where(lost, 0.0, std)
 

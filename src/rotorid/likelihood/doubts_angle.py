@@ -47,7 +47,7 @@ PLACES = np.linspace(-1.0, 1.0, 201)
 
 
 def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note]:
-    layout, std = point.problem.layout, np.linalg.norm(point.linear.root, axis=1)
+    layout, std = point.problem.layout, point.linear.std
     held = np.isin(layout.free, layout.held) & (std > 0)
     for at, rows, record in zip(point.records, point.rows, records, strict=True):
         columns = _turned(at, record)

@@ -87,6 +87,11 @@ class Linearized:
         told = self.values > share * self.values.max(initial=0.0)
         return replace(self, rank=int(told.sum()))
 
+    def filled(self, share: float) -> Linearized:
+        """Return the same with no direction open: all have a share of the largest at least."""
+        values = np.maximum(self.values, share * self.values.max(initial=0.0))
+        return replace(self, values=values, rank=len(values))
+
     def weighted(self, weights: Floats) -> Linearized:
         """Return the same with weighted rows; as many directions as before count."""
         rows = weights[:, None] * (self.left * self.values)
@@ -130,9 +135,15 @@ class Linearized:
     @cached_property
     def root(self) -> Floats:
         """A root of the covariance of the unknowns, (free, rank): how they answer to `range`."""
-        with np.errstate(over="ignore", invalid="ignore"):  # far from any minimum
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # far from any minimum
             along = self.directions[:, : self.rank] / self.values[: self.rank]
             return np.asarray(self.scale[:, None] * along)
+
+    @property
+    def std(self) -> Floats:
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = np.sqrt((self.root**2).sum(axis=1))
+        return np.asarray(np.nan_to_num(found, nan=np.inf, posinf=np.inf))
 
     @cached_property
     def leverage(self) -> Floats:

@@ -29,6 +29,7 @@ from rotorid.core.values import Booleans, Floats
 from rotorid.core.watch import watch
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
+from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.response import response, responses
 from rotorid.likelihood.solver import STAGES, Solution, beside, elsewhere, settle
@@ -174,26 +175,17 @@ def noise_free(point: Point) -> Point:
 def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
     """Return the deviations that the noise-free response gives, infinite where it gives none."""
     try:
-        return _deviations_of(_predicted_root(problem.at(unknowns)))
+        return _predicted(problem.at(unknowns)).std
     except np.linalg.LinAlgError:
         return np.full(len(problem.layout.free), np.inf)
 
 
-def _deviations_of(root: Floats) -> Floats:
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = np.sqrt((root**2).sum(axis=1))
-    return np.asarray(np.nan_to_num(found, nan=np.inf, posinf=np.inf))
-
-
-def _predicted_root(point: Point, weights: Sequence[Floats] = ()) -> Floats:
-    """Return a root of the covariance by the noise-free response; `weights`: of records' rows."""
+def _predicted(point: Point, weights: Sequence[Floats] = ()) -> Linearized:
+    """Return the problem linear in the noise-free response; `weights`: of the records' rows."""
     linear = noise_free(point).linear
     if weights:
         linear = linear.weighted(np.concatenate([*weights, np.ones(len(point.known))]))
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        least = NOTHING * linear.values.max(initial=0.0)
-        spread = linear.directions / np.maximum(linear.values, least)
-        return np.asarray(linear.scale[:, None] * spread)
+    return linear.filled(NOTHING)
 
 
 def informed_by_noise(point: Point) -> tuple[Floats, Booleans]:
@@ -206,25 +198,26 @@ def informed_by_noise(point: Point) -> tuple[Floats, Booleans]:
     none = np.zeros(len(point.problem.layout.free), dtype=bool)
     predicted = np.full(len(none), np.inf)
     try:
-        root = _predicted_root(point)
-        predicted = _deviations_of(root)
+        linear = _predicted(point)
+        predicted = linear.std
         noise = _by_noise(point)
-        told = _owed(noise, root)
+        told = _owed(noise, linear.root)
         if told.any():
             weights = _borne_out(point)
-            weighed = [n * w[:, None] for n, w in zip(noise, weights, strict=True)]
-            told &= _owed(weighed, _predicted_root(point, weights))
+            every = zip(noise, weights, strict=True)
+            weighed = [[part * w[:, None] for part in parts] for parts, w in every]
+            told &= _owed(weighed, _predicted(point, weights).root)
     except np.linalg.LinAlgError:
         return predicted, none
     return predicted, told
 
 
-def _owed(noise: Sequence[Floats], root: Floats) -> Booleans:
-    """Tell which deviations owe to some noise, its Jacobian given for each record, (free,)."""
+def _owed(noise: Sequence[Sequence[Floats]], root: Floats) -> Booleans:
+    """Tell which deviations owe to some noise, its Jacobians given for each record, (free,)."""
     if not np.isfinite(root).all():
         return np.zeros(len(root), dtype=bool)
-    rows = [part.reshape(-1, len(root)) for part in noise]
-    _, share, along = whole_svd(np.concatenate([np.zeros((0, len(root))), *rows]) @ root)
+    rows = [np.zeros((0, len(root))), *(part for parts in noise for part in parts)]
+    _, share, along = whole_svd(np.concatenate(rows) @ root)
     turned = root @ along.T
     # Shares of each row: an estimate astray may have deviations whose squares no number holds.
     largest = np.abs(turned).max(axis=1, keepdims=True, initial=1e-300)
@@ -253,8 +246,8 @@ def _borne_out(point: Point) -> list[Floats]:
     return found
 
 
-def _by_noise(point: Point) -> list[Floats]:
-    """Return the Jacobians that the noise of the inputs alone would make, (input, row, free)."""
+def _by_noise(point: Point) -> list[list[Floats]]:
+    """Return the Jacobians that the noise of each input alone would make, record by record."""
     free, affine = point.problem.layout.free, point.problem.affine
     still = point.unknowns.copy()
     still[affine] = 0.0  # what turns is no noise
@@ -270,12 +263,10 @@ def _by_noise(point: Point) -> list[Floats]:
             noise = np.zeros_like(likelihood.data)
             noise[:, :count] = idle * likelihood.noise.factor[:, :count, column]
             every.append(quiet.with_data(replace(driven, data=noise)))
-        parts = np.zeros((count, likelihood.lines * 2 * likelihood.equations, len(free)))
-        for part, pushed, data in zip(parts, every, responses(every), strict=True):
-            driven = replace(pushed.problem, data=data)
-            part[:] = quiet.with_data(driven).jacobian()[:, free]
-        parts[:, :, np.isin(free, affine)] = 0.0
-        found.append(parts)
+        readings = zip(every, responses(every), strict=True)
+        pushed = [quiet.with_data(replace(at.problem, data=data)) for at, data in readings]
+        turning = np.isin(free, affine)
+        found.append([np.where(turning, 0.0, at.jacobian()[:, free]) for at in pushed])
     return found
 
 

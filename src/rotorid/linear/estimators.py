@@ -50,7 +50,7 @@ cut-off that moves a parameter by the second turns the answer away too: the bias
 
 def filtered_records(records: Sequence[Observation]) -> bool:
     found = [record.filtered is not None for record in records]
-    if any(found) and not all(found):
+    if len({*found}) > 1:
         raise InputError(
             "records with a cut-off beside others",
             "all of one kind",
@@ -70,10 +70,6 @@ def refuse_filtered(records: Sequence[Observation], method: str) -> None:
                 "of the cut-off",
                 file=record.lines.source,
             )
-
-
-Sampled = tuple[LeastSquaresSolution, Scatter, Floats]
-"""A solution on samples, what blocks say of it, and its values as far as equations reach them."""
 
 
 @frozen
@@ -116,7 +112,8 @@ class SampledProblem(Posed):
             *machine_checks.agreement(self.names, *scatter.halves()),
         )
 
-    def fit(self, solved: Solver) -> Sampled:
+    def fit(self, solved: Solver) -> tuple[LeastSquaresSolution, Scatter, Floats]:
+        """Return a solution, what blocks say of it, and its values as far as equations reach."""
         solution = solved(self)
         parts = zip(*(block.whitened() for block in solution.blocks), strict=True)
         matrix, right = (np.concatenate(part) for part in parts)
@@ -134,10 +131,9 @@ class SampledProblem(Posed):
         _, spread, freed = replace(self, early=True).fit(solved)
         lag = -float(freed[-1])
         std = float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
-        shares = scatter.shares(freed[:-1] - values)
-        if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or shares.max() <= MOVED:
+        worst, share = scatter.worst(freed[:-1] - values)
+        if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or share <= MOVED:
             return
-        worst = int(shares.argmax())
         text = (
             f"the forces come as if {abs(lag) * 1e3:.3g} ms {'late' if lag > 0 else 'early'} "
             f"({abs(lag) / std if std > 0 else np.inf:.3g} deviations), and {self.names[worst]} is "
@@ -145,7 +141,7 @@ class SampledProblem(Posed):
             "channels, or look for filters before the logger, or for something elastic that the "
             "equations leave out"
         )
-        sure = abs(lag) > SURE * std and shares.max() > machine_checks.SURE
+        sure = abs(lag) > SURE * std and share > machine_checks.SURE
         severity: Severity = "rejects" if sure else "doubts"
         yield Note("delay", severity, text, on=(self.names[worst],), value=lag, unit="s")
 
@@ -154,33 +150,22 @@ class SampledProblem(Posed):
         lower = tuple(r.lowered(LOWER) for r in self.regressions)
         _, spread, other = replace(self, regressions=lower).fit(solved)
         change = other - values
-        clear = np.abs(change) > CLEAR * _spread_of_change(scatter, spread)
-        shares = np.where(clear, scatter.shares(change), 0.0)
-        if shares.max(initial=0.0) <= MOVED:
+        clear = np.abs(change) > CLEAR * scatter.spread_of_change(spread)
+        worst, share = scatter.worst(np.where(clear, change, 0.0))
+        if share <= MOVED:
             return
-        worst = int(shares.argmax())
         name, unit, by = self.names[worst], self._unit(worst), float(change[worst])
         text = (
             f"a cut-off lower by {100 * (1 - LOWER):.0f} % moves {name} by {by:+.3g} "
-            f"{unit}, {shares[worst]:.2g} deviations: noise in the motion pulls the answer towards "
+            f"{unit}, {share:.2g} deviations: noise in the motion pulls the answer towards "
             "zero, or the motion reaches up to the cut-off; the deviations do not cover that: try "
             "other cut-offs"
         )
-        severity: Severity = "rejects" if shares.max() > SURE else "doubts"
+        severity: Severity = "rejects" if share > SURE else "doubts"
         yield Note("cut-off", severity, text, on=(name,), value=by, unit=unit)
 
     def _unit(self, free: int) -> str:
         return self.model.base.units[self.elimination.kept[free]]
-
-
-def _spread_of_change(first: Scatter, second: Scatter) -> Floats:
-    """Return the deviation of the difference of two answers from the same blocks, shape (free,)."""
-    parts = [first.shifts, second.shifts]
-    count = min(len(part) for part in parts)
-    one, other = (
-        np.add.reduceat(part, np.arange(count) * len(part) // count, axis=0) for part in parts
-    )
-    return np.asarray(np.sqrt(((one - other) ** 2).sum(axis=0)))
 
 
 def _doubted(names: Sequence[str], scatter: Scatter) -> Iterator[Note]:
@@ -231,11 +216,25 @@ class LinearEstimator:
         InputError
             For records that do not fit the model, or knowledge that only ml can use.
         """
+        return self._posed(model, records).summarize(self.method, self._solved)
+
+    def solve(self, model: Model, records: Sequence[Data]) -> tuple[Problem, LeastSquaresSolution]:
+        """Return the regression and its solution, without statistics.
+
+        Raises
+        ------
+        InputError
+            As `estimate`.
+        """
+        problem = self._posed(model, records)
+        return problem, self._solved(problem)
+
+    def _posed(self, model: Model, records: Sequence[Data]) -> Problem:
         bound = bind_all(model, records)
         kind: type[Problem] = SampledProblem if filtered_records(bound) else LeastSquaresProblem
         if not self.on_samples:
             refuse_filtered(bound, self.method)
-        return kind.of(bound, self.fixed, self.constraints).summarize(self.method, self._solved)
+        return kind.of(bound, self.fixed, self.constraints)
 
     def _solved(self, problem: Problem) -> LeastSquaresSolution:
         return solve(problem.blocks(partial(self._variance, problem)))
@@ -308,19 +307,6 @@ class Batch(LinearEstimator):
                 "a positive number",
                 "take 100, as the paper does",
             )
-
-    def solve(
-        self, model: Model, records: Sequence[Data]
-    ) -> tuple[LeastSquaresProblem, LeastSquaresSolution]:
-        """Return the regression and its solution, without statistics.
-
-        Raises
-        ------
-        InputError
-            As `estimate`.
-        """
-        problem = LeastSquaresProblem.of(bind_all(model, records), self.fixed, self.constraints)
-        return problem, self._solved(problem)
 
     def _variance(self, problem: Problem, regression: Equations) -> Floats:
         variance, free = problem.variance(regression), ~problem.model.input_matrix.any(axis=1)

@@ -156,11 +156,21 @@ class Scatter:
     def blocks(self) -> int:
         return len(self.shifts)
 
-    def shares(self, change: Floats) -> Floats:
-        """Return a change of the values in deviations, (free,), zero for what is not known."""
+    def worst(self, change: Floats) -> tuple[int, float]:
+        """Return which value changes by the most deviations, and by how many."""
         spread = np.sqrt(np.diag(self.covariance).clip(0))
         known = np.isfinite(change) & (spread > 0) & ~self.alone
-        return np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
+        shares = np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
+        return int(shares.argmax()), float(shares.max())
+
+    def spread_of_change(self, other: Scatter) -> Floats:
+        """Return the deviation of what another answer from the same blocks differs by, (free,)."""
+        count = min(self.blocks, other.blocks)
+        one, two = (
+            np.add.reduceat(part, np.arange(count) * len(part) // count, axis=0)
+            for part in (self.shifts, other.shifts)
+        )
+        return np.asarray(np.sqrt(((one - two) ** 2).sum(axis=0)))
 
     def halves(self) -> tuple[Floats, Floats]:
         """Return what the halves add, shape (half, free), and the deviation of half of that.

@@ -523,7 +523,7 @@ def test_what_only_a_resonance_makes_of_the_noise_of_forces_is_no_information(se
     problem, truth = problem_at(*levitated(seed))
     point = problem.at(truth)
     noise = information._by_noise(point)
-    assert information._owed(noise, information._predicted_root(point)).any()
+    assert information._owed(noise, information._predicted(point).root).any()
     assert information._borne_out(point)[0].min() < 0.05
     assert not information.informed_by_noise(point)[1].any()
 
