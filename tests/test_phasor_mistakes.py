@@ -16,7 +16,7 @@ from test_own_parameters import text
 import rotorid as rid
 from rotorid import InputError
 from rotorid.likelihood import rivals_model as trial_leads
-from rotorid.likelihood import rivals_records, solver
+from rotorid.likelihood import rivals_read, solver
 from rotorid.likelihood.doubts import FAR, NEAR
 from rotorid.likelihood.effects import Replaces
 from rotorid.likelihood.unknowns import Scalar, Unknown, phase
@@ -338,7 +338,7 @@ def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch) -> N
     ]
     layout = SimpleNamespace(nuisances=own)
     case = SimpleNamespace(records=records, prepared=SimpleNamespace(layout=layout))
-    found = list(rivals_records._exchanges(case))
+    found = list(rivals_read._exchanges(case))
     pairs = ["0, 1", "0, 2", "0, 3", "0, 4", "1, 2", "2, 3"]
     assert [lead.term for lead in found] == [
         f"swap[record {pair.replace(', ', ', record ')}]" for pair in pairs
@@ -350,15 +350,17 @@ def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch) -> N
 @pytest.mark.parametrize(("off", "found"), [(0.9e-9, True), (1.1e-9, False)])
 @pytest.mark.parametrize("way", [1j, -1j])
 def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
-    monkeypatch, off: float, found: bool, way: complex
+    off: float, found: bool, way: complex
 ) -> None:
     load = np.array([1.0, -1j])
-    loads = {0: load, 1: way * load * (1 + off)}
-    monkeypatch.setattr(trial_leads, "_columns", lambda case, parameters: loads)
+    linear = SimpleNamespace(rotation_columns=lambda _: np.stack([load, way * load * (1 + off)], 1))
+    model = SimpleNamespace(require_linear=lambda: linear, monomial_jacobian=lambda _: np.eye(2))
     unknown = Scalar("t", "kg m", 1.0, 0.0)
     replaced = [(1, Replaces(k, False), k) for k in (0, 1)]
     layout = SimpleNamespace(
         base=False,
+        model=model,
+        parameters=2,
         replaced=replaced,
         load_only=lambda: {0, 1},
         unknowns=[unknown] * 2,
@@ -372,9 +374,9 @@ def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
 @pytest.mark.parametrize("table", [True, False])
 def test_what_is_told_of_a_turned_mark_can_be_done(monkeypatch, table: bool) -> None:
     """A table has no key that sets its phase free."""
-    monkeypatch.setattr(rivals_records, "is_table", lambda record: table)
-    monkeypatch.setattr(rivals_records, "later_phases", lambda records, starts: [(1, phase(1))])
+    monkeypatch.setattr(rivals_read, "is_table", lambda record: table)
+    monkeypatch.setattr(rivals_read, "later_phases", lambda records, starts: [(1, phase(1))])
     layout = SimpleNamespace(index={})
     case = SimpleNamespace(records=["bare", "run"], prepared=SimpleNamespace(layout=layout))
-    (rival,) = rivals_records._angles(case)
+    (rival,) = rivals_read._angles(case)
     assert ('phase = "unknown"' in rival.added.cure) != table

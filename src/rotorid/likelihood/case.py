@@ -210,14 +210,14 @@ class Rival:
     """Another hypothesis about what was measured: a change of the case, and what to say of it."""
 
     term: str  # for people: ``swap[x1, y1]``; no code takes it apart
-    kind: Kind
-    change: Callable[[Case], Case]
     says: str | Callable[[float | None], str]  # what is the matter, at its value
     cure: str
+    change: Callable[[Case], Case]  # of a mistake, what undoes it
     value: float | Callable[[Point], float | None] | None = None  # what is right, in `unit`
     unit: str = ""
     on: tuple[str, ...] = ()  # channels, groups of them or records that it acts on, if on such
-    way: Way = "near"  # from where it is minimized
+    kind: Kind = "mistake"
+    way: Way = "far"  # from where it is minimized
     added: Unknown | None = None  # the unknown that it frees, where that is a further one
     # A small change is scored first, by the derivative: the unknowns that it frees, the value that
     # theirs come to, and what is no longer known.
@@ -314,33 +314,19 @@ def freed(unknown: Unknown, kind: Kind = "term", on: tuple[str, ...] = ()) -> Ri
 
     rival = Rival(
         unknown.term,
-        kind,
-        lambda case: case.plus(unknown),
         unknown.said,
         unknown.cure,
+        lambda case: case.plus(unknown),
         unit=unknown.unit,
         on=on or (tuple(unknown.on) if len(unknown.on) == 1 else ()),
+        kind=kind,
+        way="near",
         added=unknown,
         frees=tuple(scalar.name for scalar in unknown.scalars),
         size=unknown.size,
         sharper=instead,
     )
     return rival
-
-
-def mistake(
-    term: str,
-    said: str,
-    cure: str,
-    change: Callable[[Case], Case],
-    value: float | None = None,
-    unit: str = "",
-    *,
-    on: tuple[str, ...] = (),
-    kind: Kind = "mistake",
-) -> Rival:
-    """Return the rival that a mistake was made; `change` undoes it."""
-    return Rival(term, kind, change, said, cure, value, unit, on, way="far")
 
 
 def each_record(

@@ -29,7 +29,7 @@ from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import parts_between
-from rotorid.likelihood.rivals_records import SPEEDS, is_response, is_table
+from rotorid.likelihood.rivals_read import SPEEDS, is_response, is_table
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Scalar, force_scale
 from rotorid.models import Model
 from rotorid.models.modal import eigenmodes

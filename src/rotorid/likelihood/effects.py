@@ -190,7 +190,7 @@ def _passage(channel: int, scales: Scales, at: Integers, omega: Floats, lines: C
 
 
 def _addition(channel: int, at: Integers, lines: Complexes) -> Bound:
-    return Bound(channel, at, lambda x: (1.0, x[at] * lines), lambda x: (0.0, lines[:, None, None]))
+    return Bound(channel, at, lambda x: (1.0, lines @ x[at]), lambda x: (0.0, lines[:, None]))
 
 
 def _rotation(
@@ -202,22 +202,18 @@ def _rotation(
             weight[:, None] * np.stack([np.cos(order * phi), np.sin(order * phi)], axis=-1)
         )
     )
-    ahead, behind = parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]
+    if phase is None:
+        return _addition(channel, at, parts)
 
-    def cosine_sine(x: Floats) -> Complexes:
-        turn = np.exp(1j * order * (0.0 if phase is None else x[phase]))
-        forward, backward = ahead * turn, behind / turn
-        return np.stack([(forward + backward) / 2, (forward - backward) / 2j], axis=1)
+    def turned(x: Floats) -> Complexes:
+        cos, sin = np.cos(order * x[phase]), np.sin(order * x[phase])
+        return np.asarray(parts @ np.array([[cos, sin], [-sin, cos]]))
 
     def slopes(x: Floats) -> tuple[Line, Line]:
-        found = cosine_sine(x)
-        if phase is not None:
-            cos, sin = x[at]
-            found = np.column_stack([found, order * (found @ np.array([sin, -cos]))])
-        return 0.0, found[:, None]
+        found, (cos, sin) = turned(x), x[at]
+        return 0.0, np.column_stack([found, order * (found @ np.array([sin, -cos]))])[:, None]
 
-    unknowns = at if phase is None else np.append(at, phase)
-    return Bound(channel, unknowns, lambda x: (1.0, cosine_sine(x) @ x[at]), slopes)
+    return Bound(channel, np.append(at, phase), lambda x: (1.0, turned(x) @ x[at]), slopes)
 
 
 def _law(channel: int, passed: Passed, rereads: Placed[Rereads], samples: Samples) -> Bound:
@@ -385,4 +381,4 @@ def _additions(
         # Lines of samples become those of the quantity as the channel's own do.
         recorded = [lines.channels[column]]
         bent *= transfer_of_recording(recorded, lines.frequency, samples.sample_rate)
-        yield _addition(names.index(effect.channel), at, bent[:, 0])
+        yield _addition(names.index(effect.channel), at, bent)

@@ -107,20 +107,15 @@ class MeasuredRow:
     def ratio(self) -> float:
         return -self.value.real / abs(self.value)
 
-    def rows(self, relaxation: float) -> Iterator[tuple[float, float, Callable[..., Floats]]]:
-        """Yield error and deviation of frequency and damping, and their derivative by lambda's."""
+    def rows(self, relaxation: float) -> Iterator[tuple[float, float, complex]]:
+        """Yield error, deviation and w of frequency and damping: they change by Re(w d lambda)."""
         hertz, std, _ = self.mode.in_si
         granted = GRANTED * relaxation
-        spread = float(np.hypot(std, granted * hertz))
-        yield self.hertz - hertz, spread, lambda slope: slope.imag / (2 * np.pi)
+        yield self.hertz - hertz, float(np.hypot(std, granted * hertz)), -1j / (2 * np.pi)
         if self.mode.damping is not None:
-            ratio, std = self.mode.damping
-            unit = self.value.conjugate() / abs(self.value)
-            yield (
-                self.ratio - ratio,
-                float(np.hypot(std, granted)),
-                lambda slope: -(slope.real + self.ratio * (unit * slope).real) / abs(self.value),
-            )
+            (ratio, std), size = self.mode.damping, abs(self.value)
+            weight = -(1 + self.ratio * self.value.conjugate() / size) / size
+            yield self.ratio - ratio, float(np.hypot(std, granted)), weight
 
 
 @frozen
@@ -206,10 +201,12 @@ class ModalRows:
         return np.array([error / std for error, std, _ in every])
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        rows: list[Floats] = []
-        for each in self.measured(unknowns):
-            slope = each.slope()
-            rows += [by_slope(slope) / std for _, std, by_slope in each.rows(relaxation)]
+        rows = [
+            (weight * slope).real / std
+            for each in self.measured(unknowns)
+            for slope in [each.slope()]
+            for _, std, weight in each.rows(relaxation)
+        ]
         return np.array(rows).reshape(len(rows), len(unknowns))
 
 
@@ -244,13 +241,7 @@ def _configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Co
 
 
 def _pencil(layout: Layout, mode: Mode) -> Pencil:
-    linear = layout.model.require_linear()
-    if linear.rows != linear.coordinates:
-        raise InputError(
-            f"{linear.rows} equations for {linear.coordinates} coordinates",
-            "as many of one as of the other, for natural frequencies",
-            "complete the model",
-        )
+    layout.model.require_linear().require_square()
     if layout.base and mode.parameters:
         raise InputError(
             f"{next(iter(mode.parameters))} of a mode",
@@ -315,9 +306,8 @@ def close_modes(modes: ModalRows, unknowns: Floats) -> Iterator[Note]:
         for mode in each.modes:
             own = hertz[number(mode) - 1]
             for other in (number(mode) - 1, number(mode) + 1):
-                if other in taken or not 1 <= other <= len(hertz):
-                    continue
-                if abs(hertz[other - 1] - own) < NEAR * mode.in_si[1]:
+                there = other not in taken and 1 <= other <= len(hertz)
+                if there and abs(hertz[other - 1] - own) < NEAR * mode.in_si[1]:
                     text = (
                         f"{mode}: mode {other} of the model lies at {hertz[other - 1]:.6g} Hz, "
                         f"within {NEAR:g} deviations; which of the two was measured its frequency "

@@ -22,20 +22,20 @@ from rotorid.answer.judge import SUSPECTS
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
-from rotorid.likelihood import rivals_channels, rivals_model, rivals_records
+from rotorid.likelihood import rivals_model, rivals_read
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes, Way
 from rotorid.likelihood.effects import Entry, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.rivals_model import BENDING
-from rotorid.likelihood.rivals_records import shown_speed
+from rotorid.likelihood.rivals_read import shown_speed
 from rotorid.likelihood.solver import HOPELESS, Solution, solve
 from rotorid.likelihood.starts import FEW, PLAIN_LINES, searched
 from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.drawing import PLANES
 
-ENTRIES = (rivals_channels, rivals_records, rivals_model)
+ENTRIES = (rivals_read, rivals_model)
 """The modules that fill the catalogue."""
 SMALL = ("gain", "mode", "channel", "angle", "term", "drawn", "known", "reads")
 """Stages of small changes, in the order in which they stand where the data cannot tell them."""
@@ -73,16 +73,7 @@ FEWEST = 20
 """Lines that tell one mistake of a drawing from another, at the least."""
 SAME_SPEED = 1e-3
 """Speeds that differ by less are one, as it is stated and as a line shows it."""
-LOOK_FOR_THE_SPEED = (
-    "give the speed at which the machine ran: look at the checks, and with rotorid inspect at the "
-    "lines that the record shows"
-)
-"""What to do about a speed that is wrong where no line tells the right one."""
-EXACT_INPUTS = (
-    "; but the inputs were taken as free of noise, and in closed loop that alone gives such a "
-    "misfit: give references or a quiet record first"
-)
-"""What is said of whole records without references."""
+
 STANDING = {"known": 0, "bound": 2, "lag": 2, "omission": 3}
 """Order of kinds that the data cannot tell apart, 1 for all others: known values are no new terms;
 a bandwidth comes after the delay that it looks like, a bound that would be far off after what may
@@ -116,6 +107,9 @@ class Tried:
 
 
 Tries = Iterator[Tried]
+Places = Mapping[tuple[str, ...], int]
+"""Where channels and places stand among those that rivals act on."""
+NOWHERE: Places = {}
 # Of an estimate astray numbers may overflow; whoever takes the trials has his own way with them.
 quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
@@ -153,9 +147,12 @@ class RivalSearch:
         expected, places = self.case.expected, dict[tuple[str, ...], int]()
         for number, rival in enumerate(small):
             places.setdefault(rival.place, number)
-        yield self.told(ranked(_one_speed([*kept, *rest], expected), expected, places))
+        yield self.told(_one_speed([*kept, *rest], expected), places=places)
 
-    def told(self, found: Sequence[Finding], done: int = 0, of: int = 0) -> Tried:
+    def told(
+        self, found: Sequence[Finding], done: int = 0, of: int = 0, places: Places = NOWHERE
+    ) -> Tried:
+        found = ranked(found, self.case.expected, places)
         kept = [(finding.rival, finding) for finding in found[:KEPT]]
         notes = (
             Note(r.term, "doubts", value=f.value, unit=r.unit, drop=f.drop, share=f.share)
@@ -163,9 +160,6 @@ class RivalSearch:
         )
         said = Note(SUSPECTS, "rejects", sentence(self.case, found) + self.besides)
         return Tried(done, of, (said, *notes), any(r.kind == "speed" for r, _ in kept))
-
-    def trial(self, done: int, of: int) -> Tried:
-        return self.told(ranked(self.found, self.case.expected, {}), done, of)
 
     @quiet
     def entered(self, *stages: str) -> list[Rival]:
@@ -195,7 +189,7 @@ class RivalSearch:
     def one_by_one(self, rivals: Sequence[Rival]) -> Tries:
         for number, rival in enumerate(rivals, 1):
             self.follow(rival)
-            yield self.trial(number, len(rivals))
+            yield self.told(self.found, number, len(rivals))
 
     @quiet
     def follow(self, rival: Rival) -> None:
@@ -238,7 +232,7 @@ class RivalSearch:
                     self.follow(rival)
                 else:
                     waiting.append((cost, rival))
-                yield self.trial(number, len(stages))
+                yield self.told(self.found, number, len(stages))
             if any(map(self.explains, self.found[before:])):
                 return
         likeliest = sorted(waiting, key=lambda pair: pair[0])[:SCREENED]
@@ -248,13 +242,9 @@ class RivalSearch:
         entered, costs = self.entered(stage), list[float]()
         for rival in entered:
             costs.append(self.screen(rival))
-            yield self.trial(len(costs), len(entered))
+            yield self.told(self.found, len(costs), len(entered))
         if entered:
             self.follow(entered[costs.index(min(costs))])
-
-
-Places = Mapping[tuple[str, ...], int]
-"""Where channels and places stand among those that rivals act on."""
 
 
 def ranked(found: Sequence[Finding], expected: float, places: Places) -> list[Finding]:
@@ -309,7 +299,11 @@ def _one_speed(found: Sequence[Finding], expected: float) -> list[Finding]:
         if np.ptp(values) > SAME_SPEED * np.abs(values).max():
             where = "".join(f" of {record}" for record in group[0].rival.on)
             said = f"another speed{where} than the one given, whose true value no line shows"
-            any_speed = replace(group[0].rival, says=said, cure=LOOK_FOR_THE_SPEED, unit="")
+            cure = (
+                "give the speed at which the machine ran: look at the checks, and with rotorid "
+                "inspect at the lines that the record shows"
+            )
+            any_speed = replace(group[0].rival, says=said, cure=cure, unit="")
             one = replace(group[0], rival=any_speed, value=None)
             kept = [one, *(f for f in kept if f.rival.term != term)]
     return kept
@@ -380,8 +374,12 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
         yield shown
         return
     few = _on_whole_rotor(_on_fewer_lines(case))
-    exact = any(record.lines.covariance.kind == "inputs" for record in case.records)
-    besides = _by_lines(few, case) + (EXACT_INPUTS if exact else "")
+    besides = _by_lines(few, case)
+    if any(record.lines.covariance.kind == "inputs" for record in case.records):
+        besides += (
+            "; but the inputs were taken as free of noise, and in closed loop that alone gives "
+            "such a misfit: give references or a quiet record first"
+        )
     yield from RivalSearch(few, plain.tried if plain else frozenset(), besides).trials()
 
 
@@ -415,7 +413,7 @@ def _shown(case: Case, plain: Plain | None) -> Tried:
     ]
     expected = min(there.expected for _, there in ends)
     search = RivalSearch(replace(here, expected=expected), besides=_by_lines(here, case))
-    return search.told(ranked(found, expected, {}))
+    return search.told(found)
 
 
 def _explaining(case: Case, rivals: Sequence[Rival], way: Way = "near") -> list[tuple[Rival, Case]]:

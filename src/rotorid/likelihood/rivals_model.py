@@ -17,8 +17,8 @@ from itertools import combinations, combinations_with_replacement
 import numpy as np
 
 from rotorid.core.linalg import coupled
-from rotorid.core.values import Complexes, Floats
-from rotorid.likelihood.case import Case, Rival, freed, mistake, rivals
+from rotorid.core.values import Floats
+from rotorid.likelihood.case import Case, Rival, freed, rivals
 from rotorid.likelihood.effects import Drives, Entry, RowLoad
 from rotorid.likelihood.mode_rows import ModalRows
 from rotorid.likelihood.problem import Point
@@ -33,8 +33,7 @@ from rotorid.models.rotor.fem import Piece, elastic_pieces, spans
 from rotorid.models.structure import Structure
 
 BENDS = "bending of the shaft"
-INTO_THE_FILE = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
-"""What to do about a term that a drawing lacks."""
+
 STIFFEN = (
     "the shaft bends: take a rotor file of its drawing, or a model with a bending mode (docs/"
     "write-a-model.md), or only lines far below its first bending frequency"
@@ -99,24 +98,18 @@ def _bending(structure: Structure, units: Sequence[str]) -> Unknown:
     rotor, its equations become M q" + M A M q"" = B F with A = S^-1 C B^-1: symmetric where
     sensors stand beside their magnets, and the same in both planes.
     """
-    n = len(structure.coordinates)
-    heavy = _sum(structure.masses)
-    entries: list[Entry] = []
-    couples = list(combinations_with_replacement(structure.pairs, 2))
-    for unknown, (one, other) in enumerate(couples):
+    heavy, parts = _sum(structure.masses), list[Matrices]()
+    for one, other in combinations_with_replacement(structure.pairs, 2):
         alike = (units[one[0]] == "m") == (units[other[0]] == "m")
-        matrix = np.zeros((n, n))
+        matrix = np.zeros_like(heavy)
         for a in (0, 1):  # lengths go with tilts of their plane: x with theta_y, y with -theta_x
             b, sign = (a, 1.0) if alike else (1 - a, 1.0 - 2.0 * a)
             matrix[one[a], other[b]] = matrix[other[b], one[a]] = sign
-        matrix = structure.in_rows(heavy @ matrix @ heavy)
-        entries += [
-            Entry(int(r), int(c), BENDING, float(matrix[r, c]), factors=(unknown,))
-            for r, c in np.argwhere(matrix)
-        ]
+        parts.append({(BENDING, 0): heavy @ matrix @ heavy})
     unit = "m/N" if units[structure.pairs[0][0]] == "m" else "rad/(N m)"
     # Its unknowns have units of their own.
-    return replace(_missing(BENDS, unit, entries), cure=STIFFEN, size=lambda v: float(v[0]))
+    term = _term(structure, BENDS, unit, *parts)
+    return replace(term, cure=STIFFEN, size=lambda v: float(v[0]))
 
 
 def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
@@ -131,15 +124,13 @@ def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> Itera
             continue
         names = ", ".join(structure.coordinates[k] for k in sorted(group))
         stiff, mass, rate, load = UNITS_AT[units[group[0]] == "rad"]
-        one = np.zeros((n, n))
-        one[list(group), list(group)] = 1.0
+        one = np.diag(np.isin(np.arange(n), group).astype(float))
         yield _term(structure, f"stiffness to ground {names}", stiff, {K: one})
         yield _term(structure, f"mass at {names}", mass, {M: one})
         if not still:
             yield _load(structure, f"load at {names}", load, group)
         if len(group) == 2:
-            cross = np.zeros((n, n))
-            cross[group[0], group[1]], cross[group[1], group[0]] = 1.0, -1.0
+            cross = -one @ structure.turn()
             yield _term(structure, f"cross-coupling to ground {names}", stiff, {K: cross})
             if not still:
                 yield _term(structure, f"gyroscopic {names}", mass, {D_SPEED: cross})
@@ -173,9 +164,11 @@ def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> U
     return _missing(name, unit, loads)
 
 
-def _term(structure: Structure, name: str, unit: str, matrices: Matrices) -> Unknown:
+def _term(structure: Structure, name: str, unit: str, *parts: Matrices) -> Unknown:
+    """Return what adds to the equations, an unknown for each of its parts."""
     entries = [
-        Entry(int(r), int(c), order, float(rows[r, c]), power)
+        Entry(int(r), int(c), order, float(rows[r, c]), power, (part,))
+        for part, matrices in enumerate(parts)
         for (order, power), matrix in sorted(matrices.items())
         for rows in [structure.in_rows(matrix)]
         for r, c in np.argwhere(rows)
@@ -246,8 +239,9 @@ def _terms(case: Case) -> Iterator[Rival]:
     still = not any(record.lines.speed.any() for record in case.records)
     units = [model.units[name] for name in model.coordinates]
     drawn = isinstance(model, RotorModel)
+    add = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
     for term in find_candidates(structure, units, still=still):
-        yield freed(replace(term, cure=INTO_THE_FILE) if drawn else term)
+        yield freed(replace(term, cure=add) if drawn else term)
 
 
 @rivals("drawn")
@@ -270,11 +264,6 @@ CLOSE = 1.5
 """Factor of the limit within which what was set free makes the bound the likeliest mistake: a limit
 is guessed or mistyped by less, and a unit is off by 2 or more (but for rms, 1.41, where both are
 told)."""
-WRONG_SIGN = (
-    "look at the signs of the channels and of the terms; where it may have that sign, take the "
-    "bound (positive, min, max) away"
-)
-"""What to do about a value below zero that a bound keeps above."""
 
 
 def _held_bounds(case: Case) -> dict[Limit, int]:
@@ -318,14 +307,21 @@ def _without(case: Case, held: Mapping[Limit, int]) -> Rival:
         size = f"{value:.6g}" + ("" if unit in ("", "1") else f" {unit}")
         return f"{limit.expression} = {size}, which the bound {limit} does not let it be"
 
+    cure = "check that bound (min, max), or take it away"
+    if not limit.value:
+        cure = (
+            "look at the signs of the channels and of the terms; where it may have that sign, take "
+            "the bound (positive, min, max) away"
+        )
     return Rival(
         f"bound {', '.join(map(str, held))}",
-        "bound",
-        lambda case: case.prepared_as(looser),
         said,
-        "check that bound (min, max), or take it away" if limit.value else WRONG_SIGN,
+        cure,
+        lambda case: case.prepared_as(looser),
         value,
         unit,
+        kind="bound",
+        way="near",
         likely=likely,
     )
 
@@ -341,11 +337,12 @@ def _known(case: Case) -> Iterator[Rival]:
 def _prior(name: str, unit: str) -> Rival:
     return Rival(
         f"prior {name}",
-        "known",
-        lambda case: case.freed(name),
         lambda value: f"{name}{amount(value, unit)} instead of what was given",
         f"check {name}",
+        lambda case: case.freed(name),
         unit=unit,
+        kind="known",
+        way="near",
         frees=(name,),
         size=lambda values: float(values[0]),
         forgets=name,
@@ -366,12 +363,13 @@ def _mode(text: str, rows: ModalRows) -> Rival:
 
     return Rival(
         text,
-        "term",
-        lambda case: case.freed(text),
         said,
         "check that frequency, and which mode it is",
+        lambda case: case.freed(text),
         lambda point: rows.first_hertz(point.unknowns),
         "Hz",
+        kind="term",
+        way="near",
         forgets=text,
     )
 
@@ -386,7 +384,7 @@ def _wrong_unit(case: Case) -> Iterator[Rival]:
         said = f"natural frequencies in {name}, not in Hz"
         cure = "write frequency and std in [[modes]] with their unit"
         scaled = partial(_with_modes, change=partial(_scaled, factor=factor))
-        yield mistake("unit[modes]", said, cure, scaled, 1 / factor, "1", kind="unit")
+        yield Rival("unit[modes]", said, cure, scaled, 1 / factor, "1", kind="unit")
 
 
 def _scaled(mode: Mode, factor: float) -> Mode:
@@ -404,7 +402,7 @@ def _skipped(case: Case) -> Iterator[Rival]:
             term = f"skipped below {first.in_si[0]:.4g} Hz"
             said = f"a mode below {first} that was not measured, so that this one is number {true}"
             raised = partial(_with_modes, change=partial(_raised, above=above))
-            yield mistake(term, said, f"write mode = {true} there", raised, float(true), "1")
+            yield Rival(term, said, f"write mode = {true} there", raised, float(true), "1")
 
 
 def _raised(mode: Mode, above: Sequence[Mode]) -> Mode:
@@ -444,7 +442,7 @@ def _moved_masses(case: Case) -> Iterator[Rival]:
             "files of two records are exchanged"
         )
         held = dict(zip(names, (there.real, there.imag), strict=True))
-        yield mistake(
+        yield Rival(
             f"trial mass[{record}]",
             said,
             cure,
@@ -460,26 +458,17 @@ def trials(case: Case) -> Iterator[tuple[int, int, int]]:
     layout = case.prepared.layout
     if layout.base:
         return
-    parameters = {effect.parameter for _, effect, _ in layout.replaced}
-    turns = _columns(case, parameters & layout.load_only())
+    only = layout.load_only()
+    slopes = layout.model.monomial_jacobian(layout.start[: layout.parameters])
+    loads = layout.model.require_linear().rotation_columns(1.0) @ slopes
     for (record, one, i), (its, other, j) in combinations(layout.replaced, 2):
         stated = all(layout.unknowns[k].std is not None for k in (i, j))
-        if record != its or not stated or not layout.start[[i, j]].any():
+        unbalance = {one.parameter, other.parameter} <= only
+        if record != its or not (stated and unbalance and layout.start[[i, j]].any()):
             continue
-        a, b = (turns.get(n.parameter, np.zeros(1)) for n in (one, other))
-        if not (a.any() and b.any() and a.shape == b.shape):
+        a, b = loads[:, one.parameter], loads[:, other.parameter]
+        if not (a.any() and b.any()):
             continue
         for pair, off in (((i, j), b - 1j * a), ((j, i), b + 1j * a)):
             if (np.abs(off) <= QUARTER * np.abs(a).max()).all():
                 yield record, *pair
-
-
-def _columns(case: Case, parameters: set[int]) -> dict[int, Complexes]:
-    """Return the load once per revolution that each of some parameters makes by itself."""
-    layout = case.prepared.layout
-    turns = layout.model.require_linear().rotation_columns(1.0)
-    return {
-        factors[0]: turns[:, monomial]
-        for monomial, factors in enumerate(layout.monomial_factors)
-        if factors is not None and len(factors) == 1 and factors[0] in parameters
-    }

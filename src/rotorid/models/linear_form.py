@@ -229,6 +229,15 @@ class LinearForm:
             matrix[term.row, term.input] += term.coefficient * mu[term.monomial]
         return matrix
 
+    def require_square(self, file: str = "") -> None:
+        if self.rows != self.coordinates:
+            raise InputError(
+                f"{self.rows} equations for {self.coordinates} coordinates",
+                "as many of one as of the other",
+                "complete the model",
+                file=file,
+            )
+
     def dynamic_stiffness(self, omega: ArrayLike, values: ArrayLike, speed: float) -> Complexes:
         """Return Z of each line, shape (line, row, coordinate)."""
         m = self.matrices(values, speed)
@@ -240,12 +249,7 @@ class LinearForm:
     ) -> Complexes:
         """Solve ``Z(omega_k) q_k = right_k`` for the coordinates, shape (line, coordinate)."""
         stiffness = self.dynamic_stiffness(omega, values, speed)
-        if self.rows != self.coordinates:
-            raise InputError(
-                f"{self.rows} equations for {self.coordinates} coordinates",
-                "as many of one as of the other",
-                "complete the model",
-            )
+        self.require_square()
         return solved(stiffness, right, np.asarray(omega, dtype=float))
 
     def load_columns(self, time: ArrayLike, angle: ArrayLike, speed: float) -> Floats:

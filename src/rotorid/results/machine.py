@@ -454,13 +454,7 @@ def _linear(model: Model) -> LinearForm:
             file=error.file or model.name,
             place=error.place,
         ) from None
-    if linear.rows != linear.coordinates:
-        raise InputError(
-            f"{linear.rows} equations for {linear.coordinates} coordinates",
-            "as many of one as of the other",
-            "complete the model",
-            file=model.name,
-        )
+    linear.require_square(model.name)
     return linear
 
 

@@ -39,7 +39,7 @@ from rotorid.likelihood import unknowns as nuisances
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.effects import Scales
 from rotorid.likelihood.preparation import prepare
-from rotorid.likelihood.rivals_channels import multiplied
+from rotorid.likelihood.rivals_read import multiplied
 from rotorid.likelihood.unknowns import Nuisances, Scalar, Unknown, cubics, hystereses, unknowns_of
 from rotorid.models.knowledge import Knowledge
 from rotorid.signals.spectrum import shifted, synthesize

@@ -14,8 +14,7 @@ import rotorid as rid
 from rotorid import Channel, Constraint, InputError, MaximumLikelihood, identify, load_model
 from rotorid.answer.estimate import EXPLAINS
 from rotorid.likelihood import rivals
-from rotorid.likelihood import rivals_channels as leads
-from rotorid.likelihood import rivals_records as line_leads
+from rotorid.likelihood import rivals_read as leads
 from rotorid.likelihood import unknowns as channels
 from rotorid.likelihood.case import Case, Rival, Slopes
 from rotorid.likelihood.problem import Point
@@ -39,7 +38,7 @@ def rival(
         return SimpleNamespace(cost=left)
 
     changed = SimpleNamespace(screened=lambda: screened, minimized=at_minimum)
-    made = Rival(term, kind, lambda case: changed, term, "add it", 1.0, "kg", on, **more)
+    made = Rival(term, term, "add it", lambda case: changed, 1.0, "kg", on, kind, **more)
     object.__setattr__(made, "score", lambda slopes: (drop, 1.0))
     return made
 
@@ -221,7 +220,7 @@ def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch) -> None:
     """From the angles that are tried, and from that of the mark itself."""
     later = [SimpleNamespace(lines=SimpleNamespace(clock=None))] * 2
     monkeypatch.setattr(
-        rivals.rivals_records,
+        rivals.rivals_read,
         "later_phases",
         lambda records, starts: [(1, channels.phase(1, start=s)) for s in starts],
     )
@@ -540,10 +539,10 @@ def test_a_line_that_something_else_fills_is_named(demo, filtered_record, harmon
 
 
 def test_how_near_to_the_mains_a_line_is_theirs():
-    assert line_leads.source(49.96).startswith("where hum")
-    assert line_leads.source(49.9).startswith("which")
-    assert line_leads.source(150.0) == line_leads.source(240.0) == line_leads.source(50.0)
-    assert line_leads.source(0.01).startswith("which")
+    assert leads.source(49.96).startswith("where hum")
+    assert leads.source(49.9).startswith("which")
+    assert leads.source(150.0) == leads.source(240.0) == leads.source(50.0)
+    assert leads.source(0.01).startswith("which")
 
 
 @pytest.mark.slow
@@ -570,21 +569,21 @@ def test_the_drop_is_what_a_refit_without_the_line_gains(demo, filtered_record):
     found = fit(demo.model, [bad], Knowledge(), Nuisances())
     point = found.solution.point
     case = Case(found.problem, found.records, point.unknowns, found=point)
-    drops = {line: drop for drop, _, line in line_leads._drops(case)}
+    drops = {line: drop for drop, _, line in leads._drops(case)}
     assert sorted(drops) == [0, 1, 2, 4, 5]  # not the rotation's, 140 Hz
     worst = max(drops, key=lambda k: drops[k])
     assert bad.lines.frequency[worst] == 60
-    again = line_leads.without(case, 0, worst)
+    again = leads.without(case, 0, worst)
     assert case.point.cost - again.minimized().cost == pytest.approx(drops[worst], rel=0.02)
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.49, False), (0.51, True)])
 def test_a_line_that_holds_half_of_the_misfit_is_one_too_many(monkeypatch, share, told):
-    monkeypatch.setattr(line_leads, "_drops", lambda case: iter([(1e3 * share, 0, 1)]))
+    monkeypatch.setattr(leads, "_drops", lambda case: iter([(1e3 * share, 0, 1)]))
     lines = SimpleNamespace(frequency=np.array([20.0, 40.0]))
     point = SimpleNamespace(cost=1100.0)
     case = SimpleNamespace(records=[SimpleNamespace(lines=lines)], point=point, expected=100.0)
-    assert len(list(line_leads._line(case))) == told
+    assert len(list(leads._line(case))) == told
 
 
 @pytest.mark.parametrize(
@@ -604,7 +603,7 @@ def test_a_line_that_holds_half_of_the_misfit_is_one_too_many(monkeypatch, share
 )
 def test_lines_of_the_mains(hertz, hum):
     """A thousandth beside them, or on their multiples."""
-    assert ("hum of the mains" in line_leads.source(hertz)) == hum
+    assert ("hum of the mains" in leads.source(hertz)) == hum
 
 
 def test_lines_of_the_rotation_are_no_odd_ones():
@@ -619,15 +618,15 @@ def test_lines_of_the_rotation_are_no_odd_ones():
     none = np.zeros(0)
     point = Point(problem, none, [at], none)
     case = SimpleNamespace(records=[SimpleNamespace(lines=lines)], point=point)
-    assert [line for *_, line in line_leads._drops(case)] == [0, 1, 3, 4, 6, 7, 9, 10, 11]
+    assert [line for *_, line in leads._drops(case)] == [0, 1, 3, 4, 6, 7, 9, 10, 11]
     lines.frequency = frequency - 0.2  # .26 of the distance
-    assert len(list(line_leads._drops(case))) == 12
+    assert len(list(leads._drops(case))) == 12
 
 
 def test_a_line_that_is_left_out_weighs_a_millionth(demo, filtered_record):
     seen = bind(demo.model, filtered_record)
     case = SimpleNamespace(records=[seen], reading=lambda records: records)
-    (without,) = line_leads.without(case, 0, 2)
+    (without,) = leads.without(case, 0, 2)
     ratio = without.lines.covariance.matrices / seen.lines.covariance.matrices
     weight = 1 / np.sqrt(np.abs(ratio[:, 0, 0]))
     assert weight == pytest.approx([1, 1, 1e-6, 1, 1, 1])
