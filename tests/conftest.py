@@ -1,8 +1,12 @@
 """Property tests draw the same examples in every run; of many cases some are fast tests."""
 
+import fcntl
 import gc
+import os
 from collections import defaultdict
+from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -15,8 +19,20 @@ collect_ignore = ["fuzz_atheris.py"]
 
 def pytest_collection_finish() -> None:
     """Leave what was collected alone: thousands of tests are not looked through at every turn."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        _compile_once()
     gc.collect()
     gc.freeze()
+
+
+def _compile_once() -> None:
+    """Let one of several workers compile the loop of a rig, and the others read what it made."""
+    from rotorid import load_rig
+    from rotorid.rig import kernel
+
+    with Path(str(kernel.__file__)).open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        load_rig("three-mass").rig.run(1e-3, np.random.default_rng(0))
 
 
 @pytest.hookimpl(tryfirst=True)

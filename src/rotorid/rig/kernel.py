@@ -155,6 +155,13 @@ def coil_current(start: float, command: float, lag: float, slew: float, time: fl
     return command - gap * math.exp(-time / lag)
 
 
+@njit(cache=True, error_model="numpy")
+def _copy(values: Any, out: Any) -> None:
+    """Copy: an assignment of arrays brings the text of its refusal, some 10 s of compiling in all."""
+    for r in range(len(out)):
+        out[r] = values[r]
+
+
 @njit(cache=True, error_model="numpy", inline="always")
 def _displacement(displacement: Any, j: int, position: Any) -> float:
     x = 0.0
@@ -346,15 +353,15 @@ def integrate(
             for r in range(states):
                 peak[r] = max(abs(y[1, r]), peak[r])
             done = length if last else done + h
-            y[0] = y[1]
-            stages[0] = stages[6]
+            _copy(y[1], y[0])
+            _copy(stages[6], stages[0])
             h *= min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
         else:  # NaN too
             h *= max(0.1, 0.9 * error**-0.2) if error < np.inf else 0.1
             if h < 1e-9 * length:
                 return False
     _currents(lag, slew, coil, held, length, current)
-    coil[:] = current
+    _copy(current, coil)
     for j in range(len(coil)):
         iron[j] = _played(iron[j], width[j], coil[j])
     return True
@@ -407,7 +414,7 @@ def _control(loop: Any, step: int, reading: Any, memory: Any, scratch: Any, comm
         command[j] = gain * command[j] + played[j]
     _add_product(loop.A, memory, scratch)
     _add_product(loop.B, reading, scratch)
-    memory[:] = scratch
+    _copy(scratch, memory)
 
 
 @njit(cache=True, error_model="numpy")
@@ -436,7 +443,7 @@ def _exact_step(
     _add_product(steps.command[event], held, moved)
     _add_product(steps.noise[event], random, moved)
     _add_product(steps.load[event], load, moved)
-    x[:] = moved
+    _copy(moved, x)
 
 
 @njit(cache=True, error_model="numpy")
@@ -495,12 +502,12 @@ def run(
             axis = _limit(bearings, newest)
             if axis >= 0:
                 return BEYOND_BIAS, axis, time, newest[axis]
-            waiting[tick % len(waiting)] = newest
+            _copy(newest, waiting[tick % len(waiting)])
             steady[:] = 0.0
             _add_product(rotor.noise, loop.process[tick], steady)
         due = pattern * plan.controls + plan.apply[e] - plan.lag
         if plan.apply[e] >= 0 and due >= 0:
-            held[:] = waiting[due % len(waiting)]
+            _copy(waiting[due % len(waiting)], held)
         fine = since * plan.logs + plan.log[e]
         if plan.log[e] >= 0 and 0 <= fine < len(log.recorded):
             _currents(lag, slew, coil, held, 0.0, current)
@@ -510,13 +517,14 @@ def run(
             _signal(lags.recorded, x, 0, current, played, z, log.recorded[fine])
             if fine % log.every == 0:
                 sample = fine // log.every
-                log.state[sample], log.command[sample] = x[:n], newest
-                shown[:] = reading
+                _copy(x, log.state[sample])
+                _copy(newest, log.command[sample])
+                _copy(reading, shown)
                 if not reads or loop.filtered:
                     error = loop.error_at_control[tick] if reads else loop.error_at_log[sample]
                     _signal(lags.logged, x, 0, current, played, z, shown)
                     _read(loop, time, error, shown)
-                log.reading[sample] = shown
+                _copy(shown, log.reading[sample])
                 _signal(lags.coil, x, 0, current, played, z, log.current[sample])
                 _forces(displacement, kind, laws, x, log.effective[fine], log.force[sample])
         axis = _touch(bearings, x) if bearings.contact == 0.0 else -1
@@ -524,14 +532,17 @@ def run(
             return TOUCH, axis, time, 0.0
         if steps.linear:
             _exact_step(steps, e, held, loop.process[tick], loads[event], x, moved)
-            coil[:] = held
-            coil[bearings.lagging] = x[n:z]
+            _copy(held, coil)
+            for j in range(z - n):
+                coil[bearings.lagging[j]] = x[n + j]
             continue
-        y[0, :n], y[0, n:] = x[:n], x[z:]
+        _copy(x[:n], y[0, :n])
+        _copy(x[z:], y[0, n:])
         if not integrate(
             rotor, bearings, lags, laws, steady, held, time, plan.length[e], coil, iron, y, peak,
             stages, room,
         ):  # fmt: skip
             return STUCK, 0, time, 0.0
-        x[:n], x[z:] = y[0, :n], y[0, n:]
+        _copy(y[0, :n], x[:n])
+        _copy(y[0, n:], x[z:])
     return FINE, 0, 0.0, 0.0
