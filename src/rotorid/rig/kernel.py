@@ -157,7 +157,7 @@ def coil_current(start: float, command: float, lag: float, slew: float, time: fl
 
 @njit(cache=True, error_model="numpy")
 def _copy(values: Any, out: Any) -> None:
-    """Copy: an assignment of arrays brings the text of its refusal, some 10 s of compiling in all."""
+    """Copy: an assignment of arrays brings the text of its refusal, 10 s of compiling in all."""
     for r in range(len(out)):
         out[r] = values[r]
 
