@@ -251,13 +251,10 @@ def answers_of_windows(
     linear = []
     try:
         for lines in zip(*(parts(2) for parts in cut), strict=True):
-            if any(r.lines.names != half.names for r, half in zip(records, lines, strict=True)):
+            halves = [r.with_lines(half) for r, half in zip(records, lines, strict=True)]
+            if any(r.lines.names != h.lines.names for r, h in zip(records, halves, strict=True)):
                 return None
-            likelihoods = tuple(
-                assemble(point.problem.layout, record.with_lines(half), number)
-                for number, (record, half) in enumerate(zip(records, lines, strict=True))
-            )
-            there = replace(point.problem, likelihoods=likelihoods).at(point.unknowns)
+            there = point.problem.of(halves).at(point.unknowns)
             linear.append(there.linear.cut(TELLING))
     except (InputError, np.linalg.LinAlgError):
         return None
@@ -273,27 +270,19 @@ def _changes(point: Point, number: int, record: Observation, parts: int) -> Floa
     data do if the speed is the one stated.
     """
     at, scatter, clock = point.records[number], record.lines.scatter, record.lines.clock
-    whole = at.problem
     assert scatter is not None
-    every = at.period_residual(scatter[:, :, whole.order])
+    every = at.period_residual(scatter[:, :, at.problem.order])
     mean = every.mean(axis=0)
     means = [part.mean(axis=0) - mean for part in np.array_split(every, parts)]
     changes = at.stacked(np.stack(means, axis=2))
     if not isinstance(clock, SampledClock) or len(clock.grid(timed=False)[0]) == 1:
         return changes
-    turned = np.zeros_like(changes)
     for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):
         shorter = replace(clock, time=clock.time[part], angle=clock.angle[part])
-        lines = replace(record.lines, clock=shorter)
-        own = assemble(point.problem.layout, record.with_lines(lines), number)
-        if own.load.shape != whole.load.shape:
-            return changes
-        moved = np.tensordot(at.state.phase, own.load - whole.load, 1) @ at.load_factors
-        read = own.calibration.at(at.unknowns).readings - at.state.readings
-        rows = -(at.plain @ read[:, :, None])[:, :, 0]
-        rows[:, : whole.rows] += moved
-        turned[:, k] = at.whiten(rows[:, :, None])[:, 0]
-    return changes + turned
+        other = record.with_lines(replace(record.lines, clock=shorter))
+        own = assemble(point.problem.layout, other, number).evaluate(at.unknowns, like=at)
+        changes[:, k] += own.residual - at.residual
+    return changes
 
 
 FAR = 30.0

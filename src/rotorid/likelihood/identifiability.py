@@ -40,14 +40,13 @@ class Combination:
 
     names: tuple[str, ...]  # its members; the first is the one that the others are measured by
     slopes: tuple[float, ...]  # d member / d first
-    # powers of the common factor, where the members scale together
-    exponents: tuple[Fraction, ...] | None
+    exponents: tuple[Fraction, ...]  # powers of the common factor; none where they do not scale
 
     def __str__(self) -> str:
         if len(self.names) == 1:
             return f"{self.names[0]} is not determined"
         listed = ", ".join(self.names)
-        if self.exponents is None:
+        if not self.exponents:
             return f"{listed} are determined only together"
         powers = dict.fromkeys(self.exponents)
         if len(powers) == 1:
@@ -64,35 +63,26 @@ def open_combinations(fit: Fit) -> list[Combination]:
     linear, layout = fit.inference.linear, fit.layout
     if not linear.null.shape[1]:
         return []
-    free = layout.free
-    values = fit.solution.point.unknowns[free]
-    additive = np.array([layout.unknowns[i].additive for i in free])
-    nuisance = np.array([layout.unknowns[i].nuisance for i in free])
-    reduced, pivots = _reduced(linear.null.T, nuisance)
+    unknowns = [layout.unknowns[i] for i in layout.free]
+    values = fit.solution.point.unknowns[layout.free]
+    additive = np.array([unknown.additive for unknown in unknowns])
     found = []
-    for row, pivot in zip(reduced, pivots, strict=True):
+    for row, pivot in _reduced(linear.null.T, np.array([u.nuisance for u in unknowns])):
         members = np.flatnonzero(np.abs(row) > MEMBER * np.abs(row).max())
-        change = row[members] * linear.scale[members]
-        exponents = None
-        if not additive[members].any() and (values[members] != 0).all():
-            exponents = _exponents(change / values[members])
-        first = int(np.flatnonzero(members == pivot)[0])
-        if exponents is not None:  # measured by a member of power one
-            ones = [k for k, e in enumerate(exponents) if e == 1]
-            first = ones[0] if ones else first
+        change, first = row[members] * linear.scale[members], members.tolist().index(pivot)
+        scaling = not additive[members].any() and (values[members] != 0).all()
+        exponents = _exponents(change / values[members]) if scaling else []
+        if 1 in exponents:  # measured by a member of power one
+            first = exponents.index(Fraction(1))
         order = [first, *(k for k in range(len(members)) if k != first)]
-        found.append(
-            Combination(
-                tuple(layout.unknowns[free[members[k]]].name for k in order),
-                tuple(float(change[k] / change[first]) for k in order),
-                None if exponents is None else tuple(exponents[k] for k in order),
-            )
-        )
+        names = tuple(unknowns[members[k]].name for k in order)
+        slopes = tuple(float(change[k] / change[first]) for k in order)
+        found.append(Combination(names, slopes, tuple(exponents[k] for k in order if exponents)))
     return found
 
 
-def _reduced(rows: Floats, nuisance: NDArray[np.bool_]) -> tuple[Floats, list[int]]:
-    """Return a basis of the rows' span with few members per direction, and its pivots.
+def _reduced(rows: Floats, nuisance: NDArray[np.bool_]) -> Iterator[tuple[Floats, int]]:
+    """Yield a basis of the rows' span with few members per direction, each with its pivot.
 
     A pivot is a member of one direction only. Parameters of the model are preferred; then each
     pivot gives way to another member if that takes members away.
@@ -122,7 +112,7 @@ def _reduced(rows: Floats, nuisance: NDArray[np.bool_]) -> tuple[Floats, list[in
                 less, other = through(trial)
                 if less < burden:
                     pivots, burden, basis, improved = trial, less, other, True
-    return basis, pivots
+    yield from zip(basis, pivots, strict=True)
 
 
 def _independent(columns: Floats) -> bool:
@@ -130,22 +120,20 @@ def _independent(columns: Floats) -> bool:
     return len(values) == columns.shape[1] and bool(values[-1] > 1e-4 * values[0])
 
 
-def _exponents(relative: Floats) -> list[Fraction] | None:
+def _exponents(relative: Floats) -> list[Fraction]:
     size = np.abs(relative)
-    if size.min() == 0:  # what does not move is no power of the others' factor
-        return None
     for reference in (relative[size.argmin()], relative[size.argmax()]):
+        if size.min() == 0:  # what does not move is no power of the others' factor
+            break
         ratios: list[float] = (relative / reference).tolist()
         powers = [Fraction(r).limit_denominator(4) for r in ratios]
-        if any(abs(float(p) - r) > 1e-4 for p, r in zip(powers, ratios, strict=True)):
-            continue
-        smallest = min(abs(p) for p in powers)
-        if smallest == 0:
+        smallest = min(map(abs, powers))
+        if not smallest or any(abs(p - r) > 1e-4 for p, r in zip(powers, ratios, strict=True)):
             continue
         whole = [p / smallest for p in powers]
-        if max(abs(p) for p in whole) <= 6 and all(p.denominator == 1 for p in whole):
+        if max(map(abs, whole)) <= 6 and all(p.denominator == 1 for p in whole):
             return whole if whole[0] > 0 else [-p for p in whole]
-    return None
+    return []
 
 
 def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> Iterator[Value]:
@@ -163,12 +151,12 @@ def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> It
         gradient[[layout.index[n] for n in (name, *slopes)]] = (1, *(-s for s in slopes.values()))
         spread = float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
         own = layout.unknowns[layout.index[name]].unit
-        if any(c.exponents is None for c, _ in involved):
+        if not all(c.exponents for c, _ in involved):
             signed = (f" {'-' if s > 0 else '+'} {abs(s):.6g}*{n}" for n, s in slopes.items())
             text = "".join([name, *signed])
             yield Value(text, own, float(gradient @ unknowns), spread)
             continue
-        powers = {c.names[0]: -c.exponents[k] / c.exponents[0] for c, k in involved if c.exponents}
+        powers = {c.names[0]: -c.exponents[k] / c.exponents[0] for c, k in involved}
         places = {n: layout.index[n] for n in powers}
         factor = prod(float(unknowns[i]) ** float(powers[n]) for n, i in places.items())
         whole = all(power.denominator == 1 for power in powers.values())
@@ -244,7 +232,7 @@ def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> Iterator[st
         {unknowns[i].name: v for i, v in each.pencil.held.items()} for each in modes.configurations
     ]
     members = {name for combination in combinations for name in combination.names}
-    for name in sorted(name for name in members if all(name in each for each in held)):
+    for name in sorted(members.intersection(*held)):
         said = " and ".join(dict.fromkeys(f"{each[name]:g}" for each in held))
         yield (
             f"natural frequencies with {name} as it is in service: all that were measured are "
@@ -289,13 +277,11 @@ def _trial_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
 
 def _weighed(model: Model) -> set[str]:
     """Return the parameters that stand alone before the acceleration of a length: masses."""
-    names = set()
-    for term in model.require_linear().stiffness:
-        powers = model.monomials[term.monomial]
-        length = model.units[model.coordinates[term.column]] == "m"
-        if term.order == 2 and powers.sum() == 1 and length:
-            names.add(model.parameter_names[int(powers.argmax())])
-    return names
+    table = model.require_linear().stiffness
+    lengths = np.array([model.units[name] == "m" for name in model.coordinates])
+    powers = model.monomials[table.monomial]
+    alone = (table.order == 2) & (powers.sum(axis=1) == 1) & lengths[table.column]
+    return {model.parameter_names[i] for i in powers[alone].argmax(axis=1)}
 
 
 def _other_speeds(fit: Fit) -> Iterator[tuple[int, str]]:

@@ -1,15 +1,9 @@
 """Other answers that fit as well: further minima, the profile of the cost.
 
 Where the excitation leaves something at rest, the record fits with more than one answer, and
-neither rank nor condition number at the estimate shows it: noise, or a resonance that the estimate
-puts on a line, fills the Jacobian (theory, section 7). Three questions are asked instead.
-
-- Would the noise-free response to the measured forces give the stated deviations, at the answer
-  and about the start? If they are much smaller, noise was taken for information.
-- Do other starts end at another answer with as low a cost, or do the equations have one?
-- Does the cost rise over the stated deviations as they say, or is there a bent valley along which
-  other parameters leave their intervals long before? Then deviations are widened (profile
-  likelihood).
+neither rank nor condition number at the estimate shows it (docs/maximum-likelihood.md, section 2).
+Would the noise-free response to the measured forces give the stated deviations? Do other starts, or
+the equations, give another answer with as low a cost? Is the valley of the cost bent?
 """
 
 from __future__ import annotations
@@ -165,13 +159,6 @@ AROUND = 8
 """Starts about the given one at which the noise-free response is asked, beside it."""
 
 
-def noise_free(point: Point) -> Point:
-    """Return the problem at a point where the sensors read just what the forces make of it."""
-    silent = [at.with_data(replace(at.problem, data=response(at))) for at in point.records]
-    quiet = replace(point.problem, likelihoods=tuple(at.problem for at in silent))
-    return Point(quiet, point.unknowns, silent, point.known)
-
-
 def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
     """Return the deviations that the noise-free response gives, infinite where it gives none."""
     try:
@@ -182,7 +169,9 @@ def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
 
 def _predicted(point: Point, weights: Sequence[Floats] = ()) -> Linearized:
     """Return the problem linear in the noise-free response; `weights`: of the records' rows."""
-    linear = noise_free(point).linear
+    silent = [at.with_data(replace(at.problem, data=response(at))) for at in point.records]
+    quiet = replace(point.problem, likelihoods=tuple(at.problem for at in silent))
+    linear = Point(quiet, point.unknowns, silent, point.known).linear
     if weights:
         linear = linear.weighted(np.concatenate([*weights, np.ones(len(point.known))]))
     return linear.filled(NOTHING)

@@ -27,7 +27,6 @@ from rotorid.likelihood.problem import Problem, outside
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, settle
 from rotorid.models import Model
-from rotorid.models.linear_form import TermKind
 from rotorid.models.model import fact
 
 CLOSE = 15.0
@@ -225,10 +224,9 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
     kinds = {*table.kinds, *(t.kind for t in others)}
     sizes = {k: 1.0 if observed is None else profile(k, observed.lines)[0] for k in kinds}
     for term in table:
-        kind = TermKind(term.order, term.factor, term.structural)
-        factors, size = layout.monomial_factors[term.monomial], sizes[kind] * term.coefficient
+        factors, size = layout.monomial_factors[term.monomial], sizes[term.kind] * term.coefficient
         if factors is not None and size:
-            add(kind, ("row", term.row), ("coordinate", term.column), factors, size)
+            add(term.kind, ("row", term.row), ("coordinate", term.column), factors, size)
     if observed is None:
         return found
     record = observed

@@ -227,14 +227,12 @@ def _leave_out(
     matrix: Floats, residual: Floats, gains: Floats, numbers: Integers, count: int
 ) -> tuple[Floats, Floats, Booleans]:
     """Return what blocks add to the values, the change without each, and what one alone tells."""
-    shifts, without = np.zeros((count, len(gains))), np.zeros((count, len(gains)))
-    alone: Booleans = np.zeros(len(gains), dtype=bool)
-    length = column_lengths(gains.T)
+    length, found = column_lengths(gains.T), []
     edges = np.searchsorted(numbers, np.arange(count + 1))
-    for block, own in enumerate(slice(*pair) for pair in pairwise(edges)):
-        shifts[block] = gains[:, own] @ residual[own]
+    for own in (slice(*pair) for pair in pairwise(edges)):
+        shift = gains[:, own] @ residual[own]
         share = gains[:, own] @ matrix[own] * length / length[:, None]
-        change, untold = leave_out(share, shifts[block] / length, ALONE)
-        without[block] = change * length
-        alone |= (np.abs(untold) > TINY).any(axis=1)
-    return shifts, without, alone
+        change, untold = leave_out(share, shift / length, ALONE)
+        found.append((shift, change * length, (np.abs(untold) > TINY).any(axis=1)))
+    shifts, without, alone = (np.array(part) for part in zip(*found, strict=True))
+    return shifts, without, np.asarray(alone.any(axis=0))

@@ -111,19 +111,6 @@ class Matrices:
     H: Floats
 
 
-@frozen
-class StiffnessTerm:
-    """``coefficient * monomial * factor(Omega) * d^order q / dt^order``, `structural`: times i."""
-
-    row: int
-    column: int
-    order: int
-    monomial: int
-    coefficient: float
-    factor: Expression
-    structural: bool = False
-
-
 class TermKind(NamedTuple):
     """What terms of Z have in common: order of the derivative, factor of the speed, lag."""
 
@@ -135,6 +122,16 @@ class TermKind(NamedTuple):
     def matrix(self) -> str:
         gyroscopic = self.order == 1 and self.factor == symbol("Omega")
         return "H" if self.structural else "G" if gyroscopic else "KDM"[self.order]
+
+
+class StiffnessTerm(NamedTuple):
+    """``coefficient * monomial * factor(Omega) * d^order q / dt^order``, `structural`: times i."""
+
+    kind: TermKind
+    row: int
+    column: int
+    monomial: int
+    coefficient: float
 
 
 MATRICES = "MDGKH"
@@ -158,9 +155,8 @@ class StiffnessTable:
 
     def __iter__(self) -> Iterator[StiffnessTerm]:
         columns = (each.tolist() for each in (*self._places, self.coefficient))
-        for kind, row, column, monomial, coefficient in zip(*columns, strict=True):
-            order, factor, structural = self.kinds[kind]
-            yield StiffnessTerm(row, column, order, monomial, coefficient, factor, structural)
+        for kind, *term in zip(*columns, strict=True):
+            yield StiffnessTerm(self.kinds[kind], *term)
 
     @property
     def _places(self) -> tuple[Integers, ...]:

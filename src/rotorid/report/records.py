@@ -321,9 +321,9 @@ def _structure(model: Model) -> list[str]:
     rows: dict[str, dict[int, list[str]]] = {f"{name} q{dots}": {} for name, dots in _MATRICES}
     rows["g"] = {}
     for term in linear.stiffness:
-        gyroscopic = term.order == 1 and str(term.factor) == "Omega"
-        name, dots = ("G", "'") if gyroscopic else _MATRICES[(3, 1, 0)[term.order]]
-        factor = "1" if gyroscopic else str(term.factor)
+        gyroscopic = term.kind.matrix == "G"
+        name, dots = ("G", "'") if gyroscopic else _MATRICES[(3, 1, 0)[term.kind.order]]
+        factor = "1" if gyroscopic else str(term.kind.factor)
         text = _product(model, term.coefficient, term.monomial, factor)
         rows[f"{name} q{dots}"].setdefault(term.row, []).append(
             f"{text} {model.coordinates[term.column]}"

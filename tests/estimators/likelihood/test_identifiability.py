@@ -231,9 +231,9 @@ def test_noise_free_records_tell_the_same(demo, bearings):
     [
         ([1.0, 2.0, -1.0], [1, 2, -1]),
         ([0.5, 0.25], [2, 1]),
-        ([1.0, 0.0], None),  # one that does not move is no power of the other's factor
-        ([1.0, 1e-9], None),
-        ([1.0, 0.7071], None),
+        ([1.0, 0.0], []),  # one that does not move is no power of the other's factor
+        ([1.0, 1e-9], []),
+        ([1.0, 0.7071], []),
     ],
 )
 def test_members_scale_together_only_as_whole_powers_of_one_factor(relative, powers):

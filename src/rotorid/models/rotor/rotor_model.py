@@ -138,9 +138,9 @@ class RotorModel(Model):
         return (*moving, *(replace(t, coefficient=-t.coefficient) for t in self._load_terms))
 
     def _signal(self, term: StiffnessTerm) -> Expression:
-        moved = symbol(self.coordinates[term.column] + DERIVATIVES[term.order])
-        held = Expression(LAGGING, (moved,)) if term.structural else moved
-        return product([*term.factor.factors, (held, Fraction(1))])
+        moved = symbol(self.coordinates[term.column] + DERIVATIVES[term.kind.order])
+        held = Expression(LAGGING, (moved,)) if term.kind.structural else moved
+        return product([*term.kind.factor.factors, (held, Fraction(1))])
 
     def signal_value(self, index: int, motion: Motion) -> Floats:
         if any(base.kind == LAGGING for base, _ in self.signals[index].factors):
