@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -100,7 +101,7 @@ def _balance(typed: Model, rows: tuple[int, ...], signs: tuple[float, ...]) -> F
     links, faults = _links(equations, signs)
     scales = _spread(equations, links)
     for c, equation in enumerate(equations):
-        wrong = equation.fault or ("" if np.isfinite(scales[c]) else equation.multiplied())
+        wrong = equation.told[1] or ("" if np.isfinite(scales[c]) else equation.multiplied())
         if wrong:
             faults.setdefault(c, wrong)
     for (i, j), ratio in links.items():
@@ -129,32 +130,22 @@ class _Equation:
     levers: bool  # whether these have a lever
     unit_fault: str
 
-    @property
-    def scale(self) -> float | None:
-        """How many times the balance of forces it is; None where nothing in it tells."""
-        if self.fault:
-            return None
-        if not self.pushes:
-            return 1.0 if not self.numbers or _has_one(self.numbers) else None
-        if _has_one(self.pushes) or _has_one(self.numbers):
-            return 1.0
-        return min(self.numbers) if self.levers and self.numbers else min(self.pushes)
-
-    @property
-    def fault(self) -> str:
-        """Why its inputs do not tell what it is."""
-        if self.unit_fault or not self.pushes or _has_one(self.pushes):
-            return self.unit_fault
+    @cached_property
+    def told(self) -> tuple[float, str]:
+        """How many times the balance of forces it is, NaN where not told, and why not."""
+        if self.unit_fault or not self.pushes:
+            alone = not self.unit_fault and (not self.numbers or _has_one(self.numbers))
+            return 1.0 if alone else np.nan, self.unit_fault
         once = min(self.pushes)
+        if _has_one(self.pushes):
+            return 1.0, ""
         if _has_one(self.numbers):  # as typed, unless the force and the mass are of two such
             doubled = any(abs(size / once - 1) < WHOLE for size in self.own)
-            return self.multiplied(once) if doubled else ""
-        if not self.numbers:
-            return self.multiplied(once)
-        of = min(self.numbers) if self.levers else once
+            return (np.nan, self.multiplied(once)) if doubled else (1.0, "")
+        of = min(self.numbers, default=once) if self.levers else once
         ratios = [size / of for size in (*self.numbers, *self.pushes)]
         whole = all(r > 0.5 and abs(r - round(r)) < WHOLE * r for r in ratios)
-        return "" if whole else self.multiplied(once)
+        return (of, "") if self.numbers and whole else (np.nan, self.multiplied(once))
 
     def multiplied(self, by: float | None = None) -> str:
         size = min(self.numbers) if by is None else by
@@ -229,12 +220,12 @@ def _links(
 
 def _spread(equations: Sequence[_Equation], links: Mapping[tuple[int, int], float]) -> Floats:
     """Return the scale of each equation, where need be by what couples it; NaN if not told."""
-    scales = np.array([equation.scale for equation in equations], dtype=np.float64)
+    scales = np.array([equation.told[0] for equation in equations])
     waiting = np.flatnonzero(np.isfinite(scales)).tolist()
     while waiting:
         i = waiting.pop()
         for (one, j), ratio in links.items():
-            if one == i and np.isnan(scales[j]) and not equations[j].fault:
+            if one == i and np.isnan(scales[j]) and not equations[j].told[1]:
                 scales[j] = scales[i] / ratio
                 waiting.append(j)
     return scales
