@@ -14,7 +14,6 @@ import numpy as np
 from rotorid.answer import machine_checks
 from rotorid.answer.estimate import DOUBTFUL, Estimate
 from rotorid.answer.judge import STATUSES, Status
-from rotorid.core.distributions import Expectation
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.units import dimension_of
@@ -200,15 +199,11 @@ def moved_unseen(fit: Fit, effect: Floats) -> tuple[str, float]:
     std, layout = fit.inference.std, fit.layout
     named = np.array([i < layout.named and i not in layout.idle for i in layout.free])
     std = np.where(named & (std > 0), std, np.inf)
-    excess = unseen_excess(fit.inference.expectation)
+    expected = fit.inference.expectation
+    excess = expected.exceeded(DOUBTFUL) - expected.mean  # may be added before a warning tells
     moved = fit.solution.point.linear.unseen(effect, std, excess)
     worst = int(np.argmax(moved))
     return _names(fit)[worst], float(moved[worst])
-
-
-def unseen_excess(expected: Expectation) -> float:
-    """Return what may be added to the expected cost before a warning tells."""
-    return expected.exceeded(DOUBTFUL) - expected.mean
 
 
 TELLING = 1e-6

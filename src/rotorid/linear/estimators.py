@@ -115,11 +115,9 @@ class SampledProblem(Posed):
     def fit(self, solved: Solver) -> tuple[LeastSquaresSolution, Scatter, Floats]:
         """Return a solution, what blocks say of it, and its values as far as equations reach."""
         solution = solved(self)
-        parts = zip(*(block.whitened() for block in solution.blocks), strict=True)
-        matrix, right = (np.concatenate(part) for part in parts)
+        matrix, right, gains = solution.matrix, solution.right, np.hstack(solution.gains)
         counts = [len(r.inputs) for r in self.regressions]
         numbers = np.repeat(block_numbers(counts, BLOCKS), len(self.model.texts))
-        gains = np.concatenate(solution.gains, axis=1)
         scatter = scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
         return solution, scatter, self.reached(solution)
 

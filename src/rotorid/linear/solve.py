@@ -8,6 +8,7 @@ it scatter on their own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import field
 from itertools import pairwise
 from typing import Any
 
@@ -84,7 +85,9 @@ class LeastSquaresSolution:
     condition_number: float  # of the whitened matrix with columns scaled to length one
     # (free, n): directions, in scaled parameters, that the equations leave open
     undetermined: Floats
-    blocks: tuple[Block, ...] = ()  # what was solved, where it was in one go
+    # (equation, free) and (equation,): what was solved, where it was in one go
+    matrix: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    right: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
@@ -116,7 +119,8 @@ def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
         tuple(b.gains_of(g) for b, g in zip(blocks, split, strict=True)),
         float(condition),
         _separated(open_directions),
-        tuple(blocks),
+        matrix,
+        right,
     )
 
 

@@ -41,7 +41,7 @@ from rotorid.likelihood import doubts as left_out
 from rotorid.likelihood import doubts as verdict
 from rotorid.likelihood import doubts_angle as turning
 from rotorid.likelihood import starts as search
-from rotorid.likelihood.doubts import told_by_few, unseen_excess
+from rotorid.likelihood.doubts import told_by_few
 from rotorid.likelihood.doubts_angle import _strays
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.solver import bounds_held
@@ -244,9 +244,8 @@ def test_gains_beside_a_scale_that_is_told_differ(levitated) -> None:
 
 def test_unseen_is_what_no_warning_tells() -> None:
     expected = Expectation(mean=30.0, variance=70.0, dof=28)
-    excess = unseen_excess(expected)
-    assert expected.p_value(30.0 + excess) == pytest.approx(1e-3, rel=1e-4)
-    assert unseen_excess(Expectation(0.0, 0.0, 0)) == np.inf
+    assert expected.p_value(expected.exceeded(1e-3)) == pytest.approx(1e-3, rel=1e-9)
+    assert Expectation(0.0, 0.0, 0).exceeded(1e-3) == np.inf
 
 
 def test_the_sizes_are_what_is_written() -> None:
