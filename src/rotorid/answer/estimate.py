@@ -310,13 +310,7 @@ class Prior:
 
 @frozen
 class Evidence:
-    """What a report shows besides the values.
-
-    Examples
-    --------
-    >>> Evidence(known=(Prior("L1", 0.3, 0.0005),)).prior("L1").std
-    0.0005
-    """
+    """What a report shows besides the values."""
 
     records: tuple[RecordEvidence, ...] = ()
     known: tuple[Prior, ...] = ()  # what was known beforehand, with its deviation

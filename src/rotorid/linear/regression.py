@@ -200,8 +200,7 @@ class Regression(Equations):
     @cached_property
     def coordinates(self) -> Complexes:
         """Lines of the coordinates, (period, line, coordinate), solved for from the sensors'."""
-        columns, follow = self.sensed
-        return np.asarray(self._lines(columns) @ follow)
+        return np.asarray(self._lines(self.sensed[0]) @ self.sensed[1])
 
     @cached_property
     def period_inputs(self) -> Complexes:
