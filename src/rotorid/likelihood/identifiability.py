@@ -1,9 +1,7 @@
 """What the records do not determine, in words, and what would cure it.
 
-The null space of the scaled Jacobian holds the directions in which the unknowns can move without
-changing the likelihood. It is brought to a form with as few members per direction as its pivots
-allow; a direction along which the logarithms of its members keep simple ratios is a change of
-unit or of scale, and is said so. Each cure is tried: it is one if the null space shrinks.
+A direction along which the logarithms of its members keep simple ratios is a change of unit or of
+scale, and is said so (docs/maximum-likelihood.md, section 7).
 """
 
 from __future__ import annotations

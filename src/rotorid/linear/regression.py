@@ -1,14 +1,7 @@
 """Design and target of the equations of motion, on lines or on samples.
 
-The signals of the model are evaluated on the line-filtered motion, and their own lines are kept:
-the line filter applies to the columns of Phi as it does to the forces. Then the equations of
-motion read, on line k and in row r,
-
-    sum_b design[k, r, b] base[b] = target[k, r].
-
-The equations hold at every sample, and a low-pass L that is applied to all columns alike leaves
-them true: ``L[Phi] base = L[B u - known]``. Columns that are a derivative of a coordinate are
-filtered once, exactly; others are computed from the low-passed motion, then filtered.
+``sum_b design[k, r, b] base[b] = target[k, r]`` on line k in row r, or at sample k: what filters
+the forces filters the columns of Phi as well (docs/theory.md, sections 1 and 6).
 """
 
 from __future__ import annotations

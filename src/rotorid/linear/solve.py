@@ -1,8 +1,7 @@
 """Weighted least squares by QR and SVD, and the jackknife covariance of its values.
 
-The residual of a filtered record is correlated from sample to sample, and how is not known: the
-filter, the controller and what the model leaves out all have a memory. Blocks that are longer than
-it scatter on their own.
+The residual of a filtered record is correlated from sample to sample, and how is not known (the
+filter, the controller, what the model leaves out): blocks that are longer scatter on their own.
 """
 
 from __future__ import annotations
