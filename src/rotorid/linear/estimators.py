@@ -101,10 +101,10 @@ class SampledProblem(Posed):
 
     def summarize(self, method: str, solved: Solver) -> Estimate:
         solution, scatter, values = self.fit(solved)
-        given = values, scatter.covariance, solution, list(_doubted(self.names, scatter))
+        given = values, scatter.covariance, solution
         estimate = self.estimate(method, *given, unknown=scatter.alone)
         return estimate.with_notes(
-            *_said(self.regressions, scatter),
+            *self.told(scatter),
             *machine_checks.physical(self.full, estimate),
             *self.moved(scatter, values, solved),
             *self.late(scatter, values, solved),
@@ -162,36 +162,32 @@ class SampledProblem(Posed):
         severity: Severity = "rejects" if share > SURE else "doubts"
         yield Note("cut-off", severity, text, on=(name,), value=by, unit=unit)
 
+    def told(self, scatter: Scatter) -> Iterator[Note]:
+        """Say what the records and the blocks show."""
+        count, seconds = scatter.blocks, sum(r.record.duration for r in self.regressions)
+        alone = tuple(name for name, alone in zip(self.names, scatter.alone, strict=True) if alone)
+        if alone:
+            text = (
+                f"a single one of {count} blocks of the record tells {', '.join(alone)}: "
+                "no deviation can be stated"
+            )
+            yield Note("blocks", "doubts", text, "excite it more than once", on=alone)
+        if scatter.memory:
+            text = (
+                f"{count} blocks of the record still depend on one another: deviations "
+                "are too small"
+            )
+            yield Note("blocks", "doubts", text, "record longer")
+        yield from dict.fromkeys(check for r in self.regressions for check in r.record.checks)
+        yield from (Note("at rest", "says", r.left_out) for r in self.regressions if r.left_out)
+        text = (
+            f"deviations from {count} blocks of {seconds / count:.3g} s, each left out in turn; "
+            "they cover the scatter, not the bias that noise in the motion leaves"
+        )
+        yield Note("blocks", "says", text)
+
     def _unit(self, free: int) -> str:
         return self.model.base.units[self.elimination.kept[free]]
-
-
-def _doubted(names: Sequence[str], scatter: Scatter) -> Iterator[Note]:
-    alone = tuple(name for name, alone in zip(names, scatter.alone, strict=True) if alone)
-    if alone:
-        text = (
-            f"a single one of {scatter.blocks} blocks of the record tells {', '.join(alone)}: "
-            "no deviation can be stated"
-        )
-        yield Note("blocks", "doubts", text, "excite it more than once", on=alone)
-    if scatter.memory:
-        text = (
-            f"{scatter.blocks} blocks of the record still depend on one another: deviations "
-            "are too small"
-        )
-        yield Note("blocks", "doubts", text, "record longer")
-
-
-def _said(regressions: Sequence[SampledRegression], scatter: Scatter) -> tuple[Note, ...]:
-    seconds = sum(r.record.duration for r in regressions)
-    told = (
-        f"deviations from {scatter.blocks} blocks of {seconds / scatter.blocks:.3g} s, each left "
-        "out in turn; they cover the scatter, not the bias that noise in the motion leaves"
-    )
-    checks = dict.fromkeys(check for r in regressions for check in r.record.checks)
-    rests = dict.fromkeys(r.left_out for r in regressions if r.left_out)
-    at_rest = [Note("at rest", "says", rest) for rest in rests]
-    return (*checks, *at_rest, Note("blocks", "says", told))
 
 
 Problem = LeastSquaresProblem | SampledProblem

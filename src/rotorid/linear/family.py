@@ -165,7 +165,6 @@ class Posed:
         values: Floats,
         covariance: Floats,
         solution: LeastSquaresSolution,
-        notes: Sequence[Note] = (),
         *,
         inflation: float = 1.0,
         unknown: Iterable[bool] = (),
@@ -191,7 +190,6 @@ class Posed:
         notes = (
             *remarks("record", (w for r in self.regressions for w in r.record.warnings)),
             *self._told(solution.undetermined),
-            *notes,
         )
         return Estimate(
             model=self.full.name,
