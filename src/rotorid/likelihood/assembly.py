@@ -76,7 +76,7 @@ class Terms:
         table = StiffnessTable(kinds, kind, row, column, monomial, coefficient)
         return cls(table, monomials, where)
 
-    def entries(self, lines: Lines) -> Entries:
+    def entries(self, lines: Lines, columns: int) -> Entries:
         """Return those of [P, B], P = -Z, on lines; kinds that are alike on these are one."""
         weights: dict[tuple[int, bytes], Complexes] = {}
         table, sizes, keys = self.table, [], []
@@ -96,6 +96,7 @@ class Terms:
             place[table.kind],
             -table.coefficient * every,
             np.stack(list(weights.values()), axis=1),
+            columns,
         )
 
 
@@ -293,9 +294,10 @@ def assemble(
     ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
     loads = every_load(layout)
     terms = Terms.of(layout, other_terms(layout, observation), loads)
-    entries, monomials = terms.entries(lines), terms.monomials
     phase = next((int(at[0]) for _, at in layout.acting(Turns)), None)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
+    entries = terms.entries(lines, reads.shape[1] + width)
+    monomials = terms.monomials
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
     on_channels = layout.acting(Scales), layout.acting(Adds), layout.acting(Rereads)
     turned = phase is not None
@@ -313,7 +315,7 @@ def assemble(
         noise = noise_factor(ordered, data, len(observation.inputs), equations)
     return Likelihood(
         scaled,
-        EntrySlopes.of(scaled, monomials, rows, reads.shape[1] + width),
+        EntrySlopes.of(scaled, monomials, rows),
         monomials,
         load,
         np.array(sorted({terms.where[each.factors] for each in loads}), dtype=np.int64),
@@ -355,7 +357,7 @@ def _scales(
     covariance: LineCovariance,
 ) -> Sizes:
     n, inputs = len(layout.model.coordinates), data.shape[1] - len(reads)
-    matrix = entries.matrix(monomials.values(layout.start), rows, n + inputs)
+    matrix = entries.matrix(monomials.values(layout.start), rows)
     forces = (matrix[:, :, n:] @ data[:, :inputs, None])[:, :, 0]
     variance = np.einsum("kii->ki", covariance.matrices).real.clip(0)
     pushed = (np.abs(matrix[:, :, n:]) ** 2 @ variance[:, :inputs, None])[:, :, 0]

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -55,13 +56,19 @@ class Entries:
     # (line, kind): what the terms of a kind have in common on each line: a power of i omega, and of
     # the speed
     weights: Complexes
+    columns: int
 
-    def matrix(self, mu: Floats, rows: int, columns: int) -> Complexes:
-        kinds, size = self.weights.shape[1], rows * columns
-        flat = (self.kind * rows + self.row) * columns + self.column
-        values = self.coefficient * mu[self.monomial]
-        summed = np.bincount(flat, values, minlength=kinds * size).reshape(kinds, size)
-        return as_complex(self.weights @ summed).reshape(-1, rows, columns)
+    @cached_property
+    def _place(self) -> Integers:
+        where = self.row * self.columns + self.column
+        return np.asarray(where * self.weights.shape[1] + self.kind)
+
+    def matrix(self, mu: Floats, rows: int) -> Complexes:
+        kinds, values = self.weights.shape[1], self.coefficient * mu[self.monomial]
+        summed = np.bincount(self._place, values, minlength=rows * self.columns * kinds)
+        return as_complex(self.weights @ summed.reshape(-1, kinds).T).reshape(
+            -1, rows, self.columns
+        )
 
 
 @frozen
@@ -80,7 +87,7 @@ class EntrySlopes:
     rows: int
 
     @classmethod
-    def of(cls, entries: Entries, monomials: Monomials, rows: int, columns: int) -> EntrySlopes:
+    def of(cls, entries: Entries, monomials: Monomials, rows: int) -> EntrySlopes:
         factors, count = monomials.factors[entries.monomial], monomials.unknowns
         kinds = entries.weights.shape[1]
         term, which = np.nonzero(factors < count)
@@ -89,9 +96,9 @@ class EntrySlopes:
         target = unknown * rows + entries.row[term]
         order = np.argsort(target, kind="stable")
         term, unknown = term[order], unknown[order]
-        source = entries.kind[term] * columns + entries.column[term]
+        source = entries.kind[term] * entries.columns + entries.column[term]
         ends = np.searchsorted(target[order], np.arange(count * rows + 1))
-        coefficient, shape = entries.coefficient[term], (count * rows, kinds * columns)
+        coefficient, shape = entries.coefficient[term], (count * rows, kinds * entries.columns)
         pattern = scipy.sparse.csr_array((coefficient, source, ends), shape)
         return cls(pattern, entries.monomial[term], unknown, coefficient, rows)
 
@@ -159,21 +166,29 @@ class Likelihood:
 
     @cached_property
     def parts(self) -> Floats:
-        """Weights of the real and the imaginary part of each line, shape (line, 2)."""
+        """Weights of the real and the imaginary part of each line, shape (line, 2, 1, 1)."""
         root = np.sqrt(self.multiplicity)
-        return np.stack([root, np.where(self.multiplicity == 1.0, 0.0, root)], axis=1)
+        parts = np.stack([root, np.where(self.multiplicity == 1.0, 0.0, root)], axis=1)
+        return parts[:, :, None, None]
 
     @property
     def lines(self) -> int:
         return len(self.data)
 
     @cached_property
-    def loaded(self) -> Integers:
-        factors = self.monomials.factors[self.loading]
-        return np.unique(factors[factors < self.monomials.unknowns])
+    def loads(self) -> Monomials:
+        return replace(self.monomials, factors=self.monomials.factors[self.loading])
+
+    @cached_property
+    def loaded(self) -> slice:
+        """The unknowns in the loads, and what stands between them."""
+        factors = self.loads.factors[self.loads.factors < self.monomials.unknowns]
+        return slice(*([factors.min(), factors.max() + 1] if factors.size else [0, 0]))
 
     def load_at(self, phase: Complexes) -> Complexes:
         """Return the loads of all orders of the rotor angle together, (line, row, load)."""
+        if len(phase) == 1 and phase[0] == 1:
+            return as_complex(self.load[0])
         return as_complex(np.einsum("o,olrg->lrg", phase, self.load))
 
     def evaluate(
@@ -233,8 +248,9 @@ class Evaluation:
         """
         transient, count = self.problem.transient, self.problem.rows
         self.load = self.problem.load_at(self.state.phase)
-        errors = self._errors_of_rows()[:, :, None]
-        rows = np.concatenate([errors, self._affine_directions(affine)], axis=2)
+        rows = self._errors_of_rows()[:, :, None]
+        if len(affine):
+            rows = np.concatenate([rows, self._affine_directions(affine)], axis=2)
         whitened = self._white(rows)
         self._loose = np.zeros((len(rows), count, rows.shape[2]), dtype=np.complex128)
         if transient is not None:
@@ -251,18 +267,20 @@ class Evaluation:
 
     def _set_columns(self) -> None:
         p, n = self.problem, self.problem.coordinates
-        matrix = p.entries.matrix(self.mu, p.all_rows, n + p.inputs)
+        matrix = p.entries.matrix(self.mu, p.all_rows)
         self.stiffness, self.inputs = matrix[:, :, :n], matrix[:, :, n:]
         sensors = self.stiffness @ p.sensing.right
         sensors[:, p.rows :] = p.sensing.redundancy
         self.plain = np.concatenate([self.inputs, sensors], axis=2)
-        self.columns = self.plain * self.state.factors[:, None, :]
+        factors = self.state.factors[:, None, :]
+        self.columns = self.plain * factors if p.calibration.every else self.plain
 
     def _errors_of_rows(self) -> Complexes:
         p = self.problem
         error = (self.columns @ p.data[:, :, None])[:, :, 0]
         error[:, : p.rows] += self.loads
-        error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
+        if p.calibration.every:
+            error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
         return as_complex(error)
 
     def _set_projection(self, like: Evaluation | None) -> None:
@@ -296,15 +314,13 @@ class Evaluation:
         """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""
         p = self.problem
         columns = np.zeros((p.lines, p.all_rows, len(affine)), dtype=np.complex128)
-        if len(affine):
-            slopes = p.monomials.jacobian(self.unknowns)[p.loading]
-            columns[:, : p.rows] = self.load @ slopes[:, affine]
-            for bound in p.calibration.rotating:
-                mine, (_, added) = np.isin(bound.unknowns, affine), bound.slopes(self.unknowns)
-                where = np.searchsorted(affine, bound.unknowns[mine])
-                columns[:, :, where] -= (
-                    self.plain[:, :, [bound.channel]] * np.asarray(added)[:, :, mine]
-                )
+        columns[:, : p.rows] = self.load @ p.loads.jacobian(self.unknowns)[:, affine]
+        for bound in p.calibration.rotating:
+            mine, (_, added) = np.isin(bound.unknowns, affine), bound.slopes(self.unknowns)
+            where = np.searchsorted(affine, bound.unknowns[mine])
+            columns[:, :, where] -= (
+                self.plain[:, :, [bound.channel]] * np.asarray(added)[:, :, mine]
+            )
         return columns
 
     @property
@@ -372,11 +388,11 @@ class Evaluation:
 
     def stacked(self, whitened: Complexes) -> Floats:
         """Return real over imaginary parts, (line, equation, column) -> (real equation, column)."""
-        parts = self.problem.parts
-        stacked = np.concatenate(
-            [whitened.real * parts[:, :1, None], whitened.imag * parts[:, 1:, None]], axis=1
-        )
-        return stacked.reshape(-1, whitened.shape[2])
+        (lines, equations, columns), parts = whitened.shape, self.problem.parts
+        stacked = np.empty((lines, 2, equations, columns))
+        np.multiply(whitened.real, parts[:, 0], out=stacked[:, 0])
+        np.multiply(whitened.imag, parts[:, 1], out=stacked[:, 1])
+        return stacked.reshape(-1, columns)
 
     def period_residual(self, spectra: Complexes) -> Complexes:
         """Return the whitened residual of each period, shape (period, line, equation)."""
@@ -425,7 +441,7 @@ class Evaluation:
         found = p.slopes.of_sources(sources, p.entries.weights, slopes)
         columns[:, :, : p.rows] = found.transpose(2, 0, 1)
         jacobian = columns.transpose(0, 2, 1)
-        jacobian[:, : p.rows, p.loaded] += self.load @ slopes[p.loading][:, p.loaded]
+        jacobian[:, : p.rows, p.loaded] += self.load @ slopes[p.loading, p.loaded]
         for bound in p.calibration.every:
             logarithm, added = bound.slopes(self.unknowns)
             line = self.columns[:, :, [bound.channel]] * data[:, [bound.channel], None]

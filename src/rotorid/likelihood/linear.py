@@ -73,13 +73,19 @@ class Linearized:
         seen = (effect > IDLE) & (effect > ROUNDING * effect.max(initial=0.0))
         seen |= shifts & (size > 0)
         scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
-        scaled, basis = np.where(seen, jacobian, 0.0) * scale, None
+        return cls.scaled(np.where(seen, jacobian, 0.0), residual, relations, scale)
+
+    @classmethod
+    def scaled(
+        cls, jacobian: Floats, residual: Floats, relations: Floats, scale: Floats
+    ) -> Linearized:
+        scaled, basis = jacobian * scale, None
         if len(relations):
             basis = tangent_basis(relations * scale)
             scaled = scaled @ basis
         left, values, right = whole_svd(scaled)
         directions = right.T if basis is None else basis @ right.T
-        rank = int((values > RANK * values.max(initial=0.0)).sum())
+        rank = int(np.count_nonzero(values > RANK * values.max(initial=0.0)))
         return cls(residual, scale, left, values, directions, rank)
 
     def cut(self, share: float) -> Linearized:

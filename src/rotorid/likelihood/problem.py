@@ -6,6 +6,7 @@ relations and within bounds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
@@ -50,12 +51,16 @@ class Known:
         return self.relations.texts + self.modes.texts
 
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        modes = self.modes.values(unknowns, relaxation)
-        return np.concatenate([self.relations.values(unknowns), modes])
+        related = self.relations.values(unknowns)
+        if not self.modes.configurations:
+            return related
+        return np.concatenate([related, self.modes.values(unknowns, relaxation)])
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        modes = self.modes.jacobian(unknowns, relaxation)
-        return np.concatenate([self.relations.jacobian(unknowns), modes])
+        related = self.relations.jacobian(unknowns)
+        if not self.modes.configurations:
+            return related
+        return np.concatenate([related, self.modes.jacobian(unknowns, relaxation)])
 
     def joined(self, rows: Iterable[Relation]) -> Known:
         return replace(self, relations=self.relations.joined(rows))
@@ -145,6 +150,17 @@ class Problem:
     def rigid(self) -> Integers:
         return np.setdiff1d(self.layout.free, self.affine)
 
+    @cached_property
+    def _holding(self) -> dict[tuple[int, ...], Relations]:
+        return {(): self.exact}
+
+    def holding(self, bounds: Sequence[int]) -> Relations:
+        """Return the exact relations, and bounds that hold with equality."""
+        held = tuple(bounds)
+        if held not in self._holding:
+            self._holding[held] = self.exact.joined(self.bounds.rows[i] for i in held)
+        return self._holding[held]
+
     @property
     def real_equations(self) -> int:
         """Real equations of all lines, and one per row of what is known with a deviation."""
@@ -228,20 +244,24 @@ class Tangent:
         """The residual along the directions, shape (direction,)."""
         return np.asarray(self.linear.residual @ self.linear.left)
 
-    def _along(self, damping: float) -> Floats:
-        values, along = self.linear.values, np.zeros(len(self.projected))
+    @cached_property
+    def _told(self) -> tuple[Floats, Floats]:
+        """Singular values, and the residual, along the directions that are determined."""
         told = slice(self.linear.rank)
-        along[told] = -(values / (values**2 + damping) * self.projected)[told]
+        return self.linear.values[told], self.projected[told]
+
+    def _along(self, damping: float) -> Floats:
+        (values, projected), along = self._told, np.zeros(len(self.projected))
+        along[: len(values)] = -(values / (values**2 + damping) * projected)
         return along
 
     def _damping(self, radius: float) -> float:
         """Return the damping with which a step is as long as the radius, to a tenth."""
-        told = slice(self.linear.rank)
-        low = 0.0
-        high = float(np.linalg.norm((self.linear.values * self.projected)[told])) / radius
+        values, projected = self._told
+        low, high = 0.0, _length(values * projected) / radius
         damping = 1e-3 * high
         for _ in range(40):
-            length = np.linalg.norm(self._along(damping))
+            length = _length(values / (values**2 + damping) * projected)
             if abs(length - radius) <= 0.1 * radius:
                 break
             low, high = (damping, high) if length > radius else (low, damping)
@@ -259,10 +279,10 @@ class Tangent:
 
     def _bounded(self, radius: float) -> Floats | None:
         damping, along = 0.0, self._along(0.0)
-        if not np.linalg.norm(along) <= radius:
+        if not _length(along) <= radius:
             damping = self._damping(radius)
             along = self._along(damping)
-        if (self.normals @ along >= -self.distances).all():
+        if not len(self.normals) or (self.normals @ along >= -self.distances).all():
             return along
         return self._within(damping)
 
@@ -305,9 +325,13 @@ class Tangent:
         along = self.whole
         if along is None:
             return 0.0
-        told = slice(self.linear.rank)
-        reached, left = self.projected[told], self.linear.values * along + self.projected
-        return float(reached @ reached - left[told] @ left[told])
+        values, reached = self._told
+        left = values * along[: len(values)] + reached
+        return float(reached @ reached - left @ left)
+
+
+def _length(vector: Floats) -> float:
+    return math.sqrt(vector @ vector)
 
 
 def tangent(point: Point, bounded: bool = False) -> Tangent:
@@ -315,15 +339,16 @@ def tangent(point: Point, bounded: bool = False) -> Tangent:
 
     Every column counts here, for none is rounding on the way to the minimum.
     """
-    problem, free, jacobian = point.problem, point.problem.layout.free, point.jacobian
-    finite = np.isfinite(point.residual).all()  # LAPACK would print a line of its own
-    if not (finite and np.abs(jacobian).max(initial=0.0) < 1e150):
+    problem, free = point.problem, point.problem.layout.free
+    rows = np.column_stack([point.jacobian, point.residual])
+    if not np.abs(rows).max(initial=0.0) < 1e150:  # LAPACK would print a line of its own
         raise np.linalg.LinAlgError("a residual or its derivative beyond all bounds")
-    rows = triangle(np.column_stack([jacobian, point.residual]))
+    rows = triangle(rows)
+    size = np.sqrt((rows[:, :-1] ** 2).sum(axis=0))
     typical = np.maximum(np.abs(point.unknowns[free]), 1e-300)
+    scale = np.divide(1.0, size, out=typical, where=size > 1e-150)
     relations = problem.exact.jacobian(point.unknowns)[:, free]
-    moving = np.abs(rows[:, :-1]).max(axis=0, initial=0.0) > 1e-150
-    linear = Linearized.of(rows[:, :-1], rows[:, -1], relations, typical, moving)
+    linear = Linearized.scaled(rows[:, :-1], rows[:, -1], relations, scale)
     normals, distances = np.zeros((0, len(linear.values))), np.zeros(0)
     if bounded and len(problem.bounds):
         normals = problem.bounds.jacobian(point.unknowns)[:, free] * linear.scale
@@ -337,7 +362,11 @@ def tangent(point: Point, bounded: bool = False) -> Tangent:
 
 def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -> Floats | None:
     """Return the nearest point that satisfies the exact relations, or None where none is near."""
-    x = unknowns.copy()
+    x, (pinned, values) = unknowns.copy(), exact.pinned
+    known = np.isin(pinned, free)
+    pinned, values = pinned[known], values[known]
+    if len(pinned) == len(exact):
+        x[pinned] = values
     for _ in range(30):
         gap = exact.values(x)
         if (np.abs(gap) <= 1e-14 * exact.sizes(x)).all():
@@ -347,6 +376,7 @@ def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -
             return None
         change = scale * np.linalg.lstsq(derivative, gap, rcond=1e-12)[0]
         x[free] -= change
+        x[pinned] = values  # what rounding leaves of zero has no size to be held against
         if not np.isfinite(x).all():
             return None
         if (np.abs(change) <= 1e-15 * np.abs(x[free])).all():
@@ -363,11 +393,11 @@ def inside(problem: Problem, unknowns: Floats, scale: Floats) -> Floats | None:
     held: list[int] = []
     x: Floats | None = unknowns
     for _ in range(len(problem.bounds) + 1):
-        relations = problem.exact.joined(problem.bounds.rows[i] for i in held)
+        relations = problem.holding(held)
         x = retract(unknowns, problem.layout.free, relations, scale) if len(relations) else unknowns
         if x is None:
             return None
-        fresh = [int(i) for i in outside(problem.bounds, x) if i not in held]
+        fresh = [i for i in outside(problem.bounds, x).tolist() if i not in held]
         if not fresh:
             return None if len(outside(problem.bounds, x, 1e-9)) else x
         held += fresh

@@ -128,15 +128,38 @@ class Relations:
     def where(self, chosen: Callable[[Relation], bool]) -> Relations:
         return replace(self, rows=tuple(filter(chosen, self.rows)))
 
+    @cached_property
+    def _linear(self) -> tuple[Floats, Floats] | None:
+        """Slopes and constants, where all polynomials are linear, as most are at every point."""
+        if self.holds(2):
+            return None
+        nowhere = np.zeros(self.unknowns)
+        slopes, constants = self.monomials.jacobian(nowhere), self.monomials.values(nowhere)
+        return self.matrix @ slopes, self.matrix @ constants
+
+    @cached_property
+    def pinned(self) -> tuple[Integers, Floats]:
+        """The unknowns that one relation each holds by itself, and their values."""
+        found: dict[int, list[float]] = {}
+        for row in self.rows:
+            held = [(product, c) for product, c in row.polynomial.items() if product and c]
+            if len(held) == 1 and len(held[0][0]) == 1:
+                (product, size), *_ = held
+                value = 0.0 - row.polynomial.get((), 0.0) / size
+                found.setdefault(product[0], []).append(value)
+        alone = {unknown: values[0] for unknown, values in found.items() if len(values) == 1}
+        return np.array([*alone], dtype=np.int64), np.array([*alone.values()])
+
     def values(self, x: Floats) -> Floats:
-        if not len(self):  # most problems have none, and each point asks
-            return np.zeros(0)
-        return np.asarray(self.matrix @ self.monomials.values(x))
+        if self._linear is None:
+            return np.asarray(self.matrix @ self.monomials.values(x))
+        slopes, constants = self._linear
+        return np.asarray(slopes @ x + constants)
 
     def jacobian(self, x: Floats) -> Floats:
-        if not len(self):
-            return np.zeros((0, self.unknowns))
-        return np.asarray(self.matrix @ self.monomials.jacobian(x))
+        if self._linear is None:
+            return np.asarray(self.matrix @ self.monomials.jacobian(x))
+        return self._linear[0]
 
     def holds(self, least: int = 1) -> set[int]:
         """Return the unknowns in products of so many factors."""
@@ -144,4 +167,7 @@ class Relations:
 
     def sizes(self, x: Floats) -> Floats:
         """Return the size of each relation's terms, shape (relation,); rounding scales with it."""
-        return np.asarray(np.abs(self.matrix) @ np.abs(self.monomials.values(x)))
+        if self._linear is None:
+            return np.asarray(np.abs(self.matrix) @ np.abs(self.monomials.values(x)))
+        slopes, constants = self._linear
+        return np.asarray(np.abs(slopes) @ np.abs(x) + np.abs(constants))

@@ -16,6 +16,7 @@ solves the linear least-squares problem with the linearized bounds as inequaliti
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -117,7 +118,7 @@ class _Walk:
             along = where.step(radius)
             if along is None or self.iterations > self.effort:
                 return None, radius
-            length = float(np.linalg.norm(along))
+            length = math.sqrt(along @ along)
             if length == 0:  # the bounds leave no way
                 return None, radius
             trial = _stepped(point, where, along, self.bounded)
