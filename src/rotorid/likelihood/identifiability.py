@@ -21,6 +21,7 @@ from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
 from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.response import simulated
 from rotorid.models import Model
 
@@ -201,7 +202,7 @@ def find_cures(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     helped += [(left, f"a sensor of {' or '.join(names)}") for left, names in sensors.items()]
     best = sorted((pair for pair in helped if pair[0] < count), key=lambda pair: pair[0])
     return [
-        _fixing(combinations),
+        _fixing(fit.layout, combinations),
         *_further_modes(fit, combinations),
         *_total_mass(fit, combinations),
         *_trial_mass(fit, combinations),
@@ -213,12 +214,20 @@ def _rest(left: int, count: int) -> str:
     return "" if left == 0 else f" ({left} of {count} combinations would stay open)"
 
 
-def _fixing(combinations: Sequence[Combination]) -> str:
-    first = combinations[0].names
-    if len(combinations) == 1:
-        return f"fix {'one of ' if len(first) > 1 else ''}{', '.join(first)}"
-    firsts = ", ".join(combination.names[0] for combination in combinations)
-    return f"fix {len(combinations)} of them, such as {firsts}"
+def _fixing(layout: Layout, combinations: Sequence[Combination]) -> str:
+    """Say what to fix, and how it is done where that is no parameter of the file."""
+    names = combinations[0].names
+    told = f"fix {'one of ' if len(names) > 1 else ''}"
+    if len(combinations) > 1:
+        names = tuple(combination.names[0] for combination in combinations)
+        told = f"fix {len(combinations)} of them, such as "
+    ways: dict[str, list[str]] = {}
+    for unknown in layout.nuisances:
+        for scalar in unknown.scalars:
+            if scalar.name in names:
+                ways.setdefault(unknown.held, []).append(scalar.name)
+    how = "; ".join(f"{', '.join(held)}: {way}" for way, held in ways.items())
+    return told + ", ".join(names) + (f" ({how})" if how else "")
 
 
 def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> Iterator[str]:

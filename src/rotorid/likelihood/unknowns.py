@@ -132,6 +132,8 @@ class Unknown:
     phrase: str = field(default="", kw_only=True)
     remark: Callable[[float], str] = field(default=lambda size: "", kw_only=True)
     cure: str = field(default="add the term to the model", kw_only=True)
+    # what takes it as stated, where it was asked for: no parameter of the file stands for it
+    held: str = field(default="state its value in the channel", kw_only=True)
     # what a person is told of the values of its scalars
     size: Callable[[Floats], float] = field(default=_amplitude, kw_only=True)
     # of a size and the inputs: another unknown that at first looks like this one, if one does
@@ -254,8 +256,9 @@ def multiplier(name: str, channels: Iterable[str], start: float = 1.0) -> Unknow
 
 def delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return by what channels lag; the lines are corrected for the stated delay already."""
+    asked = 'delay = { std = ".." } there'
     return [
-        _late(c.name, frozenset([c.name]), c.delay, None if wanted is None else c.delay_std)
+        _late(c.name, [c.name], asked, c.delay, None if wanted is None else c.delay_std)
         for c in _channels(records)
         if wanted is None or c.delay_std > 0
     ]
@@ -265,10 +268,28 @@ def common_delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return one delay of all inputs, ``delay[force]``, or of all sensors, ``delay[position]``."""
     channels = {"force": _inputs(records), "position": _sensors(records)}
     kinds = channels if wanted is None else wanted.delays
-    return [_late(kind, frozenset(channels[kind]), 0.0, None) for kind in kinds]
+    if wanted is not None and "force" in kinds:
+        _require_forces(records, "an unknown delay of the forces", "delays")
+    found = [_late(kind, channels[kind], f'delays = ["{kind}"]') for kind in kinds]
+    return [
+        replace(u, held=f'leave "{k}" out of delays') for k, u in zip(kinds, found, strict=True)
+    ]
 
 
-def _late(label: str, on: frozenset[str], known: float, std: float | None) -> Unknown:
+def _require_forces(records: Records, what: str, place: str) -> None:
+    if not any(record.lines.mean[:, list(record.input_columns)].any() for record in records):
+        raise InputError(
+            f"{what}, but no force in any record",
+            "a record with forces, or with currents that make them",
+            "name their columns in [channels], or leave it out",
+            place=place,
+        )
+
+
+def _late(
+    label: str, channels: Iterable[str], asked: str, known: float = 0.0, std: float | None = None
+) -> Unknown:
+    on = frozenset(channels)
     scales = Scales(
         on,
         lambda values, omega: np.asarray(np.exp(1j * omega * (values[0] - known))),
@@ -288,7 +309,7 @@ def _late(label: str, on: frozenset[str], known: float, std: float | None) -> Un
         on,
         (scales,),
         rival="term",
-        cure=f'give delay or hold of the channels, or have it estimated: delays = ["{label}"]',
+        cure=f"give delay or hold of the channels, or have it estimated: {asked}",
         instead=instead,
     )
 
@@ -400,6 +421,8 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """
     inputs = _inputs(records)
     asked = {"ki", "ks", "ks*"} if wanted is None else {*wanted.gains}
+    if wanted is not None and asked:
+        _require_forces(records, f"an unknown {' and '.join(wanted.gains)}", "gains")
     driven = {n: c.drive for n, c in inputs.items() if c.drive is not None}
     if asked & {"ks", "ks*"} and not driven and wanted is not None:
         raise InputError(
@@ -421,7 +444,7 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
             one = _driving("ks", together, "N/m", ks, names)
             found.append(replace(one, rival="term", cure=_stated_or("ks")))
         if "ks*" in asked and not ("ks" in asked and len(names) == 1 < len(alike)):
-            each = [_driving("ks", f"ks[{name}]", "N/m", ks, [name]) for name in names]
+            each = [_driving("ks*", f"ks[{name}]", "N/m", ks, [name]) for name in names]
             other = together if len(names) > 1 else ""
             cure = _stated_or("ks*")
             found += [replace(one, rival="term", alternative_to=other, cure=cure) for one in each]
@@ -441,10 +464,11 @@ def force_scale(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
 
 def _driving(
-    part: Literal["ki", "ks"], name: str, unit: str, start: float, inputs: Iterable[str]
+    asked: Literal["ki", "ks", "ks*"], name: str, unit: str, start: float, inputs: Iterable[str]
 ) -> Unknown:
-    on = frozenset(inputs)
-    return Unknown((Scalar(name, unit, start, anchored=True),), on, (Drives(on, part),))
+    on, scalar = frozenset(inputs), Scalar(name, unit, start, anchored=True)
+    acts = Drives(on, "ki" if asked == "ki" else "ks")
+    return Unknown((scalar,), on, (acts,), held=f'leave "{asked}" out of gains')
 
 
 def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
@@ -485,14 +509,14 @@ def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
 def _reread(scalar: Scalar, inputs: Iterable[str], constant: str) -> Unknown:
     """Return an unknown at whose start the forces are as they were read."""
-    on = frozenset(inputs)
+    on, key = frozenset(inputs), "saturation" if constant == KNEE_CONSTANT else constant
     return Unknown(
         (scalar,),
         on,
         (Rereads(on, constant, scalar.start),),
         rival="term",
         phrase=f"{scalar.name} of the force laws",
-        cure=f"give its value, or have it estimated: {scalar.name} = {{ start = ... }}",
+        cure=f"give its value, or have it estimated: {key} = {{ start = ... }} of the channels",
     )
 
 
@@ -543,6 +567,7 @@ def phase(number: int, std: float | None = None, start: float = 0.0) -> Unknown:
         frozenset(),
         (Turns(),),
         record=number,
+        held="name the column of the mark (keyphasor, angle)",
         size=lambda values: float(np.angle(np.exp(1j * values[0]))),
     )
 
@@ -618,7 +643,9 @@ def harmonic_runouts(records: Records, orders: Sequence[int] = (2, 3)) -> list[U
             parts = (f"{term}.{part}" for part in ("cos", "sin"))
             scalars = tuple(Scalar(part, channel.unit, 0.0, additive=True) for part in parts)
             adds = Adds(name, order)
-            found.append(Unknown(scalars, frozenset([name]), (adds,), term, rival="term"))
+            held = "leave runout out of [estimator]"
+            more = Unknown(scalars, frozenset([name]), (adds,), term, rival="term", held=held)
+            found.append(more)
     return found
 
 
@@ -637,10 +664,8 @@ def own_values(
     """Return a parameter in those of the records that say it: `told` its (value, std) by record."""
     name, effects = parameter.name, (Replaces(index, alone=len(told) == records),)
     scalar = partial(Scalar, unit=parameter.unit, nuisance=False, positive=parameter.positive)
-    return [
-        Unknown((scalar(f"{name}[{k}]", start=v, std=std),), frozenset([name]), effects, record=k)
-        for k, (v, std) in told.items()
-    ]
+    of = partial(Unknown, on=frozenset([name]), effects=effects, held="in [records.parameters]")
+    return [of((scalar(f"{name}[{k}]", start=v, std=s),), record=k) for k, (v, s) in told.items()]
 
 
 def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:

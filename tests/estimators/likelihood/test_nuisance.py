@@ -667,6 +667,22 @@ def test_derivatives_of_constants_against_differences() -> None:
     derivatives_hold(observation, nuisances)
 
 
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"gains": ("ki",)}, "an unknown ki"),
+        ({"gains": ("ks*",)}, "an unknown ks"),
+        ({"delays": ("force",)}, "an unknown delay of the forces"),
+    ],
+)
+def test_constants_of_forces_need_a_force(asked: dict[str, tuple[str, ...]], told: str) -> None:
+    observation = bind(MODEL, periods(MAGNET))
+    lines = observation.lines
+    silent = observation.with_lines(replace(lines, mean=lines.mean * [0.0, 0.0, 1.0, 1.0]))
+    with pytest.raises(InputError, match=f"{re.escape(told)}.*, but no force in any record"):
+        unknowns_of([silent], Nuisances(**asked))
+
+
 def test_derivatives_of_bends_against_differences() -> None:
     observation = bind(MODEL, periods(MAGNET))
     bends = [*cubics([observation], None), *hystereses([observation], None)]
