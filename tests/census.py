@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "rotorid"
 ESTIMATION = (  # what estimates, and what says whether the estimate can be a machine
     *("linear", "likelihood", "answer/derived", "answer/judge", "answer/machine_checks"),
-    *("answer/unbalance", "models/knowledge"),
+    "models/knowledge",
 )
 FACE = {"rotorid", "rotorid.testing", "rotorid.cli"}  # the package, its machines, the command
 

@@ -8,8 +8,7 @@ from bank import ARM, BANK, JEFFCOTT, THREE_MASS, combination, table
 
 import rotorid as rid
 from rotorid import parse_model
-from rotorid.answer.derived import base_from_physical, physical_from_base
-from rotorid.answer.unbalance import with_unbalance
+from rotorid.answer.derived import base_from_physical, physical_from_base, with_unbalance
 
 # Physical parameters that follow from base ones, and back.
 

@@ -24,7 +24,7 @@ from linear_machines import estimate_of
 
 import rotorid as rid
 from rotorid import InputError, ModelError, load_model, parse_model
-from rotorid.answer.unbalance import with_unbalance
+from rotorid.answer.derived import with_unbalance
 from rotorid.likelihood.rivals_model import find_candidates
 from rotorid.linear.regression import Regression
 from rotorid.models import modal

@@ -9,9 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
+from rotorid.answer.derived import with_unbalance
 from rotorid.answer.estimate import Estimate, Provenance, Value
 from rotorid.answer.judge import of_data
-from rotorid.answer.unbalance import with_unbalance
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.notes import Note
 from rotorid.data.lines import PhasorClock

@@ -133,20 +133,16 @@ def _parts(reduced: Model, linear: LinearForm, base: Floats, omega: float) -> tu
 
     An inertia whose force is rounding of the forces in its row, at the fastest motion, is none.
     """
-    count = len(reduced.base.names)
-    kept = {monomial: b for b, monomial in enumerate(reduced.base.kept)}
-    kept |= {int(k): count for k in np.flatnonzero(~reduced.monomials.any(axis=1))}
-    shape = (count + 1, linear.rows, linear.coordinates)
-    mass, gyroscopic, forces = np.zeros(shape), np.zeros(shape), np.zeros(shape[1:])
-    part = np.array([kept.get(m, -1) for m in range(linear.monomials)])[linear.stiffness.monomial]
-    table, part = linear.stiffness.where(part >= 0), part[part >= 0]
-    size, place = table.sizes(omega), (part, table.row, table.column)
-    inertial = np.array([k.matrix == "M" and not k.factor.free_symbols for k in table.kinds])
-    turning = np.array([k.matrix == "G" for k in table.kinds])
-    np.add.at(mass, place, size * inertial[table.kind])
-    np.add.at(gyroscopic, place, table.coefficient * turning[table.kind])
-    np.add.at(forces, place[1:], omega**table.order * np.abs(size * base[part]))
+    parts = np.zeros((len(base), linear.monomials))
+    parts[np.arange(len(base) - 1), list(reduced.base.kept)] = 1.0
+    parts[-1, ~reduced.monomials.any(axis=1)] = 1.0
+    found = [linear.weighed(mu, omega) for mu in parts]
+    mass, damping, gyroscopic, stiffness = (
+        np.array([getattr(each, name) for each in found]) for name in "MDGK"
+    )
     if omega > 0:  # of natural frequencies alone there are no lines
+        acting = omega**2 * (np.abs(mass) + np.abs(gyroscopic)) + omega * np.abs(damping)
+        forces = np.tensordot(np.abs(base), acting + np.abs(stiffness), 1)
         inert = omega**2 * np.abs(np.tensordot(base, mass, 1))
         mass[:, inert < ROUNDING * forces.sum(axis=1, keepdims=True)] = 0.0
     return mass, gyroscopic

@@ -204,7 +204,11 @@ class LinearForm:
     monomials: int  # their number
 
     def matrices(self, values: ArrayLike, speed: float = 0.0) -> Matrices:
-        mu, table = self.monomial_values(np.asarray(values, dtype=float)), self.stiffness
+        return self.weighed(self.monomial_values(np.asarray(values, dtype=float)), speed)
+
+    def weighed(self, mu: Floats, speed: float) -> Matrices:
+        """Return the matrices at values of the monomials."""
+        table = self.stiffness
         sizes = np.where(self._matrix == TURNING, table.coefficient, table.sizes(speed))
         place = (self._matrix * self.rows + table.row) * self.coordinates + table.column
         shape = len(MATRICES), self.rows, self.coordinates
