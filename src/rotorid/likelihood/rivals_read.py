@@ -463,13 +463,6 @@ def shown_speed(records: Records) -> Rival | None:
     return _speed(said, f"correct speed: {told}", given, right, which, speed)
 
 
-BEGINS = 'write phase = "unknown" in that record, or name the column of the mark (keyphasor, angle)'
-"""What to do about a record whose rotor angle begins elsewhere."""
-MARKED = (
-    "count the phases of that table from the mark of the first one: add that angle to them in the "
-    "file; or check at which angle its trial mass sat"
-)
-"""What to do about a table whose phases are counted from elsewhere: no key sets them free."""
 BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).tolist())
 """Angles from which that of a further record is looked for: half a right angle leads to it."""
 
@@ -477,7 +470,12 @@ BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).
 @rivals("angle")
 def _angles(case: Case, starts: Sequence[float] = (0.0,)) -> Iterator[Rival]:
     for number, phase in later_phases(case.records, starts):
-        cure = MARKED if is_table(case.records[number]) else BEGINS
+        cure = f'write phase = "unknown" in that record, or {phase.held}'
+        if is_table(case.records[number]):  # no key sets its phases free
+            cure = (
+                "count the phases of that table from the mark of the first one: add that angle to "
+                "them in the file; or check at which angle its trial mass sat"
+            )
         for unknown in not_asked(case, [replace(phase, cure=cure)]):
             yield freed(unknown, on=(f"record {number + 1}",))
 
@@ -598,11 +596,10 @@ def _shifted(record: Observation, order: int, sign: float = 1.0) -> Observation:
 
 def _radians(record: Observation) -> Observation:
     """Take phases that were read as degrees for radians."""
-    lines, mean = record.lines, record.lines.mean.copy()
-    sensors = [s.column for s in record.sensors]
-    angle = np.angle(lines.mean[:, sensors]) * (180 / np.pi)
-    mean[:, sensors] = np.abs(lines.mean[:, sensors]) * np.exp(1j * angle)
-    return record.with_lines(replace(lines, mean=mean))
+    lines, read = record.lines, [s.column for s in record.sensors]
+    mean = lines.mean.copy()
+    mean[:, read] *= np.exp(1j * np.angle(mean[:, read]) * (180 / np.pi - 1))
+    return _with(record, mean, lines.covariance.matrices)
 
 
 def _reversed(record: Observation) -> Observation:

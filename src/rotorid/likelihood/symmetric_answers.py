@@ -7,8 +7,8 @@ asked by what the other answer costs (docs/maximum-likelihood.md, section 7).
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import combinations
@@ -143,16 +143,16 @@ class Mirrors:
             if not turn.coordinates or not apart or self._image(solution, turn) is None:
                 continue
             names = tuple(self.layout.unknowns[i].name for i in where)
-            text = "no record tells the sign of {}: that of its start is taken"
+            text = f"sign of {names[0]}: that of its start is taken"
             if len(names) > 1:
                 text = (
-                    "no record tells the signs of {}, which turn together: those of their starts "
-                    "are taken"
+                    f"signs of {_listed(names)}, which turn together: those of their starts are "
+                    "taken"
                 )
             sensors = [q for q in self.layout.model.measurable if q in turn.coordinates[0]]
             cure = f"a sensor of {' or '.join(sensors)} would tell; " if sensors else ""
             cure += "where physics tells, positive = true in the model says so"
-            yield Note("sign", "doubts", text.format(_listed(names)), cure, on=names)
+            yield Note("sign", "doubts", f"no record tells the {text}", cure, on=names)
 
     def _agreement(self, values: Floats) -> Callable[[Symmetry], float]:
         """Return by how many signs more than as it stands each turn has those of the start."""
@@ -212,12 +212,7 @@ def _links(
 def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
     """Return the coefficient of each kind, row, column and product; no `record`: of modes alone."""
     n, rows = len(layout.model.coordinates), len(layout.model.texts)
-    found: dict[Entry, float] = {}
-
-    def add(kind: Hashable, row: Place, column: Place, factors: Sequence[int], size: float) -> None:
-        key = kind, row, column, tuple(sorted(factors))
-        found[key] = found.get(key, 0.0) + size
-
+    found: dict[Entry, float] = defaultdict(float)
     table = layout.model.require_linear().stiffness
     observed = None if record is None else layout.observed(record)
     others = [] if observed is None else other_terms(layout, observed)
@@ -226,22 +221,20 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
     for term in table:
         factors, size = layout.monomial_factors[term.monomial], sizes[term.kind] * term.coefficient
         if factors is not None and size:
-            add(term.kind, ("row", term.row), ("coordinate", term.column), factors, size)
+            found[term.kind, ("row", term.row), ("coordinate", term.column), factors] += size
     if observed is None:
         return found
-    record = observed
-    idle = {n + k for k, c in enumerate(record.input_columns) if not record.lines.mean[:, c].any()}
-    for t in others:
-        if t.column in idle:
-            continue
+    driven = [*np.ones(n), *observed.lines.mean[:, list(observed.input_columns)].any(axis=0)]
+    for t in (t for t in others if t.column >= len(driven) or driven[t.column]):
         row = ("row" if t.row < rows else "sensor row", t.row)
         column = ("coordinate" if t.column < n else "input", t.column)
-        add(("other", t.order), row, column, t.factors, sizes[t.kind] * t.coefficient)
+        key = ("other", t.order), row, column, tuple(sorted(t.factors))
+        found[key] += sizes[t.kind] * t.coefficient
     for load in every_load(layout):
-        add("load", ("row", load.row), ("load", load.signal), load.factors, load.coefficient)
-    for number, reads in enumerate(record.reads):
-        for k in np.flatnonzero(reads).tolist():
-            add("reads", ("sensor", number), ("coordinate", k), (), float(reads[k]))
+        found["load", ("row", load.row), ("load", load.signal), load.factors] += load.coefficient
+    reads = observed.reads
+    for number, k in np.argwhere(reads).tolist():
+        found["reads", ("sensor", number), ("coordinate", k), ()] = float(reads[number, k])
     return found
 
 
@@ -301,18 +294,16 @@ def _turns(model: Model, web: Web, unknowns: int) -> tuple[Symmetry, ...]:
     for still in (ends, ()):
         for turned in web.turns(still):
             turned = _reduced(turned, pivots)
-            if not turned & own:
-                continue
-            pivots[_lowest(turned & own)] = turned
-            which = [node for node in range(len(web.names)) if turned >> node & 1]
-            factors = np.ones(unknowns)
-            factors[[node for node in which if node < unknowns]] = -1.0
-            turning = () if still else _coordinates(model, web, which)
-            found.append(Symmetry(tuple(range(unknowns)), factors, (turning,) if turning else ()))
+            if turned & own:
+                pivots[_lowest(turned & own)] = turned
+                signs = _signs(turned, len(web.names))
+                turning = () if still else _coordinates(model, web, np.flatnonzero(signs < 0))
+                same, moved = tuple(range(unknowns)), (turning,) if turning else ()
+                found.append(Symmetry(same, signs[:unknowns], moved))
     return tuple(found)
 
 
-def _coordinates(model: Model, web: Web, nodes: Sequence[int]) -> tuple[str, ...]:
+def _coordinates(model: Model, web: Web, nodes: Iterable[int]) -> tuple[str, ...]:
     named = (web.names[node] for node in nodes)
     found: Any = [name for what, name in named if what == "coordinate"]
     return tuple(dict.fromkeys(model.coordinates[column] for _, column in found))
@@ -467,11 +458,9 @@ class Web:
         sizes = np.linalg.lstsq(matrix, values, rcond=ROUNDING)[0]
         if not signs >> len(places) or np.abs(matrix @ sizes - values).max(initial=0.0) > ROUNDING:
             return None
-        turned = np.array([-1.0 if signs >> node & 1 else 1.0 for node in range(len(places))])
-        found = turned * np.exp(sizes)
-        for node, factor in known.items():
-            found[node] = factor
-        return np.asarray(found)
+        found = _signs(signs, len(places)) * np.exp(sizes)
+        found[list(known)] = list(known.values())
+        return found
 
 
 class _Search:
@@ -528,6 +517,10 @@ def _key(link: Link, places: Sequence[int]) -> Hashable:
     """Return all of a link but its coefficient, with its nodes in other places."""
     factors = tuple(sorted(places[f] for f in link.factors))
     return link.kind, places[link.row], places[link.column], factors
+
+
+def _signs(turned: Bits, count: int) -> Floats:
+    return np.array([-1.0 if turned >> node & 1 else 1.0 for node in range(count)])
 
 
 def _lowest(bits: Bits) -> int:
