@@ -224,7 +224,7 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
             found[term.kind, ("row", term.row), ("coordinate", term.column), factors] += size
     if observed is None:
         return found
-    driven = [*np.ones(n), *observed.lines.mean[:, list(observed.input_columns)].any(axis=0)]
+    driven = np.append(np.ones(n), observed.lines.mean[:, list(observed.input_columns)].any(axis=0))
     for t in (t for t in others if t.column >= len(driven) or driven[t.column]):
         row = ("row" if t.row < rows else "sensor row", t.row)
         column = ("coordinate" if t.column < n else "input", t.column)
@@ -460,7 +460,7 @@ class Web:
             return None
         found = _signs(signs, len(places)) * np.exp(sizes)
         found[list(known)] = list(known.values())
-        return found
+        return np.asarray(found)
 
 
 class _Search:
