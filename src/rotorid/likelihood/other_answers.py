@@ -281,7 +281,7 @@ def questioned(
     others += [image for image, _ in mirrors.images(solution)]
     lower = _lower(others, solution)
     if lower is not None:
-        others = [*(o for o in others if o is not lower), solution]
+        others.append(solution)
         at = _Minimum(lower)
     _, lowest = at.valley
     if lowest is not at.solution.point:
@@ -480,7 +480,12 @@ def _cure(problem: Problem, doubtful: Container[str]) -> str:
     before = predicted_deviations(problem, layout.start)
     helped = []
     for j, name in enumerate(layout.model.inputs):
-        after = predicted_deviations(_turned(problem, j), layout.start)
+        turned = (
+            replace(at, data=at.data * np.where(np.arange(at.data.shape[1]) == j, -1.0, 1.0))
+            for at in problem.likelihoods
+        )
+        other = replace(problem, likelihoods=tuple(turned))
+        after = predicted_deviations(other, layout.start)
         if asked and (after[asked] * TAKEN < before[asked]).any():
             helped.append(name)
     if helped:
@@ -489,11 +494,3 @@ def _cure(problem: Problem, doubtful: Container[str]) -> str:
         "excite what is at rest: unequal forces on the inputs, lines nearer to the resonances, "
         "another speed, more amplitude, or a sensor of a hidden coordinate"
     )
-
-
-def _turned(problem: Problem, column: int) -> Problem:
-    turned = (
-        replace(at, data=at.data * np.where(np.arange(at.data.shape[1]) == column, -1.0, 1.0))
-        for at in problem.likelihoods
-    )
-    return replace(problem, likelihoods=tuple(turned))

@@ -202,25 +202,21 @@ def gather_base(
 ) -> BaseParameters:
     """Merge monomials, in order, whose columns of the regressor depend on those of kept ones."""
     independent = independent_signals(term.signal for term in products)
-    entries: dict[tuple[int, Expression], int] = {}
-    rows: dict[int, dict[int, Fraction]] = defaultdict(lambda: defaultdict(Fraction))
+    entries: dict[tuple[int, Expression], dict[int, Fraction]]
+    entries = defaultdict(lambda: defaultdict(Fraction))
     position = {monomial: i for i, monomial in enumerate(monomials)}
     for term in products:
         column = position[term.monomial]
         for signal, factor in independent[term.signal].items():
-            entry = entries.setdefault((term.row, signal), len(entries))
-            rows[entry][column] += factor * term.coefficient
-    occurring = {column for row in rows.values() for column, value in row.items() if value}
-    scanned = [i for i in sorted(occurring) if any(monomials[i])]
-    if not scanned:
-        return BaseParameters((), (), np.zeros((0, len(monomials))), ())
-    sparse = [{k: row[i] for k, i in enumerate(scanned) if row.get(i)} for row in rows.values()]
-    reduced = _echelon(sparse)
-    kept = tuple(scanned[pivot] for pivot in reduced)
+            if any(term.monomial):
+                entries[term.row, signal][column] += factor * term.coefficient
+    rows = ({column: x for column, x in row.items() if x} for row in entries.values())
+    reduced = _echelon(rows)
+    kept = tuple(reduced)
     gather = np.zeros((len(kept), len(monomials)))
-    for row, ratios in enumerate(reduced.values()):
-        for k, ratio in ratios.items():
-            gather[row, scanned[k]] = float(ratio)
+    for number, ratios in enumerate(reduced.values()):
+        for column, ratio in ratios.items():
+            gather[number, column] = float(ratio)
     found_units = tuple(monomial_unit(monomials[i], parameters, units) for i in kept)
     return BaseParameters(
         base_names(gather, kept, monomials, parameters), found_units, gather, kept

@@ -196,23 +196,20 @@ def base_row(
     value, std = constraint.in_si
     if std > 0:
         raise InputError(f"{shown} with a deviation", "exact constraints for this method", "use ml")
-    index = {tuple(int(e) for e in m): i for i, m in enumerate(model.monomials)}
-    wanted = np.zeros(len(index))
-    linear = True
-    for monomial, coefficient in constraint_polynomial(model, constraint, fixed).items():
-        if not any(monomial):
-            value -= coefficient
-        elif monomial in index:
-            wanted[index[monomial]] += coefficient
-        else:
-            linear = False
-    if linear and not wanted.any():
+    index = {tuple(m): i for i, m in enumerate(model.monomials.tolist())}
+    terms = constraint_polynomial(model, constraint, fixed)
+    value -= terms.pop((0,) * len(model.parameters), 0.0)
+    if not terms:
         raise InputError(
             f"{shown}, which holds no free parameter", "a parameter that is not fixed", "drop it"
         )
+    wanted = np.zeros(len(index))
+    known = [(index[monomial], c) for monomial, c in terms.items() if monomial in index]
+    for place, coefficient in known:
+        wanted[place] = coefficient
     row = np.linalg.lstsq(model.base.gather.T, wanted, rcond=None)[0]
     residual = model.base.gather.T @ row - wanted
-    if not linear or np.abs(residual).max() > 1e-9 * max(np.abs(wanted).max(), 1e-300):
+    if len(known) < len(terms) or np.abs(residual).max() > 1e-9 * max(np.abs(wanted).max(), 1e-300):
         raise InputError(
             f"{shown}, not linear in the base parameters",
             f"a combination of {', '.join(model.base.names)}",
