@@ -158,9 +158,8 @@ def creeps(point: Point, records: Sequence[Observation]) -> tuple[Creep | None, 
 
 def _creep(at: Evaluation, record: Observation) -> Creep | None:
     scatter, periodic = record.lines.scatter, record.periodic
-    if scatter is None or periodic is None or not periodic.speed:
-        return None
-    if record.lines.periods < LEAST_PERIODS or at.ends is not None:
+    few = record.lines.periods < LEAST_PERIODS
+    if scatter is None or periodic is None or not periodic.speed or few or at.ends is not None:
         return None
     moving = record.lines.frequency[:, None] > 0
     turned = at.whitened_loads(np.where(moving, 1j * at.loads, 0))  # by the phase: a quarter on

@@ -17,7 +17,7 @@ from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
-from rotorid.linear.regression import Equations, Regression, SampledRegression
+from rotorid.linear.regression import Regression, SampledRegression
 from rotorid.linear.solve import (
     BLOCKS,
     Block,
@@ -233,7 +233,7 @@ class LinearEstimator:
     def _solved(self, problem: Problem) -> LeastSquaresSolution:
         return solve(problem.blocks(partial(self._variance, problem)))
 
-    def _variance(self, problem: Problem, regression: Equations) -> Floats:
+    def _variance(self, problem: Problem, regression: Any) -> Floats:
         return np.ones(len(regression.model.texts))
 
 
@@ -302,7 +302,7 @@ class Batch(LinearEstimator):
                 "take 100, as the paper does",
             )
 
-    def _variance(self, problem: Problem, regression: Equations) -> Floats:
+    def _variance(self, problem: Problem, regression: Any) -> Floats:
         variance, free = problem.variance(regression), ~problem.model.input_matrix.any(axis=1)
         largest = np.where(free, 0.0, variance).max(axis=-1, keepdims=True)
         return np.where(free, self.free_weight * np.where(largest > 0, largest, 1.0), variance)

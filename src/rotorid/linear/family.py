@@ -370,11 +370,21 @@ def _noise(records: Sequence[Fitted]) -> dict[str, float]:
     return dict(zip(model.inputs, share.tolist(), strict=True))
 
 
+def force_variance(regression: Regression) -> Floats:
+    """Return the variance of a row's force, (sample, row); inputs uncorrelated, the paper's (9)."""
+    record, model = regression.record, regression.model
+    channels = list(regression.observation.input_columns)
+    power = (record.mean[:, channels] ** 2).mean(axis=0)
+    variance = pooled(record.variance[:, channels], power, record.periods)
+    return np.asarray(variance @ (model.input_matrix.T**2))
+
+
 @frozen
 class LeastSquaresProblem(Posed):
     """Regressions on the lines of all records, in the unknowns that exact constraints leave."""
 
     kind = Regression
+    variance = staticmethod(force_variance)
 
     def halves(self) -> list[LeastSquaresProblem]:
         """Return the problems of the first and of the last half of the periods of each record.
@@ -384,9 +394,6 @@ class LeastSquaresProblem(Posed):
         """
         halves = [tuple(replace(r, half=half) for r in self.regressions) for half in (1, 2)]
         return [replace(self, regressions=half) for half in halves]
-
-    def variance(self, regression: Any) -> Floats:
-        return force_variance(regression)
 
     def summarize(self, method: str, solved: Solver) -> Estimate:
         solution, measured = solved(self), [r.record for r in self.regressions]
@@ -419,15 +426,6 @@ class LeastSquaresProblem(Posed):
             if fewest >= 2 * LEAST_PERIODS:  # below, deviations are too rough to hold them against
                 notes += machine_checks.agreement(self.names, _parted(records), spread)
         return estimate.with_notes(*notes)
-
-
-def force_variance(regression: Regression) -> Floats:
-    """Return the variance of a row's force, (sample, row); inputs uncorrelated, the paper's (9)."""
-    record, model = regression.record, regression.model
-    channels = list(regression.observation.input_columns)
-    power = (record.mean[:, channels] ** 2).mean(axis=0)
-    variance = pooled(record.variance[:, channels], power, record.periods)
-    return np.asarray(variance @ (model.input_matrix.T**2))
 
 
 @frozen

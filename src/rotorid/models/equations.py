@@ -30,21 +30,14 @@ def check_names(**tables: Iterable[str]) -> None:
     taken = {*RESERVED, "pi", *FUNCTIONS}
     for table, members in tables.items():
         for name in members:
+            found = f"the name {name[:60]!r}"
             if not _NAME.fullmatch(name):
-                raise ModelError(
-                    f"the name {name[:60]!r}",
-                    "a letter, then letters, digits and _, 64 in all at most",
-                    "rename it",
-                    place=table,
-                )
+                expected = "a letter, then letters, digits and _, 64 in all at most"
+                raise ModelError(found, expected, "rename it", place=table)
             if name in taken:
-                raise ModelError(
-                    f"the name {name!r} again",
-                    "a name used once and not reserved "
-                    f"({', '.join([*RESERVED, 'pi', *FUNCTIONS])})",
-                    "rename it",
-                    place=table,
-                )
+                reserved = ", ".join([*RESERVED, "pi", *FUNCTIONS])
+                expected = f"a name used once and not reserved ({reserved})"
+                raise ModelError(f"{found} again", expected, "rename it", place=table)
             taken.add(name)
 
 
@@ -97,23 +90,21 @@ def _products(
     parameters: Sequence[str],
     work: Work,
 ) -> list[Product]:
-    index = {symbol(name): i for i, name in enumerate(parameters)}
+    own = {symbol(name) for name in parameters}
     linear = frozenset([*parameters, *map(str, inputs)])
     products = []
     names = motion | linear | {*RESERVED}
     for powers, coefficient in read(text, names, linear, equation=True, work=work).items():
-        exponents = [0] * len(index)
-        for base, power in powers:
-            if base in index:
-                exponents[index[base]] = int(power)
-        signal = product((base, Fraction(n)) for base, n in powers if base not in index)
+        of_base = dict(powers)
+        monomial = tuple(int(of_base.get(symbol(name), 0)) for name in parameters)
+        signal = product((base, Fraction(n)) for base, n in powers if base not in own)
         if (held := signal.free_symbols & inputs) and signal not in inputs:
             raise ModelError(
                 f"the term {shown(signal)} with the input {min(map(str, held))}",
                 "inputs that stand alone, times numbers and parameters",
                 "give the product an input of its own",
             )
-        products.append(Product(row, tuple(exponents), coefficient, signal))
+        products.append(Product(row, monomial, coefficient, signal))
     moving = frozenset(map(symbol, motion))
     if not any(any(p.monomial) or p.signal.free_symbols & moving for p in products):
         raise ModelError(
@@ -176,12 +167,8 @@ def sensor_terms(
                 "write a sum of coordinates, each once in a term, without a constant",
                 place=place,
             )
-        where = motion.index(1)
-        found.append(
-            SensorTerm(
-                where // len(DERIVATIVES), where % len(DERIVATIVES), rest, float(coefficient)
-            )
-        )
+        where = divmod(motion.index(1), len(DERIVATIVES))
+        found.append(SensorTerm(*where, rest, float(coefficient)))
     return tuple(found)
 
 
