@@ -169,20 +169,20 @@ def _known(layout: Layout, knowledge: Knowledge[float]) -> Iterator[Relation]:
             yield Relation({(i,): 1.0, (): -unknown.prior}, unknown.name, unknown.std)
     for constraint in knowledge.constraints:
         value, std = constraint.in_si
-        for polynomial in _polynomials(layout, constraint, knowledge.fixed):
+        for polynomial in _polynomials(layout, constraint):
             yield Relation(polynomial, f"{constraint.expression} = {value:g}", std)
 
 
-def _polynomials(
-    layout: Layout, constraint: Constraint, fixed: Mapping[str, float]
-) -> list[Polynomial]:
+def _polynomials(layout: Layout, constraint: Constraint) -> list[Polynomial]:
     """Return a constraint, or that of each record where every one has a value to itself."""
     if layout.base:
-        row, value = base_row(layout.model, constraint, fixed)
+        row, value = base_row(layout.model, constraint)
         return [{(): -value} | {(i,): x for i, x in enumerate(row.tolist()) if x}]
     polynomial = {
         tuple(i for i, power in enumerate(powers) for _ in range(power)): coefficient
-        for powers, coefficient in constraint_polynomial(layout.model, constraint).items()
+        for powers, coefficient in constraint_polynomial(
+            layout.model, constraint.expression
+        ).items()
     }
     polynomial[()] = polynomial.get((), 0.0) - constraint.in_si[0]
     if not any(i in layout.idle for product in polynomial for i in product):
@@ -203,7 +203,7 @@ def _bounds(layout: Layout, knowledge: Knowledge[float]) -> Iterator[Relation]:
         _refuse_empty(expression, lower, upper, layout)
         for limit, way in ((lower, 1.0), (upper, -1.0)):
             constraint = Constraint(expression, limit or 0.0)
-            for polynomial in [] if limit is None else _polynomials(layout, constraint, {}):
+            for polynomial in [] if limit is None else _polynomials(layout, constraint):
                 signed = {powers: way * c for powers, c in polynomial.items()}
                 yield Relation(signed, Limit(expression, way, constraint.in_si[0]))
 

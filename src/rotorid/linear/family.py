@@ -77,7 +77,7 @@ class Posed:
             if turning and not record.lines.phase_known:
                 found, file = "a rotor angle of unknown phase", record.lines.source
                 raise InputError(found, "a known phase", "use ml", file=file)
-        elimination = eliminate(reduced, constraints_in_si(constraints, model), fixed)
+        elimination = eliminate(reduced, constraints_in_si(constraints, model))
         if not elimination.kept:
             raise InputError("every parameter constrained", "something to estimate", "free one")
         regressions = tuple(cls.kind(replace(record, model=reduced)) for record in records)

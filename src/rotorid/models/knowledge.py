@@ -112,7 +112,7 @@ def _numbers(expression: str, given: tuple[Any, Any], model: Model, what: str) -
 def unit_of_expression(expression: str, model: Model, place: str) -> str:
     """Return the unit of a polynomial in the parameters; refuse sums of unlike units."""
     with naming(place=place):
-        terms = constraint_polynomial(model, Constraint(expression, 0.0))
+        terms = constraint_polynomial(model, expression)
     units = [parameter.unit for parameter in model.parameters]
     found = {multiply_units(list(zip(units, p, strict=True))) for p in terms if any(p)}
     if not found:
@@ -128,15 +128,13 @@ def unit_of_expression(expression: str, model: Model, place: str) -> str:
     return first
 
 
-def constraint_polynomial(
-    model: Model, constraint: Constraint, fixed: Mapping[str, float] | None = None
-) -> dict[tuple[int, ...], float]:
-    """Return a constraint's expression as ``{exponents of the parameters: coefficient}``."""
-    exact = {name: Fraction(repr(float(value))) for name, value in (fixed or {}).items()}
+def constraint_polynomial(model: Model, expression: str) -> dict[tuple[int, ...], float]:
+    """Return an expression as ``{exponents of the parameters: coefficient}``; held ones count."""
+    exact = {name: Fraction(repr(value)) for name, value in model.held}
     free = model.parameter_names
     names = list(dict.fromkeys([*free, *exact]))
-    with naming(place=f"constraint {constraint.expression[:60]!r}"):
-        terms = polynomial(constraint.expression, names)
+    with naming(place=f"constraint {expression[:60]!r}"):
+        terms = polynomial(expression, names)
     found: dict[tuple[int, ...], Fraction] = {}
     for powers, coefficient in terms.items():
         by_name = dict(zip(names, powers, strict=True))
@@ -160,13 +158,11 @@ class Elimination:
     kept: tuple[int, ...]  # the base parameter that each free unknown is
 
 
-def eliminate(
-    model: Model, constraints: Sequence[Constraint], fixed: Mapping[str, float] | None = None
-) -> Elimination:
+def eliminate(model: Model, constraints: Sequence[Constraint]) -> Elimination:
     size = len(model.base.names)
     if not constraints:
         return Elimination(np.zeros(size), np.eye(size), tuple(range(size)))
-    rows, values = zip(*(base_row(model, c, fixed) for c in constraints), strict=True)
+    rows, values = zip(*(base_row(model, c) for c in constraints), strict=True)
     matrix, right = np.array(rows), np.array(values)
     scale = np.abs(matrix).max(axis=1)
     matrix, right = matrix / scale[:, None], right / scale
@@ -188,16 +184,14 @@ def eliminate(
     return Elimination(origin, basis, tuple(int(i) for i in kept))
 
 
-def base_row(
-    model: Model, constraint: Constraint, fixed: Mapping[str, float] | None
-) -> tuple[Floats, float]:
+def base_row(model: Model, constraint: Constraint) -> tuple[Floats, float]:
     """Return an exact constraint as ``row @ base = value``."""
     shown = f"the constraint {constraint.expression[:60]!r}"
     value, std = constraint.in_si
     if std > 0:
         raise InputError(f"{shown} with a deviation", "exact constraints for this method", "use ml")
     index = {tuple(m): i for i, m in enumerate(model.monomials.tolist())}
-    terms = constraint_polynomial(model, constraint, fixed)
+    terms = constraint_polynomial(model, constraint.expression)
     value -= terms.pop((0,) * len(model.parameters), 0.0)
     if not terms:
         raise InputError(

@@ -237,10 +237,11 @@ def test_a_minimum_is_lower_by_more_than_a_millionth(below, lower) -> None:
 @pytest.mark.parametrize(("after", "cure"), [(0.32, "drive F against"), (0.34, "excite what")])
 def test_an_excitation_that_tells_three_times_as_much_is_a_cure(monkeypatch, after, cure) -> None:
     problem = problem_of("m")
-    problem.likelihoods, problem.layout.model = ("record",), SimpleNamespace(inputs=("F",))
+    problem.likelihoods = (SimpleNamespace(data=np.ones((1, 1))),)
+    problem.layout.model = SimpleNamespace(inputs=("F",))
     told = iter([np.ones(1), np.array([after])])
     monkeypatch.setattr(information, "predicted_deviations", lambda *at: next(told))
-    monkeypatch.setattr(information, "_turned", lambda problem, column: problem)
+    monkeypatch.setattr(information, "replace", lambda problem, **turned: problem)
     assert information._cure(problem, ("m",)).startswith(cure)
 
 
