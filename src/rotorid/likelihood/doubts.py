@@ -6,7 +6,7 @@ before the warning of a doubtful model tells (docs/maximum-likelihood.md, sectio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from rotorid.likelihood.case import Slopes
 from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import parts_between
@@ -214,16 +215,17 @@ LEAST_PERIODS = 4
 
 @doubt("ok", "rejected")
 def halves_differ(fit: Fit) -> Iterable[Note]:
-    halves = answers_of_parts(fit.solution.point, fit.records, 2)
+    halves = answers_of_parts(fit, 2)
     if halves is not None:
         turning = {fit.layout.unknowns[i].name for i in fit.problem.affine}
         return machine_checks.agreement(_names(fit), halves, fit.inference.std, turning)
-    windows = answers_of_windows(fit.solution.point, fit.records)
+    windows = answers_of_windows(fit)
     return () if windows is None else machine_checks.agreement(_names(fit), *windows)
 
 
-def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -> Floats | None:
+def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
     """Return how parts of the periods differ to first order, (part, free); None if too few."""
+    point, records = fit.solution.point, fit.records
     if not records or any(r.lines.periods < parts * LEAST_PERIODS for r in records):
         return None
     columns = [_changes(point, number, record, parts) for number, record in enumerate(records)]
@@ -231,19 +233,17 @@ def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -
     return point.linear.steps(changes).T
 
 
-def answers_of_windows(
-    point: Point, records: Sequence[Observation]
-) -> tuple[Floats, Floats] | None:
+def answers_of_windows(fit: Fit) -> tuple[Floats, Floats] | None:
     """Return how the free unknowns of each half of whole records differ, and how they may.
 
     Shapes (half, free) and (free,): one step of Gauss-Newton with the lines of that half alone, and
     the deviation of half the difference, zero where a half does not tell it. None where a record
     was not taken whole, or a half of it is too short to be.
     """
+    point, records, linear = fit.solution.point, fit.records, list[Linearized]()
     cut = [record.lines.parts for record in records if record.lines.parts is not None]
     if not cut or len(cut) < len(records):
         return None
-    linear = []
     try:
         for lines in zip(*(parts(2) for parts in cut), strict=True):
             halves = [r.with_lines(half) for r, half in zip(records, lines, strict=True)]
@@ -540,7 +540,7 @@ def lines_alike(fit: Fit) -> Iterator[Note]:
 def blocks_scatter(fit: Fit) -> Iterator[Note]:
     most = min((r.lines.periods // LEAST_PERIODS for r in fit.records), default=0)
     parts = min(BLOCKS, most)
-    answers = answers_of_parts(fit.solution.point, fit.records, parts) if parts >= 3 else None
+    answers = answers_of_parts(fit, parts) if parts >= 3 else None
     if answers is None:
         return
     std = fit.inference.std

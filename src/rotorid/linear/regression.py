@@ -32,18 +32,6 @@ from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 ROUNDING = 1e-12
 
 
-def _finite_signal(model: Model, index: int, motion: Motion, source: str) -> Floats:
-    value = model.signal_value(index, motion)
-    if not is_usable(value):
-        raise InputError(
-            f"{model.signals[index]} without a finite value on this record",
-            "a division by something other than zero, a root of something positive",
-            "rewrite the term, or check the channels in it",
-            file=source,
-        )
-    return value
-
-
 def driven_rows(model: Model) -> list[int]:
     """Return the rows with a measured input or a term without parameters."""
     forced = model.input_matrix.any(axis=1) | model.coefficients[1].any(axis=0)
@@ -119,6 +107,17 @@ class Equations(ABC):
             if channel.drive is not None:
                 found = f"a current in the channel of {channel.name}"
                 raise InputError(found, "a force", "use ml", file=self.observation.lines.source)
+
+    def _value(self, index: int, motion: Motion) -> Floats:
+        value = self.model.signal_value(index, motion)
+        if not is_usable(value):
+            raise InputError(
+                f"{self.model.signals[index]} without a finite value on this record",
+                "a division by something other than zero, a root of something positive",
+                "rewrite the term, or check the channels in it",
+                file=self.observation.lines.source,
+            )
+        return value
 
     @property
     @abstractmethod
@@ -229,7 +228,7 @@ class Regression(Equations):
 
     def _sampled_lines(self, index: int, motion: Motion) -> Complexes:
         record, axes = self.record, motion.position.ndim - 1
-        value = _finite_signal(self.model, index, motion, record.source)
+        value = self._value(index, motion)
         mean = value.mean(axis=0) if value.ndim > axes else value
         whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
         lines = line_spectra(whole[..., None], record.harmonics)[..., 0]
@@ -369,7 +368,7 @@ class SampledRegression(Equations):
         for index, factor in enumerate(model.motion_factors):
             turning = factor is not None and symbol("Omega") in factor[2].free_symbols
             if factor is None or (turning and record.angle is not None):
-                value = _finite_signal(model, index, self._motion, record.source)
+                value = self._value(index, self._motion)
                 whole = np.broadcast_to(value, self._motion.time.shape)
                 found[:, index] = self._each(low_pass.apply, whole[:, None])[used, 0]
             else:
