@@ -236,9 +236,8 @@ def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
 def answers_of_windows(fit: Fit) -> tuple[Floats, Floats] | None:
     """Return how the free unknowns of each half of whole records differ, and how they may.
 
-    Shapes (half, free) and (free,): one step of Gauss-Newton with the lines of that half alone, and
-    the deviation of half the difference, zero where a half does not tell it. None where a record
-    was not taken whole, or a half of it is too short to be.
+    Shapes (half, free) and (free,), zero where a half does not tell it. None where a record was not
+    taken whole, or a half of it is too short to be.
     """
     point, records, linear = fit.solution.point, fit.records, list[Linearized]()
     cut = [record.lines.parts for record in records if record.lines.parts is not None]
@@ -292,12 +291,10 @@ is off by so much and right in every parameter but for the one factor of time.""
 
 @doubt()
 def unit_of_speed(fit: Fit) -> Iterator[Note]:
-    """Say that the speeds of tables look like those of another unit.
+    """Say that the speeds of tables look like those of another unit (section 12).
 
-    With all speeds a factor f off, stiffnesses are f^2 and dampings f times what they are, and
-    nothing else in a table changes; with all frequencies of responses, masses are f^-2 times, and
-    with those of measured modes, stiffnesses f^2 times. Where the answer is far off its start, and
-    near with the speeds in another unit, that unit is suspected.
+    With all speeds a factor f off, stiffnesses are f^2 and dampings f times what they are; with
+    all frequencies of responses, masses are f^-2 times.
     """
     records, layout, unknowns = fit.records, fit.layout, fit.solution.point.unknowns
     force = bool(records) and all(map(is_response, records))

@@ -1,12 +1,7 @@
-"""Whether the unbalance keeps to the stated rotor angle.
+"""Whether the unbalance keeps to the stated rotor angle (docs/maximum-likelihood.md, section 11).
 
-The load along the angle errors
-
-    phi(t) + sum_n a_n P_n(s),   s = -1 .. 1 over the record, P_n of Legendre,
-
-explains the residual, with what the unknowns take over taken out: a_n is by least squares. Unknowns
-move by what they take over of it, and of a_0, which no data tell: the angle is as it was given
-where the record begins, so that a_0 = - sum_n a_n P_n(-1).
+Of a whole record the errors of the angle are ``sum_n a_n P_n(s)``, s = -1 .. 1 over it, P_n of
+Legendre; ``a_0 = - sum_n a_n P_n(-1)``, which no data tell: the angle is as given where it begins.
 
 Where the rotation stands on a line that is excited, the residual of each period moves along its
 derivative d by the phase: ``a_p = d' (r_p - r) / |d|^2``. A speed that is off gives a_p a slope,

@@ -259,12 +259,7 @@ class Fitted:
 
 
 def sandwich(records: Sequence[Fitted]) -> Floats:
-    """Return the covariance of values that answer to noise e by ``Re(sum gains e)``.
-
-    The paper's (13), ``F' S^-1 F``, is an information matrix; nor is its inverse the covariance:
-    rows without actuator carry a weight, not a variance, and the noise of the regressors
-    dominates.
-    """
+    """Return the covariance of values that answer to noise e by ``Re(sum gains e)``."""
     parts = []
     for record in records:
         by_line = np.moveaxis(record.gains, 1, 0)
@@ -326,11 +321,7 @@ def misfit(records: Sequence[Fitted]) -> tuple[float, Expectation]:
 
 
 def inflation(records: Sequence[Fitted]) -> float:
-    """Return by how much the residual exceeds its scatter over periods, at least 1.
-
-    Each row counts alike. What the periods repeat, a misfit of the model or a bias, is in the
-    residual and not in the scatter.
-    """
+    """Return by how much the residual exceeds its scatter over periods, at least 1."""
     misfit, noise, equations, count = 0.0, 0.0, 0.0, len(records[0].base)
     for record in records:
         weight = record.weight
@@ -387,11 +378,7 @@ class LeastSquaresProblem(Posed):
     variance = staticmethod(force_variance)
 
     def halves(self) -> list[LeastSquaresProblem]:
-        """Return the problems of the first and of the last half of the periods of each record.
-
-        Their answers tell a change, by how they differ; and what noise in the regressors does:
-        its power in a mean of half as many periods is twice as large, and so is the bias it leaves.
-        """
+        """Return the problems of the halves of all records, whose answers have twice the bias."""
         halves = [tuple(replace(r, half=half) for r in self.regressions) for half in (1, 2)]
         return [replace(self, regressions=half) for half in halves]
 
@@ -452,11 +439,9 @@ def information_of(model: Model, estimate: Estimate, record: Data) -> Informatio
 
 
 def information(model: Model, data: Data) -> Information:
-    """Return the information matrix and the condition numbers of a record.
+    """Return the information matrix, the paper's (13), and the condition numbers of a record.
 
-    The paper's (13) calls ``F' Sigma^-1 F`` a covariance; it is an information matrix. Nor is its
-    inverse the covariance of an estimate: the noise in F is left out, and rows without actuator
-    have no variance, so that they are left out here. Use it to compare records; the deviations
+    Rows without actuator have no variance, and are left out. It compares records; the deviations
     of an estimate are in its own covariance.
     """
     regression = Regression(bind(model, data))

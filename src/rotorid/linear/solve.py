@@ -26,12 +26,7 @@ RANK_TOLERANCE = 1e-11
 
 
 def pooled(variance: Floats, power: Floats, periods: int) -> Floats:
-    """Make variances over periods, the paper's (8), fit to be weights.
-
-    Below `POOLING_PERIODS` periods they are pooled over the samples of a channel: from two or
-    three periods a variance per sample comes close to zero by chance and its weight takes over.
-    They are floored, so that samples without noise can be weighted too.
-    """
+    """Make variances of periods, the paper's (8), fit to be weights (docs/theory.md, section 3)."""
     mean = np.broadcast_to(variance.mean(axis=0), variance.shape)
     raised = mean if periods < POOLING_PERIODS else np.maximum(variance, 1e-3 * mean)
     floor = 1e-18 * np.where(power > 0, power, power.max(initial=0.0) or 1.0)
@@ -90,12 +85,7 @@ class LeastSquaresSolution:
 
 
 def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
-    """Solve ``min sum |whitened(design @ free - target)|^2``, the paper's (2) and (3).
-
-    The paper prints ``(F' S^-1 F) F' S^-1 u`` in (5) and (6); the inverse of the first factor is
-    meant. Here no normal equations are formed: the whitened columns are scaled, then decomposed
-    by QR and SVD.
-    """
+    """Solve ``min sum |whitened(design @ free - target)|^2``: docs/theory.md, sections 2 and 3."""
     whitened = [block.whitened() for block in blocks]
     matrix = np.concatenate([m for m, _ in whitened])
     right = np.concatenate([r for _, r in whitened])
