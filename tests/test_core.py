@@ -545,6 +545,10 @@ def test_refused_quantities(text: object, unit: str, found: str) -> None:
         ("lbf/inch", "N/m", 175.12683524647645),
         ("%", "1", 0.01),
         ("1", "1", 1.0),
+        ("Millivolts", "V", 1e-3),
+        ("mN.m", "N m", 1e-3),
+        ("Millimeters_per_second", "m/s", 1e-3),
+        ("pound_force", "N", 4.4482216152605),
     ],
 )
 def test_declared_units(declared: str, si: str, factor: float) -> None:

@@ -203,6 +203,8 @@ def test_units_decide_between_names() -> None:
     assert assign(rid.load_model("emps"), undecided) == {}
     assert role_of("t", "N") == "channel"
     assert role_of("Time (s)", None) == "time"
+    assert {role_of(name, None) for name in ("t/ms", "time_ms", "t [ms]", "run1/T_us")} == {"time"}
+    assert {role_of(name, None) for name in ("ts", "times", "pt/ms", "test_s")} == {"channel"}
     assert role_of("log/enc", "deg") == "angle"
     assert currents(MODEL, columns, {}) == {}
 
@@ -500,6 +502,11 @@ def test_a_wide_table_is_read_in_time(monkeypatch) -> None:
     assert found["F_x77"].name == "force x77"
     assert found["x3"].name == "pos x3"
     assert len(looked_at) < 1000
+
+
+def test_the_unit_of_times_may_stand_in_their_name() -> None:
+    clock = draft_module._clock([Found("run1/t/ms", np.arange(50.0), None, "time")], None)
+    assert clock == (1e3, ("time", {"column": "run1/t/ms", "unit": "ms"}, "1000 Hz, 0.05 s"))
 
 
 @pytest.mark.parametrize(("rate", "unit"), [(19.0, "ms"), (21.0, "s")])

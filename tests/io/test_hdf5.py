@@ -59,6 +59,14 @@ def test_columns(path: Path) -> None:
     assert (only.values.tolist(), only.unit) == ([1, 4, 7, 10, 13], "mm")
 
 
+@pytest.mark.parametrize("units", [{"unit": "mm"}, {"units": "", "unit": b"mm"}])
+def test_one_unit_in_place_of_units(units: dict, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as data:
+        data["x"] = np.arange(5.0)
+        data["x"].attrs.update(units)
+    assert open_table(tmp_path / "run.h5").read(["x"])["x"].unit == "mm"
+
+
 def test_names(path: Path) -> None:
     assert sorted(open_table(path).names) == ["force/x", "packed", "position/x", "short", "y"]
 
@@ -165,6 +173,10 @@ def test_numbers_packed_in_no_way_that_is_known(value: object, tmp_path: Path) -
     [
         ({"dt": 0.2, "dt_units": "ms"}, 5000.0),
         ({"sample_rate": 5, "sample_rate_unit": b"kHz"}, 5000.0),
+        ({"sample_rate": "10 kHz"}, 10_000.0),
+        ({"fs": b"2500"}, 2500.0),
+        ({"dt": "0.2 ms"}, 5000.0),
+        ({"fs": "fast"}, None),
         ({"dt": 200, "time_units": "us"}, 5000.0),
         ({"dt": 0.2, "dt_units": "ticks"}, None),
         ({"dt": 0.2, "dt_units": "ticks", "wf_increment": 1e-3}, 1000.0),

@@ -25,6 +25,7 @@ samples, which variances of variances are made of, stay within what doubles hold
 _SPELLING = str.maketrans(
     {"·": "*", "⋅": "*", "²": "^2", "³": "^3", "µ": "u", "μ": "u", "Ω": "ohm"}
 )
+_JOINED = ((re.compile(r"(?<=[A-Za-z])\.(?=[A-Za-z])"), "*"), (re.compile("_per_"), "/"))  # N.m
 _TOKEN = re.compile(
     r"\s*(?:(?P<name>[A-Za-z_°%]+|\b1\b)"
     r"|(?:\^|\*\*)\s*(?P<power>-?[1-9]\d?)(?![\d.])|(?P<sign>[*/()]))\s*"
@@ -83,10 +84,10 @@ yd yard yards = 3 ft
 mi mile miles = 5280 ft
 micron microns = 1 um
 angstrom = 0.1 nm
-gn g_n gravity = 9.80665 m/s^2
+gn g_n gravity standard_gravity = 9.80665 m/s^2
 lb lbs lbm pound pounds = 0.45359237 kg
 oz ounce ounces = 1/16 lb
-lbf = 1 lb gn
+lbf pound_force = 1 lb gn
 ozf = 1/16 lbf
 kip = 1000 lbf
 slug slugs = 1 lbf s^2/ft
@@ -99,14 +100,14 @@ torr = 1/760 atm
 mmHg = 133.322387415 Pa
 poise = 0.1 Pa s
 cP = 1/1000 Pa s
-hp = 550 ft lbf/s
+hp horsepower = 550 ft lbf/s
 PS = 75 m kgf/s
 rev revolution revolutions turn turns cycle cycles = 6.283185307179586476925286766559 rad
 deg ° degree degrees = 1/360 rev
 gon = 1/400 rev
-arcmin = 1/60 deg
-arcsec = 1/60 arcmin
-rpm RPM cpm CPM revolutions_per_minute = 1 rev/min
+arcmin arcminute arcminutes = 1/60 deg
+arcsec arcsecond arcseconds = 1/60 arcmin
+rpm RPM cpm CPM = 1 rev/min
 rps = 1 rev/s
 delta_degC = 1 K
 """
@@ -197,7 +198,10 @@ def read_unit(text: str) -> Unit:
     """Return the unit of a text; ValueError says why there is none."""
     if len(text) > MAX_LENGTH:
         raise ValueError("no product of units")
-    tokens = _tokens(text.translate(_SPELLING))[::-1]  # the next one is the last
+    text = text.translate(_SPELLING)
+    for pattern, sign in _JOINED:
+        text = pattern.sub(sign, text)
+    tokens = _tokens(text)[::-1]  # the next one is the last
     try:
         size, ten, symbols = _product(tokens, _table())
         size *= float(f"1e{ten}")
@@ -257,6 +261,8 @@ def _named(name: str, table: Mapping[str, _Product]) -> _Product:
         raise ValueError(f"{name}: write 1 for a count")
     if name in _SHIFTED:
         raise ValueError("its zero is not zero in SI")
+    if name not in table and len(name) > 3 and name.istitle():
+        name = name.lower()  # Amps, Volts: a symbol is shorter, or has no small letters
     if name not in table:
         raise ValueError(f"unknown name {name}")
     return table[name]

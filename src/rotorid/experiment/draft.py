@@ -40,6 +40,10 @@ _ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
     ("keyphasor", re.compile(rf"kp|key\b.*|key_?ph\w*|{_MARK}|(zero|null)_?({_MARK})", re.I), ""),
     ("angle", re.compile(r"enc\w*|angle\w*|phi|rotor_?angle", re.I), "rad"),
 )
+_TIMED = re.compile(
+    r"(?:^|[/_ ])(?:t|time)(?:[\s_/]+|\s*(?=[\[(]))[\[(]?(?P<unit>[munµ]?s|min)[\])]?$", re.I
+)
+"""Sample times with the unit in their name: t/ms, time_ms, t [ms]."""
 _WORDS = {
     "force": "f",
     "current": "i",
@@ -86,6 +90,8 @@ class Found:
 
 def role_of(name: str, unit: str | None) -> Role:
     """Return what a column is by its name, where its unit does not contradict."""
+    if _TIMED.search(name) and (not unit or converts(unit, "s")):
+        return "time"
     leaf = _leaf(name)
     for role, pattern, expected in _ROLES:
         if pattern.fullmatch(leaf) and (not unit or not expected or converts(unit, expected)):
@@ -413,11 +419,13 @@ def _clock(columns: Sequence[Found], stated: Rate | None) -> tuple[float | None,
         except ReadError as error:
             said, note = _column(column), str(error.found)
         else:
-            unit = column.unit or _likely_unit(told, rate)
+            named = _TIMED.search(column.name)
+            unit = column.unit or (named["unit"].lower() if named else _likely_unit(told, rate))
             rate = told / si_factor(unit, "s")
             if not column.unit:
                 said["unit"] = unit
-                note = "" if unit == "s" else f"taken for {unit}: in s it were {told:.4g} Hz"
+                if unit != "s" and not named:
+                    note = f"taken for {unit}: in s it were {told:.4g} Hz"
         if rate is not None:
             note = _and(f"{rate:.6g} Hz, {len(column.values) / rate:.4g} s", note)
         return rate, ("time", said, note)

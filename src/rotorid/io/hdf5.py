@@ -21,7 +21,7 @@ import numpy as np
 from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.files import check_beside, check_regular
 from rotorid.core.frozen import frozen
-from rotorid.core.units import si_factor
+from rotorid.core.units import si_factor, to_si
 from rotorid.io.sandbox import damaged
 from rotorid.io.table import (
     COLUMNS,
@@ -164,11 +164,11 @@ def _column_of(
 
 
 def _unit(said: Mapping[str, Any], index: int | None) -> str | None:
-    """Return the attribute ``units`` (or ``unit``): one text, or one per column."""
-    for key in ("units", "unit"):
-        if (texts := said.get(key)) is not None:
-            which = 0 if len(texts) == 1 or index is None else min(index, len(texts) - 1)
-            return _text(texts[which]) or None
+    """Return the attribute ``units``, or else ``unit``: one text, or one per column."""
+    for texts in filter(lambda told: told is not None, map(said.get, ("units", "unit"))):
+        which = 0 if len(texts) == 1 or index is None else min(index, len(texts) - 1)
+        if text := _text(texts[which]):
+            return text
     return None
 
 
@@ -179,23 +179,23 @@ def _text(value: Any) -> str:
 def _rate(said: Mapping[str, Any]) -> Rate | None:
     """Return the sample rate in Hz of an attribute of that name, or of the interval in s."""
     for key in (*_RATE, *_INTERVAL):
-        number = _one_number(said.get(key))
-        if number > 0:
-            size = number * _unit_of(said, key)
-            if size > 0:  # in a unit that says something
+        with suppress(InputError):  # a unit that says nothing
+            size = _size(said, key, "Hz" if key in _RATE else "s")
+            if size > 0:
                 return Rate(size if key in _RATE else 1 / size)
     return None
 
 
-def _unit_of(said: Mapping[str, Any], key: str) -> float:
-    """Return what turns a rate into Hz, or an interval into s, as an attribute beside it says."""
-    for name in (f"{key}_units", f"{key}_unit", "time_units" if key in _INTERVAL else ""):
+def _size(said: Mapping[str, Any], key: str, unit: str) -> float:
+    """Return an attribute in a unit: a text, ``10 kHz``, or a number, by the unit beside it."""
+    told = said.get(key)
+    if told is not None and len(told) == 1 and isinstance(told[0], str | bytes):
+        text = _text(told[0])
+        return to_si(text if text[-1:].isalpha() else f"{text} {unit}", unit)
+    for name in (f"{key}_units", f"{key}_unit", "time_units" if unit == "s" else ""):
         if (texts := said.get(name)) is not None:
-            try:
-                return si_factor(_text(texts[0]), "Hz" if key in _RATE else "s")
-            except InputError:
-                return 0.0
-    return 1.0
+            return _one_number(told) * si_factor(_text(texts[0]), unit)
+    return _one_number(told)
 
 
 def attributes(of: h5py.Dataset | h5py.Group) -> dict[str, Any]:
