@@ -88,8 +88,13 @@ def show(page: Page) -> None:
     text = page_text(page)
     if sys.stdout is not None and sys.stdout.isatty():
         text = page_text(page, shutil.get_terminal_size().columns)
+
+        def coloured(found: re.Match[str]) -> str:
+            colour = _COLOURS.get(found.group().partition(" ")[0], "yellow")
+            return click.style(found.group(), colour)
+
         if not os.environ.get("NO_COLOR"):  # no-color.org
-            text = _COLOURED.sub(_coloured, text)
+            text = _COLOURED.sub(coloured, text)
     say(text + "\n")
 
 
@@ -123,11 +128,6 @@ def put(text: str, stream: TextIO | None) -> None:
         with contextlib.suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         raise
-
-
-def _coloured(found: re.Match[str]) -> str:
-    word = found.group().partition(" ")[0]
-    return click.style(found.group(), _COLOURS.get(word, "yellow"))
 
 
 PATIENCE = 2.0
@@ -264,21 +264,12 @@ class Outputs(NamedTuple):
             try:
                 write((self.report, as_text(html, REPORT)))
             except Exception as error:
-                faults.insert(0, _unfinished(self.report, error))
+                found = f"{type(error).__name__}: {error}; --debug shows where"
+                found = one_line(error.found if isinstance(error, InputError) else found)
+                told = f"{one_line(str(self.report))}: no report: {found}; the answer stands"
+                raise UnfinishedError(told) from error
         if faults:
             raise faults[0]
-
-
-def _unfinished(report: Path | None, error: Exception) -> UnfinishedError:
-    if isinstance(error, InputError):
-        found = error.found
-    else:
-        found = f"{type(error).__name__}: {error}; --debug shows where"
-    told = UnfinishedError(
-        f"{one_line(str(report))}: no report: {one_line(found)}; the answer stands"
-    )
-    told.__cause__ = error
-    return told
 
 
 def as_text(text: Callable[[], str], kind: Kind) -> Content:

@@ -45,7 +45,12 @@ def run(
     reached = verdict_of(found)
     lead = f"{reached.verdict}: {reached.sentence}"
     page: Page = [lead, validation_table(found), *information_lines(told)]
-    fitted = _fitted([angle for _, angle in turned])
+    fitted = [
+        f"note: nothing tells the rotor angle of record {number + 1}: {np.rad2deg(angle):.4g} deg, "
+        "which fits best, was taken: the amount of the unbalance is tested, its direction is not"
+        for number, (_, angle) in enumerate(turned)
+        if angle is not None
+    ]
     page = [*page, *fitted, *_its_own(estimate, plan.record_files), *reached.cures]
 
     def html() -> str:
@@ -79,13 +84,4 @@ def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:
         f"note: {path} is a record that the result was made of, which proves little: take another"
         for path in dict.fromkeys(files)
         if path.is_file() and source_of(path).sha256 in sums
-    ]
-
-
-def _fitted(angles: Sequence[float | None]) -> list[str]:
-    return [
-        f"note: nothing tells the rotor angle of record {number + 1}: {np.rad2deg(angle):.4g} deg, "
-        "which fits best, was taken: the amount of the unbalance is tested, its direction is not"
-        for number, angle in enumerate(angles)
-        if angle is not None
     ]

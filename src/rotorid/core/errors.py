@@ -22,11 +22,7 @@ _GAP = " ... "
 
 
 def printable(text: str, *, keep: str = "") -> str:
-    r"""Return a text, what is not printable and not to be kept written as Python writes it.
-
-    >>> print(printable("a\x1b[2Jb\nc"))
-    a\x1b[2Jb\nc
-    """
+    """Return a text, what is not printable and not to be kept written as Python writes it."""
     if text.isprintable():
         return text
     return "".join(
@@ -36,11 +32,7 @@ def printable(text: str, *, keep: str = "") -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """Return a text of at most `most` characters: its beginning and its end.
-
-    >>> shortened("abcdefghijklmnopqrstuvwxyz", 15)
-    'abcde ... vwxyz'
-    """
+    """Return a text of at most `most` characters: its beginning and its end."""
     if len(text) <= most:
         return text
     end = (most - len(_GAP)) // 2

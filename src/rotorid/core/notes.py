@@ -100,10 +100,6 @@ def remarks(about: str, texts: Iterable[str]) -> list[Note]:
 
 
 def worst(notes: Iterable[Note]) -> str:
-    """Return the gravest verdict of notes on the data.
-
-    >>> worst([Note("dead", "says", "0 in every sample"), Note("drift", "passes", "none")])
-    'note'
-    """
+    """Return the gravest verdict of notes on the data."""
     found = {note.severity for note in notes}
     return next((word for severity, word in VERDICTS.items() if severity in found), "ok")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import partial
 from html import escape
-from textwrap import fill
+from textwrap import TextWrapper
 
 from rotorid.core.errors import CELL, SENTENCE, one_line, printable, shortened
 from rotorid.core.frozen import frozen
@@ -13,6 +14,7 @@ from rotorid.core.frozen import frozen
 GAP = "  "
 NARROW = 20  # characters, below which sentences are not broken any further
 LONG = 30  # characters, from which a cell of words may be broken
+_WRAP = partial(TextWrapper, subsequent_indent=GAP, break_long_words=False, break_on_hyphens=False)
 _NUMBER = re.compile(
     r"[-+\N{MINUS SIGN}]?(\d|\.\d)[\d.]*(e[-+]?\d+)?( ?[^\s\d]{1,3})?|-|[-+]?(nan|inf)"
 )
@@ -26,10 +28,13 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
     @property
+    def columns(self) -> list[tuple[str, ...]]:
+        return list(zip(*self.rows, strict=True)) or [()] * len(self.headings)
+
+    @property
     def numeric(self) -> tuple[bool, ...]:
         """Which columns hold numbers, shape (column,)."""
-        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.headings)
-        said = [[cell for cell in cells if cell not in ("", "fixed")] for cells in columns][1:]
+        said = [[c for c in cells if c not in ("", "fixed")] for cells in self.columns[1:]]
         return (False, *(bool(cells) and all(map(_NUMBER.fullmatch, cells)) for cells in said))
 
     def text(self, width: int | None = None) -> str:
@@ -49,14 +54,10 @@ class Table:
         )
 
     def html(self) -> str:
-        columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.headings)
+        flows = (max(map(len, column), default=0) >= LONG for column in self.columns)
         marks = [
-            'class="number"'
-            if numeric
-            else 'class="flow"'
-            if max(map(len, column), default=0) >= LONG
-            else ""
-            for numeric, column in zip(self.numeric, columns, strict=True)
+            'class="number"' if numeric else 'class="flow"' * flow
+            for numeric, flow in zip(self.numeric, flows, strict=True)
         ]
         cells = zip(self.headings, marks, strict=True)
         lines = ["<table>", "<thead><tr>", *(_cell("th", text, mark) for text, mark in cells)]
@@ -81,18 +82,8 @@ def page_text(page: Page, width: int | None = None) -> str:
             parts += [part.text(width), ""]
         else:
             text = shortened(printable(part), SENTENCE)
-            parts.append(text if width is None else _wrapped(text, width))
+            parts.append(text if width is None else _WRAP(max(width, NARROW)).fill(text))
     return "\n".join(parts).rstrip("\n")
-
-
-def _wrapped(sentence: str, width: int) -> str:
-    return fill(
-        sentence,
-        max(width, NARROW),
-        subsequent_indent=GAP,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
 
 
 def page_html(page: Page) -> str:
@@ -102,11 +93,7 @@ def page_html(page: Page) -> str:
 
 
 def by_hand(unit: str) -> tuple[str, float]:
-    """Return the unit in which small motion is told, and the factor from SI.
-
-    >>> by_hand("m"), by_hand("A")
-    (('um', 1000000.0), ('A', 1.0))
-    """
+    """Return the unit in which small motion is told, and the factor from SI."""
     return {"m": ("um", 1e6), "rad": ("urad", 1e6)}.get(unit, (unit, 1.0))
 
 

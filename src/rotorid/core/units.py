@@ -365,15 +365,7 @@ def quantity(value: float | str, expected: str, *, place: str = "") -> float:
 
 
 def to_si(value: object, expected: str, *, place: str = "") -> float:
-    """Return a quantity, written as number and unit, as a number in the expected SI unit.
-
-    A bare number is taken where "1" is expected only. The place is that of the message.
-
-    >>> to_si("0.5 mm", "m")
-    0.0005
-    >>> to_si("8400 rpm", "rad/s") == to_si("140 Hz", "rad/s")
-    True
-    """
+    """Return a quantity, number and unit, in the expected SI unit; a bare one where that is 1."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise _no_quantity(value, expected, place)
     text = value.strip() if isinstance(value, str) else repr(value)

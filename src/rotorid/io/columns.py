@@ -12,7 +12,7 @@ import numpy as np
 from rotorid.core.errors import InputError, ReadError, naming, printable
 from rotorid.core.frozen import frozen
 from rotorid.core.units import MAGNITUDE, check_unit, converts, quantity, si_factor
-from rotorid.core.values import Booleans, Floats
+from rotorid.core.values import Floats
 from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Dynamics
@@ -136,7 +136,10 @@ def read_record(
             raise ReadError("no samples", "columns of samples", "check the file")
         into_si.check()
         omega, angle = _si(speed, "rad/s", "speed") or 0.0, _si(phase, "rad", "phase") or 0.0
-        valid = _valid(kept, len(samples))
+        valid = None if kept is None else (kept.values != 0) & np.isfinite(kept.values)
+        if valid is not None and len(valid) != len(samples):
+            found = f"{len(valid)} samples where the channels have {len(samples)}"
+            raise ReadError(found, "a mask of their length", "cut it alike", place=_MASK)
         clock, samples, valid = clock.cut(samples, valid, begin)
         if clock.stamps is not None:
             samples, valid, told = on_grid(clock, samples, valid, _si(highest, "Hz", "highest"))
@@ -287,16 +290,6 @@ def _stamps(column: Column, source: Source, table: ColumnFile) -> Floats:
     factor, _ = _factor(column, seconds, table, _TIME)
     check_magnitude(largest_of(column.values), factor, _TIME)
     return np.asarray(column.values * factor)
-
-
-def _valid(column: Column | None, count: int) -> Booleans | None:
-    if column is None:
-        return None
-    values = column.values
-    if len(values) != count:
-        found = f"{len(values)} samples where the channels have {count}"
-        raise ReadError(found, "a mask of their length", "cut it alike", place=_MASK)
-    return np.asarray((values != 0) & np.isfinite(values))
 
 
 class _IntoSI:

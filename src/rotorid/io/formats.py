@@ -157,9 +157,9 @@ def _arrow_numbers(column: Any) -> Floats:
 
 
 def _unit_of_field(field: Any) -> str | None:
-    for key in (b"units", b"unit"):
-        if field.metadata and key in field.metadata:
-            return field.metadata[key].decode("utf-8", "replace").strip() or None
+    said = [(field.metadata or {}).get(key) for key in (b"units", b"unit")]
+    for text in filter(None, said):
+        return text.decode("utf-8", "replace").strip() or None
     return "s" if str(field.type).startswith("timestamp") else None
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cache
@@ -94,7 +94,12 @@ class _Hdf5File(ArrayFile):
         nodes = {path: self.shapes.node(path) for path, _ in arrays}
         rates = dict[int, Rate | None]()
         column = {name: _column_of(nodes[p.path], p.index, rates) for name, p in places.items()}
-        together = _together(nodes.values())
+        fields: dict[h5py.Dataset, list[str]] = {}
+        for node in nodes.values():
+            if node.field is not None and len(node.dataset.shape) == 1:
+                fields.setdefault(node.dataset, []).append(node.field)
+        # Read at once: for one field the library goes through all of every record.
+        together = {table: names for table, names in fields.items() if len(names) > 1}
         count = max(max(self.shapes[path], default=1) for path in nodes)
         step = rows or max(count, 1)
         chunk = max((max(n.dataset.chunks) for n in nodes.values() if n.dataset.chunks), default=1)
@@ -112,18 +117,6 @@ class _Hdf5File(ArrayFile):
                 yield from parts
             else:
                 yield {name: column for part in parts for name, column in part.items()}
-
-
-def _together(nodes: Iterable[Hdf5Node]) -> dict[h5py.Dataset, list[str]]:
-    """Return the tables of records of which several fields are asked for, and these.
-
-    They are read at once: for one field the library goes through all of every record.
-    """
-    found: dict[h5py.Dataset, list[str]] = {}
-    for node in nodes:
-        if node.field is not None and len(node.dataset.shape) == 1:
-            found.setdefault(node.dataset, []).append(node.field)
-    return {table: names for table, names in found.items() if len(names) > 1}
 
 
 def _rows(
@@ -165,7 +158,8 @@ def _column_of(
 
 def _unit(said: Mapping[str, Any], index: int | None) -> str | None:
     """Return the attribute ``units``, or else ``unit``: one text, or one per column."""
-    for texts in filter(lambda told: told is not None, map(said.get, ("units", "unit"))):
+    told = (said.get(key) for key in ("units", "unit"))
+    for texts in (texts for texts in told if texts is not None):
         which = 0 if len(texts) == 1 or index is None else min(index, len(texts) - 1)
         if text := _text(texts[which]):
             return text

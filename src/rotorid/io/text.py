@@ -555,8 +555,12 @@ class DelimitedTable:
         except (pa.ArrowException, OSError):
             return None  # numpy says what is wrong, or takes it
         columns = []
-        for key in chosen:  # each leaves the table as it is copied
-            columns.append(_numbers_of(table.column(key)))
+        for key in chosen:  # each leaves the table as it is copied, not by pyarrow's way: pandas
+            parts = [
+                np.frombuffer(chunk.buffers()[1], dtype=np.float64)[chunk.offset :][: len(chunk)]
+                for chunk in table.column(key).chunks
+            ]
+            columns.append(np.concatenate([np.empty(0), *parts]))
             table = table.drop_columns([key])
         return columns
 
@@ -574,15 +578,6 @@ class DelimitedTable:
                 file=self.file,
                 place=f"column {name}",
             ) from None
-
-
-def _numbers_of(column: Any) -> Floats:
-    """Return the numbers of a column of pyarrow, whose own way there loads pandas."""
-    parts = [
-        np.frombuffer(chunk.buffers()[1], dtype=np.float64)[chunk.offset :][: len(chunk)]
-        for chunk in column.chunks
-    ]
-    return np.concatenate([np.empty(0), *parts])
 
 
 def _says_nothing(line: str) -> bool:

@@ -411,16 +411,13 @@ def campbell(found: Source) -> Panel:
         told = tuple(f"{RPM * each.speed_rad_s:.6g} rpm, {each.whirl}" for each in found.critical)
         marks = (RPM * speed, np.abs(speed) / (2 * np.pi))
         curves.append(Curve(*marks, "critical speeds", PINK, "diamonds", error=error, told=told))
-    ends = (0.0, _highest(found.frequency_hz, float(turning.max())))
+    frequency, fastest = np.asarray(found.frequency_hz), float(turning.max())
+    tops = np.where(np.isfinite(frequency), frequency, 0.0).max(axis=0, initial=0.0)
+    near = tops[tops <= HIGHEST * fastest]
+    ends = (0.0, 1.08 * float(max([fastest, *(near if len(near) else np.sort(tops)[:1])])))
     return Panel(
         "", Axis("speed in rpm"), Axis("frequency in Hz", ends=ends), tuple(curves), height=4.2
     )
-
-
-def _highest(frequency: Floats, turning: float) -> float:
-    tops = np.where(np.isfinite(frequency), frequency, 0.0).max(axis=0, initial=0.0)
-    near = tops[tops <= HIGHEST * turning]
-    return 1.08 * float(max([turning, *(near if len(near) else np.sort(tops)[:1])]))
 
 
 def shapes(
@@ -435,68 +432,45 @@ def shapes(
     `positions` of the pairs along the rotor are in m. Motion in a plane is one line: its parts are
     alike, and those of two modes of one frequency any. A single place has no shape.
     """
-    frequency = np.array([mode.frequency_hz for mode in found.modes])
-    return [
-        _shape(k, mode, found.coordinates, pairs, alone, positions, twice=_meets(frequency, k))
-        for k, mode in enumerate(found.modes[:MOST_SHAPES])
-        if len(pairs) > 1 or len(alone) > 1
-    ]
-
-
-def _meets(frequency: Floats, k: int) -> bool:
-    """Tell whether another mode has the same frequency: the shapes of the two are any mixture."""
-    return int((np.abs(frequency - frequency[k]) <= SAME * frequency[k]).sum()) > 1
-
-
-def _shape(
-    k: int,
-    mode: Any,
-    coordinates: Sequence[str],
-    pairs: Sequence[tuple[int, int]],
-    alone: Sequence[int],
-    positions: Floats | None,
-    *,
-    twice: bool,
-) -> Panel:
-    value = np.asarray(mode.shape)
-    x, y = (np.array([pair[side] for pair in pairs], dtype=int) for side in (0, 1))
-    parts = {
-        "forward": (value[x] + 1j * value[y]) / 2,
-        "backward": (value[x] - 1j * value[y]) / 2,
-    }
-    if twice and mode.whirl in parts:
-        parts = {mode.whirl: parts[mode.whirl]}
-    if alone:
-        parts = {"planar": value[list(alone)]}
-    elif mode.whirl == "planar" and (one := _in_plane(value[x], value[y])) is not None:
-        parts = {"planar": one}
-    names = [coordinates[i] for i in (alone or x)]
-    whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
-    place = np.arange(len(names), dtype=float) if positions is None else 1e3 * positions
-    curves = []
-    for way, part in parts.items():
-        told = "motion" if alone else "in a plane" if way == "planar" else f"{way} part"
-        shown = _signed(part) / whole if whole > 0 else np.zeros(len(part))
-        curves.append(Curve(place, shown, told, WAYS[way], "line"))
-        told_of = tuple(label(name) for name in names)
-        curves.append(Curve(place, shown, "", WAYS[way], "points", told=told_of))
-    title = f"Mode {k + 1}: {mode.frequency_hz:.5g} Hz, {mode.whirl}"
-    ends = (-1.15, 1.15)
-    height = Axis("share of the largest", ends=ends)
-    return Panel(title, _along(names, positions), height, tuple(curves), level=0.0)
-
-
-def _along(names: Sequence[str], positions: Floats | None) -> Axis:
-    if positions is not None:
-        return Axis("mm from the left end")
+    if max(len(pairs), len(alone)) < 2:
+        return []
+    names = [found.coordinates[i] for i in (alone or [x for x, _ in pairs])]
     few = tuple(label(name, 12) for name in names) if len(names) <= MOST_PLACES else ()
-    return Axis("" if few else "places along the shaft, in the model's order", names=few)
+    along = Axis("" if few else "places along the shaft, in the model's order", names=few)
+    if positions is not None:
+        along = Axis("mm from the left end")
+    place = np.arange(len(names), dtype=float) if positions is None else 1e3 * positions
+    frequency = np.array([mode.frequency_hz for mode in found.modes])
+    height, drawn = Axis("share of the largest", ends=(-1.15, 1.15)), []
+    for k, mode in enumerate(found.modes[:MOST_SHAPES]):
+        # Shapes of two modes of one frequency are any mixture.
+        twice = int((np.abs(frequency - frequency[k]) <= SAME * frequency[k]).sum()) > 1
+        parts, curves = _ways(mode, pairs, alone, twice=twice), []
+        whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
+        for way, part in parts.items():
+            told = "motion" if alone else "in a plane" if way == "planar" else f"{way} part"
+            shown = _signed(part) / whole if whole > 0 else np.zeros(len(part))
+            curves.append(Curve(place, shown, told, WAYS[way], "line"))
+            named = tuple(map(label, names))
+            curves.append(Curve(place, shown, "", WAYS[way], "points", told=named))
+        title = f"Mode {k + 1}: {mode.frequency_hz:.5g} Hz, {mode.whirl}"
+        drawn.append(Panel(title, along, height, tuple(curves), level=0.0))
+    return drawn
 
 
-def _in_plane(x: Any, y: Any) -> Any:
-    """Return the shape of a motion whose directions are alike at all places; else ``None``."""
-    left, sizes, _ = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
-    return sizes[0] * left[:, 0] if sizes[1] < FLAT * sizes[0] else None
+def _ways(
+    mode: Any, pairs: Sequence[tuple[int, int]], alone: Sequence[int], *, twice: bool
+) -> dict[str, Any]:
+    """Return the parts of a shape; one alone where directions are alike at all places."""
+    value = np.asarray(mode.shape)
+    if alone:
+        return {"planar": value[list(alone)]}
+    x, y = (value[np.array([pair[side] for pair in pairs], dtype=int)] for side in (0, 1))
+    parts = {"forward": (x + 1j * y) / 2, "backward": (x - 1j * y) / 2}
+    if mode.whirl == "planar":
+        left, sizes, _ = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
+        return {"planar": sizes[0] * left[:, 0]} if sizes[1] < FLAT * sizes[0] else parts
+    return {mode.whirl: parts[mode.whirl]} if twice and mode.whirl in parts else parts
 
 
 def _signed(part: Any) -> Floats:

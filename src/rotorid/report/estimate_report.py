@@ -72,7 +72,10 @@ class Verdict:
 def verdict_of(estimate: Estimate) -> Verdict:
     warnings = tuple(estimate.warnings)
     if estimate.status == "ok":
-        return Verdict(_accepted(estimate), warnings)
+        free = sum(not value.fixed for value in estimate.parameters)
+        few = "this parameter explains" if free == 1 else f"these {free} parameters explain"
+        text = f"Accepted: {few} {_explained(estimate) or 'the records'}"
+        return Verdict(f"{text}{_misfit_against_noise(estimate)}.", warnings)
     if estimate.status == "rejected":
         return Verdict(_rejected(estimate), warnings)
     if estimate.status == "not_identifiable":
@@ -81,28 +84,17 @@ def verdict_of(estimate: Estimate) -> Verdict:
     return Verdict(told, warnings)
 
 
-def _accepted(estimate: Estimate) -> str:
-    free = sum(not value.fixed for value in estimate.parameters)
-    few = "this parameter explains" if free == 1 else f"these {free} parameters explain"
-    text = f"Accepted: {few} {_explained(estimate) or 'the records'}"
-    return f"{text}{_misfit_against_noise(estimate)}."
-
-
 def _explained(estimate: Estimate) -> str:
-    errors = [p.relative_error for p in estimate.prediction.values() if p is not None]
+    errors = {n: p.relative_error for n, p in estimate.prediction.items() if p is not None}
     if not errors:
         return f"{len(estimate.modes)} natural frequencies" if estimate.modes else ""
-    worst = max(errors)
-    names = [name for name, p in estimate.prediction.items() if p is not None]
-    count = f"{len(errors)} {_kind(estimate, names)}" if len(errors) > 1 else names[0]
-    return f"{count} to {100 * worst:.2g} %" if worst < TOLD else count
-
-
-def _kind(estimate: Estimate, names: list[str]) -> str:
     records = estimate.evidence.records if estimate.evidence else ()
-    units = {c.unit for record in records for c in record.channels if c.name in names}
+    units = {c.unit for record in records for c in record.channels if c.name in errors}
     kinds = {"N": "forces", "m": "positions", "A": "currents"}
-    return kinds.get(units.pop(), "channels") if len(units) == 1 else "channels"
+    told = kinds.get(units.pop(), "channels") if len(units) == 1 else "channels"
+    worst = max(errors.values())
+    count = f"{len(errors)} {told}" if len(errors) > 1 else next(iter(errors))
+    return f"{count} to {100 * worst:.2g} %" if worst < TOLD else count
 
 
 def _misfit_against_noise(estimate: Estimate) -> str:
@@ -228,25 +220,15 @@ def _parameters(estimate: Estimate) -> Passage:
 
 
 def relations(estimate: Estimate) -> list[str]:
-    every = (*estimate.parameters, *estimate.nuisance)
-    named = {value.name for value in every}
-    known = estimate.evidence.known if estimate.evidence else ()
-    return [
-        f"{prior.name} = {prior.value:.6g}{_spread(prior)}{_unit(_unit_of(prior.name, every))}"
-        for prior in known
-        if prior.name not in named
-    ]
-
-
-def _unit_of(expression: str, every: Sequence[Value]) -> str:
-    """Return the unit of a sum of values that have one unit; nothing for anything else."""
-    units = {value.name: value.unit for value in every}
-    found = {units.get(term.strip()) for term in re.split(r"[+-]", expression)}
-    return (found.pop() or "") if len(found) == 1 else ""
-
-
-def _spread(prior: Prior) -> str:
-    return f" {PM} {HALF_WIDTH * prior.std:.2g}" if prior.std else " exactly"
+    units = {value.name: value.unit for value in (*estimate.parameters, *estimate.nuisance)}
+    told = []
+    for prior in estimate.evidence.known if estimate.evidence else ():
+        if prior.name not in units:
+            spread = f" {PM} {HALF_WIDTH * prior.std:.2g}" if prior.std else " exactly"
+            terms = {units.get(term.strip()) for term in re.split(r"[+-]", prior.name)}
+            unit = (terms.pop() or "") if len(terms) == 1 else ""  # of a sum of one unit
+            told.append(f"{prior.name} = {prior.value:.6g}{spread}{_unit(unit)}")
+    return told
 
 
 def _unit(unit: str) -> str:
@@ -355,7 +337,8 @@ def estimate_report(estimate: Estimate) -> str:
     values = value_tables(estimate)
     tables = [one for one in estimate.summary(intervals=True) if isinstance(one, Table)]
     others = [one for one in tables if one.headings[0] not in values]
-    verdict = verdict_of(estimate)
+    speeds = [v for record in records for v in record.speed_rad_s if math.isfinite(v)]
+    verdict, fastest = verdict_of(estimate), max(speeds, key=abs, default=0.0)
     graver = [check for check in estimate.checks if check.severity in ("warns", "refuses")]
     warned = [f"{check.verdict}, {on_data(check)}" for check in graver]
     exact = tuple(on_data(check) for check in estimate.checks if check.severity == "says")
@@ -378,7 +361,7 @@ def estimate_report(estimate: Estimate) -> str:
             *_drawn(model),
             *record_pictures(records),
             *_own_pictures(estimate, records),
-            *_machine(estimate, model, records),
+            *([] if model is None or model.linear is None else [machine_part(estimate, fastest)]),
             *(_titled(one) for one in others if one.headings[0] not in EARLY),
             Passage("The fit in figures", items=(*on_fit(estimate), *warned)),
             Passage("Records", table=records_table(records)),
@@ -414,14 +397,6 @@ def _work(estimate: Estimate, model: Model | None) -> Iterator[Passage]:
             if text
         ),
     )
-
-
-def _machine(
-    estimate: Estimate, model: Model | None, records: Sequence[RecordEvidence]
-) -> Iterator[Passage]:
-    if model is not None and model.linear is not None:
-        speeds = [v for record in records for v in record.speed_rad_s if math.isfinite(v)]
-        yield machine_part(estimate, max(speeds, key=abs, default=0.0))
 
 
 def _titled(one: Table) -> Passage:
@@ -477,7 +452,12 @@ def record_pictures(
     noise = "noise and the deviations of the values make" if another else "noise makes"
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
-        each = "speed by speed" if record.kind == "phasors" else "frequency by frequency"
+        each, what = "frequency by frequency", "spectral lines"
+        if record.kind == "phasors":
+            each, what = "speed by speed", "rows of 1x phasors"
+        told = f"Amplitudes of {record.lines} {what}"
+        if record.lines_per_point > 1:
+            told += f", {record.lines_per_point} neighbours together as their root mean square"
         yield Passage(
             f"Measured and predicted signals{where}",
             f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
@@ -491,7 +471,7 @@ def record_pictures(
         )
         yield Passage(
             f"Measured and predicted, {each}{where}",
-            f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
+            f"{told}. Where the difference lies in the band or below, it is what "
             f"{noise}. A channel that is not predicted is shown with its own noise.",
             panels=tuple(drawn.lines(record)),
         )
@@ -527,31 +507,18 @@ def _of_waves(record: RecordEvidence) -> str:
     return told
 
 
-def _of_lines(record: RecordEvidence) -> str:
-    what = "rows of 1x phasors" if record.kind == "phasors" else "spectral lines"
-    told = f"Amplitudes of {record.lines} {what}"
-    if record.lines_per_point > 1:
-        told += f", {record.lines_per_point} neighbours together as their root mean square"
-    return f"{told}."
-
-
 def channels_table(records: Sequence[RecordEvidence]) -> Table | None:
     several = len(records) > 1
-    rows = [
-        ((f"{c.name}, record {n + 1}" if several else c.name), *_against_noise(c))
-        for n, record in enumerate(records)
-        for c in record.channels
-        if not math.isnan(c.error)
-    ]
+    rows = []
+    for n, record in enumerate(records, start=1):
+        for c in record.channels:
+            ratio = _over_noise(c) or math.nan  # of a prediction that is met whole it says nothing
+            shown = (100 * c.error, 100 * c.error / ratio, ratio)
+            figures = (f"{x:.3g}" if math.isfinite(x) else "" for x in shown)
+            if not math.isnan(c.error):
+                rows.append((f"{c.name}, record {n}" if several else c.name, *figures))
     headings = ("channel", "off by %", "noise makes %", "difference / noise")
     return table(headings, rows) if rows else None
-
-
-def _against_noise(channel: ChannelEvidence) -> tuple[str, ...]:
-    """Return the error in %, what noise makes of it, and the ratio of the two."""
-    ratio = _over_noise(channel) or math.nan  # of a prediction that is met whole it says nothing
-    shown = (100 * channel.error, 100 * channel.error / ratio, ratio)
-    return tuple(f"{x:.3g}" if math.isfinite(x) else "" for x in shown)
 
 
 def records_table(records: Sequence[RecordEvidence]) -> Table | None:
@@ -565,17 +532,12 @@ def records_table(records: Sequence[RecordEvidence]) -> Table | None:
             str(record.samples_per_period or ""),
             f"{record.sample_rate_hz:.6g}" if math.isfinite(record.sample_rate_hz) else "",
             str(record.lines or ""),
-            _speeds(record),
+            " to ".join(dict.fromkeys(f"{30 / math.pi * v:.6g}" for v in record.speed_rad_s)),
             ", ".join(channel.name for channel in record.channels),
         )
         for number, record in enumerate(records, start=1)
     ]
     return told_table(headings, rows) if rows else None
-
-
-def _speeds(record: RecordEvidence) -> str:
-    found = [f"{30 / math.pi * speed:.6g}" for speed in record.speed_rad_s]
-    return " to ".join(dict.fromkeys(found))
 
 
 CHANCE = (
@@ -616,7 +578,10 @@ def validation_table(records: Sequence[Sequence[ChannelError]]) -> Table:
     rows = [
         (
             f"{c.name}, record {number + 1}" if several else c.name,
-            *map(_percent, (c.relative_error, c.noise, c.deviations)),
+            *(
+                "" if x is None else f"{100 * x:.3g}"
+                for x in (c.relative_error, c.noise, c.deviations)
+            ),
             "" if c.p_value is None else f"{c.p_value:.2g}",
             "zero" if c.relative_error is None else "fails" if c.fails else "predicted",
         )
@@ -635,7 +600,3 @@ def information_lines(records: Iterable[Information | None]) -> list[str]:
         for told in records
         if told is not None
     ]
-
-
-def _percent(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.3g}"

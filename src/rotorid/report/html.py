@@ -90,6 +90,7 @@ def page_of(
     if panels:
         library = get_plotlyjs().replace("</script", "<\\/script")
         scripts = [library, _environment().get_template("page.js").render()]
+    sums = [sha256(script.encode("utf-8")).digest() for script in scripts]
     return (
         _environment()
         .get_template("page.html")
@@ -100,15 +101,12 @@ def page_of(
             mark=MARK,
             key_of=key_of,
             place=count(1).__next__,
-            allowed=" ".join(f"'sha256-{_digest(one)}'" for one in scripts) or "'none'",
+            allowed=" ".join(f"'sha256-{b64encode(one).decode('ascii')}'" for one in sums)
+            or "'none'",
             plots=Markup(plots_text(panels)),
             scripts=list(map(Markup, scripts)),
         )
     )
-
-
-def _digest(script: str) -> str:
-    return b64encode(sha256(script.encode("utf-8")).digest()).decode("ascii")
 
 
 def marked(html: str, *values: str) -> Markup:

@@ -334,7 +334,8 @@ def _structure(model: Model) -> list[str]:
     lines = ["M q'' + D q' + Omega G q' + K q = B u + g, row by row:"]
     for title, found in rows.items():
         lines += [f"{title}:" if found else f"{title}: zero"]
-        lines += [f"  {row + 1}: {_sum(texts)}" for row, texts in sorted(found.items())]
+        sums = {row: " + ".join(texts).replace("+ -", "- ") for row, texts in found.items()}
+        lines += [f"  {row + 1}: {text}" for row, text in sorted(sums.items())]
     return lines
 
 
@@ -344,10 +345,6 @@ def _product(model: Model, coefficient: float, monomial: int, factor: str) -> st
     signal = "" if factor == "1" else factor.replace("**", "^")
     text = "*".join(part for part in (size, name, signal) if part) or "1"
     return f"-{text}" if coefficient < 0 else text
-
-
-def _sum(texts: list[str]) -> str:
-    return " + ".join(texts).replace("+ -", "- ")
 
 
 def record_page(record: Logged, file: str, experiment: str) -> Page:

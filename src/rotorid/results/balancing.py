@@ -106,8 +106,8 @@ def chosen(
         return ideal, list(single)
     if not kit.masses:
         split = [_between_holes(w, kit.holes or 1, kit.radius) for w in ideal]
-        mounted = np.array([_sum(each, kit.radius) for each in split])
-        return mounted, split
+        moments = ([m * kit.radius * np.exp(1j * a) for m, a in each] for each in split)
+        return np.array([complex(sum(each)) for each in moments]), split
     ways = [_nearest(kit, complex(w)) for w in ideal]
     effects, load = weighed
     best, cost = None, np.inf
@@ -119,10 +119,6 @@ def chosen(
             best, cost = way, left
     assert best is not None
     return np.array([value for value, _ in best]), [mounted for _, mounted in best]
-
-
-def _sum(mounted: Mounted, radius: float) -> complex:
-    return complex(sum(mass * radius * np.exp(1j * angle) for mass, angle in mounted))
 
 
 def _between_holes(ideal: complex, holes: int, radius: float) -> Mounted:
@@ -286,7 +282,11 @@ def balance(
     """
     speeds = _speeds(speed)
     machine = unbalanced(machine_of(estimate, record))
-    columns = np.column_stack([plane_column(machine, plane) for plane in _several(planes)])
+    if not planes:
+        raise InputError("no plane", "one plane or more", "name it: --plane x2,y2", place="plane")
+    if len({plane.replace(" ", "") for plane in planes}) < len(planes):
+        raise InputError("one plane twice", "different planes", "name each once", place="plane")
+    columns = np.column_stack([plane_column(machine, plane) for plane in planes])
     task = _Task(columns, speeds, at)
     ideal = task.solution(machine)
     kit = Masses.of(radius, masses, holes)
@@ -331,14 +331,6 @@ def _speeds(speed: float | str | Sequence[float | str]) -> Floats:
             place="speed",
         )
     return found
-
-
-def _several(planes: Sequence[str]) -> Sequence[str]:
-    if not planes:
-        raise InputError("no plane", "one plane or more", "name it: --plane x2,y2", place="plane")
-    if len({plane.replace(" ", "") for plane in planes}) < len(planes):
-        raise InputError("one plane twice", "different planes", "name each once", place="plane")
-    return planes
 
 
 def unbalanced(machine: Machine) -> Machine:
@@ -589,7 +581,7 @@ def plane_column(machine: Machine, plane: str) -> Complexes:
         column = _force_column(machine, plane.strip())
         if column is not None and column.any():
             return column.astype(complex)
-    for pair in _readings(machine, plane):
+    for pair in _readings(plane):
         columns = [_force_column(machine, name) for name in pair]
         if columns[0] is not None and columns[1] is not None:
             combined = not {*pair} & {*machine.model.inputs}
@@ -612,13 +604,10 @@ def _one_axis(machine: Machine) -> bool:
 
 def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) -> None:
     """Refuse what is not x and y of one place: couples, y before x, parts or multiples of it."""
-    if _parallel(*columns):
-        raise InputError(
-            f"one direction twice: {plane[:60]!r}",
-            f"the two directions in which a force acts, {_offered(machine)}",
-            "name the one alone" if _one_axis(machine) else "name them, x before y",
-            place="plane",
-        )
+    product = np.prod([np.linalg.norm(column) for column in columns])
+    if product > 0 and abs(columns[0] @ columns[1]) > (1 - 1e-9) * product:
+        found = f"one direction twice: {plane[:60]!r}"
+        raise _no_plane(machine, found, "name the one alone" if _one_axis(machine) else "")
     directions, names = directions_of(machine), list(machine.model.coordinates)
     lengths = np.array([machine.model.units[name] == "m" for name in names])
     if any(directions.forces(column)[k] for column in columns for k in directions.faults):
@@ -642,17 +631,12 @@ def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) 
         found = f"{size:.4g} times the motion of a place"
     else:
         return
-    raise InputError(
-        f"{found}: {plane[:60]!r}",
-        f"the two directions in which a force acts, {_offered(machine)}",
-        "name them, x before y",
-        place="plane",
-    )
+    raise _no_plane(machine, f"{found}: {plane[:60]!r}")
 
 
-def _parallel(first: Floats, second: Floats) -> bool:
-    product = np.linalg.norm(first) * np.linalg.norm(second)
-    return bool(product > 0 and abs(first @ second) > (1 - 1e-9) * product)
+def _no_plane(machine: Machine, found: str, cure: str = "") -> InputError:
+    expected = f"the two directions in which a force acts, {_offered(machine)}"
+    return InputError(found, expected, cure or "name them, x before y", place="plane")
 
 
 def _levers_differ(machine: Machine, *columns: Floats) -> bool:
@@ -675,7 +659,7 @@ def _levers_differ(machine: Machine, *columns: Floats) -> bool:
     return bool((away > ALIKE * np.abs(found).max(axis=1)).any())
 
 
-def _readings(machine: Machine, plane: str) -> Iterator[tuple[str, str]]:
+def _readings(plane: str) -> Iterator[tuple[str, str]]:
     """Yield what a text may mean, the pair that it writes first."""
     parts = [part.strip() for part in plane.split(",")]
     if len(parts) == 2 and all(parts):
@@ -703,12 +687,8 @@ def _force_column(machine: Machine, text: str) -> Floats | None:
     """Return what a force of 1 N does there to the equations, shape (row,); None for no place."""
     if text in machine.model.inputs:
         if machine.model.units[text] != "N":
-            raise InputError(
-                f"the input {text} in {machine.model.units[text]} for a plane",
-                f"the two directions in which a force acts, {_offered(machine)}",
-                "name them, x before y",
-                place="plane",
-            )
+            unit = machine.model.units[text]
+            raise _no_plane(machine, f"the input {text} in {unit} for a plane")
         return np.asarray(machine.input_matrix()[:, machine.model.inputs.index(text)])
     shares = shares_of(machine, text)
     return None if shares is None else directions_of(machine).column(shares)

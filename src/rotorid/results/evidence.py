@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorid.answer.estimate import (
     ChannelEvidence,
@@ -123,8 +122,10 @@ def _record(
     estimate: Estimate, record: Observation, number: int, most: int, *, another: bool
 ) -> RecordEvidence:
     found = spread = None
-    if not another:
-        record = _at_its_phase(record, estimate, number)
+    phases = {value.name: value.value for value in estimate.nuisance}
+    phase = phases.get(f"phase[{number}]", math.nan)
+    if not another and math.isfinite(phase):
+        record = record.with_lines(record.lines.turned(phase))
     if speaks_of(record.model, estimate, record, number):
         with suppress(InputError):  # a record whose prediction is refused is shown as measured
             forecast = Forecast(record.model, estimate, record, number)
@@ -153,12 +154,6 @@ def _record(
         time_s=_rounded(time),
         channels=tuple(_channels(record, found, spread, size, time)),
     )
-
-
-def _at_its_phase(record: Observation, estimate: Estimate, number: int) -> Observation:
-    phases = {value.name: value.value for value in estimate.nuisance}
-    phase = phases.get(f"phase[{number}]", math.nan)
-    return record.with_lines(record.lines.turned(phase)) if math.isfinite(phase) else record
 
 
 def _kind(record: Observation) -> RecordKind:
@@ -229,7 +224,9 @@ def _channel(
     if len(both) == 1:
         return made
     away = both[1] - measured
-    told = _telling(measured, variance)
+    # Lines on which noise moves a prediction less than the channel moved; else all.
+    told = np.abs(measured) ** 2 > (-1.0 if variance is None else variance)
+    told |= not told.any()
     power, wrong = (float(c[told] @ np.abs(x[told]) ** 2) for x in (measured, away))
     made = replace(
         made,
@@ -249,14 +246,6 @@ def _channel(
         wave_predicted=_rounded(waves[:, 1]),
         wave_noise=_rounded([noise])[0],
     )
-
-
-def _telling(measured: Complexes, variance: Floats | None) -> NDArray[np.bool_]:
-    """Return the lines on which noise moves a prediction less than the channel moved; else all."""
-    if variance is None:
-        return np.ones(len(measured), dtype=bool)
-    told = np.abs(measured) ** 2 > variance
-    return told if told.any() else np.ones(len(measured), dtype=bool)
 
 
 def _of_samples(record: Observation, found: Predicted | None, most: int) -> RecordEvidence:

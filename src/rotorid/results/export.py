@@ -117,14 +117,10 @@ def state_space(
     named = list(outputs) or list(machine.model.coordinates)
     cure = "name coordinates, as a sensor reads them"
     rows = [require_shares(machine, "output", text, cure) for text in named]
-    units = [_unit(machine, row) for row in rows]
+    of_each = [machine.model.units[name] for name in machine.model.coordinates]
+    held = [[of_each[i] for i in np.flatnonzero(row)] or ["1"] for row in rows]
+    units = ["m" if "m" in some else some[0] for some in held]  # of its lengths, if it has any
     return _spaces(machine, turning, np.array(rows), tuple(zip(named, units, strict=True)))
-
-
-def _unit(machine: Machine, shares: Floats) -> str:
-    """Return the unit of a combination: that of its lengths where it holds any."""
-    held = [machine.model.units[machine.model.coordinates[i]] for i in np.flatnonzero(shares)]
-    return "m" if "m" in held else held[0] if held else "1"
 
 
 def _spaces(
@@ -291,14 +287,12 @@ def _csv(estimate: Estimate, _: float | str) -> bytes:
     writer.writerow([*_COLUMNS, *(f"cov[{name}]" for name in names), MARK])
     for kind, v in _quantities(estimate):
         row: list[float] = next(covariance, []) if kind != "derived" and not v.fixed else []
-        texts = map(_cell, (kind, v.name, v.unit))
+        # A spreadsheet runs a text that begins like a formula.
+        texts = (
+            f"'{t}" if t.startswith(("=", "+", "-", "@")) else t for t in (kind, v.name, v.unit)
+        )
         writer.writerow([*texts, v.value, v.std, v.std_inflated, v.fixed, *row])
     return _encoded(stream.getvalue())
-
-
-def _cell(text: str) -> str:
-    """Return a text that a spreadsheet shows as it is: one that begins like a formula is run."""
-    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
 def plant_of(estimate: Estimate, speed: float | str) -> StateSpace | None:

@@ -185,12 +185,8 @@ class Machine:
         motion = solved(stiffness, load[None], omega, size)[0]
         right = (by_load - self.stiffness_slopes(speed, speed, motion)).T
         count = len(right)
-        slopes = solved(
-            np.repeat(stiffness, count, 0),
-            right,
-            np.repeat(omega, count),
-            np.repeat(size, count, 0),
-        )
+        several = (np.repeat(each, count, 0) for each in (omega, size))
+        slopes = solved(np.repeat(stiffness, count, 0), right, *several)
         return motion, np.asarray(slopes.T)
 
     def input_matrix(self) -> Floats:
@@ -272,7 +268,9 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
         covariance = None
         remarks.append("all parameters are fixed, so that nothing is known of deviations")
     if source.status == "rejected":
-        ratio = _inflation(source)
+        # Deviations grow as if all of the misfit were noise.
+        ratios = [v.std_inflated / v.std for v in source.parameters if v.std and v.std_inflated]
+        ratio = max([1.0, *(r for r in ratios if np.isfinite(r))])
         covariance = None if covariance is None else covariance * ratio**2
         remarks.append(
             "warning: the data reject the model; deviations are inflated as if all of the "
@@ -293,12 +291,6 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
         known = covariance, {rows[name]: k for k, name in enumerate(names) if name in rows}
     extra = {n: x for n, x in beside.items() if source.method == "ml" and np.isfinite(x)}
     return _machine(model, values, fixed, extra, known, source.status, tuple(remarks))
-
-
-def _inflation(estimate: Estimate) -> float:
-    """Return by how much deviations grow if all of the misfit is noise."""
-    ratios = [v.std_inflated / v.std for v in estimate.parameters if v.std and v.std_inflated]
-    return max([1.0, *(r for r in ratios if np.isfinite(r))])
 
 
 def _of_record(

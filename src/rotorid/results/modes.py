@@ -527,30 +527,26 @@ def _curves(eigen: Sequence[Eigen]) -> Floats:
 
 def _followed(at: Eigen, to: Eigen, left: int) -> dict[int, int]:
     """Return which mode at the next speed each mode is."""
-    overlap = _overlap(at, to)
+    one, two = at.found, to.found
+    crossed, back = at.gram(one, two), at.gram(two, one).T
+    size = np.outer(*(np.abs(np.diag(at.gram(each, each))) for each in (one, two)))
+    # 1 for the same shape.
+    overlap = np.sqrt(np.abs(crossed * back) / np.where(size > 0, size, np.inf)).clip(0, 1)
     if not overlap.size:
         return {}
-    away = np.abs(at.found.values.imag[:, None] - to.found.values.imag)
-    scale = max(float(np.abs(at.found.values).max()), 1e-300)
+    away = np.abs(one.values.imag[:, None] - two.values.imag)
+    scale = max(float(np.abs(one.values).max()), 1e-300)
     rows, columns = scipy.optimize.linear_sum_assignment(away / scale - overlap)
     sure = overlap[rows, columns] > ALIKE
-    for placed, modes in ((rows, at.found), (columns, to.found)):
+    for placed, modes in ((rows, one), (columns, two)):
         for group in modes.distinct:
             if len(group) > 1:  # their vectors are any
                 sure |= np.isin(placed, group)
     if sure.all() or left == 0:
         return dict(zip(rows.tolist(), columns.tolist(), strict=True))
     half = replace(at, speed=(at.speed + to.speed) / 2)
-    one, two = _followed(at, half, left - 1), _followed(half, to, left - 1)
-    return {i: two[j] for i, j in one.items() if j in two}
-
-
-def _overlap(at: Eigen, to: Eigen) -> Floats:
-    """Return how alike the modes of two speeds are, (mode, mode): 1 for the same shape."""
-    one, two = at.found, to.found
-    crossed, back = at.gram(one, two), at.gram(two, one).T
-    size = np.outer(*(np.abs(np.diag(at.gram(each, each))) for each in (one, two)))
-    return np.sqrt(np.abs(crossed * back) / np.where(size > 0, size, np.inf)).clip(0, 1)
+    first, second = _followed(at, half, left - 1), _followed(half, to, left - 1)
+    return {i: second[j] for i, j in first.items() if j in second}
 
 
 def critical_speeds(
@@ -559,9 +555,10 @@ def critical_speeds(
     """Return the critical speeds between standstill and a speed, in ascending order."""
     sign = -1.0 if to < 0 else 1.0
     grid = _grid(machine, to)
-    above = [
-        _above(machine, sign * speed) for speed in counting(grid, "looking for critical speeds")
-    ]
+    above = []  # by how much modes lie above the rotation, those that do, the highest first
+    for speed in counting(grid, "looking for critical speeds"):
+        over = eigenvalues_at(machine, sign * speed).imag - speed
+        above.append(np.sort(over[over > 0])[::-1])
     roots: list[float] = []
     for low, high, one, two in zip(grid[:-1], grid[1:], above[:-1], above[1:], strict=True):
         # A root of the mode that is number k from the top, for each k that one end counts alone.
@@ -609,12 +606,6 @@ def _seeds(machine: Machine, to: float) -> Floats:
     return np.sort(real[(real > 0) & (real < 2 * abs(to))])
 
 
-def _above(machine: Machine, speed: float) -> Floats:
-    """Return by how much modes lie above the rotation, those that do, the highest first."""
-    over = eigenvalues_at(machine, speed).imag - abs(speed)
-    return np.sort(over[over > 0])[::-1]
-
-
 def _root(machine: Machine, sign: float, k: int, low: float, high: float) -> float | None:
     """Return the speed at which the mode that is number k from the top rings with the rotation."""
 
@@ -643,9 +634,8 @@ def _critical(
             continue
         whirl = eigen.whirls[near]
         ratio = float(-values[near].real / abs(values[near]))
-        spread: tuple[float | None, tuple[float, float] | None] = (None, None)
-        if machine.covariance is not None:
-            spread = _spread(eigen, near, rng)
+        none = (None, None)
+        spread = none if machine.covariance is None else _spread(eigen, near, rng)
         found.append(CriticalSpeed(speed, spread[0], whirl, ratio, spread[1]))
     return found
 

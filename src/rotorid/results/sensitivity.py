@@ -233,7 +233,8 @@ def sensitivity(
     if not pairs:
         raise InputError("no axes", "a channel of e and one of r", 'name them: {"i_x": "r_x"}')
     for record in data:
-        _check(record, pairs)
+        names = [channel.name for channel in record.channels]
+        require_names([*pairs, *pairs.values()], names, "no channel {}", file=record.source)
     if all(isinstance(record, PeriodicRecord) for record in data):
         raw = _of_periods([r for r in data if isinstance(r, PeriodicRecord)], pairs)
         axes = [_axis(name, *each) for name, each in zip(pairs, raw, strict=True)]
@@ -256,11 +257,6 @@ def _settled(axis: AxisSensitivity) -> AxisSensitivity:
 
 Raw = tuple[Floats, Complexes, Floats, Floats]
 """Frequency, S, variance of the complex number, and degrees of freedom, of each line."""
-
-
-def _check(record: PeriodicRecord | Record, pairs: Mapping[str, str]) -> None:
-    names = [channel.name for channel in record.channels]
-    require_names([*pairs, *pairs.values()], names, "no channel {}", file=record.source)
 
 
 def _not_excited(axis: str) -> InputError:

@@ -222,19 +222,6 @@ def fitted(part: LineWindow, poles: int) -> RationalCurve:
     return curve
 
 
-def _weighed(curve: RationalCurve) -> LineWindow:
-    """Return the lines with the weights of the noise that tells them best.
-
-    A share of it is alike on all lines, the rest has the poles of the loop.
-    """
-    poles = 1 / np.abs(1 + curve.part.powers(curve.poles, 1) @ curve.below) ** 2
-    poles = poles / poles.mean()
-    power = np.abs(curve.residual) ** 2
-    sizes = [1 - share + share * poles for share in SHARES]
-    cost = [np.log(size).sum() + len(power) * np.log((power / size).sum()) for size in sizes]
-    return replace(curve.part, weight=1 / np.sqrt(sizes[int(np.argmin(cost))]))
-
-
 @frozen
 class Peak:
     value: complex  # complex
@@ -342,8 +329,13 @@ def best_curve(part: LineWindow) -> RationalCurve:
         held = tried
     if part.periodic:
         return held
-    weighed = _weighed(held)
-    again = fitted(weighed, held.poles)
+    # With the weights of the noise that tells them best: a share of it is alike on all lines, the
+    # rest has the poles of the loop.
+    poles_ = 1 / np.abs(held._below(part.place)) ** 2
+    poles_, power = poles_ / poles_.mean(), np.abs(held.residual) ** 2
+    sizes = [1 - share + share * poles_ for share in SHARES]
+    cost = [np.log(size).sum() + len(power) * np.log((power / size).sum()) for size in sizes]
+    again = fitted(replace(part, weight=1 / np.sqrt(sizes[int(np.argmin(cost))])), held.poles)
     return again if again.decays else held
 
 
