@@ -22,7 +22,7 @@ from rotorid.answer.estimate import (
 from rotorid.answer.identify import Estimator
 from rotorid.answer.predict import Forecast, missing_values
 from rotorid.core.errors import InputError
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Booleans, Complexes, Floats
 from rotorid.data.lines import PhasorClock, SampledClock, SilentClock
 from rotorid.data.observation import Data, Observation, bind
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
@@ -224,9 +224,7 @@ def _channel(
     if len(both) == 1:
         return made
     away = both[1] - measured
-    # Lines on which noise moves a prediction less than the channel moved; else all.
-    told = np.abs(measured) ** 2 > (-1.0 if variance is None else variance)
-    told |= not told.any()
+    told = _telling(measured, variance)
     power, wrong = (float(c[told] @ np.abs(x[told]) ** 2) for x in (measured, away))
     made = replace(
         made,
@@ -246,6 +244,12 @@ def _channel(
         wave_predicted=_rounded(waves[:, 1]),
         wave_noise=_rounded([noise])[0],
     )
+
+
+def _telling(measured: Complexes, variance: Floats | None) -> Booleans:
+    """Return the lines on which noise moves a prediction less than the channel moved; else all."""
+    told = np.abs(measured) ** 2 > (-1.0 if variance is None else variance)
+    return np.asarray(told | ~told.any())
 
 
 def _of_samples(record: Observation, found: Predicted | None, most: int) -> RecordEvidence:

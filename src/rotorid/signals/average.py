@@ -73,10 +73,8 @@ def average(
     ends = None if band is None else (quantity(band[0], "Hz"), quantity(band[1], "Hz"))
     with naming(record.source):
         sums = _begun(record, hertz, period_samples, harmonics, ends)
-        size, first = (
-            sums.size,
-            _first_sample(record.sample_rate, quantity(skip, "s"), record.start),
-        )
+        begin, size = quantity(skip, "s"), sums.size
+        first = _first_sample(record.sample_rate, begin, record.start)
         whole = _whole_periods(max(len(record.samples) - first, 0), size)
         used = slice(first, first + whole * size)
         kept, warnings = _kept_periods(record, used, size)

@@ -261,7 +261,12 @@ def _facts(record: Record, periods: PeriodicRecord | None, c: int) -> ChannelFac
     channel = record.channels[c]
     size = float(samples.std())
     low, high = float(samples.min()), float(samples.max())
-    orders = _orders(record, c)
+    orders: tuple[float, ...] = ()
+    if record.speed:
+        angle = record.rotor_angle() if record.valid is None else record.rotor_angle()[record.valid]
+        column = samples - samples.mean() if record.valid is None else samples
+        waves = (np.exp(-1j * n * angle) for n in ORDERS)
+        orders = tuple(float(2 * np.abs(np.mean(column * wave))) for wave in waves)
     facts = ChannelFacts(channel.name, channel.unit, low, high, size, orders=orders)
     if periods is None:
         return facts
@@ -297,16 +302,6 @@ def _distortion(periods: PeriodicRecord, c: int) -> tuple[float | None, float | 
     excess = [max(float((power[at] - noise).sum()), 0.0) if at.any() else None for at in chosen]
     odd, even = (float(np.sqrt(e / kept)) if kept and e is not None else None for e in excess)
     return odd, even
-
-
-def _orders(record: Record, c: int) -> tuple[float, ...]:
-    if record.speed == 0:
-        return ()
-    angle = record.rotor_angle()
-    column = record.samples[:, c] - record.samples[:, c].mean()
-    if record.valid is not None:
-        angle, column = angle[record.valid], record.samples[record.valid, c]
-    return tuple(float(2 * np.abs(np.mean(column * np.exp(-1j * n * angle)))) for n in ORDERS)
 
 
 def _correlation(periods: PeriodicRecord) -> Floats | None:

@@ -193,7 +193,11 @@ class _Regression:
     ) -> tuple[Complexes, Complexes]:
         """Return orthonormal columns, and what they leave."""
         powers = self.powers / np.asarray(denominator)[..., None]
-        design = _design(self.references, self.rotation, powers)
+        driven = self.references[:, :, :, None] * powers[:, :, None, :]
+        flat = driven.reshape(*self.references.shape[:2], -1)
+        design = np.concatenate([flat, powers + 0j, self.rotation], axis=2)
+        size = np.sqrt((np.abs(design) ** 2).sum(axis=1, keepdims=True))
+        design /= np.where(size > 0, size, 1.0)
         orthogonal, _ = np.linalg.qr(design * self.kept[:, :, None])
         return orthogonal, data - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ data)
 
@@ -258,11 +262,3 @@ def _share(sums: Complexes, own: Complexes) -> Floats:
     scaled = own / safe
     solved = np.linalg.solve(whole, scaled[:, :, None])[:, :, 0]
     return np.asarray((scaled.conj() * solved).sum(axis=1).real)
-
-
-def _design(references: Complexes, rotation: Complexes, powers: np.ndarray) -> Complexes:
-    driven = references[:, :, :, None] * powers[:, :, None, :]
-    flat = driven.reshape(*references.shape[:2], -1)
-    design = np.concatenate([flat, powers + 0j, rotation], axis=2)
-    size = np.sqrt((np.abs(design) ** 2).sum(axis=1, keepdims=True))
-    return np.asarray(design / np.where(size > 0, size, 1.0))

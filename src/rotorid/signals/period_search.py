@@ -71,15 +71,14 @@ def only_rotation(columns: Sequence[Floats], found: Sequence[Period | None]) -> 
     repeating = [(c, p) for c, p in moving if p is not None]
     if not repeating or len(repeating) == len(moving):
         return False
-    return all(_share_of_wave(c) > _ALONE * p.correlation for c, p in repeating)
-
-
-def _share_of_wave(samples: Floats) -> float:
-    middle = _middle(samples)
-    window = np.hanning(len(middle))
-    power = np.abs(np.fft.rfft((middle - middle.mean()) * window)) ** 2
-    top = int(np.argmax(power))
-    return float(power[max(top - 3, 0) : top + 4].sum() / power.sum())
+    for column, period in repeating:
+        middle = _middle(column)
+        window = np.hanning(len(middle))
+        power = np.abs(np.fft.rfft((middle - middle.mean()) * window)) ** 2
+        top = int(np.argmax(power))
+        if power[max(top - 3, 0) : top + 4].sum() <= _ALONE * period.correlation * power.sum():
+            return False
+    return True
 
 
 def _middle(samples: Floats) -> Floats:

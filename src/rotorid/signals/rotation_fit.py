@@ -84,7 +84,12 @@ def fit_rotation(readings: AngleReadings) -> RotationFit:
     used = readings.some(READINGS)
     best: tuple[float, scipy.interpolate.BSpline, float, int] | None = None
     failed = 0
-    for degree, count in _candidates(used):
+    # The simplest first: a constant speed.
+    readings_, span = len(used.time), float(used.time[-1] - used.time[0])
+    tried = [(degree, 0) for degree in (1, 2, 3) if degree < readings_]
+    knots = dict.fromkeys(round(density * span) for density in KNOTS_PER_SECOND)
+    tried += [(3, k) for k in knots if 0 < k <= readings_ // READINGS_PER_KNOT - 4]
+    for degree, count in tried:
         least = (count + degree + 1) * np.log(len(used.time))
         # Chances are at most 1: where even that would not pay, nothing denser does.
         if best is not None and used.half.all() and least >= best[0]:
@@ -100,17 +105,6 @@ def fit_rotation(readings: AngleReadings) -> RotationFit:
     offset = _offset(used, spline, noise)[0]
     spline = scipy.interpolate.BSpline(spline.t, spline.c + offset, spline.k)
     return RotationFit(spline, _uncertainty(used, spline, noise, count), noise)
-
-
-def _candidates(readings: AngleReadings) -> list[tuple[int, int]]:
-    """Return degrees and numbers of interior knots, the simplest first: a constant speed."""
-    count, span = len(readings.time), float(readings.time[-1] - readings.time[0])
-    found = [(degree, 0) for degree in (1, 2, 3) if degree < count]
-    for density in KNOTS_PER_SECOND:
-        knots = round(density * span)
-        if 0 < knots <= count // READINGS_PER_KNOT - 4 and (3, knots) not in found:
-            found.append((3, knots))
-    return found
 
 
 def _uncertainty(readings: AngleReadings, spline: BSpline, noise: float, count: int) -> float:

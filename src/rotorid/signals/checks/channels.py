@@ -335,7 +335,12 @@ def check_stuck(seen: Seen) -> Iterator[Note]:
             severity = "warns" if rest.aside(samples) else "says"
         elif not rest.abrupt(samples) and (seen.periods is None or rest.tolerance > 0):
             severity = "says"
-        text = _told(rest, record.start + first / record.sample_rate, record.sample_rate)
+        start, rate = record.start + first / record.sample_rate, record.sample_rate
+        stop, go = start + rest.first / rate, start + rest.after / rate
+        how = "in every sample" if rest.tolerance == 0 else "to the last digit"
+        text = (
+            f"{rest.level:.6g} {how} from {stop:.5g} to {go:.5g} s, while it moves before or after"
+        )
         cure = "check its cable and its logger, use the part in which it moves (skip, until)"
         if severity == "says":
             cure = "right only if nothing was to move there"
@@ -353,12 +358,6 @@ def _idle(seen: Seen) -> Iterator[Note]:
     for name, value in still.items():
         severity: Severity = "warns" if value or none_moves else "says"
         yield Note(REFERENCE, severity, f"{value:.6g} in every sample: {text}", on=(name,))
-
-
-def _told(rest: _Rest, start: float, rate: float) -> str:
-    stop, go = start + rest.first / rate, start + rest.after / rate
-    how = "in every sample" if rest.tolerance == 0 else "to the last digit"
-    return f"{rest.level:.6g} {how} from {stop:.5g} to {go:.5g} s, while it moves before or after"
 
 
 def _longest(samples: Floats) -> _Rest | None:

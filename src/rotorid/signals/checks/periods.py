@@ -276,14 +276,11 @@ def check_silent(periods: PeriodicRecord) -> list[Note]:
             found.append(Note("lines below noise", "says", text, on=(channel,)))
         empty = np.flatnonzero(~here.any(axis=1))
         if empty.size and not found:
-            text = f"{_listed(periods.frequency[empty])} Hz hold no {what} above its own noise"
+            shown = ", ".join(f"{v:g}" for v in periods.frequency[empty[:6]])
+            shown += f" and {len(empty) - 6} more" if len(empty) > 6 else ""
+            text = f"{shown} Hz hold no {what} above its own noise"
             found.append(Note("lines below noise", "says", text))
     return found
-
-
-def _listed(values: Floats) -> str:
-    shown = ", ".join(f"{v:g}" for v in values[:6])
-    return shown + (f" and {len(values) - 6} more" if len(values) > 6 else "")
 
 
 # What shifts or settles leaves other traces too: they are told once.
@@ -385,7 +382,11 @@ def check_drift(periods: PeriodicRecord) -> Iterator[Note]:
     z = periods.spectra - periods.mean_spectrum
     slope = np.einsum("p,pkc->kc", place, z)
     left = z - place[:, None, None] * slope
-    variance = _slow_variance(left)
+    # Slow noise: of the lines of the whole record beside each line, but the first, which a curved
+    # drift fills. What carries over from period to period is larger there than the scatter.
+    beside = [j % count for m in range(2, min(7, count // 2)) for j in (m, -m)]
+    near = (np.abs(np.fft.fft(left, axis=0)[beside]) ** 2).mean(axis=0) / count
+    variance = np.maximum(near, (np.abs(left) ** 2).mean(axis=0))
     level = np.sqrt((np.abs(periods.mean_spectrum) ** 2).mean(axis=0))
     floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)
     strength = (np.abs(slope) ** 2 / np.maximum(variance, floor)).mean(axis=0)
@@ -393,15 +394,21 @@ def check_drift(periods: PeriodicRecord) -> Iterator[Note]:
     freedom = 2 * min(lines, MOST_DIRECTIONS)
     limit = DRIFT**2 / lines
     if (strength > limit).any():
-        limit = max(limit, f_limit(FALSE_ALARM, freedom, 2 * len(_beside(count))))
-    rest = _beside_rotation(periods, ratio := np.abs(slope) ** 2 / np.maximum(variance, floor))
-    alone = rest is not None and (strength > limit).any() and (rest <= limit).all()
-    if alone:
+        limit = max(limit, f_limit(FALSE_ALARM, freedom, 2 * len(beside)))
+    ratio, others = np.abs(slope) ** 2 / np.maximum(variance, floor), ~periods.on_rotation
+    alone = bool(periods.speed) and others.any() and not others.all()
+    if alone and (strength > limit).any() and (ratio[others].mean(axis=0) <= limit).all():
         most = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
         relative = slope[most] * np.conj(periods.mean_spectrum[most])
         # It turns, as with a speed, and does not grow, as with a gain.
         if abs(relative.imag) > abs(relative.real):
-            yield _creeping(periods, periods.names[most[1]])
+            hertz = abs(periods.speed) / (2 * np.pi)
+            text = (
+                f"the line of the rotation, {hertz:g} Hz, changes slowly and no other does: the "
+                "speed is not quite the one stated; give it to more digits, or measure the angle "
+                "(encoder or keyphasor)"
+            )
+            yield Note("speed", "warns", text, on=(periods.names[most[1]],))
             return
     for c in np.flatnonzero(strength > limit):
         k = int(np.argmax(np.abs(slope[:, c])))
@@ -413,41 +420,6 @@ def check_drift(periods: PeriodicRecord) -> Iterator[Note]:
             "warm up before recording, or take a shorter record"
         )
         yield Note("drift", "warns", text, on=(periods.names[c],))
-
-
-def _beside_rotation(periods: PeriodicRecord, ratio: Floats) -> Floats | None:
-    """Return the mean over lines without that of the rotation, (channel,); None without one."""
-    others = ~periods.on_rotation
-    if not periods.speed or others.all() or not others.any():
-        return None
-    return np.asarray(ratio[others].mean(axis=0))
-
-
-def _creeping(periods: PeriodicRecord, name: str) -> Note:
-    hertz = abs(periods.speed) / (2 * np.pi)
-    text = (
-        f"the line of the rotation, {hertz:g} Hz, changes slowly and no other does: the speed is "
-        "not quite the one stated; give it to more digits, or measure the angle (encoder or "
-        "keyphasor)"
-    )
-    return Note("speed", "warns", text, on=(name,))
-
-
-def _beside(count: int) -> list[int]:
-    """Return the lines of the whole record beside a kept one that tell its slow noise."""
-    return [j % count for m in range(2, min(7, count // 2)) for j in (m, -m)]
-
-
-def _slow_variance(left: Complexes) -> Floats:
-    """Return the variance of a period's lines as far as it is slow, shape (line, channel).
-
-    From the lines of the whole record beside each line, the first (which a curved drift fills)
-    left out: noise that carries over from period to period is larger there than the scatter.
-    """
-    count = len(left)
-    beside = np.fft.fft(left, axis=0)[_beside(count)]
-    near = (np.abs(beside) ** 2).mean(axis=0) / count
-    return np.asarray(np.maximum(near, (np.abs(left) ** 2).mean(axis=0)))
 
 
 RAMP = 1.0

@@ -54,7 +54,10 @@ def check_references(
     samples = 2 * (len(references) - 1)
     references, channels = references[:MOST], channels[:MOST]
     for j, name in enumerate(names):
-        strong = _strong(references[:, j])
+        power = np.abs(references[:, j]) ** 2
+        power[0] = 0.0
+        smooth = scipy.ndimage.uniform_filter1d(power, SMOOTH)
+        strong = np.asarray(smooth > STRONG * smooth.max())
         if strong.sum() < LEAST:
             continue
         peaks = [_peak(references[:, j], lines, strong) for lines in channels.T]
@@ -78,13 +81,6 @@ def check_references(
                 "shift its column, or record it where it is added"
             )
             yield Note(CHECK, "warns", text, on=(name,))
-
-
-def _strong(lines: Complexes) -> Booleans:
-    power = np.abs(lines) ** 2
-    power[0] = 0.0
-    smooth = scipy.ndimage.uniform_filter1d(power, SMOOTH)
-    return np.asarray(smooth > STRONG * smooth.max())
 
 
 def _peak(reference: Complexes, lines: Complexes, strong: Booleans) -> tuple[float, float]:

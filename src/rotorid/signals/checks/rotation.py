@@ -183,7 +183,10 @@ def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
         if periods is not None:
             spacing = record.sample_rate / len(rest)
             clear = [t for t in clear if not _is_ghost(t, clear[0], periods, spacing)]
-            clear = [t for t in clear if not _is_sideband(t, periods, spacing)]
+            # So close to a kept line a slow change of that makes it.
+            lines = periods.frequency[~periods.on_rotation]
+            near = [(np.abs(lines - t.frequency) < SIDEBAND * spacing).any() for t in clear]
+            clear = [t for t, beside in zip(clear, near, strict=True) if not beside]
         found += clear
         found += [tone for tone in on_grid if tone.channel == record.names[c]]
     best: list[Tone] = []
@@ -252,12 +255,6 @@ def _is_ghost(tone: Tone, strongest: Tone, periods: PeriodicRecord, spacing: flo
     return near and tone.strength <= GHOST * strongest.strength
 
 
-def _is_sideband(tone: Tone, periods: PeriodicRecord, spacing: float) -> bool:
-    """Tell whether a tone lies so close to a kept line that a slow change of that makes it."""
-    beside = np.abs(periods.frequency - tone.frequency) < SIDEBAND * spacing
-    return bool((beside & ~periods.on_rotation).any())
-
-
 def _steady(rest: Floats, turns: float) -> float | None:
     """Return a tone's turns per sample, from its phases in both halves; None where it wavers."""
     half = len(rest) // 2
@@ -306,7 +303,12 @@ def check_speed(seen: Seen) -> list[Note]:
         return [Note("speed", "says", text, on=(tone.channel,))]
     if any(abs(tone.frequency - given) <= width for tone in found):
         return []
-    others = [t for t in found if not _is_order(t.frequency, given, width)]
+    orders = [max(1, round(tone.frequency / given)) for tone in found]
+    others = [
+        tone
+        for tone, n in zip(found, orders, strict=True)
+        if not (1 < n <= 10 and abs(tone.frequency - n * given) <= n * width)
+    ]
     if not others:
         return []
     orbits = others[0].strength > CLEAR and _orbits(record, periods, others[0])
@@ -355,11 +357,6 @@ def check_wander(periods: PeriodicRecord) -> list[Note]:
         "measure the angle (encoder or keyphasor), or hold the speed"
     )
     return [Note("wander", "warns", text, on=(periods.names[worst],))]
-
-
-def _is_order(frequency: float, given: float, width: float) -> bool:
-    multiple = max(1, round(frequency / given))
-    return 1 < multiple <= 10 and abs(frequency - multiple * given) <= multiple * width
 
 
 def _wrong_speed(found: list[Tone], given: float, hidden: bool) -> Note:
@@ -413,7 +410,10 @@ def shown_rotation(
     apart = near[np.abs(near - stated) > APART]
     if not len(apart) or apart.max() + AROUND >= len(lines):  # before them there are plenty
         return None
-    strongest = int(apart[np.argmax(_strength(lines, apart))])
+    around = np.arange(apart.min() - AROUND, apart.max() + AROUND + 1)
+    usual = np.median(np.abs(lines[around]) ** 2, axis=0)
+    size = np.abs(lines[apart]) ** 2 / np.where(usual > 0, usual, np.inf)
+    strongest = int(apart[size.sum(axis=1).argmax()])
     return _place(lines, np.column_stack([motion, rotation]), strongest)[0]
 
 
@@ -453,9 +453,3 @@ def _left(lines: Complexes, design: Complexes, window: Integers, place: float) -
     basis, _ = np.linalg.qr(columns / column_lengths(columns))
     left = lines - basis @ (basis.conj().T @ lines)
     return float(np.log(np.maximum((np.abs(left) ** 2).sum(axis=0), 1e-300)).sum())
-
-
-def _strength(lines: Complexes, near: Integers) -> Floats:
-    around = np.arange(near.min() - AROUND, near.max() + AROUND + 1)
-    usual = np.median(np.abs(lines[around]) ** 2, axis=0)
-    return np.asarray((np.abs(lines[near]) ** 2 / np.where(usual > 0, usual, np.inf)).sum(axis=1))

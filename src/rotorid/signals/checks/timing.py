@@ -115,7 +115,14 @@ def shifts_of(
     seen = _Lines.of(periods, channels)
     if not seen.clear.any():
         return None
-    return seen.told(_refined(seen, _cumulated(seen, periods, start)))
+    tau = _cumulated(seen, periods, start)
+    for _ in range(3):  # each period against the mean of all: sums of steps wander with the noise
+        turned = seen.turned(tau)
+        cross = (seen.weight * turned * turned.mean(axis=0).conj()).sum(axis=2)
+        strength = np.abs(cross) * seen.omega
+        slope = (strength * np.angle(cross)).sum(axis=1)
+        tau = tau - slope / np.maximum((strength * seen.omega).sum(axis=1), 1e-300)
+    return seen.told(np.asarray(tau - tau[0]))
 
 
 def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
@@ -154,17 +161,6 @@ def _cumulated(seen: _Lines, periods: PeriodicRecord, start: Floats | None) -> F
         total = (strength * omega**2).sum(axis=1)
         late = late - (strength * omega * phase).sum(axis=1) / np.maximum(total, 1e-300)
     return np.concatenate([[0.0], np.cumsum(late)])
-
-
-def _refined(seen: _Lines, tau: Floats) -> Floats:
-    """Hold each period against the mean of all: sums of steps would wander with the noise."""
-    for _ in range(3):
-        turned = seen.turned(tau)
-        cross = (seen.weight * turned * turned.mean(axis=0).conj()).sum(axis=2)
-        strength = np.abs(cross) * seen.omega
-        slope = (strength * np.angle(cross)).sum(axis=1)
-        tau = tau - slope / np.maximum((strength * seen.omega).sum(axis=1), 1e-300)
-    return np.asarray(tau - tau[0])
 
 
 def _coarse(cross: Complexes, omega: Floats, periods: PeriodicRecord) -> Floats:
