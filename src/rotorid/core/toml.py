@@ -142,6 +142,22 @@ def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
     return table
 
 
+def inline(value: Any) -> Any:
+    """Return a value as it stands on one line; tomlkit leaves blanks out of tables in tables."""
+    import tomlkit  # for what writes such files alone
+
+    if isinstance(value, dict):
+        table = tomlkit.inline_table()
+        for key, inner in value.items():
+            table[key] = inline(inner)
+        return table
+    if isinstance(value, list):
+        array = tomlkit.array()
+        array.extend(map(inline, value))
+        return array
+    return value
+
+
 def table_within(text: str | bytes) -> dict[str, Any]:
     """Parse TOML text that another file holds; empty where it is none, or would take long."""
     data = text.encode("utf-8", "replace") if isinstance(text, str) else text

@@ -74,7 +74,11 @@ def phasor_lines(
         as_lines = np.asarray(np.where(turning[:, None] < 0, as_lines.conj(), as_lines))
         rows, told = _without_doubles(turning[order], as_lines[order])
         turning, recorded = turning[order[rows]], as_lines[order[rows]]
-        scatter, groups = _scatter(turning, recorded)
+        groups = _groups(turning)
+        count = np.bincount(groups)
+        mean = np.zeros((len(count), recorded.shape[1]), dtype=np.complex128)
+        np.add.at(mean, groups, recorded)
+        scatter = recorded - (mean / count[:, None])[groups]
         if known is None:
             first = np.flatnonzero(np.diff(groups, prepend=-1))
             turning, recorded = turning[first], (recorded - scatter)[first]
@@ -186,14 +190,6 @@ def _without_doubles(speed: Floats, lines: Complexes) -> tuple[Integers, tuple[s
         "out, since a reading that is written twice is one reading"
     )
     return kept, (told,)
-
-
-def _scatter(speed: Floats, lines: Complexes) -> tuple[Complexes, Integers]:
-    groups = _groups(speed)
-    count = np.bincount(groups)
-    mean = np.zeros((len(count), lines.shape[1]), dtype=np.complex128)
-    np.add.at(mean, groups, lines)
-    return lines - (mean / count[:, None])[groups], groups
 
 
 def _repeated(
@@ -439,15 +435,10 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Flo
             "take it from more than one average, or state std",
             place="coherence",
         )
-    return np.asarray(np.minimum(found, 1 - _half_digit(found)))
-
-
-def _half_digit(numbers: Floats) -> float:
-    """Return half of the last digit that numbers are written with: one printed as 1.000 is not."""
-    for digits in range(1, 13):
-        if (np.abs(np.round(numbers, digits) - numbers) < 1e-14).all():
-            return float(0.5 * 10.0**-digits)
-    return 1e-13
+    # Half of the last digit that numbers are written with: one printed as 1.000 is not.
+    written = (n for n in range(1, 13) if (np.abs(np.round(found, n) - found) < 1e-14).all())
+    digits = next(written, None)
+    return np.asarray(np.minimum(found, 1 - (1e-13 if digits is None else 0.5 * 10.0**-digits)))
 
 
 def _faint(lost: int, left: int) -> tuple[str, ...]:

@@ -1,12 +1,7 @@
 """Lines of a whole record, whatever excited it: sweep, noise, steps, one axis at a time.
 
-The DFT of a window of any length obeys, at every line (docs/maximum-likelihood.md),
-
-    Z(omega_k) Q_k = B U_k + g_k + sum_{p=0..R} tau_p (i omega_k / omega_0)^p,
-
-g the loads by the same DFT of the measured rotor angle, so that a speed that fits no line leaks
-into every line exactly as its data do, and tau what the loose ends of the window leave. The noise
-comes from references, from a quiet record, or from the measured inputs in place of references.
+A window of any length adds ``sum_{p=0..R} tau_p (i omega_k / omega_0)^p`` to the equations of its
+lines; the loads come by the same DFT of the measured rotor angle (docs/maximum-likelihood.md).
 """
 
 from __future__ import annotations

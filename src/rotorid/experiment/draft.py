@@ -18,6 +18,7 @@ import tomlkit.items
 from rotorid.core.errors import InputError, ReadError
 from rotorid.core.files import MARK, Kind
 from rotorid.core.frozen import frozen
+from rotorid.core.toml import inline
 from rotorid.core.units import converts, si_factor
 from rotorid.core.values import Floats
 from rotorid.experiment.schema import OPEN
@@ -595,20 +596,12 @@ def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None,
     if hidden:
         told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
         yield "", None, f"{told} coordinate needs one"
-    if hidden and not sensors and (shown := _as_sensor(model, free)):
-        yield "", None, shown
-    return {column.name for column in used}
-
-
-def _as_sensor(model: Model, free: Sequence[Found]) -> str:
-    """Say how a position that is left over is written, where coordinates are none."""
     left = [c for c in free if c.measures("m")]
-    reads = [(name, text) for name in model.inputs if "*" in (text := displacement(model, name))]
-    if not left or not reads:
-        return ""
-    name, text = reads[0]
-    channel = _inline({"reads": text, **_column(left[0])})
-    return f"a sensor beside a magnet: {_sensor_name(name)} = {channel.as_string()}"
+    reads = ((name, text) for name in model.inputs if "*" in (text := displacement(model, name)))
+    if hidden and not sensors and left and (first := next(reads, None)) is not None:
+        shown = inline({"reads": first[1], **_column(left[0])}).as_string()
+        yield "", None, f"a sensor beside a magnet: {_sensor_name(first[0])} = {shown}"
+    return {column.name for column in used}
 
 
 def _input(
@@ -665,7 +658,7 @@ def _written(table: _Container, lines: Iterable[_Line]) -> _Container:
         if not key:
             table.add(tomlkit.comment(told))
             continue
-        table[key] = _inline(value) if isinstance(value, Mapping) else value
+        table[key] = inline(value)
         if told:
             table[key].comment(told)
     return table
@@ -673,10 +666,3 @@ def _written(table: _Container, lines: Iterable[_Line]) -> _Container:
 
 def _and(told: str, more: str) -> str:
     return f"{told}; {more}" if more else told
-
-
-def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
-    table = tomlkit.inline_table()
-    for key, value in values.items():
-        table[key] = _inline(value) if isinstance(value, Mapping) else value
-    return table

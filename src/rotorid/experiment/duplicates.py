@@ -27,7 +27,7 @@ from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.table_lines import SAME, multiple_of
-from rotorid.experiment.read import Entries, Recording, columns_of, is_reference
+from rotorid.experiment.read import Recording, columns_of, is_reference
 from rotorid.experiment.schema import ExperimentFile, ModeEntry, RecordEntry
 from rotorid.models import Model
 from rotorid.signals.average import RecordBlocks
@@ -173,7 +173,16 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -
                 "name another file, or leave quiet out",
                 place=f"records.{number}.quiet",
             )
-    sensors = [_sensors(plan.channels, model.inputs) for plan in plans]
+    # The columns that sensors are read from; of responses, all.
+    sensors = [
+        {
+            column
+            for name, entry in plan.channels.items()
+            if entry.law is None and (name not in model.inputs or entry.kind == "responses")
+            for column in columns_of(entry)
+        }
+        for plan in plans
+    ]
     for path, numbers in by_file.items():
         for first, second in combinations(numbers, 2):
             pair = records[first], records[second]
@@ -380,16 +389,6 @@ def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | N
     mine, its = ((np.abs(part) ** 2).sum(axis=1) for part in parts)
     shared = np.convolve(mine, np.ones(len(its))) * np.convolve(np.ones(len(mine)), its)
     return np.asarray(product / np.sqrt(np.maximum(shared, np.finfo(float).tiny)))
-
-
-def _sensors(entries: Entries, inputs: Collection[str]) -> set[tuple[str, ...]]:
-    """Return the columns that sensors are read from; of responses, all."""
-    return {
-        column
-        for name, entry in entries.items()
-        if entry.law is None and (name not in inputs or entry.kind == "responses")
-        for column in columns_of(entry)
-    }
 
 
 def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:

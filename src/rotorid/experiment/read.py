@@ -398,12 +398,15 @@ def measured(
         columns[_MARK] = Source(entry.keyphasor)
     columns |= {reference_name(name): Source(name) for name in entry.references or ()}
     columns |= beside or {}
+    highest = entry.cutoff if entry.band is None else entry.band[1]
+    if entry.band is None and entry.fundamental is not None and entry.harmonics:
+        highest = max(entry.harmonics) * entry.fundamental
     record = read_record(
         plan.paths,
         columns=columns,
         skip=entry.skip or 0.0,
         mask=entry.mask,
-        highest=_highest(entry),
+        highest=highest,
         **said_of(entry),
     )
     record = _with_angle(record, entry)
@@ -489,15 +492,6 @@ def _blocks(plan: Recording, *, currents: bool) -> RecordBlocks | None:
         return None
     blocks = open_blocks(plan.paths, columns=plan.sources, **said_of(entry))
     return None if blocks is None else replace(blocks, channels=_driven(blocks.channels, plan))
-
-
-def _highest(entry: RecordEntry) -> float | None:
-    """Return the frequency of the highest line in Hz, where the file tells it."""
-    if entry.band is not None:
-        return entry.band[1]
-    if entry.fundamental is not None and entry.harmonics:
-        return max(entry.harmonics) * entry.fundamental
-    return entry.cutoff
 
 
 def period_of(record: Record, entry: RecordKeys) -> int | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
-from rotorid.core.notes import Note
 from rotorid.core.units import si_factor, to_si
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
@@ -158,18 +157,14 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
         std = _common(found)
         probes = [k for k, name in enumerate(entries) if name not in model.inputs]
         names, known = [list(entries)[k] for k in probes], None if std is None else std[:, probes]
-        checks = [
-            *check_probes(names, phasors[:, probes], known),
-            *(c for name, one in entries.items() if one.polar for c in _phases(rows, name, one)),
-        ]
+        checks = list(check_probes(names, phasors[:, probes], known))
+        for name, one in entries.items():
+            if one.polar:
+                place, factor = f"channels.{name}.phase", si_factor(one.phase_unit, "rad")
+                turned = rows.si(one.phase or "", one.phase_unit, "rad", place)
+                checks += check_phases(name, turned / factor, degrees=factor < 1)
         channels, source = [one.channel for one in found], table.file
         return [phasor_lines(channels, found[0].axis, phasors, std, source=source, checks=checks)]
-
-
-def _phases(rows: Columns, name: str, entry: ChannelEntry) -> Iterable[Note]:
-    turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"channels.{name}.phase")
-    factor = si_factor(entry.phase_unit, "rad")
-    return check_phases(name, turned / factor, degrees=factor < 1)
 
 
 def _common(found: Sequence[_Read]) -> Floats | None:

@@ -1,20 +1,13 @@
-"""Natural frequencies, damping and whirl, Campbell diagram and critical speeds, with deviations.
-
-Where a coordinate x and its partner y move as ``Re(X exp(i omega t))``, ``Re(Y exp(i omega t))``,
-the orbit is the sum of a circle of radius ``|X + i Y| / 2`` run through from x to y and one of
-radius ``|X - i Y| / 2`` run through the other way. Tilts turn as positions do.
+"""Natural frequencies, damping and whirl, Campbell diagram and critical speeds (docs/modes.md).
 
 Notation: lambda of ``L = lambda^2 M + lambda (D + Omega G) + K`` with right and left vectors x, y;
-``d lambda = - y^H dL x / y^H (2 lambda M + D + Omega G) x`` (delta method). Where modes come so
-close that their order or their shapes are not certain, the eigenvalues of the block
-``diag(lambda) + sum_u A_u dx_u``, with ``A_u = - (Y^H dL_u X) / (Y^H ((lambda_i + lambda_j) M +
-D + Omega G) X)``, are drawn from the covariance.
+close modes are drawn from the block ``diag(lambda) + sum_u A_u dx_u``, ``A_u = - (Y^H dL_u X) /
+(Y^H ((lambda_i + lambda_j) M + D + Omega G) X)``. An orbit is the sum of a circle of radius
+``|X + i Y| / 2`` run through from x to y and one of radius ``|X - i Y| / 2`` the other way.
 
-A critical speed is where a free vibration rings with the rotation: ``Im lambda(Omega) = |Omega|``.
-Roots are bracketed on a grid of speeds by the number of modes above the rotation, which is
-continuous where curves cross each other, and no curve is followed for it. The grid holds the speeds
-between the eigenvalues of ``Omega^2 (i G - M) + i Omega D + K``, so that no two roots fall into one
-of its intervals where matrices do not depend on the speed otherwise.
+Roots are bracketed on a grid that holds the speeds between the eigenvalues of
+``Omega^2 (i G - M) + i Omega D + K``, so that no two roots fall into one of its intervals where
+matrices do not depend on the speed otherwise.
 """
 
 from __future__ import annotations
@@ -50,11 +43,7 @@ _X = re.compile("[xX]")
 
 
 def partners(coordinates: Sequence[str]) -> list[tuple[int, int]]:
-    """Return the coordinates that are one of x and one of y at the same place, by their names.
-
-    >>> partners(["x1", "y1", "theta_x", "theta_y", "q"])
-    [(0, 1), (2, 3)]
-    """
+    """Return the coordinates that are one of x and one of y at the same place, by their names."""
     places = {name: i for i, name in enumerate(coordinates)}
     found: list[tuple[int, int]] = []
     taken: set[int] = set()

@@ -148,11 +148,6 @@ def settles_elsewhere(frequency: Floats, values: Complexes, std: Floats) -> str:
 
 
 def zone_of(peak: float) -> str:
-    """Return the zone of a peak.
-
-    >>> [zone_of(peak) for peak in (2.9, 3.5, 4.2, 9.0)]
-    ['A', 'B', 'C', 'D']
-    """
     return next((zone for zone, limit in LIMITS.items() if peak < limit), "D")
 
 

@@ -21,12 +21,6 @@ class Controller:
 
     ``state[k+1] = A state[k] + B y[k]``, ``u[k] = C state[k] + D y[k]``: the sign of the feedback
     is in the matrices, so a controller that pulls back has a negative gain.
-
-    Examples
-    --------
-    >>> gain = Controller([], [], [], [[-1e4]], period=1e-4)
-    >>> gain.states, gain.positions, gain.commands
-    (0, 1, 1)
     """
 
     # shapes (state, state), (state, position), (command, state), (command, position)

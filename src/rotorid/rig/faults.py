@@ -84,14 +84,7 @@ def _fault(
 
 
 def find_fault(text: str) -> tuple[Fault, float]:
-    """Return the fault and the size of ``name`` or ``name=size``; a number is in its unit.
-
-    Examples
-    --------
-    >>> fault, size = find_fault("runout-1=3 um")
-    >>> fault.name, round(size * 1e6, 9)
-    ('runout-1', 3.0)
-    """
+    """Return the fault and the size of ``name`` or ``name=size``; a number is in its unit."""
     name, _, size = text.partition("=")
     cure = "see rotorid simulate --faults"
     require_names([name.strip()], FAULTS, "the fault {}", cure, place="--fault")

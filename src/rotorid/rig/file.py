@@ -497,13 +497,6 @@ class RigPlan:
 
 
 def shipped_rigs() -> tuple[str, ...]:
-    """Return the names of the rigs in the package.
-
-    Examples
-    --------
-    >>> shipped_rigs()
-    ('flexible', 'rigid', 'three-mass')
-    """
     return shipped(LIBRARY)
 
 

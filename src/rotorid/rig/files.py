@@ -16,6 +16,7 @@ from scipy.io import wavfile
 
 from rotorid.core.errors import InputError, one_line, printable
 from rotorid.core.files import MARK, Kind, write_whole
+from rotorid.core.toml import inline
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.rig.file import RigPlan
 from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, Truth, actuator_position, label
@@ -105,7 +106,14 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
     text = tomlkit.document()
     text["model"] = plan.model
     records = tomlkit.aot()
-    records.append(_table(_record_entry(rig, rig.excitation, file)))
+    record_entry = {
+        "file": file,
+        "sample_rate": _quantity(rig.logger.sample_rate, "Hz"),
+        **_rotation(rig),
+        "fundamental": _quantity(rig.excitation.fundamental, "Hz"),
+        "harmonics": _harmonics(rig.excitation, rig.rotation.speed),
+    }
+    records.append(_table(record_entry))
     text["records"] = records
     text["channels"] = _table(_inputs(rig, record) | _positions(rig))
     if known := _known_parameters(rig):
@@ -119,21 +127,8 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
 def _table(entries: Mapping[str, Any]) -> tomlkit.items.Table:
     table = tomlkit.table()
     for key, value in entries.items():
-        table[key] = _inline(value)
+        table[key] = inline(value)
     return table
-
-
-def _inline(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        table = tomlkit.inline_table()
-        for key, inner in value.items():
-            table[key] = _inline(inner)
-        return table
-    if isinstance(value, list):
-        array = tomlkit.array()
-        array.extend([_inline(inner) for inner in value])
-        return array
-    return value
 
 
 def _quantity(value: float, unit: str) -> str:
@@ -143,16 +138,6 @@ def _quantity(value: float, unit: str) -> str:
 
 def _number(value: float) -> str:
     return repr(float(value)).removesuffix(".0")
-
-
-def _record_entry(rig: Rig, played: Multisine, file: str) -> dict[str, Any]:
-    return {
-        "file": file,
-        "sample_rate": _quantity(rig.logger.sample_rate, "Hz"),
-        **_rotation(rig),
-        "fundamental": _quantity(played.fundamental, "Hz"),
-        "harmonics": _harmonics(played, rig.rotation.speed),
-    }
 
 
 def _rotation(rig: Rig) -> dict[str, Any]:
@@ -189,16 +174,11 @@ def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
         elif part.flux is not None:
             found[name] = _law(part.flux.law, flux=sources)
         else:
-            place = _place(rig, actuator_position(rig, plant, j))
-            found[name] = _law(part.law, current=sources[0], position=place)
+            place = actuator_position(rig, plant, j)
+            there = (s.name for s in rig.sensors if dict(s.combination) == place)
+            position = next(there, _combination(place))
+            found[name] = _law(part.law, current=sources[0], position=position)
     return found
-
-
-def _place(rig: Rig, position: Mapping[str, float]) -> str:
-    for sensor in rig.sensors:
-        if dict(sensor.combination) == dict(position):
-            return sensor.name
-    return _combination(position)
 
 
 def _recorded(column: LoggedColumn) -> dict[str, Any]:

@@ -256,16 +256,14 @@ def actuator_position(rig: RigMachine, plant: Plant, index: int) -> dict[str, fl
     return {name: value for name, value in row if value}
 
 
-def sensor_channels(rig: RigMachine) -> list[Channel]:
-    units = rig.model.units
-    return [Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors]
-
-
 def _as_read(
     rig: RigMachine, columns: Mapping[str, LoggedColumn], angle: Floats | None, speed: float
 ) -> Record:
     plant = rig.plant(1.0)
-    sensors = sensor_channels(rig)
+    units = rig.model.units
+    sensors = [
+        Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors
+    ]
     found: list[tuple[Channel, LoggedColumn]] = []
     readings: dict[str, ForceReading] = {}
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):

@@ -52,12 +52,6 @@ class Rotation:
     """Speed over time, ``Omega = speed + acceleration t + drift sin(2 pi t / drift_period)``.
 
     t = 0 is the first sample of the record; before it the rig settles at the speed of t = 0.
-
-    Examples
-    --------
-    >>> ramp = Rotation(speed=10.0, acceleration=2.0)
-    >>> float(ramp.speed_at(3.0)), float(ramp.angle_at(3.0))
-    (16.0, 39.0)
     """
 
     speed: float = 0.0  # rad/s at t = 0
@@ -67,12 +61,10 @@ class Rotation:
     phase: float = 0.0  # rotor angle in rad at t = 0
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
+        for name, value in vars(self).items():
             if not np.isfinite(value):
-                raise InputError(
-                    f"{value}", "a finite number", "give a number, or leave it out", place=name
-                )
+                cure = "give a number, or leave it out"
+                raise InputError(f"{value}", "a finite number", cure, place=name)
         if self.drift:
             cure = "give the time in which the speed drifts to and fro"
             require_positive(self.drift_period, "s", cure, place="drift_period")
@@ -248,13 +240,7 @@ class Coil:
 
 @frozen
 class Actuator:
-    """One axis of a magnetic bearing with its amplifier.
-
-    Examples
-    --------
-    >>> Actuator(Linear(ki=120.0, ks=2e5), limit=3.0).slopes
-    (120.0, 200000.0)
-    """
+    """One axis of a magnetic bearing with its amplifier."""
 
     # from current and displacement to force; without one the command is the force itself
     law: Linear | Differential | None = None

@@ -69,6 +69,12 @@ def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) ->
     nodes = [centre] if rotation.constant else list(centre + width * _chebyshev(_DEGREE + 1))
     mass = _mass(linear, values, nodes)
     B = linear.matrices(values, centre).B
+    if np.abs(mass - mass.T).max() > 1e-9 * np.abs(mass).max():
+        raise ModelError(
+            "a mass matrix that is not symmetric",
+            "each equation the balance of the forces that do work on its coordinate",
+            "order and scale the equations so",
+        )
     harmonics, loads = _load_harmonics(linear, values, nodes)
     plant = Plant(
         motion=_in_speed(np.array([_motion(linear, values, mass, speed) for speed in nodes])),
@@ -76,7 +82,7 @@ def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) ->
         harmonics=harmonics,
         force=np.asarray(np.linalg.solve(mass, B), dtype=float),
         mass=mass,
-        displacement=_work_displacement(mass, B),
+        displacement=np.ascontiguousarray(B.T),
         centre=centre,
         width=width,
     )
@@ -139,16 +145,6 @@ def _mass(linear: LinearForm, values: Floats, nodes: Sequence[float]) -> Floats:
             "give every coordinate a mass, or eliminate it",
         )
     return first
-
-
-def _work_displacement(mass: Floats, B: Floats) -> Floats:
-    if np.abs(mass - mass.T).max() > 1e-9 * np.abs(mass).max():
-        raise ModelError(
-            "a mass matrix that is not symmetric",
-            "each equation the balance of the forces that do work on its coordinate",
-            "order and scale the equations so",
-        )
-    return np.ascontiguousarray(B.T)
 
 
 def _load_harmonics(

@@ -222,13 +222,15 @@ def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, s
 def kernel_tables(
     rig: RigMachine, plant: Plant, samples: int, rng: np.random.Generator
 ) -> tuple[Events, Steps, Bearings, RotorTable, Lags, Loop]:
-    plan, lags = rig.schedule, rig.lags(plant)
+    plan, lags, noise = rig.schedule, rig.lags(plant), noise_matrix(rig, plant)
+    floor = np.repeat([_POSITION_FLOOR, _VELOCITY_FLOOR], len(plant.force))
+    rotor = RotorTable(plant, noise, rig.rotation.numbers, rig.tolerance, floor)
     # The pattern of events is repeated until the record is complete.
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
     readings = samples * rig.logger.oversampling
     events = Events(plan, settling + -(-readings // plan.logs), settling)
     steps, loop = step_table(rig, plant, lags), loop_table(rig, events, samples, rng)
-    return events, steps, bearing_table(rig, plant), rotor_table(rig, plant), lags, loop
+    return events, steps, bearing_table(rig, plant), rotor, lags, loop
 
 
 def step_table(rig: RigMachine, plant: Plant, lags: Lags) -> Steps:
@@ -275,11 +277,6 @@ def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
         contact=rig.contact,
         friction=FRICTION,
     )
-
-
-def rotor_table(rig: RigMachine, plant: Plant) -> RotorTable:
-    floor = np.repeat([_POSITION_FLOOR, _VELOCITY_FLOOR], len(plant.force))
-    return RotorTable(plant, noise_matrix(rig, plant), rig.rotation.numbers, rig.tolerance, floor)
 
 
 def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Generator) -> Loop:

@@ -70,7 +70,13 @@ def steady_state(
     sample_rate, speed, phase = _in_si(sample_rate, speed, phase)
     _check_numbers(model, values, forces, sample_rate)
     samples = len(forces)
-    _check_synchronous(speed, samples, sample_rate)
+    turns = speed * samples / sample_rate / (2 * np.pi)
+    if abs(turns - round(turns)) > 1e-9 * max(1.0, abs(turns)):
+        raise InputError(
+            f"{turns:.6g} revolutions in a period",
+            "a whole number",
+            "choose speed and fundamental so that one divides the other",
+        )
     mu = model.monomial_values(values)
     every = np.arange(samples // 2 + 1)
     driven = line_spectra(forces @ linear.input_matrix(mu).T, every)
@@ -139,16 +145,6 @@ def _load_lines(
             "choose a period that holds it, or sample faster",
         )
     return lines[kept]
-
-
-def _check_synchronous(speed: float, samples: int, sample_rate: float) -> None:
-    turns = speed * samples / sample_rate / (2 * np.pi)
-    if abs(turns - round(turns)) > 1e-9 * max(1.0, abs(turns)):
-        raise InputError(
-            f"{turns:.6g} revolutions in a period",
-            "a whole number",
-            "choose speed and fundamental so that one divides the other",
-        )
 
 
 def simulate(

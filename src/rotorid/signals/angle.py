@@ -158,9 +158,6 @@ def pulse_edges(
     The threshold is half way between low and high. A flank with samples on it is known by
     interpolation, and leaves nothing open; a logic level may have risen anywhere between two
     samples, and is placed in the middle.
-
-    >>> pulse_edges([0, 0, 1, 1, 0, 0], 1000.0)
-    (array([0.0015]), array([0.0005]))
     """
     raw = np.asarray(samples, dtype=float)
     low, high = (np.percentile(raw, q) for q in (0.5, 99.5)) if len(raw) else (0.0, 0.0)

@@ -4,11 +4,8 @@ In a window of 2h + 1 lines around each line, every channel is fitted by
 
     z_j = [ (G_0 + G_1 j + .. + G_S j^S) r_j + (t_0 + .. + t_S j^S) ] / A(j) + a W_j,
 
-r the lines of references, t the transient, W the lines of exp(+-i phi), A(j) = 1 + a_1 j + a_2 j^2
-a pair of poles that all channels share, and 1 where noise explains as much: a resonance that few
-lines see bends more than polynomials follow. What is left over, E, has n = 2h + 1 - columns
-complex degrees of freedom, and C = E E^H / n (Pintelon, Schoukens, Vandersteen, Barbe 2010; the
-poles: McKelvey, Guerin 2012).
+A(j) = 1 + a_1 j + a_2 j^2 a pair of poles that all channels share, and 1 where noise explains as
+much. What is left over has n = 2h + 1 - columns degrees of freedom (docs/maximum-likelihood.md).
 """
 
 from __future__ import annotations
