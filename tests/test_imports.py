@@ -52,7 +52,7 @@ CONFINED = {
     "pint": set(),
     "click": {"cli", "commands"},
     "rich": {"commands"},
-    "tomlkit": {"rig", "experiment"},
+    "tomlkit": {"core", "rig", "experiment"},
 }
 
 
