@@ -22,6 +22,7 @@ REPORT := rotorid-demo.html
 PAPER := rotorid-demo-paper.html
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV PIP_TARGET PIP_PREFIX PIP_USER
+unexport PYTHONDONTWRITEBYTECODE  # with it each process compiles the package and the tests anew
 export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1

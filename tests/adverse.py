@@ -5,8 +5,6 @@ response: samples come from matrices written down once more, so that a sign that
 places shows. The edits are in `adverse_edits`, the table of cases in `adverse_cases`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any

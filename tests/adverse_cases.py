@@ -1,7 +1,5 @@
 """The table of adverse records: what was done, to which machines, and what it must be called."""
 
-from __future__ import annotations
-
 import numpy as np
 from adverse import FUNDAMENTAL, RATE, TURN, Case
 from adverse_edits import (

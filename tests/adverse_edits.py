@@ -1,7 +1,5 @@
 """What is done to a record: to its plant, its samples, or what is said of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

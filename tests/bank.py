@@ -5,8 +5,6 @@ fulfils its equations to rounding. The physics is written a second time here, by
 nothing of the package computes the truth.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

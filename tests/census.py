@@ -1,7 +1,5 @@
 """The size and structure of the source in figures, each beside its budget: `make census`."""
 
-from __future__ import annotations
-
 import ast
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping

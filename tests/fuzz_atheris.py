@@ -12,8 +12,6 @@ The files tried start from the good ones of `fuzz_files.py` and from the corpus;
 new code are kept in `.fuzz`, and start the next run.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

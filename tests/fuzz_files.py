@@ -4,8 +4,6 @@ The record in all of them is one: a mass on a damper, four periods of twenty sam
 noise. It is short so that the structure of a file is a good part of its bytes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import io

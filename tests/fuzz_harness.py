@@ -6,8 +6,6 @@ hangs is a finding of the case it was at, and another takes up the rest. What mu
 case is in `faults_of`.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import gc
 import importlib

@@ -1,7 +1,5 @@
 """What damage does to a file: its bytes, its blocks, or the words of its text."""
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib

@@ -12,8 +12,6 @@ The exit code is 1 where something was found. Without `--seed`, files are drawn 
 that every commit draws others, and the same commit the same; where there is none, always the same.
 """
 
-from __future__ import annotations
-
 import argparse
 import collections
 import json

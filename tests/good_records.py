@@ -8,8 +8,6 @@ quarter of its value at the truth. Of a random rotor of four sensors, driven wea
 40 has: I_t +- 222 %, or k1 +- 54 %, which is to be refused rather than called ok.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """Files of samples, each written by the library of its format."""
 
-from __future__ import annotations
-
 import gc
 import warnings
 from collections.abc import Callable, Mapping

@@ -6,8 +6,6 @@
 The tools of the tests themselves are left as they are.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

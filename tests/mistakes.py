@@ -5,8 +5,6 @@ suspect, one that the first warning tells with it, a check, a warning or the ref
 its words.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

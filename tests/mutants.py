@@ -8,8 +8,6 @@ with a change that no test notices is printed: a decision that anyone could alte
 about half a minute for each constant, so it is run over what has changed, not in CI.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import os

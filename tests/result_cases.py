@@ -4,8 +4,6 @@ Lines are made with numpy alone, and what should come out is in closed form or b
 than the package's own: the loop's sensitivity by rotor, hold and controller.
 """
 
-from __future__ import annotations
-
 import functools
 import tempfile
 from collections import deque
@@ -32,7 +30,7 @@ from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.knowledge import Knowledge
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import critical_speeds
-from rotorid.results.sensitivity import zone_of
+from rotorid.results.sensitivity import AxisSensitivity, zone_of
 from rotorid.rig.rig import Rig, excitation_table
 from rotorid.signals.multisine import Multisine
 from rotorid.testing import bind_all
@@ -347,7 +345,7 @@ class Graded:
     interval: tuple[float, float]
 
     @classmethod
-    def of(cls, peak: float, axis: rid.AxisSensitivity) -> Graded:
+    def of(cls, peak: float, axis: AxisSensitivity) -> "Graded":
         """Hold what was found against the peak."""
         return cls(peak, axis.peak, axis.interval)
 

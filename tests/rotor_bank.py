@@ -3,8 +3,6 @@
 Nothing here uses the project's own response, so that a sign or a scale wrong in both places shows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Notes by what they do to an answer."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from rotorid import Note, Suspect

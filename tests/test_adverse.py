@@ -43,7 +43,7 @@ NAMED = 2
 STILL_MISCALLED = {"a spring that stiffens": 1}
 
 
-def test_the_bank_is_large_and_says_each_thing_once() -> None:
+def test_the_bank_is_large_and_says_each_thing_once():
     assert len(CASES) >= 100
     assert len({case.what for case in CASES}) == len(CASES)
     assert {case.what for case in CASES} >= set().union(*ALIKE)
@@ -54,7 +54,7 @@ SAMPLED = CASES[::8]
 
 
 @pytest.mark.parametrize("case", SAMPLED, ids=[case.what for case in SAMPLED])
-def test_what_one_record_is_called(case: Case) -> None:
+def test_what_one_record_is_called(case):
     found = case.run(0, leads=False)
     assert case.holds(found, leads=False), found
 
@@ -75,7 +75,7 @@ def far_off(found: list[Outcome]) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=[case.what for case in CASES])
-def test_no_wrong_answer_is_ever_called_ok(case: Case) -> None:
+def test_no_wrong_answer_is_ever_called_ok(case):
     found: dict[int, Outcome] = {}
     for seed in range(records_of(case)):
         if seed == FIRST and case.by_misfit and far_off([*found.values()]):
@@ -92,7 +92,7 @@ NAMED_CASES = [case for case in CASES if case.by_leads]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", NAMED_CASES, ids=[case.what for case in NAMED_CASES])
-def test_a_lead_names_it(case: Case) -> None:
+def test_a_lead_names_it(case):
     for seed in range(NAMED):
         found = case.run(100 + seed)
         assert case.holds(found), found

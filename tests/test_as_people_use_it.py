@@ -2,7 +2,6 @@
 
 import re
 from base64 import b64decode
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ LINES = [1, 3, 5, 7, 9, 11]
 
 
 @pytest.fixture(scope="module")
-def record() -> rid.Record:
+def record():
     """Two seconds of the shipped rig."""
     return load_rig("three-mass").rig.run(2.0, np.random.default_rng(1))
 
@@ -26,7 +25,7 @@ def same_answer(one: rid.Estimate, other: rid.Estimate) -> bool:
     ]
 
 
-def test_texts_stand_wherever_numbers_may(record: rid.Record) -> None:
+def test_texts_stand_wherever_numbers_may(record):
     model = rid.load_model("three-mass")
     by_text = rid.average(record, "20 Hz", harmonics=LINES, skip="500 ms")
     assert by_text == rid.average(record, 20.0, harmonics=LINES, skip=0.5)
@@ -56,7 +55,7 @@ def test_texts_stand_wherever_numbers_may(record: rid.Record) -> None:
     assert same_answer(*batch)
 
 
-def test_texts_of_records_spectra_and_plans() -> None:
+def test_texts_of_records_spectra_and_plans():
     rng = np.random.default_rng(1)
     channels = [rid.Channel("r"), rid.Channel("x")]
     samples = rng.standard_normal((4000, 2))
@@ -93,7 +92,7 @@ def test_texts_of_records_spectra_and_plans() -> None:
         (lambda: solved(rid.Constraint("m1 + L1", "2 kg")), "converts to kg"),
     ],
 )
-def test_a_wrong_text_says_what_was_expected(wrong, message: str) -> None:
+def test_a_wrong_text_says_what_was_expected(wrong, message):
     with pytest.raises(rid.InputError, match=message):
         wrong()
 
@@ -103,7 +102,7 @@ def solved(constraint: rid.Constraint) -> object:
     return rid.MaximumLikelihood(constraints=(constraint,)).knowledge(model)
 
 
-def test_an_experiment_file_runs_from_python(tmp_path: Path) -> None:
+def test_an_experiment_file_runs_from_python(tmp_path):
     from rotorid.cli import run
 
     assert run(["simulate", "three-mass", "--out", str(tmp_path / "run.h5"), "--quiet"]) == 0
@@ -118,7 +117,7 @@ def test_an_experiment_file_runs_from_python(tmp_path: Path) -> None:
     assert abs(frame.loc["m2", "value"] - 11.322) < 4 * frame.loc["m2", "std"]
 
 
-def test_what_refuses_an_experiment_names_its_file(tmp_path: Path) -> None:
+def test_what_refuses_an_experiment_names_its_file(tmp_path):
     (tmp_path / "run.toml").write_text(
         'model = "jeffcott"\n[[modes]]\nfrequency = "70 Hz"\nstd = "0.1 Hz"\n'
     )
@@ -128,7 +127,7 @@ def test_what_refuses_an_experiment_names_its_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_values_show_themselves(record: rid.Record) -> None:
+def test_values_show_themselves(record):
     """A repr fits a screen; a notebook gets tables, and no name of a user becomes a tag."""
     model = rid.load_model("three-mass")
     for value in (record, model, rid.average(record, "20 Hz", harmonics=LINES)):
@@ -143,7 +142,7 @@ def test_values_show_themselves(record: rid.Record) -> None:
 
 
 @pytest.mark.slow
-def test_records_draw_themselves_in_a_notebook(record: rid.Record) -> None:
+def test_records_draw_themselves_in_a_notebook(record):
     """A picture within the page, and not too large a one, however many channels there are."""
     wide = rid.Record(
         [rid.Channel(f"c{k}") for k in range(40)],

@@ -284,12 +284,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_one_line_and_nothing_written(
-    case: Case,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_one_line_and_nothing_written(case, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     case.write(tmp_path)
     before = sorted(tmp_path.iterdir())
@@ -308,7 +303,7 @@ def test_one_line_and_nothing_written(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_the_good_files_are_good(tmp_path: Path) -> None:
+def test_the_good_files_are_good(tmp_path):
     """What the cases change is what is wrong with them."""
     Case("").write(tmp_path)
     target = tmp_path / "result.json"
@@ -318,13 +313,7 @@ def test_the_good_files_are_good(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("target", ["run.csv", "model.toml", "experiment.toml"])
 @pytest.mark.parametrize("option", ["--json", "--report"])
-def test_no_input_is_written_over(
-    target: str,
-    option: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_no_input_is_written_over(target, option, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Case("").write(tmp_path)
     before = (tmp_path / target).read_bytes()
@@ -338,9 +327,7 @@ def test_no_input_is_written_over(
     assert (tmp_path / target).read_bytes() == before
 
 
-def test_two_outputs_need_two_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_outputs_need_two_files(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Case("").write(tmp_path)
     assert run(["identify", "experiment.toml", "--json", "a", "--report", "./a"]) == 2
@@ -348,9 +335,7 @@ def test_two_outputs_need_two_files(
     assert not (tmp_path / "a").exists()
 
 
-def test_damaged_hdf5(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_hdf5(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with h5py.File(tmp_path / "run.h5", "w") as data:
         for name, column in COLUMNS.items():
@@ -374,13 +359,7 @@ def test_damaged_hdf5(
         ("[" * 100_000, "no JSON"),
     ],
 )
-def test_results_that_are_none(
-    content: str,
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_results_that_are_none(content, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Case("").write(tmp_path)
     (tmp_path / "result.json").write_text(content)
@@ -391,9 +370,7 @@ def test_results_that_are_none(
     assert re.search(message, line)
 
 
-def test_a_result_of_another_model(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_of_another_model(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Case("").write(tmp_path)
     assert run(["identify", "experiment.toml", "--json", "result.json"]) == 0

@@ -23,7 +23,7 @@ from rotorid.core.tables import table
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """A working folder with a noisy record and its experiment file."""
     write_record(tmp_path)
     (tmp_path / "run.toml").write_text(EXPERIMENT)
@@ -31,7 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_identify(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_identify(folder, capsys):
     options = ["--method", "batch", "--json", "run.json"]
     assert cli.run(["identify", "run.toml", *options]) == 0
     printed = capsys.readouterr()
@@ -50,9 +50,7 @@ def test_identify(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert str(estimate).splitlines() == shown
 
 
-def test_maximum_likelihood_is_the_default(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_maximum_likelihood_is_the_default(folder, capsys):
     """Where the model is linear; few periods are said, and nothing stands in for it."""
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
     out = capsys.readouterr().out
@@ -71,14 +69,14 @@ def test_maximum_likelihood_is_the_default(
     assert "too few periods" in out
 
 
-def test_method_overrides_the_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_method_overrides_the_file(folder, capsys):
     (folder / "run.toml").write_text(EXPERIMENT + '[estimator]\nmethod = "sequential"\n')
     for options, method in (([], "sequential"), (["--method", "ls"], "ls")):
         assert cli.run(["identify", "run.toml", *options]) == 0
         assert f"jeffcott, {method}: ok" in capsys.readouterr().out
 
 
-def test_validate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_validate(folder, capsys):
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
     entry = EXPERIMENT[EXPERIMENT.index("[[records]]") : EXPERIMENT.index("[chan")]
     halves = entry + 'until = "1 s"\n' + entry + 'skip = "1 s"\n'
@@ -101,7 +99,7 @@ def test_validate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert all(line.endswith("predicted") for line in both)
 
 
-def test_a_result_of_another_model(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_result_of_another_model(folder, capsys):
     """Its parameters may have the same names, and its equations be others."""
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
     (folder / "other.toml").write_text(rid.load_model("jeffcott").file_text)
@@ -112,7 +110,7 @@ def test_a_result_of_another_model(folder: Path, capsys: pytest.CaptureFixture[s
     assert "run.json: found a result of the model 'jeffcott'; expected one of 'other'" in told
 
 
-def test_three_mass_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+def test_three_mass_in_words(capsys):
     assert cli.run(["models"]) == 0
     listed = capsys.readouterr().out
     assert [line.split()[0] for line in listed.splitlines()[1:]] == list(rid.shipped_models())
@@ -127,7 +125,7 @@ def test_three_mass_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     assert "3: m2*xi*Omega^2*cos(phi) - m2*zeta*Omega^2*sin(phi)" in printed
 
 
-def test_a_model_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_model_file(folder, capsys):
     (folder / "mine.toml").write_text(
         'title = "friction"\nequations = ["m*q\'\' + mu*sign(q\') = F"]\n'
         'coordinates = { q = "mm" }\ninputs = { F = "N" }\n'
@@ -143,7 +141,7 @@ def test_a_model_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "not linear in the coordinates" in printed
 
 
-def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_demo(tmp_path, capsys):
     target = tmp_path / "demo.json"
     machine = tmp_path / "machine.html"
     options = ["--json", str(target), "--machine", str(machine)]
@@ -182,9 +180,7 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ("not_converged", [], 1),
     ],
 )
-def test_exit_codes_and_results(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, status: str, options: list[str], code: int
-) -> None:
+def test_exit_codes_and_results(folder, monkeypatch, status, options, code):
     """The result is written with its status, whatever it is."""
     estimate = rid.Estimate("jeffcott", "ls", status, (Value("m", "kg", 1.0, 0.1),))
     monkeypatch.setattr(commands.identify, "identify", lambda *_: estimate)
@@ -215,9 +211,7 @@ def test_exit_codes_and_results(
         ["--frob"],
     ],
 )
-def test_wrong_usage_is_one_line(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_wrong_usage_is_one_line(folder, capsys, arguments):
     before = sorted(folder.iterdir())
     assert cli.run(arguments) == 2
     printed = capsys.readouterr()
@@ -226,7 +220,7 @@ def test_wrong_usage_is_one_line(
     assert sorted(folder.iterdir()) == before
 
 
-def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_and_version(capsys):
     for arguments in (["--help"], ["identify", "-h"], ["--version"]):
         assert cli.run(arguments) == 0
     printed = capsys.readouterr()
@@ -235,14 +229,12 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("command", sorted(cli.cli.commands))
-def test_every_command_helps_with_an_example(
-    command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_helps_with_an_example(command, capsys):
     assert cli.run([command, "--help"]) == 0
     assert f"Example:\n    rotorid {command}" in capsys.readouterr().out
 
 
-def test_json_to_the_standard_output(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_to_the_standard_output(folder, capsys):
     """Nothing else is there; files that are asked for besides are written."""
     options = ["--method", "batch", "--json", "-", "--report", "run.html"]
     assert cli.run(["identify", "run.toml", *options]) == 0
@@ -255,7 +247,7 @@ def test_json_to_the_standard_output(folder: Path, capsys: pytest.CaptureFixture
     assert json.loads(capsys.readouterr().out)["verdict"] in ("ok", "note")
 
 
-def test_quiet(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quiet(folder, capsys):
     for arguments in (["identify", "run.toml", "-q"], ["inspect", "run.toml", "--quiet"]):
         assert cli.run(arguments) == 0
         assert capsys.readouterr() == ("", "")
@@ -263,7 +255,7 @@ def test_quiet(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "none.toml" in capsys.readouterr().err
 
 
-def test_intervals(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_intervals(folder, capsys):
     assert cli.run(["identify", "run.toml", "--intervals"]) == 0
     assert "95 % from" in capsys.readouterr().out
 
@@ -279,9 +271,7 @@ def test_intervals(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ("rotorid ex", "plain,export"),
     ],
 )
-def test_completion(
-    words: str, offered: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_completion(words, offered, monkeypatch, capsys):
     monkeypatch.setenv("_ROTORID_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
@@ -290,15 +280,13 @@ def test_completion(
     assert offered in capsys.readouterr().out.splitlines()
 
 
-def test_debug_shows_the_traceback(folder: Path) -> None:
+def test_debug_shows_the_traceback(folder):
     for arguments in (["identify", "none.toml", "--debug"], ["--debug", "identify", "none.toml"]):
         with pytest.raises(rid.InputError, match=r"none\.toml"):
             cli.run(arguments)
 
 
-def test_a_fault_of_the_program_is_one_line(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fault_of_the_program_is_one_line(folder, monkeypatch, capsys):
     monkeypatch.setattr(commands.identify, "identify", lambda *_: 1 / 0)
     assert cli.run(["identify", "run.toml"]) == 1
     (line,) = capsys.readouterr().err.splitlines()
@@ -310,7 +298,7 @@ def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "rotorid", *arguments]
 
 
-def test_a_closed_pipe_is_no_fault(folder: Path) -> None:
+def test_a_closed_pipe_is_no_fault(folder):
     reading, writing = os.pipe()
     os.close(reading)
     process = subprocess.run(command("models", "jeffcott"), stdout=writing, stderr=subprocess.PIPE)
@@ -319,9 +307,7 @@ def test_a_closed_pipe_is_no_fault(folder: Path) -> None:
     assert process.stderr == b""
 
 
-def test_an_interrupt_is_one_line_and_no_file(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupt_is_one_line_and_no_file(folder, monkeypatch, capsys):
     def interrupt(*_: object, **__: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
@@ -339,14 +325,14 @@ def test_an_interrupt_is_one_line_and_no_file(
 
 
 @pytest.mark.slow
-def test_silent_in_a_pipe(folder: Path) -> None:
+def test_silent_in_a_pipe(folder):
     process = subprocess.run(command("identify", "run.toml"), capture_output=True, check=True)
     assert process.stderr == b""
     assert b"\x1b" not in process.stdout
     assert process.stdout.decode("ascii").startswith("jeffcott, ml: ok")
 
 
-def test_a_result_says_where_it_comes_from(folder: Path) -> None:
+def test_a_result_says_where_it_comes_from(folder):
     command_line = ["identify", "run.toml", "--method", "ls", "--json", "run.json"]
     assert cli.run(command_line) == 0
     found = rid.load_estimate("run.json").provenance
@@ -360,7 +346,7 @@ def test_a_result_says_where_it_comes_from(folder: Path) -> None:
     }
 
 
-def test_what_a_record_is_read_with_is_an_input(folder: Path) -> None:
+def test_what_a_record_is_read_with_is_an_input(folder):
     """The record that tells the noise, and tables of amplifiers: written over by nobody."""
     (folder / "quiet.csv").write_text((folder / "run.csv").read_text())
     rows = "".join(f"{f},1,{-f / 10}\n" for f in range(0, 999, 9))
@@ -381,7 +367,7 @@ def test_what_a_record_is_read_with_is_an_input(folder: Path) -> None:
     assert (folder / "quiet.csv").read_bytes() == kept
 
 
-def test_files_of_holes_are_not_hashed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_of_holes_are_not_hashed(tmp_path, monkeypatch):
     path = tmp_path / "run.h5"
     path.write_bytes(b"small")
     assert source_of(path).sha256 == hashlib.sha256(b"small").hexdigest()
@@ -396,7 +382,7 @@ def test_files_of_holes_are_not_hashed(tmp_path: Path, monkeypatch: pytest.Monke
     assert source_of(path).sha256 == ""
 
 
-def test_the_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_report_again(folder, capsys):
     """The same page from the result alone, its data files gone."""
     options = ["--method", "batch", "--json", "run.json", "--report", "first.html"]
     assert cli.run(["identify", "run.toml", *options]) == 0
@@ -411,9 +397,7 @@ def test_the_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> N
         assert text in html
 
 
-def test_the_report_of_a_result_made_in_python(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_report_of_a_result_made_in_python(folder, capsys):
     rid.Estimate("jeffcott", "ls", "ok", (Value("m", "kg", 1.0, 0.1),)).save("bare.json")
     assert cli.run(["report", "bare.json"]) == 0
     assert "holds no evidence of its records" in capsys.readouterr().out
@@ -421,7 +405,7 @@ def test_the_report_of_a_result_made_in_python(
 
 
 @pytest.mark.parametrize("ending", [".pdf", ".HTMLX", ".json"])
-def test_a_report_is_a_page(folder: Path, capsys: pytest.CaptureFixture[str], ending: str) -> None:
+def test_a_report_is_a_page(folder, capsys, ending):
     for command in (["identify", "run.toml"], ["inspect", "run.toml"], ["demo", "--runs", "1"]):
         assert cli.run([*command, "--report", f"a{ending}"]) == 2
         told = capsys.readouterr().err
@@ -432,9 +416,7 @@ def test_a_report_is_a_page(folder: Path, capsys: pytest.CaptureFixture[str], en
     assert cli.run(["identify", "run.toml", "--method", "ls", "--report", "a.HTM"]) == 0
 
 
-def test_what_fails_for_a_report_takes_no_answer_with_it(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_fails_for_a_report_takes_no_answer_with_it(folder, monkeypatch, capsys):
     from rotorid.results import evidence
 
     def broken(*_: object) -> None:
@@ -447,7 +429,7 @@ def test_what_fails_for_a_report_takes_no_answer_with_it(
 
 
 @pytest.mark.parametrize("ending", [".csv", ".mat", ".tex", ".CSV"])
-def test_export(folder: Path, capsys: pytest.CaptureFixture[str], ending: str) -> None:
+def test_export(folder, capsys, ending):
     assert cli.run(["identify", "run.toml", "--method", "batch", "--json", "run.json"]) == 0
     capsys.readouterr()
     assert cli.run(["export", "run.json", "--to", f"out{ending}"]) == 0
@@ -457,7 +439,7 @@ def test_export(folder: Path, capsys: pytest.CaptureFixture[str], ending: str) -
     assert (folder / f"out{ending}").stat().st_size > 100
 
 
-def test_a_validation_that_fails(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_validation_that_fails(folder, capsys):
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
     wrong = json.loads((folder / "run.json").read_text())
     for value in wrong["parameters"]:
@@ -472,7 +454,7 @@ def test_a_validation_that_fails(folder: Path, capsys: pytest.CaptureFixture[str
     assert json.loads((folder / "validation.json").read_text())["verdict"] == "fails"
 
 
-def test_validate_writes_what_it_shows(folder: Path) -> None:
+def test_validate_writes_what_it_shows(folder):
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
     outputs = ["--json", "validation.json", "--report", "validation.html"]
     assert cli.run(["validate", "run.json", "run.toml", *outputs]) == 0
@@ -501,9 +483,7 @@ def test_validate_writes_what_it_shows(folder: Path) -> None:
         ["validate", "run.json", "run.toml", "--json", "run.json"],
     ],
 )
-def test_outputs_never_replace_inputs(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_outputs_never_replace_inputs(folder, capsys, arguments):
     assert cli.run(["identify", "run.toml", "--method", "ls", "--json", "run.json"]) == 0
     capsys.readouterr()
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -523,9 +503,7 @@ def test_outputs_never_replace_inputs(
         ["identify", "run.toml", "--json", "run.csv"],
     ],
 )
-def test_not_even_force_replaces_what_is_read(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_not_even_force_replaces_what_is_read(folder, capsys, arguments):
     (folder / "draft.toml").write_text('model = "?"\n[[records]]\nfile = "run.csv"\n')
     (folder / "link.csv").symlink_to("run.csv")
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -537,7 +515,7 @@ def test_not_even_force_replaces_what_is_read(
 
 
 @pytest.mark.parametrize("file", ["/dev/zero", ".", "none.toml", "a\0b", "x" * 5000])
-def test_a_report_reads_nothing_that_is_no_file(folder: Path, file: str) -> None:
+def test_a_report_reads_nothing_that_is_no_file(folder, file):
     source = rid.Provenance((SourceFile(file, "00"),), "", "0.1", "")
     found = rid.Estimate("jeffcott", "ls", "ok", (Value("m", "kg", 1.0, 0.1),), provenance=source)
     found.save("odd.json")
@@ -548,8 +526,8 @@ def test_a_report_reads_nothing_that_is_no_file(folder: Path, file: str) -> None
 @pytest.mark.parametrize(("said", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])
 @pytest.mark.parametrize("width", [80, 120, 200])
 def test_a_terminal_is_filled_and_coloured_unless_it_is_not_to_be(
-    monkeypatch: pytest.MonkeyPatch, said: dict[str, str], coloured: bool, width: int
-) -> None:
+    monkeypatch, said, coloured, width
+):
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("COLUMNS", str(width))
     for name, value in said.items():

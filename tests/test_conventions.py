@@ -50,14 +50,14 @@ def methods() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", sorted({**FUNCTIONS, **CLASSES, **methods()}))
-def test_documented_parameters_exist(name: str) -> None:
+def test_documented_parameters_exist(name):
     found = {**FUNCTIONS, **CLASSES, **methods()}[name]
     told = described(sections(found).get("Parameters", ""))
     assert set(told) <= set(parameters(found)), "described, but not there"
 
 
 @pytest.mark.parametrize("name", sorted({**FUNCTIONS, **CLASSES}))
-def test_every_parameter_is_documented(name: str) -> None:
+def test_every_parameter_is_documented(name):
     found = PUBLIC[name]
     parts = sections(found)
     if is_dataclass(found) and len(fields(found)) <= 4 and "Parameters" not in parts:
@@ -70,7 +70,7 @@ def test_every_parameter_is_documented(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(FUNCTIONS))
-def test_public_functions_are_documented_in_full(name: str) -> None:
+def test_public_functions_are_documented_in_full(name):
     parts = sections(FUNCTIONS[name])
     assert len(parts[""].strip().splitlines()[0]) <= 100
     assert "Returns" in parts or inspect.signature(FUNCTIONS[name]).return_annotation == "None"
@@ -79,7 +79,7 @@ def test_public_functions_are_documented_in_full(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", rid.__all__)
-def test_every_public_name_and_method_says_what_it_is(name: str) -> None:
+def test_every_public_name_and_method_says_what_it_is(name):
     found = PUBLIC[name]
     if not callable(found):
         return
@@ -94,18 +94,18 @@ def test_every_public_name_and_method_says_what_it_is(name: str) -> None:
             assert inspect.getdoc(value), f"{name}.{method}"
 
 
-def test_the_reference_page_holds_every_public_name_and_no_other() -> None:
+def test_the_reference_page_holds_every_public_name_and_no_other():
     text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| `rid\.(\w+)` \| (.*) \|$", text, re.M))
     first = {name: (inspect.getdoc(found) or "").splitlines()[0] for name, found in PUBLIC.items()}
     assert rows == {name: line.replace("|", "\\|") for name, line in first.items()}
 
 
-def test_about_fifty_names_are_public() -> None:
+def test_about_fifty_names_are_public():
     assert 35 <= len(rid.__all__) <= 60
 
 
-def test_pages_that_are_named_are_shipped() -> None:
+def test_pages_that_are_named_are_shipped():
     pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")]
     shipped = {page.name for page in pages}
     for source in [*ROOT.glob("src/**/*.py"), *ROOT.glob("src/**/*.toml")]:
@@ -113,7 +113,7 @@ def test_pages_that_are_named_are_shipped() -> None:
         assert named <= shipped, source.name
 
 
-def test_the_map_is_right() -> None:
+def test_the_map_is_right():
     """CONTRIBUTING names every part of the package, and nothing that is not there."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     source = ROOT / "src" / "rotorid"
@@ -126,7 +126,7 @@ def test_the_map_is_right() -> None:
     assert not parts - told - {"demo"}
 
 
-def test_what_a_newcomer_looks_for_is_found_in_one_search() -> None:
+def test_what_a_newcomer_looks_for_is_found_in_one_search():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     table = text[text.index("Where is ...?") :].split("\n\n")[1]
     searches = re.findall(r"^\| .+ \| `(.+)` \|$", table, re.M)
@@ -145,7 +145,7 @@ LONGER = {
 }
 
 
-def test_functions_fit_a_screen() -> None:
+def test_functions_fit_a_screen():
     found = {}
     for file, node in nodes(ast.FunctionDef):
         body = node.body[bool(ast.get_docstring(node)) and len(node.body) > 1 :]
@@ -155,12 +155,12 @@ def test_functions_fit_a_screen() -> None:
     assert found.keys() == LONGER.keys(), found
 
 
-def test_a_class_name_means_one_thing() -> None:
+def test_a_class_name_means_one_thing():
     names = [node.name for _, node in nodes(ast.ClassDef) if not node.name.startswith("_")]
     assert len(set(names)) == len(names), {name for name in names if names.count(name) > 1}
 
 
-def test_cures_say_what_to_do() -> None:
+def test_cures_say_what_to_do():
     """No message ends in "correct it": whoever could do that would have done it."""
     empty = re.compile(r"\bcorrect (?:it|its|them|the|this|what)\b")
     texts = ((file, node) for file, node in nodes(ast.Constant) if isinstance(node.value, str))

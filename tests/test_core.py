@@ -1,7 +1,5 @@
 """What everything else stands on: TOML, tables, text on a screen, values, tails, units."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import copy
@@ -9,7 +7,6 @@ import math
 import pickle
 import tomllib
 from dataclasses import FrozenInstanceError, dataclass, field, fields, replace
-from pathlib import Path
 from typing import Any
 
 import h5py
@@ -59,7 +56,7 @@ class File(Schema):
     title: str = ""
 
 
-def test_a_file_of_a_million_bytes_is_read_and_one_of_more_is_not(tmp_path: Path) -> None:
+def test_a_file_of_a_million_bytes_is_read_and_one_of_more_is_not(tmp_path):
     path = tmp_path / "long.toml"
     text = 'title = "a"\n#'
     path.write_text(text.ljust(1_000_000, "#"))
@@ -69,7 +66,7 @@ def test_a_file_of_a_million_bytes_is_read_and_one_of_more_is_not(tmp_path: Path
         read_toml(path, File)
 
 
-def test_a_key_of_32_parts_is_read_and_of_33_is_not() -> None:
+def test_a_key_of_32_parts_is_read_and_of_33_is_not():
     with pytest.raises(ReadError, match="unknown key 'a'"):
         parse_toml(b".".join([b"a"] * 32) + b" = 1", File)
     with pytest.raises(ReadError, match="a key of more than 32 parts"):
@@ -102,7 +99,7 @@ def test_a_key_of_32_parts_is_read_and_of_33_is_not() -> None:
         ("title = " + "9" * 5000, "a number of more than 400 digits.*with fewer digits"),
     ],
 )
-def test_faults_are_one_line_with_place_and_cure(text: str, message: str) -> None:
+def test_faults_are_one_line_with_place_and_cure(text, message):
     with pytest.raises(ReadError, match=message) as found:
         parse_toml(text.encode(), File, file="a.toml")
     assert str(found.value).startswith("a.toml: ")
@@ -176,21 +173,21 @@ EVIL = "\nevil = 1\n#\x1b[2J\u202e"
 
 
 @given(st.text())
-def test_what_is_shown_is_printable(text: str) -> None:
+def test_what_is_shown_is_printable(text):
     assert printable(text).isprintable()
     assert printable(text) == text or not text.isprintable()
     assert one_line(text).isprintable()
     assert page_text([text, table([text, "b"], [[text, text]])]).replace("\n", "").isprintable()
 
 
-def test_escapes_are_python_s() -> None:
+def test_escapes_are_python_s():
     assert printable("a\x1b[31mb\u202ec\udcffd\n") == "a\\x1b[31mb\\u202ec\\udcffd\\n"
     assert printable("µ 日 é\n", keep="\n") == "µ 日 é\n"
     assert one_line(" a \n b ") == "a b"
 
 
 @pytest.mark.parametrize("most", [PART, LINE, CELL, SENTENCE])
-def test_long_texts_keep_both_ends(most: int) -> None:
+def test_long_texts_keep_both_ends(most):
     text = "begin" + "\x1b" * 200_000 + "end"
     assert len(one_line(text, most)) == most
     assert one_line(text, most).startswith("begin\\x1b")
@@ -199,21 +196,21 @@ def test_long_texts_keep_both_ends(most: int) -> None:
     assert " ... " in shortened("x" * (most + 1), most)
 
 
-def test_the_cure_is_never_cut_away() -> None:
+def test_the_cure_is_never_cut_away():
     long = "y" * 200_000
     told = str(InputError(long, long, "write it otherwise", file=long, place=long))
     assert told.endswith("; write it otherwise")
     assert len(told) < 5 * (PART + 20)
 
 
-def test_cells_and_sentences_are_cut() -> None:
+def test_cells_and_sentences_are_cut():
     shown = page_text(["z" * 200_000, table(["w" * 200_000, "b"], [["v" * 200_000, "1"]])])
     assert max(map(len, shown.splitlines())) <= SENTENCE
     assert len(shown) < SENTENCE + 4 * CELL
 
 
 @pytest.fixture
-def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def hostile(tmp_path, monkeypatch):
     """A record whose names hold newlines, escape sequences and marks of direction."""
     make(tmp_path)
     samples = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)
@@ -230,9 +227,7 @@ def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("model", [[], ["--model", "jeffcott"]])
-def test_no_name_of_a_column_writes_a_key(
-    hostile: Path, capsys: pytest.CaptureFixture[str], model: list[str]
-) -> None:
+def test_no_name_of_a_column_writes_a_key(hostile, capsys, model):
     assert cli.run(["new", "evil.h5", *model, "--out", "draft.toml"]) == 0
     text = (hostile / "draft.toml").read_text()
     assert text.replace("\n", "").isprintable()
@@ -243,9 +238,7 @@ def test_no_name_of_a_column_writes_a_key(
     assert capsys.readouterr().out.replace("\n", "").isprintable()
 
 
-def test_no_title_or_name_of_a_rig_writes_a_key(
-    hostile: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_title_or_name_of_a_rig_writes_a_key(hostile, capsys):
     lines = (hostile / "rig.toml").read_text().splitlines()
     lines[0] = 'title = "a\\nevil = 1\\u001b[2J\\u202e"'
     rig = "a\nevil = 1\n#\x1b[2J.toml"
@@ -456,7 +449,7 @@ def test_the_methods_are_shared():
 
 @pytest.mark.parametrize(("first", "second"), [(1, 7), (2, 9), (2, 518), (8, 30)])
 @pytest.mark.parametrize("chance", [0.4, 1e-3, 1e-9])
-def test_a_limit_is_exceeded_with_its_chance(first: int, second: int, chance: float) -> None:
+def test_a_limit_is_exceeded_with_its_chance(first, second, chance):
     assert f_tail(f_limit(chance, first, second), first, second) == pytest.approx(chance, rel=1e-9)
 
 
@@ -489,7 +482,7 @@ def test_a_limit_is_exceeded_with_its_chance(first: int, second: int, chance: fl
         (3, "1", 3.0),
     ],
 )
-def test_quantities(text: object, unit: str, value: float) -> None:
+def test_quantities(text, unit, value):
     assert to_si(text, unit) == pytest.approx(value, rel=1e-14)
 
 
@@ -520,7 +513,7 @@ def test_quantities(text: object, unit: str, value: float) -> None:
         ("3 " + "(" * 30 + "m" + ")" * 29, "m", "((("),
     ],
 )
-def test_refused_quantities(text: object, unit: str, found: str) -> None:
+def test_refused_quantities(text, unit, found):
     with pytest.raises(InputError, match="expected") as caught:
         to_si(text, unit, place="records.0.speed")
     assert found in caught.value.found
@@ -551,13 +544,13 @@ def test_refused_quantities(text: object, unit: str, found: str) -> None:
         ("pound_force", "N", 4.4482216152605),
     ],
 )
-def test_declared_units(declared: str, si: str, factor: float) -> None:
+def test_declared_units(declared, si, factor):
     assert check_unit(declared) == si
     assert si_factor(declared) == pytest.approx(factor, rel=1e-14)
 
 
 @pytest.mark.parametrize("text", ["", " ", "kgg", "m/", "2 m", "m^0.5", "degC"])
-def test_refused_units(text: str) -> None:
+def test_refused_units(text):
     with pytest.raises(InputError, match="a unit such as"):
         check_unit(text)
 
@@ -581,7 +574,7 @@ def test_refused_units(text: str) -> None:
         ([("Nm", 1), ("m", -1)], "N"),
     ],
 )
-def test_products(factors: list[tuple[str, int]], unit: str) -> None:
+def test_products(factors, unit):
     assert multiply_units(factors) == unit
 
 
@@ -589,7 +582,7 @@ _UNITS = st.sampled_from(["kg", "m", "s", "N", "N/m", "N s/m", "kg m^2", "A", "V
 
 
 @given(st.lists(st.tuples(_UNITS, st.integers(-3, 3)), max_size=5))
-def test_products_keep_the_dimension(factors: list[tuple[str, int]]) -> None:
+def test_products_keep_the_dimension(factors):
     """The text of a product parses, and converts to the product with factor 1."""
     product = " * ".join(f"({unit})^{power}" for unit, power in factors if power) or "1"
     if len(product) <= 64:
@@ -597,13 +590,13 @@ def test_products_keep_the_dimension(factors: list[tuple[str, int]]) -> None:
 
 
 @given(st.text(max_size=80))
-def test_any_text_is_a_unit_or_an_input_error(text: str) -> None:
+def test_any_text_is_a_unit_or_an_input_error(text):
     with contextlib.suppress(InputError):
         assert si_factor(text) > 0
 
 
 @given(st.floats(-1e12, 1e12), st.sampled_from(["um", "mm", "m", "km", "inch"]))
-def test_quantities_as_written(number: float, unit: str) -> None:
+def test_quantities_as_written(number, unit):
     assert to_si(f"{number!r} {unit}", "m") == pytest.approx(number * si_factor(unit), rel=1e-12)
 
 
@@ -635,7 +628,7 @@ REFUSED = {"krad", "Mrad", "grad", "Grad", "Gs"}
 @pytest.mark.parametrize(
     "form", ["{}", "{}^2", "1/{}", "kg {}/(s^2 A)", "N * m**2/{}", "({} m)^-2"]
 )
-def test_the_table_of_units_says_what_pint_says(form: str, prefix: str) -> None:
+def test_the_table_of_units_says_what_pint_says(form, prefix):
     """Factor and dimension of each name, alone and in products."""
     names = [
         name for name in _table() if name.startswith(prefix) and name not in OTHERWISE | REFUSED
@@ -667,20 +660,20 @@ def test_the_table_of_units_says_what_pint_says(form: str, prefix: str) -> None:
         ("m^-2", "1/m^2"),
     ],
 )
-def test_products_are_read_from_left_to_right(text: str, expected: str) -> None:
+def test_products_are_read_from_left_to_right(text, expected):
     assert read_unit(text).atoms == read_unit(expected).atoms
 
 
 @pytest.mark.parametrize(
     "text", ["m//s", "m*/s", "/m", "m*", "()", "(m", "m)", "m^2^3", "^2", "m1"]
 )
-def test_what_is_no_product_is_refused(text: str) -> None:
+def test_what_is_no_product_is_refused(text):
     with pytest.raises(InputError, match=r"no product of units|unknown name"):
         si_factor(text)
 
 
 @pytest.mark.parametrize("text", ["h^99 h^99", "((h^99)^99)^99", "((um^-99)^99)^9", "Tm^99"])
-def test_what_no_number_holds_is_refused(text: str) -> None:
+def test_what_no_number_holds_is_refused(text):
     with pytest.raises(InputError, match="too large or too small"):
         si_factor(text)
 
@@ -688,7 +681,7 @@ def test_what_no_number_holds_is_refused(text: str) -> None:
 @pytest.mark.parametrize(
     ("unit", "factor"), [("rpm", 2 * math.pi / 60), ("kilohertz", 2e3 * math.pi)]
 )
-def test_quantities_of_pint_are_taken(unit: str, factor: float) -> None:
+def test_quantities_of_pint_are_taken(unit, factor):
     assert quantity(PINT.Quantity(3.0, unit), "rad/s") == pytest.approx(3 * factor)
     assert quantity(PINT.Quantity(3.0, "lbf/inch"), "N/m") == pytest.approx(3 * si_factor("lbf/in"))
     assert quantity(PINT.Quantity(3.0, "percent"), "1") == pytest.approx(0.03)
@@ -697,7 +690,7 @@ def test_quantities_of_pint_are_taken(unit: str, factor: float) -> None:
 
 
 @pytest.mark.parametrize("text", ["Nms", "Pas", "c", "alpha", "Ns/m"])
-def test_names_that_look_like_units_are_unknown(text: str) -> None:
+def test_names_that_look_like_units_are_unknown(text):
     """A plural of a product or a constant of nature is no unit of a rotor."""
     with pytest.raises(InputError, match="unknown name"):
         si_factor(text)
@@ -717,7 +710,7 @@ def test_names_that_look_like_units_are_unknown(text: str) -> None:
         ("140 Hz*deg", "turns in a second, times an angle"),
     ],
 )
-def test_names_that_are_mistaken(text: str, cure: str) -> None:
+def test_names_that_are_mistaken(text, cure):
     """German for degrees is no gigaradian, and no 400th of a turn either."""
     for expected in ("rad", "kg", "Hz", "rad/s"):
         with pytest.raises(InputError, match=cure):

@@ -55,25 +55,25 @@ BOUND = (
 
 
 @pytest.fixture(scope="module")
-def shown() -> DemoResult:
+def shown():
     """What ``rotorid demo`` runs."""
     return run_demo(60, rng=np.random.default_rng(2026))
 
 
 @pytest.fixture(scope="module")
-def demo() -> DemoResult:
+def demo():
     """A few of its records."""
     return run_demo(6, rng=np.random.default_rng(2026))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", REFERENCE)
-def test_rms_errors_agree_with_the_reference(shown: DemoResult, estimator: str) -> None:
+def test_rms_errors_agree_with_the_reference(shown, estimator):
     np.testing.assert_allclose(shown.rms(estimator), REFERENCE[estimator], rtol=0.35)
 
 
 @pytest.mark.slow
-def test_bound_agrees_with_the_reference(shown: DemoResult) -> None:
+def test_bound_agrees_with_the_reference(shown):
     np.testing.assert_allclose(shown.bound_percent, BOUND, rtol=0.015)
     assert (shown.rms("ml") < 1.35 * shown.bound_percent).all()
     for name in ("batch-100", "batch-10", "sequential", "ls"):
@@ -83,7 +83,7 @@ def test_bound_agrees_with_the_reference(shown: DemoResult) -> None:
 
 
 @pytest.mark.slow
-def test_ls_is_nearly_all_bias(shown: DemoResult) -> None:
+def test_ls_is_nearly_all_bias(shown):
     assert (shown.bias("ls") < 0).all()
     assert np.median(shown.bias("ls")) == pytest.approx(-1.2, abs=0.2)
     assert np.median(bias_share(shown, "ls")) > 0.6
@@ -92,7 +92,7 @@ def test_ls_is_nearly_all_bias(shown: DemoResult) -> None:
 
 
 @pytest.mark.slow
-def test_500_runs() -> None:
+def test_500_runs():
     """The paper's 56 errors are likely draws, and the deviations stated are those of the scatter.
 
     One test, so that the records are simulated once.
@@ -113,7 +113,7 @@ def test_500_runs() -> None:
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_exact_without_noise(estimator: str) -> None:
+def test_exact_without_noise(estimator):
     model = load_model("three-mass")
     periods = average(simulate_record(model), FUNDAMENTAL, harmonics=HARMONICS)
     estimate = identify(model, periods, ESTIMATORS[estimator])
@@ -122,7 +122,7 @@ def test_exact_without_noise(estimator: str) -> None:
     np.testing.assert_allclose(found, truth, rtol=1e-9)
 
 
-def test_forces_are_those_of_the_paper() -> None:
+def test_forces_are_those_of_the_paper():
     model = load_model("three-mass")
     t = np.arange(250) / 5000.0
     turns = [2 * np.pi * (20 + 40 * i) * t for i in range(6)]
@@ -134,19 +134,19 @@ def test_forces_are_those_of_the_paper() -> None:
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.base)
-def test_printed_truth_is_that_of_the_model(row) -> None:
+def test_printed_truth_is_that_of_the_model(row):
     model = load_model("three-mass")
     truth = model.base_values(model.values(model.nominal))[model.base.names.index(row.base)]
     assert truth * SPEED**row.speed_power == pytest.approx(row.true, rel=1e-4)
 
 
-def test_table_holds_every_base_parameter_once(demo: DemoResult) -> None:
+def test_table_holds_every_base_parameter_once(demo):
     assert sorted(row.base for row in TABLE) == sorted(demo.names)
     assert (*COLUMNS, "ml") == demo.estimators
 
 
 @pytest.mark.slow
-def test_records_depend_on_the_generator_alone() -> None:
+def test_records_depend_on_the_generator_alone():
     seen = []
     two = run_demo(2, rng=np.random.default_rng(5))
     with watched(lambda say, done=0, of=None: seen.append((done, of))):
@@ -158,12 +158,12 @@ def test_records_depend_on_the_generator_alone() -> None:
 
 
 @pytest.mark.parametrize("runs", [0, -3])
-def test_needs_a_run(runs: int) -> None:
+def test_needs_a_run(runs):
     with pytest.raises(InputError, match=f"found {runs} runs; expected one or more"):
         run_demo(runs, rng=np.random.default_rng(1))
 
 
-def test_written_figures(demo: DemoResult) -> None:
+def test_written_figures(demo):
     data = json.loads(json.dumps(demo.to_dict(), allow_nan=False))
     assert set(data) == {"runs", "noise", "estimators", "bound"}
     assert data["runs"] == 6
@@ -209,7 +209,7 @@ def imagined(demo: DemoResult, runs: int = 400, **spread: tuple[float, float]) -
         ({}, "times the standard deviation that each estimate states", "one record"),
     ],
 )
-def test_words_follow_the_figures(demo: DemoResult, spread, said: str, unsaid: str) -> None:
+def test_words_follow_the_figures(demo, spread, said, unsaid):
     sentences = findings(imagined(demo, **spread))
     assert len(sentences) == 5
     assert said in " ".join(sentences)
@@ -217,7 +217,7 @@ def test_words_follow_the_figures(demo: DemoResult, spread, said: str, unsaid: s
 
 
 @pytest.mark.parametrize(("runs", "enough"), [(1, False), (9, False), (10, True)])
-def test_ten_records_tell_bias_from_scatter(demo: DemoResult, runs: int, enough: bool) -> None:
+def test_ten_records_tell_bias_from_scatter(demo, runs, enough):
     sentences = findings(imagined(demo, runs=runs))
     assert ("cannot tell bias from scatter" not in sentences[-1]) == enough
     assert len(sentences) == (5 if enough else 2)
@@ -233,21 +233,19 @@ def test_ten_records_tell_bias_from_scatter(demo: DemoResult, runs: int, enough:
         (0.21, "is reversed"),
     ],
 )
-def test_a_difference_counts_from_two_standard_errors(
-    demo: DemoResult, monkeypatch: pytest.MonkeyPatch, mean: float, verdict: str
-) -> None:
+def test_a_difference_counts_from_two_standard_errors(demo, monkeypatch, mean, verdict):
     monkeypatch.setattr("rotorid.demo.ratio_of_errors", lambda *_: (mean, 0.1))
     assert f"the ranking {verdict}" in findings(imagined(demo, runs=20))[3]
 
 
-def test_deviation_of_a_ratio_of_rms_errors(demo: DemoResult) -> None:
+def test_deviation_of_a_ratio_of_rms_errors(demo):
     """log(rms) of n normal errors has variance 1 / (2 n); two of them, independent, 1 / n."""
     mean, deviation = ratio_of_errors(imagined(demo, batch_10=(0, 0.2)), "batch-100", "batch-10")
     assert mean == pytest.approx(np.log(2), abs=4 / 20 / np.sqrt(14))
     assert deviation == pytest.approx(1 / 20 / np.sqrt(14), rel=0.3)
 
 
-def test_share_of_bias(demo: DemoResult) -> None:
+def test_share_of_bias(demo):
     result = imagined(demo, runs=2000, batch_100=(0.3, 0.4))
     np.testing.assert_allclose(bias_share(result, "batch-100"), 0.09 / 0.25, atol=0.05)
     np.testing.assert_allclose(bias_share(result, "ls"), 0, atol=0.01)

@@ -41,7 +41,7 @@ def resolve(name: str) -> object:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_names_and_toml_of_a_page_hold(page: Path) -> None:
+def test_links_names_and_toml_of_a_page_hold(page):
     text = page.read_text(encoding="utf-8")
     for target in LINK.findall(text):
         made = ROOT / "examples" / Path(target).with_suffix(".py")  # by the gallery
@@ -106,9 +106,7 @@ def write(record: rid.Record, path: Path, channels: dict[str, dict[str, str]]) -
 
 
 @pytest.mark.slow
-def test_python_of_the_readme_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (code,) = blocks(ROOT / "README.md", "python")
     assert len([line for line in code.splitlines() if line]) <= 10
@@ -121,7 +119,7 @@ def test_python_of_the_readme_runs(
 @pytest.mark.parametrize(
     ("page", "file"), [("README.md", "run7.csv"), ("docs/experiments.md", "run-140hz.h5")]
 )
-def test_experiment_files_of_the_pages_identify(page: str, file: str, tmp_path: Path) -> None:
+def test_experiment_files_of_the_pages_identify(page, file, tmp_path):
     (text,) = (t for t in blocks(ROOT / page, "toml") if "[[records]]" in t and "model =" in t)
     name = tomllib.loads(text)["model"]
     (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
@@ -131,23 +129,23 @@ def test_experiment_files_of_the_pages_identify(page: str, file: str, tmp_path: 
     assert estimate.status == "ok"
 
 
-def test_model_of_the_page_is_one() -> None:
+def test_model_of_the_page_is_one():
     (text,) = blocks(ROOT / "docs" / "models.md", "toml")
     assert rid.parse_model(text).base.names == ("m", "k", "Fc")
 
 
-def test_limits_of_the_models_page_are_those_of_the_code() -> None:
+def test_limits_of_the_models_page_are_those_of_the_code():
     text = " ".join((ROOT / "docs" / "models.md").read_text(encoding="utf-8").split())
     for limit in (f"{MAX_NESTING} levels", f"degree {MAX_DEGREE}", f"{MAX_TERMS:,} terms"):
         assert limit in text
 
 
-def test_python_of_the_models_page_runs() -> None:
+def test_python_of_the_models_page_runs():
     for code in blocks(ROOT / "docs" / "models.md", "python"):
         exec(code, {})
 
 
-def test_python_of_the_maximum_likelihood_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_python_of_the_maximum_likelihood_page_runs(capsys):
     for code in blocks(ROOT / "docs" / "maximum-likelihood.md", "python"):
         exec(code, {})
     shown = capsys.readouterr().out
@@ -155,7 +153,7 @@ def test_python_of_the_maximum_likelihood_page_runs(capsys: pytest.CaptureFixtur
     assert "L1, I_t, I_p, L2, mu, eta scale together" in shown
 
 
-def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path: Path) -> None:
+def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path):
     (text,) = blocks(ROOT / "docs" / "maximum-likelihood.md", "toml")
     (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
     estimator = rid.load_experiment(tmp_path / "experiment.toml").estimator()
@@ -164,7 +162,7 @@ def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path: Path) -
     assert estimator.runout
 
 
-def test_the_drawing_is_that_of_its_script_and_of_the_models() -> None:
+def test_the_drawing_is_that_of_its_script_and_of_the_models():
     """Signs of the drawing: those of the equations of the shipped models and rigs."""
     spec = importlib.util.spec_from_file_location("drawing", ROOT / "docs" / "make_drawing.py")
     assert spec is not None

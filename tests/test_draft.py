@@ -62,7 +62,7 @@ def parse(text: str) -> dict:
     return tomllib.loads(text)
 
 
-def test_a_record_of_a_logger(tmp_path: Path) -> None:
+def test_a_record_of_a_logger(tmp_path):
     text = draft([write_csv(tmp_path / "run.csv", simulated())], "jeffcott", tmp_path)
     found = parse(text)
     (record,) = found["records"]
@@ -89,14 +89,14 @@ def test_a_record_of_a_logger(tmp_path: Path) -> None:
     assert estimate.value("m") == pytest.approx(MODEL.nominal["m"], rel=1e-3)
 
 
-def test_a_record_for_each_axis(tmp_path: Path) -> None:
+def test_a_record_for_each_axis(tmp_path):
     files = [write_csv(tmp_path / f"{axis}.csv", simulated(axis)) for axis in "xy"]
     found = parse(draft(files, "jeffcott", tmp_path))
     assert [record["file"] for record in found["records"]] == ["x.csv", "y.csv"]
     assert all(record["fundamental"] == "10 Hz" for record in found["records"])
 
 
-def test_files_of_one_clock_are_one_record(tmp_path: Path) -> None:
+def test_files_of_one_clock_are_one_record(tmp_path):
     record = simulated()
     for name, columns in (("forces", (0, 1)), ("positions", (2, 3))):
         with h5py.File(tmp_path / f"{name}.h5", "w") as data:
@@ -110,9 +110,7 @@ def test_files_of_one_clock_are_one_record(tmp_path: Path) -> None:
     assert parse(text)["channels"]["F_x"] == {"column": "F_x", "unit": "?"}
 
 
-def test_what_is_left_open_is_told_in_one_line(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_left_open_is_told_in_one_line(tmp_path, capfd):
     rng = np.random.default_rng(1)
     np.savetxt(tmp_path / "run.txt", rng.normal(size=(300, 3)))
     out = tmp_path / "experiment.toml"
@@ -133,7 +131,7 @@ def test_what_is_left_open_is_told_in_one_line(
     assert "no such file" in capfd.readouterr().err
 
 
-def test_currents_need_a_law(tmp_path: Path) -> None:
+def test_currents_need_a_law(tmp_path):
     names = "t [ms],i_x [A],i_y [A],x [um],y [um],n_rpm"
     record = simulated()
     time = 1e3 * np.arange(len(record.samples)) / RATE
@@ -145,7 +143,7 @@ def test_currents_need_a_law(tmp_path: Path) -> None:
     assert found["records"][0]["speed"] == "1800 rpm"
 
 
-def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path: Path) -> None:
+def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path):
     """As forces and positions are: a logger's A and B, the displacement that does work beside."""
     places = ("AX", "AY", "BX", "BY")
     names = [f"I {p} [A]" for p in places] + [f"Pos {p} [um]" for p in places]
@@ -166,7 +164,7 @@ def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path: Path
     assert "x" not in parse(swapped)["channels"]  # a bearing's sensor is not at the centre of mass
 
 
-def test_a_slash_between_plane_and_axis_is_no_path(tmp_path: Path) -> None:
+def test_a_slash_between_plane_and_axis_is_no_path(tmp_path):
     places = ("A/X", "A/Y", "B/X", "B/Y")
     names = [f"I {p} [mA]" for p in places] + [f"Weg {p} [um]" for p in places]
     table = np.random.default_rng(1).normal(size=(400, 8))
@@ -192,11 +190,11 @@ def test_a_slash_between_plane_and_axis_is_no_path(tmp_path: Path) -> None:
         ("F_xa", "F_xb", False),
     ],
 )
-def test_names(quantity: str, column: str, alike: bool) -> None:
+def test_names(quantity, column, alike):
     assert (likeness(quantity, column, quantity.startswith("F")) >= _LIKE) == alike
 
 
-def test_units_decide_between_names() -> None:
+def test_units_decide_between_names():
     columns = [Found("x", np.zeros(2), "N", "channel"), Found("px", np.zeros(2), "um", "channel")]
     assert assign(MODEL, columns)["x"].name == "px"
     undecided = [Found(name, np.zeros(2), None, "channel") for name in ("qm", "qg")]
@@ -209,7 +207,7 @@ def test_units_decide_between_names() -> None:
     assert currents(MODEL, columns, {}) == {}
 
 
-def test_hostile_names_stay_in_their_comments(tmp_path: Path) -> None:
+def test_hostile_names_stay_in_their_comments(tmp_path):
     names = 't,"]\nmodel = ""x",b\x1b[31m\u2028= 1,""",\x07'
     path = tmp_path / "run.csv"
     path.write_text(
@@ -220,7 +218,7 @@ def test_hostile_names_stay_in_their_comments(tmp_path: Path) -> None:
     assert found["channels"] == {}
 
 
-def test_a_sweep_for_each_axis_as_a_logger_writes_it(tmp_path: Path) -> None:
+def test_a_sweep_for_each_axis_as_a_logger_writes_it(tmp_path):
     """No period: the lines of the whole record, in the band of the sweep, by its references."""
     rate, count = 1000.0, 8000
     time = np.arange(count) / rate
@@ -281,7 +279,7 @@ def write_sweep(path: Path, axis: int, *, marks: bool = True) -> Path:
 
 
 @pytest.mark.slow
-def test_planes_of_a_logger_are_those_of_the_model_in_their_order(tmp_path: Path) -> None:
+def test_planes_of_a_logger_are_those_of_the_model_in_their_order(tmp_path):
     files = [write_sweep(tmp_path / f"{axis}.csv", axis) for axis in (0, 3)]
     text = draft(files, "three-mass", tmp_path)
     found = parse(text)
@@ -306,7 +304,7 @@ def test_planes_of_a_logger_are_those_of_the_model_in_their_order(tmp_path: Path
     assert "by their order" not in rigid  # it calls its planes a and b too
 
 
-def test_the_rotation_beside_a_sweep_is_no_period(tmp_path: Path) -> None:
+def test_the_rotation_beside_a_sweep_is_no_period(tmp_path):
     """Three of four axes hold the unbalance alone, which repeats; the excitation does not."""
     (record,) = parse(
         draft([write_sweep(tmp_path / "0.csv", 0, marks=False)], "three-mass", tmp_path)
@@ -316,7 +314,7 @@ def test_the_rotation_beside_a_sweep_is_no_period(tmp_path: Path) -> None:
     assert record["band"] != ["?", "?"]
 
 
-def test_planes_left_over_are_not_guessed() -> None:
+def test_planes_left_over_are_not_guessed():
     def columns(*names: str) -> list[Found]:
         return [Found(name, np.zeros(2), "N", "channel") for name in names]
 
@@ -342,7 +340,7 @@ def test_planes_left_over_are_not_guessed() -> None:
         (["y1", "x1", "y2", "x2"], "2 for 3"),
     ],
 )
-def test_probes_at_right_angles_are_the_axes_of_the_model(names: list[str], assumed: str) -> None:
+def test_probes_at_right_angles_are_the_axes_of_the_model(names, assumed):
     """Whatever their letters are: forces, currents and positions alike, and what is assumed."""
     x1, y1 = (1, 0) if names[0] == "y1" else (0, 1)
     model = rid.load_model("three-mass")
@@ -362,7 +360,7 @@ def test_probes_at_right_angles_are_the_axes_of_the_model(names: list[str], assu
     assert by_planes(model, [*gaps[:3], replace(gaps[3], name="gap Z2")], {}) == {}
 
 
-def test_how_a_sensor_beside_a_magnet_is_written_is_shown(tmp_path: Path) -> None:
+def test_how_a_sensor_beside_a_magnet_is_written_is_shown(tmp_path):
     """Where no name tells which is which; a model that has them as coordinates needs none."""
     table = np.column_stack(
         [np.arange(400) / 1000.0, np.random.default_rng(1).normal(size=(400, 2))]
@@ -379,7 +377,7 @@ def test_how_a_sensor_beside_a_magnet_is_written_is_shown(tmp_path: Path) -> Non
     assert "beside a magnet" not in draft([path], "three-mass", tmp_path)
 
 
-def test_currents_that_no_name_tells_apart_leave_a_law_to_be_completed(tmp_path: Path) -> None:
+def test_currents_that_no_name_tells_apart_leave_a_law_to_be_completed(tmp_path):
     rng = np.random.default_rng(1)
     for part in (1, 2):
         table = np.column_stack([np.arange(400) / 1000.0, rng.normal(size=(400, 5))])
@@ -402,25 +400,23 @@ def test_currents_that_no_name_tells_apart_leave_a_law_to_be_completed(tmp_path:
 
 
 @pytest.mark.parametrize("name", ["Ref A X", "ref_x1", "ex1", "Exc", "Disturbance x"])
-def test_names_of_what_was_added(name: str) -> None:
+def test_names_of_what_was_added(name):
     assert is_excitation(Found(name, np.zeros(2), None, "channel"))
 
 
 @pytest.mark.parametrize("name", ["Distance A X", "Extension", "Force A X"])
-def test_names_of_what_was_measured(name: str) -> None:
+def test_names_of_what_was_measured(name):
     assert not is_excitation(Found(name, np.zeros(2), None, "channel"))
 
 
 @pytest.mark.parametrize(
     "name", ["Key", "Key phasor", "kp", "tacho1", "Marke", "Puls", "zero_mark"]
 )
-def test_names_of_a_mark(name: str) -> None:
+def test_names_of_a_mark(name):
     assert role_of(name, "V") == "keyphasor"
 
 
-def test_a_record_in_place_of_the_experiment_is_told(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_record_in_place_of_the_experiment_is_told(tmp_path, capfd):
     path = write_sweep(tmp_path / "run.csv", 0)
     for command in ("inspect", "identify"):
         assert run([command, str(path)]) == 2
@@ -431,9 +427,7 @@ def test_a_record_in_place_of_the_experiment_is_told(
 
 
 @pytest.mark.parametrize(("size", "name"), [(1.0, "px"), (1e100, "fx"), (1e-200, "fx")])
-def test_columns_without_a_spectrum_are_not_searched_for_lines(
-    size: float, name: str, tmp_path: Path
-) -> None:
+def test_columns_without_a_spectrum_are_not_searched_for_lines(size, name, tmp_path):
     """A constant one, and one whose squares no number holds; the others are."""
     rng = np.random.default_rng(3)
     values = {"fx": rng.standard_normal(400), "px": rng.standard_normal(400)}
@@ -444,13 +438,13 @@ def test_columns_without_a_spectrum_are_not_searched_for_lines(
     assert f"where {'fx' if name == 'px' else 'px'} is large" in text
 
 
-def test_a_record_at_rest_has_no_band(tmp_path: Path) -> None:
+def test_a_record_at_rest_has_no_band(tmp_path):
     table = np.column_stack([np.arange(400) / RATE, np.zeros(400), np.ones(400)])
     np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t,fx,px", comments="")
     assert "is large" not in draft([tmp_path / "run.csv"], None, tmp_path)
 
 
-def test_a_file_of_many_columns_is_read_once(tmp_path: Path) -> None:
+def test_a_file_of_many_columns_is_read_once(tmp_path):
     """Also where some are words: halves are tried, not one column after the other."""
     names = [f"c{i}" for i in range(1000)]
     row = ["1.5"] * 1000
@@ -464,7 +458,7 @@ def test_a_file_of_many_columns_is_read_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_file_that_stands_for_too_much(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_stands_for_too_much(tmp_path, capfd):
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as data:
         for i in range(20):
@@ -473,14 +467,14 @@ def test_a_file_that_stands_for_too_much(tmp_path: Path, capfd: pytest.CaptureFi
     assert "bytes of numbers declared" in capfd.readouterr().err
 
 
-def test_a_file_without_a_column_of_numbers(tmp_path: Path) -> None:
+def test_a_file_without_a_column_of_numbers(tmp_path):
     with h5py.File(tmp_path / "run.h5", "w") as data:
         data["title"] = "words"
     with pytest.raises(InputError, match=r"run\.h5: found .*expected"):
         draft([tmp_path / "run.h5"], "jeffcott", tmp_path)
 
 
-def test_a_wide_table_is_read_in_time(monkeypatch) -> None:
+def test_a_wide_table_is_read_in_time(monkeypatch):
     """Names are held against those of their own figures and axes, not each against each."""
     looked_at = []
     alike = columns_module._alike
@@ -504,37 +498,33 @@ def test_a_wide_table_is_read_in_time(monkeypatch) -> None:
     assert len(looked_at) < 1000
 
 
-def test_the_unit_of_times_may_stand_in_their_name() -> None:
+def test_the_unit_of_times_may_stand_in_their_name():
     clock = draft_module._clock([Found("run1/t/ms", np.arange(50.0), None, "time")], None)
     assert clock == (1e3, ("time", {"column": "run1/t/ms", "unit": "ms"}, "1000 Hz, 0.05 s"))
 
 
 @pytest.mark.parametrize(("rate", "unit"), [(19.0, "ms"), (21.0, "s")])
-def test_times_that_make_a_slow_logger_are_no_seconds(rate: float, unit: str) -> None:
+def test_times_that_make_a_slow_logger_are_no_seconds(rate, unit):
     times = Found("t", np.arange(50) / rate, None, "time")
     assert draft_module._clock([times], None)[1][1]["unit"] == unit
 
 
 @pytest.mark.parametrize(("size", "lines"), [(0.029, [3]), (0.031, [3, 7])])
-def test_a_line_that_stands_out_was_excited(size: float, lines: list[int]) -> None:
+def test_a_line_that_stands_out_was_excited(size, lines):
     angle = 2 * np.pi * np.arange(500) / 100
     wave = np.cos(3 * angle) + size * np.cos(7 * angle)
     assert draft_module._lines([wave], Period(100.0, 0.5, 1.0)) == lines
 
 
 @pytest.mark.parametrize(("next_one", "found"), [(0.84, ["x"]), (0.86, [])])
-def test_a_name_that_is_hardly_likelier_than_the_next_does_not_tell(
-    monkeypatch, next_one: float, found: list[str]
-) -> None:
+def test_a_name_that_is_hardly_likelier_than_the_next_does_not_tell(monkeypatch, next_one, found):
     ranked = [(0.9, 0, "x", 0), (next_one, 0, "x", 1)]
     monkeypatch.setattr(columns_module, "_ranked", lambda model, columns: ranked)
     columns = [Found(name, np.zeros(3), None, "other") for name in ("qm", "qg")]
     assert list(assign(MODEL, columns)) == found
 
 
-def test_columns_that_are_no_numbers_are_known_by_one_pass(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_columns_that_are_no_numbers_are_known_by_one_pass(tmp_path, monkeypatch, capsys):
     """Halves of halves of two thousand columns took a minute."""
     kept, rows = {3, 500, 1999}, []
     for row in range(40):

@@ -34,7 +34,7 @@ PUBLISHED = {
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """A folder as the example's README asks for: experiment files and data side by side."""
     folder = tmp_path_factory.mktemp("emps")
     for name in ("experiment.toml", "validate.toml"):
@@ -45,14 +45,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def result(folder: Path) -> rid.Estimate:
+def result(folder):
     target = folder / "result.json"
     command = ["identify", str(folder / "experiment.toml"), "--method", "ls", "--json", str(target)]
     assert run(command) == 0
     return rid.load_estimate(target)
 
 
-def test_parameters(result: rid.Estimate) -> None:
+def test_parameters(result):
     assert result.status == "ok"
     assert result.periods == 2
     for name, (value, tolerance) in EXPECTED.items():
@@ -62,12 +62,12 @@ def test_parameters(result: rid.Estimate) -> None:
     assert error.relative_error < 0.041
 
 
-def test_published_values_lie_within_two_deviations(result: rid.Estimate) -> None:
+def test_published_values_lie_within_two_deviations(result):
     for name, (value, std) in PUBLISHED.items():
         assert abs(result.value(name) - value) < 2 * std, name
 
 
-def test_deviations_inflated_by_the_misfit_are_those_published(result: rid.Estimate) -> None:
+def test_deviations_inflated_by_the_misfit_are_those_published(result):
     """Two periods repeat within 1 %; the model misses 4 %: only the inflated ones say so."""
     for name in ("M", "Fv", "Fc"):
         inflated = result[name].std_inflated
@@ -75,9 +75,7 @@ def test_deviations_inflated_by_the_misfit_are_those_published(result: rid.Estim
         assert 1 < inflated / PUBLISHED[name][1] < 5, name
 
 
-def test_record_with_pulses(
-    folder: Path, result: rid.Estimate, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_record_with_pulses(folder, result, capsys):
     capsys.readouterr()
     assert run(["validate", str(folder / "result.json"), str(folder / "validate.toml")]) == 0
     assert "5.16 %" in capsys.readouterr().out
@@ -92,7 +90,7 @@ def test_record_with_pulses(
 WITHOUT_PERIODS = {"M": 95.104, "Fv": 203.13, "Fc": 20.438, "offset": -3.180}
 
 
-def test_without_periods(folder: Path) -> None:
+def test_without_periods(folder):
     """The published recipe: zero-phase low-pass at 100 Hz, every tenth sample."""
     text = (folder / "experiment.toml").read_text()
     kept = [line for line in text.splitlines() if line.split(" ")[0] not in PERIODIC]
@@ -116,7 +114,7 @@ def test_without_periods(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("method", ["batch", "sequential"])
-def test_other_estimators_agree(folder: Path, result: rid.Estimate, method: str) -> None:
+def test_other_estimators_agree(folder, result, method):
     """One row with one force: a weight for it changes little."""
     target = folder / f"{method}.json"
     command = ["identify", str(folder / "experiment.toml"), "--method", method]
@@ -126,7 +124,7 @@ def test_other_estimators_agree(folder: Path, result: rid.Estimate, method: str)
     assert json.loads(target.read_text())["method"] == method
 
 
-def test_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_example(monkeypatch, capsys):
     """The figures in the example's README are those that it prints."""
     monkeypatch.setattr(sys, "argv", ["run.py", str(DATA)])
     runpy.run_path(str(EXAMPLE / "run.py"), run_name="__main__")

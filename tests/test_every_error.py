@@ -3,7 +3,6 @@
 import builtins
 import struct
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -79,7 +78,7 @@ CASES = [(code, error) for code, errors in ERRORS.items() for error in errors]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = make(tmp_path_factory.mktemp("errors"))
     experiment, result = str(folder / "run.toml"), str(folder / "run.json")
     assert cli.run(["identify", experiment, "--json", result, "-q"]) == 0
@@ -87,7 +86,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(folder, monkeypatch):
     monkeypatch.chdir(folder)
     return folder
 
@@ -108,7 +107,7 @@ def raiser(error: Exception):
     return fail
 
 
-def test_every_builtin_error_is_enumerated() -> None:
+def test_every_builtin_error_is_enumerated():
     """By itself or by a class that it belongs to; what is missing here is for the interpreter."""
     known = tuple({type(error) for _, error in CASES})
     left_out = {
@@ -127,9 +126,7 @@ def test_every_builtin_error_is_enumerated() -> None:
 
 
 @pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_an_error_is_one_line(
-    command: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_error_is_one_line(command, here, monkeypatch, capsys):
     before = sorted(here.iterdir())
     module = import_module(f"rotorid.commands.{cli._MODULES.get(command, command)}")
     for code, error in CASES:
@@ -143,13 +140,7 @@ def test_an_error_is_one_line(
 @pytest.mark.sampled(6)
 @pytest.mark.parametrize("command", sorted(WORK))
 @pytest.mark.parametrize("error", [MemoryError(), KeyError("x")], ids=["memory", "key"])
-def test_wherever_it_is_raised(
-    command: str,
-    error: Exception,
-    here: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_wherever_it_is_raised(command, error, here, monkeypatch, capsys):
     before = sorted(here.iterdir())
     for name in WORK[command]:
         with monkeypatch.context() as patch:
@@ -161,26 +152,19 @@ def test_wherever_it_is_raised(
 
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"sensitivity"}))  # it asks for a sweep
-def test_the_commands_of_these_tests_work(
-    command: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_of_these_tests_work(command, here, capsys):
     code = cli.run([command, *COMMANDS[command]])
     assert code == OK, capsys.readouterr().err
     for path in here.glob("new.*"):
         path.unlink()
 
 
-def test_every_command_is_tried() -> None:
+def test_every_command_is_tried():
     assert set(COMMANDS) == set(cli.cli.commands)
 
 
 @pytest.mark.parametrize("error", [ERRORS[NO_ANSWER][0], ERRORS[NO_ANSWER][13], MemoryError()])
-def test_a_report_that_fails_spares_the_answer(
-    error: Exception,
-    here: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_report_that_fails_spares_the_answer(error, here, monkeypatch, capsys):
     monkeypatch.setattr("rotorid.report.estimate_report.estimate_report", raiser(error))
     assert cli.run(["identify", "run.toml", *OUTPUTS]) == NO_ANSWER
     printed = capsys.readouterr()
@@ -194,9 +178,7 @@ def test_a_report_that_fails_spares_the_answer(
     (here / "new.json").unlink()
 
 
-def test_figures_that_cannot_be_written_are_shown(
-    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_figures_that_cannot_be_written_are_shown(here, monkeypatch, capsys):
     monkeypatch.setattr(
         "rotorid.core.files.os.fsync", raiser(OSError(28, "No space left on device"))
     )

@@ -61,7 +61,7 @@ def write(path: Path, speed: float = SPEED, delay_samples: int = 0) -> None:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     write(tmp_path / "run.h5")
     return tmp_path
 
@@ -83,12 +83,12 @@ def check_truth(found: rid.Estimate, rtol: float = 1e-9) -> None:
 
 
 @pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
-def test_exact_record_gives_exact_parameters(folder: Path, method: str) -> None:
+def test_exact_record_gives_exact_parameters(folder, method):
     """Units, scale, columns of a 2-D dataset, speed, phase and skip, all at once."""
     check_truth(estimate(load(folder), method))
 
 
-def test_what_the_file_says(folder: Path) -> None:
+def test_what_the_file_says(folder):
     experiment = load(folder)
     (record,) = experiment.measured()
     (periods,) = experiment.records()
@@ -104,7 +104,7 @@ def test_what_the_file_says(folder: Path) -> None:
     assert experiment.estimator("ls") == rid.LeastSquares()
 
 
-def test_time_period_samples_and_band(folder: Path) -> None:
+def test_time_period_samples_and_band(folder):
     with h5py.File(folder / "run.h5", "a") as data:
         data["t"] = np.arange(4 * PERIOD) / RATE
     text = EXPERIMENT.replace('sample_rate = "2 kHz"', 'time = "t"')
@@ -116,7 +116,7 @@ def test_time_period_samples_and_band(folder: Path) -> None:
     check_truth(estimate(load(folder, text)))
 
 
-def test_a_delay_is_corrected(folder: Path) -> None:
+def test_a_delay_is_corrected(folder):
     """All columns 3 samples late, and the rotor angle counted from the file's first sample."""
     write(folder / "run.h5", delay_samples=3)
     late = EXPERIMENT.replace(" }", ', delay = "1.5 ms" }')
@@ -125,13 +125,13 @@ def test_a_delay_is_corrected(folder: Path) -> None:
     assert abs(wrong.value("m*xi") / (TRUTH["m"] * TRUTH["xi"]) - 1) > 0.01
 
 
-def test_hold_reaches_the_channel(folder: Path) -> None:
+def test_hold_reaches_the_channel(folder):
     held = EXPERIMENT.replace('unit = "mN"', 'unit = "mN", hold = "zero-order", gain_std = 0.0')
     (record,) = load(folder, held).measured()
     assert [channel.hold for channel in record.channels] == [True, False, False, False]
 
 
-def test_a_sensor_of_a_combination(folder: Path) -> None:
+def test_a_sensor_of_a_combination(folder):
     text = EXPERIMENT.replace(
         'y = { column = "position[1]" }',
         's = { reads = "x + y/2", column = "sum", unit = "m" }',
@@ -142,7 +142,7 @@ def test_a_sensor_of_a_combination(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_several_records_with_channels_of_their_own(folder: Path) -> None:
+def test_several_records_with_channels_of_their_own(folder):
     write(folder / "fast.h5", speed=2 * SPEED)
     text = (
         EXPERIMENT
@@ -165,7 +165,7 @@ x = { column = "position[0]", unit = "um", scale = 1 }
     check_truth(estimate(experiment))
 
 
-def test_fixed_parameters_and_constraints(folder: Path) -> None:
+def test_fixed_parameters_and_constraints(folder):
     fixed = load(folder, EXPERIMENT + '[parameters]\nm = { fixed = "5000 g" }\n')
     assert fixed.fixed == {"m": 5.0}
     found = estimate(fixed)
@@ -175,7 +175,7 @@ def test_fixed_parameters_and_constraints(folder: Path) -> None:
     assert estimate(load(folder, text)).value("k") == pytest.approx(1.1e6, rel=1e-12)
 
 
-def test_a_constraint_may_hold_what_is_fixed(folder: Path) -> None:
+def test_a_constraint_may_hold_what_is_fixed(folder):
     text = EXPERIMENT + '[parameters]\nm = { fixed = "4 kg" }\n'
     text += '[[constraints]]\nexpression = "k*m"\nvalue = "4e6 kg N/m"\n'
     found = estimate(load(folder, text))
@@ -184,7 +184,7 @@ def test_a_constraint_may_hold_what_is_fixed(folder: Path) -> None:
         estimate(load(folder, text.replace("k*m", "m^2").replace("4e6 kg N/m", "16 kg^2")))
 
 
-def test_forces_of_zero_are_said(folder: Path) -> None:
+def test_forces_of_zero_are_said(folder):
     with h5py.File(folder / "run.h5", "r+") as data:
         for name in ("force/x", "force/y"):
             data[name][:] = 0.0
@@ -192,11 +192,11 @@ def test_forces_of_zero_are_said(folder: Path) -> None:
     assert found.prediction == {"F_x": None, "F_y": None}
 
 
-def test_a_start_never_biases(folder: Path) -> None:
+def test_a_start_never_biases(folder):
     check_truth(estimate(load(folder, EXPERIMENT + '[parameters]\nm = { start = "9 kg" }\n')))
 
 
-def test_paths_are_relative_to_the_experiment(folder: Path, tmp_path: Path) -> None:
+def test_paths_are_relative_to_the_experiment(folder, tmp_path):
     other = tmp_path / "other"
     other.mkdir()
     text = rid.load_model("jeffcott").file_text
@@ -240,7 +240,7 @@ def test_paths_are_relative_to_the_experiment(folder: Path, tmp_path: Path) -> N
         ("F_x = { column", "F_x = { law", "channels.F_x.law", "'linear', 'differential' or 'flux'"),
     ],
 )
-def test_refused_keys(folder: Path, old: str, new: str, place: str, message: str) -> None:
+def test_refused_keys(folder, old, new, place, message):
     assert old in EXPERIMENT
     with pytest.raises(InputError, match=message) as caught:
         load(folder, EXPERIMENT.replace(old, new))
@@ -288,7 +288,7 @@ def test_refused_keys(folder: Path, old: str, new: str, place: str, message: str
         ('s = { column = "sum", unit = "m", reads = "sin(x)" }', "channels.s.reads", "sin of x"),
     ],
 )
-def test_refused_knowledge(folder: Path, added: str, place: str | None, message: str) -> None:
+def test_refused_knowledge(folder, added, place, message):
     with pytest.raises(InputError, match=message) as caught:
         load(folder, EXPERIMENT + added + "\n")
     assert caught.value.file.endswith("experiment.toml")
@@ -314,7 +314,7 @@ def test_refused_knowledge(folder: Path, added: str, place: str | None, message:
         ("[parameters]\nm = { each = true }", "parameters.m.each"),
     ],
 )
-def test_deviations_need_a_likelihood(folder: Path, added: str, place: str) -> None:
+def test_deviations_need_a_likelihood(folder, added, place):
     experiment = load(folder, EXPERIMENT + added + "\n")
     for method in ("ls", "batch", "sequential"):
         with pytest.raises(InputError, match="use ml") as caught:
@@ -330,18 +330,18 @@ def test_deviations_need_a_likelihood(folder: Path, added: str, place: str) -> N
         (EXPERIMENT + '[[constraints]]\nexpression = "m^2"\nvalue = "25 kg^2"\n', "not linear"),
     ],
 )
-def test_what_only_ml_can_do(folder: Path, text: str, message: str, method: str) -> None:
+def test_what_only_ml_can_do(folder, text, message, method):
     with pytest.raises(InputError, match=f"{message}.*use ml"):
         estimate(load(folder, text), method)
 
 
-def test_inputs_without_channel(folder: Path) -> None:
+def test_inputs_without_channel(folder):
     text = EXPERIMENT.replace('F_y = { column = "force/y", unit = "N", scale = 2 }', "")
     with pytest.raises(InputError, match=r"no channel of the input F_y.*\[channels\]"):
         estimate(load(folder, text))
 
 
-def test_a_file_that_is_no_toml(folder: Path) -> None:
+def test_a_file_that_is_no_toml(folder):
     with pytest.raises(InputError, match="line 3") as caught:
         load(folder, 'model = "jeffcott"\n\n[[records]\n')
     assert caught.value.place.startswith("line 3, column")
@@ -369,7 +369,7 @@ def modal_test() -> str:
     return MODES.format(hertz=repr(float(hertz)), ratio=repr(float(ratio)), mass=m)
 
 
-def test_natural_frequencies_alone(tmp_path: Path) -> None:
+def test_natural_frequencies_alone(tmp_path):
     found = estimate(load(tmp_path, modal_test()), "ml")
     assert found.status == "ok"
     assert found.value("k") == pytest.approx(TRUTH["k"], rel=1e-9)
@@ -377,7 +377,7 @@ def test_natural_frequencies_alone(tmp_path: Path) -> None:
     assert found.lines_hz == ()
 
 
-def test_natural_frequencies_beside_a_record(folder: Path) -> None:
+def test_natural_frequencies_beside_a_record(folder):
     """The disc carried another mass in the test."""
     k, c = TRUTH["k"], TRUTH["c"]
     hertz = np.sqrt(k / 3 - (c / 6) ** 2) / (2 * np.pi)
@@ -415,12 +415,12 @@ parameters = {{ m = "3 kg" }}
         ("[[modes]]", '[[modes]]\nspeed = "3 kg"', r"modes\.0\.speed: "),
     ],
 )
-def test_natural_frequencies_refused(tmp_path: Path, old: str, new: str, told: str) -> None:
+def test_natural_frequencies_refused(tmp_path, old, new, told):
     with pytest.raises(InputError, match=told):
         estimate(load(tmp_path, modal_test().replace(old, new)), "ml")
 
 
-def test_natural_frequencies_need_ml_and_no_record(tmp_path: Path) -> None:
+def test_natural_frequencies_need_ml_and_no_record(tmp_path):
     experiment = load(tmp_path, modal_test())
     with pytest.raises(InputError, match=r"modes: found measured natural frequencies.*use ml"):
         experiment.estimator("batch")
@@ -430,7 +430,7 @@ def test_natural_frequencies_need_ml_and_no_record(tmp_path: Path) -> None:
         load(tmp_path, 'model = "jeffcott"')
 
 
-def test_a_record_is_read_once_whatever_method_takes_it(folder: Path) -> None:
+def test_a_record_is_read_once_whatever_method_takes_it(folder):
     """Where the default falls to batch, nothing is read or averaged again."""
     experiment = load(folder)
     (first,) = experiment.records("ml")
@@ -438,9 +438,7 @@ def test_a_record_is_read_once_whatever_method_takes_it(folder: Path) -> None:
     assert second is first
 
 
-def test_a_sample_is_looked_over_for_gaps_once(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sample_is_looked_over_for_gaps_once(folder, monkeypatch):
     """From the file to every method: what was read in blocks, and what was cut, is not again."""
     from rotorid.data import record
     from rotorid.signals import average as block_average
@@ -470,7 +468,7 @@ def test_a_sample_is_looked_over_for_gaps_once(
         ("f,gain,lag [rad]", "rad"),
     ],
 )
-def test_the_head_of_a_table_of_a_response_is_read(head, columns, tmp_path) -> None:
+def test_the_head_of_a_table_of_a_response_is_read(head, columns, tmp_path):
     hertz, value = np.array([10.0, 20.0, 40.0]), np.exp(-0.3j * np.arange(1, 4)) * [0.9, 0.8, 0.7]
     if isinstance(columns, str):
         rows = np.column_stack([hertz, np.abs(value), np.angle(value, deg=columns == "deg")])
@@ -483,7 +481,7 @@ def test_the_head_of_a_table_of_a_response_is_read(head, columns, tmp_path) -> N
 
 
 @pytest.mark.parametrize("head", ["f,mag [dB],phase [deg]", "f,amplitude,phase", "f [s],re,im"])
-def test_a_response_in_other_terms_is_refused(head, tmp_path) -> None:
+def test_a_response_in_other_terms_is_refused(head, tmp_path):
     rows = np.arange(9.0).reshape(3, 3)
     np.savetxt(tmp_path / "amp.csv", rows, delimiter=",", header=head, comments="")
     with pytest.raises(InputError, match=r"amp\.csv: .*(amplitude and phase|does not convert|s )"):

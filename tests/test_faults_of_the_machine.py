@@ -45,12 +45,12 @@ for _ in sys.stdin:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     return make(tmp_path_factory.mktemp("machine"))
 
 
 @pytest.fixture
-def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(folder, monkeypatch):
     monkeypatch.chdir(folder)
     return folder
 
@@ -87,7 +87,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_full_disk_is_one_line_and_leaves_what_was_there(here: Path) -> None:
+def test_a_full_disk_is_one_line_and_leaves_what_was_there(here):
     """A record of simulate, too: HDF5 itself would end the process."""
     little = limited(resource.RLIMIT_FSIZE, 10_000)
     (here / "old.h5").touch()  # nobody's, to be replaced
@@ -105,7 +105,7 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(here: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_output_that_is_full(here: Path) -> None:
+def test_an_output_that_is_full(here):
     found = run("identify", "run.toml", "--json", "full.json", out="/dev/full")
     assert found.returncode == 2
     assert found.stderr == "rotorid: standard output: No space left on device\n"
@@ -117,7 +117,7 @@ def test_an_output_that_is_full(here: Path) -> None:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)], ids=str)
-def test_closed_descriptors(here: Path, closed: tuple[int, ...]) -> None:
+def test_closed_descriptors(here, closed):
     """No file that is opened takes the place of a closed output, and gets its text."""
 
     def close() -> None:
@@ -136,7 +136,7 @@ def test_closed_descriptors(here: Path, closed: tuple[int, ...]) -> None:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("command", [["models"], ["--help"], ["new", "run.csv"]], ids=str)
-def test_a_reader_that_has_gone(here: Path, command: list[str]) -> None:
+def test_a_reader_that_has_gone(here, command):
     reading, writing = os.pipe()
     os.close(reading)
     found = run(*command, out=writing)
@@ -146,7 +146,7 @@ def test_a_reader_that_has_gone(here: Path, command: list[str]) -> None:
 
 
 @pytest.mark.slow
-def test_a_terminal_that_lacks_letters(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_that_lacks_letters(here, monkeypatch):
     monkeypatch.setenv("PYTHONIOENCODING", "cp1252")
     text = (here / "run.toml").read_text().replace('"run.csv"', '"läuft 日.csv"')
     (here / "läuft 日.csv").write_bytes((here / "run.csv").read_bytes())
@@ -159,12 +159,7 @@ def test_a_terminal_that_lacks_letters(here: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_leaves_no_part_of_a_file(
-    here: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    number: signal.Signals,
-) -> None:
+def test_a_signal_leaves_no_part_of_a_file(here, monkeypatch, capsys, number):
     before = content(here)
     monkeypatch.setattr("rotorid.core.files.os.fsync", lambda _: os.kill(os.getpid(), number))
     old = signal.signal(number, cli._stop)
@@ -176,7 +171,7 @@ def test_a_signal_leaves_no_part_of_a_file(
     assert content(here) == before
 
 
-def test_nohup_stays_in_force(here: Path) -> None:
+def test_nohup_stays_in_force(here):
     script = "import os, signal; from rotorid import cli; cli._prepare([]); os.kill(os.getpid(), 1)"
     quiet = subprocess.run(
         [sys.executable, "-c", script], preexec_fn=lambda: signal.signal(1, signal.SIG_IGN)
@@ -185,9 +180,7 @@ def test_nohup_stays_in_force(here: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["run\udcff.toml", "a\x1b[2J.toml", "a\nb.toml", "n" * 5000])
-def test_odd_names_on_the_command_line(
-    here: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_odd_names_on_the_command_line(here, capsys, name):
     for arguments in (
         ["identify", name],
         ["models", name],
@@ -217,9 +210,7 @@ def test_odd_names_on_the_command_line(
     ],
     ids=range(7),
 )
-def test_arguments_out_of_all_bounds(
-    here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_arguments_out_of_all_bounds(here, capsys, arguments):
     before = sorted(here.iterdir())
     assert cli.run(arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -227,7 +218,7 @@ def test_arguments_out_of_all_bounds(
     assert sorted(here.iterdir()) == before
 
 
-def test_outputs_in_a_loop_of_links(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_outputs_in_a_loop_of_links(here, capsys):
     (here / "loop.json").symlink_to("loop.json")
     (here / "loop.html").symlink_to("loop.json")
     for option, name in (("--json", "loop.json"), ("--report", "loop.html")):
@@ -241,7 +232,7 @@ def test_outputs_in_a_loop_of_links(here: Path, capsys: pytest.CaptureFixture[st
 
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [150, 250, 350, 450, 600, 800])
-def test_little_memory(here: Path, megabytes: int) -> None:
+def test_little_memory(here, megabytes):
     before = content(here)
     found = run("identify", "run.toml", limit=limited(resource.RLIMIT_AS, megabytes * 1_000_000))
     assert found.returncode in (0, 1, 2)
@@ -262,7 +253,7 @@ def whole(path: Path) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("command", "count"), [("identify", 40), ("simulate", 10)])
-def test_random_kills(here: Path, command: str, count: int) -> None:
+def test_random_kills(here, command, count):
     """Fifty in all: every file is the old one or the new one, and whole."""
     generator = random.Random(11)
     arguments = {
@@ -302,7 +293,7 @@ def test_random_kills(here: Path, command: str, count: int) -> None:
         path.unlink()
 
 
-def test_a_file_that_only_its_owner_reads_stays_so(here: Path) -> None:
+def test_a_file_that_only_its_owner_reads_stays_so(here):
     assert cli.run(["identify", "run.toml", "--json", "own.json", "-q"]) == 0
     (here / "own.json").chmod(0o600)
     assert cli.run(["identify", "run.toml", "--json", "own.json", "-q"]) == 0
@@ -310,7 +301,7 @@ def test_a_file_that_only_its_owner_reads_stays_so(here: Path) -> None:
     (here / "own.json").unlink()
 
 
-def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
+def test_a_working_folder_that_is_gone(tmp_path):
     place = tmp_path / "gone"
     for command, file in (("new", "run.csv"), ("inspect", "run.toml")):
         place.mkdir()
@@ -320,7 +311,7 @@ def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
         assert told.stderr.count("\n") == 1
 
 
-def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path: Path) -> None:
+def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path):
     """The first module that the command line imports is where Ctrl-C falls."""
     (tmp_path / "click.py").write_text("raise KeyboardInterrupt")
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])

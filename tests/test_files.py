@@ -1,7 +1,5 @@
 """Files: what may be opened and how much is read; written whole or not at all."""
 
-from __future__ import annotations
-
 import os
 import socket
 import stat
@@ -96,7 +94,7 @@ LOADERS: dict[str, tuple[str, Callable[[Path], object]]] = {
 
 @pytest.mark.parametrize("odd", ODD)
 @pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")
-def test_only_regular_files_are_opened(odd: str, tmp_path: Path) -> None:
+def test_only_regular_files_are_opened(odd, tmp_path):
     make, found = ODD[odd]
     for name, load in LOADERS.values():
         path = tmp_path / name
@@ -110,26 +108,26 @@ def test_only_regular_files_are_opened(odd: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["identify", "inspect", "simulate", "report", "export"])
-def test_commands_refuse_devices(command: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_commands_refuse_devices(command, capfd):
     extra = ["--csv", "never.csv"] if command == "export" else []
     assert run([command, "/dev/zero", *extra]) == 2
     assert capfd.readouterr().err.count("\n") <= 2
 
 
-def test_validate_refuses_devices(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_validate_refuses_devices(tmp_path, capfd):
     (tmp_path / "run.toml").write_text(EXPERIMENT.format(file="run.csv"))
     assert run(["validate", "/dev/zero", str(tmp_path / "run.toml")]) == 2
     assert "/dev/zero: found a device" in capfd.readouterr().err
 
 
-def test_a_pipe_for_a_record(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_pipe_for_a_record(tmp_path, capfd):
     os.mkfifo(tmp_path / "run.csv")
     (tmp_path / "run.toml").write_text(EXPERIMENT.format(file="run.csv"))
     assert run(["identify", str(tmp_path / "run.toml")]) == 2
     assert "run.csv: found a pipe" in capfd.readouterr().err
 
 
-def test_a_pipe_put_in_the_place_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pipe_put_in_the_place_of_a_file(tmp_path, monkeypatch):
     """Between the look at a file and its opening: it is opened without waiting, and looked at."""
     path = tmp_path / "run.toml"
     os.mkfifo(path)
@@ -138,7 +136,7 @@ def test_a_pipe_put_in_the_place_of_a_file(tmp_path: Path, monkeypatch: pytest.M
         open_regular(path)
 
 
-def test_bounds_of_bytes(tmp_path: Path) -> None:
+def test_bounds_of_bytes(tmp_path):
     path = tmp_path / "run.toml"
     path.write_bytes(b"#" * TOML_BYTES)
     assert len(read_regular(path, TOML_BYTES, "text", "cut it")) == 1_000_000
@@ -152,7 +150,7 @@ def test_bounds_of_bytes(tmp_path: Path) -> None:
         rid.load_estimate(path)
 
 
-def test_bounds_of_values(tmp_path: Path) -> None:
+def test_bounds_of_values(tmp_path):
     """Of TOML and of results: what has far too many is not looked at one by one."""
     path = tmp_path / "run.json"
     for text, count in ((b"1,", RESULT_VALUES), (b"{}", RESULT_OBJECTS)):
@@ -170,7 +168,7 @@ def test_bounds_of_values(tmp_path: Path) -> None:
         parse_toml(lists + b"\nmodel = 1", rid.experiment.schema.ExperimentFile)
 
 
-def test_byte_order_marks(tmp_path: Path) -> None:
+def test_byte_order_marks(tmp_path):
     """Editors of Windows put them before TOML and JSON: that is no fault."""
     path, result = tmp_path / "run.toml", tmp_path / "run.json"
     path.write_text(EXPERIMENT.format(file="run.csv"), encoding="utf-8-sig")
@@ -190,14 +188,14 @@ def test_byte_order_marks(tmp_path: Path) -> None:
         ("title = 1".encode("utf-16"), "byte 0 that is no UTF-8"),
     ],
 )
-def test_toml_that_is_none(data: bytes, found: str) -> None:
+def test_toml_that_is_none(data, found):
     with pytest.raises(ReadError, match=found) as told:
         rid.models.loader.parse_model(data)
     assert len(str(told.value)) < 300
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, "1e999", "-" + "9" * 400, "NaN"])
-def test_numbers_of_results(number: str, tmp_path: Path) -> None:
+def test_numbers_of_results(number, tmp_path):
     path = tmp_path / "run.json"
     path.write_text('{"schema": ' + number + "}")
     with pytest.raises(ReadError, match=r"run\.json") as told:
@@ -205,7 +203,7 @@ def test_numbers_of_results(number: str, tmp_path: Path) -> None:
     assert len(str(told.value)) < 300
 
 
-def test_files_that_a_record_names(tmp_path: Path) -> None:
+def test_files_that_a_record_names(tmp_path):
     """They lie below its folder, wherever links lead, and are regular files."""
     record = tmp_path / "data" / "run.h5"
     (tmp_path / "data" / "parts").mkdir(parents=True)
@@ -228,7 +226,7 @@ def test_files_that_a_record_names(tmp_path: Path) -> None:
         check_beside("circle.h5", record)
 
 
-def test_regular_files_are_taken(tmp_path: Path) -> None:
+def test_regular_files_are_taken(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("x")
     (tmp_path / "link.csv").symlink_to(path)
@@ -248,7 +246,7 @@ def fail() -> bytes:
     raise OSError(28, "No space left on device")
 
 
-def test_all_or_nothing(tmp_path: Path) -> None:
+def test_all_or_nothing(tmp_path):
     first, second = tmp_path / "a.json", tmp_path / "b.html"
     first.write_text("old")
     with pytest.raises(OSError, match="No space left"):
@@ -257,9 +255,7 @@ def test_all_or_nothing(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_a_disk_that_fills_names_the_users_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_fills_names_the_users_file(tmp_path, monkeypatch):
     """Not the file beside it, which is gone again; whatever step it is that fails."""
     for step in ("fsync", "replace", "open"):
         target = tmp_path / f"{step}.json"
@@ -274,7 +270,7 @@ def test_a_disk_that_fills_names_the_users_file(
         assert not list(tmp_path.iterdir())
 
 
-def test_a_link_stays_a_link(tmp_path: Path) -> None:
+def test_a_link_stays_a_link(tmp_path):
     target, link = tmp_path / "a.json", tmp_path / "link.json"
     link.symlink_to(target)
     write_whole(link, b"new")  # it led to nothing
@@ -284,7 +280,7 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     assert link.is_symlink()
 
 
-def test_the_mode_of_a_file_stays(tmp_path: Path) -> None:
+def test_the_mode_of_a_file_stays(tmp_path):
     target, new = tmp_path / "a.json", tmp_path / "new.json"
     target.write_text("old")
     target.chmod(0o600)
@@ -297,7 +293,7 @@ def test_the_mode_of_a_file_stays(tmp_path: Path) -> None:
     assert stat.S_IMODE(new.stat().st_mode) == 0o640
 
 
-def test_devices_and_pipes_are_written_directly(tmp_path: Path) -> None:
+def test_devices_and_pipes_are_written_directly(tmp_path):
     write_whole("/dev/null", b"gone")
     assert not Path("/dev/null").is_file()
     pipe = tmp_path / "pipe"
@@ -310,14 +306,14 @@ def test_devices_and_pipes_are_written_directly(tmp_path: Path) -> None:
     os.close(reading)
 
 
-def test_names_as_long_as_the_disk_allows(tmp_path: Path) -> None:
+def test_names_as_long_as_the_disk_allows(tmp_path):
     target = tmp_path / ("n" * 250 + ".json")
     write_whole(target, b"new")
     assert target.read_bytes() == b"new"
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_what_a_killed_process_left_is_in_nobodys_way(tmp_path: Path) -> None:
+def test_what_a_killed_process_left_is_in_nobodys_way(tmp_path):
     """In a container the next process has the same number."""
     left = tmp_path / f".a.json.{os.getpid()}-0.part"
     left.write_text("half")
@@ -326,7 +322,7 @@ def test_what_a_killed_process_left_is_in_nobodys_way(tmp_path: Path) -> None:
     assert left.read_text() == "half"
 
 
-def test_targets(tmp_path: Path) -> None:
+def test_targets(tmp_path):
     check_target(tmp_path / "new.json")
     check_target(Path("/dev/null"))
     with pytest.raises(InputError, match="no such folder"):
@@ -345,7 +341,7 @@ def test_targets(tmp_path: Path) -> None:
         check_target(Path(__file__) / "a.json")
 
 
-def test_a_file_of_others_is_kept(tmp_path: Path) -> None:
+def test_a_file_of_others_is_kept(tmp_path):
     target = tmp_path / "a.json"
     check_target(target, KIND)
     target.touch()  # as mktemp does: there is nothing to lose
@@ -363,7 +359,7 @@ def test_a_file_of_others_is_kept(tmp_path: Path) -> None:
         check_target(target, KIND, force=True)
 
 
-def test_one_file_for_two(tmp_path: Path) -> None:
+def test_one_file_for_two(tmp_path):
     one, other, link = tmp_path / "a", tmp_path / "b", tmp_path / "c"
     link.symlink_to(one)
     check_apart([one, other], [])
@@ -374,7 +370,7 @@ def test_one_file_for_two(tmp_path: Path) -> None:
         check_apart([one, link], [])
 
 
-def test_what_came_meanwhile_is_kept(tmp_path: Path) -> None:
+def test_what_came_meanwhile_is_kept(tmp_path):
     new, old = tmp_path / "new.json", tmp_path / "old.json"
     old.write_text("old")
     found = {new: seen(new), old: seen(old)}
@@ -394,9 +390,7 @@ def test_what_came_meanwhile_is_kept(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new.json", "old.json"]
 
 
-def test_a_command_keeps_what_came_while_it_worked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_keeps_what_came_while_it_worked(tmp_path, monkeypatch):
     target = tmp_path / "new.json"
     for force in (False, True):
         target.unlink(missing_ok=True)

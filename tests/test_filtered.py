@@ -43,7 +43,7 @@ def quiet_axis(**changes: float) -> rid.Record:
 
 @pytest.mark.parametrize("method", ["ls", "batch"])
 @pytest.mark.parametrize("decimate", [1, 7])
-def test_without_noise_the_parameters_come_back(method: str, decimate: int) -> None:
+def test_without_noise_the_parameters_come_back(method, decimate):
     """The sign of a velocity bends at its zeros: its column is right to a thousandth."""
     low = rid.filtered(quiet_axis(), "60 Hz", decimate=decimate)
     found = rid.identify(AXIS, low, method)
@@ -56,7 +56,7 @@ def test_without_noise_the_parameters_come_back(method: str, decimate: int) -> N
         assert spring.value(name) == pytest.approx(value, rel=2e-3)
 
 
-def test_linear_columns_are_exact() -> None:
+def test_linear_columns_are_exact():
     """A linear model loses nothing to the filter, however low."""
     model = rid.parse_model("""
     title = "a mass with a damper"
@@ -72,7 +72,7 @@ def test_linear_columns_are_exact() -> None:
     assert found.value("d") == pytest.approx(30.0, rel=1e-5)
 
 
-def test_what_was_done_is_said() -> None:
+def test_what_was_done_is_said():
     record = replace(axis(np.random.default_rng(0)), source="run 7/axis.csv")
     out = ["abs(q') < 5 mm/s", "F > 900 N"]
     low = rid.filtered(record, "40 Hz", decimate=10, leave_out=out, skip="0.5 s", until="14 s")
@@ -100,7 +100,7 @@ def test_what_was_done_is_said() -> None:
     assert "not the bias" in told(found, "blocks")
 
 
-def test_what_is_left_out_has_no_say() -> None:
+def test_what_is_left_out_has_no_say():
     """A stretch that a mask or a condition leaves out may hold anything, no number included."""
     record = quiet_axis()
     bad = slice(6000, 6400)
@@ -121,7 +121,7 @@ def test_what_is_left_out_has_no_say() -> None:
     )
 
 
-def test_delay_and_hold_of_a_channel_are_undone() -> None:
+def test_delay_and_hold_of_a_channel_are_undone():
     record = quiet_axis()
     late = np.roll(record.samples[:, 0], 8)
     channels = (replace(record.channels[0], delay=0.008), record.channels[1])
@@ -133,7 +133,7 @@ def test_delay_and_hold_of_a_channel_are_undone() -> None:
     assert untold.value("Fv") != pytest.approx(200.0, rel=0.02)
 
 
-def test_several_runs_in_one_fit() -> None:
+def test_several_runs_in_one_fit():
     runs = [rid.filtered(axis(np.random.default_rng(s), seconds=5.0), 40.0) for s in range(8)]
     alone, together = rid.identify(AXIS, runs[0], "ls"), rid.identify(AXIS, runs, "ls")
     assert np.abs(pulls(together, AXIS_TRUE)).max() < 4
@@ -142,7 +142,7 @@ def test_several_runs_in_one_fit() -> None:
     assert "32 blocks" in told(together, "blocks") or "16 blocks" in told(together, "blocks")
 
 
-def test_a_rest_is_left_out_of_what_holds_its_sign() -> None:
+def test_a_rest_is_left_out_of_what_holds_its_sign():
     """At rest friction is anything up to Fc: taken for Fc sign(q') it makes half of it."""
     record = dwelling(np.random.default_rng(0))
     low = rid.filtered(record, 40.0, decimate=10)
@@ -164,7 +164,7 @@ def test_a_rest_is_left_out_of_what_holds_its_sign() -> None:
     assert "at rest" not in {c.about for c in turning.checks}
 
 
-def test_how_much_may_lie_on_what_is_left_out() -> None:
+def test_how_much_may_lie_on_what_is_left_out():
     """A sample is used where less than a tenth of its weight lies where the condition is met."""
     record = quiet_axis()
     low = rid.filtered(record, 40.0, leave_out=["abs(q') < 20 mm/s"])
@@ -176,7 +176,7 @@ def test_how_much_may_lie_on_what_is_left_out() -> None:
 
 
 @pytest.mark.parametrize("varying", [False, True])
-def test_rotation_of_any_course(varying: bool) -> None:
+def test_rotation_of_any_course(varying):
     """Unbalance by the measured angle, at a speed that changes by a tenth."""
     model, rng, rate = rid.load_model("jeffcott"), np.random.default_rng(0), 5000.0
     x, y = (motion(rng, 4.0, rate, (1.0, 60.0), 1e-4) for _ in range(2))
@@ -202,7 +202,7 @@ def test_rotation_of_any_course(varying: bool) -> None:
 
 
 @pytest.mark.parametrize(("creep", "rests"), [(0.8, True), (1.3, False)])
-def test_how_slow_a_rest_is(creep: float, rests: bool) -> None:
+def test_how_slow_a_rest_is(creep, rests):
     """An axis that creeps for a second, at `creep` of what counts as a rest; then without noise."""
     q, v, _ = motion(np.random.default_rng(4), 10.0, 1000.0, (0.2, 2.0), 0.05)
     usual = np.sqrt(9 / 10) * np.sqrt((v**2).mean())
@@ -216,7 +216,7 @@ def test_how_slow_a_rest_is(creep: float, rests: bool) -> None:
 
 
 @pytest.mark.parametrize(("noise", "rests"), [(1.15, True), (0.75, False)])
-def test_how_much_noise_hides_a_sign(noise: float, rests: bool) -> None:
+def test_how_much_noise_hides_a_sign(noise, rests):
     """The axis creeps at 1 mm/s; a third of `noise` of that is the deviation of the noise."""
     q, _, _ = motion(np.random.default_rng(4), 10.0, 1000.0, (0.2, 2.0), 1e-3)
     q = np.concatenate([q[:5000], q[5000] + 1e-3 * np.arange(4000) / 1000.0, q[5000:] + 4e-3])
@@ -229,7 +229,7 @@ def test_how_much_noise_hides_a_sign(noise: float, rests: bool) -> None:
     assert (out[where].mean() > 0.5) == rests
 
 
-def test_noise_in_the_motion_is_told() -> None:
+def test_noise_in_the_motion_is_told():
     """Noise of the acceleration makes the mass too small; a lower cut-off shows it."""
     record = axis(np.random.default_rng(0), position_noise=2e-5)
     found = rid.identify(AXIS, rid.filtered(record, 100.0), "ls")
@@ -242,7 +242,7 @@ def test_noise_in_the_motion_is_told() -> None:
 
 
 @pytest.mark.parametrize("late", [2, -2])
-def test_forces_that_come_late_are_turned_away(late: int) -> None:
+def test_forces_that_come_late_are_turned_away(late):
     """Two milliseconds make a damping wrong by many deviations, and the fit hardly worse."""
     record = axis(np.random.default_rng(0))
     samples = np.column_stack([np.roll(record.samples[:, 0], late), record.samples[:, 1]])
@@ -261,22 +261,20 @@ def test_forces_that_come_late_are_turned_away(late: int) -> None:
 
 
 @pytest.mark.parametrize(("sure", "status"), [(3.4, "rejected"), (3.6, "ok")])
-def test_a_bias_that_no_deviation_covers_is_turned_away(
-    sure: float, status: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bias_that_no_deviation_covers_is_turned_away(sure, status, monkeypatch):
     """The lower cut-off moves this mass by 3.5 deviations; six are no answer."""
     monkeypatch.setattr("rotorid.linear.estimators.SURE", sure)
     record = axis(np.random.default_rng(0), position_noise=2e-5)
     assert rid.identify(AXIS, rid.filtered(record, 100.0), "ls").status == status
 
 
-def test_a_cutoff_below_the_motion_is_told() -> None:
+def test_a_cutoff_below_the_motion_is_told():
     """The cube of a position that lost its upper lines is not the cube of the position."""
     found = rid.identify(DUFFING, rid.filtered(duffing(np.random.default_rng(0)), 8.0), "ls")
     assert [w for w in found.warnings if "or the motion reaches up to the cut-off" in w]
 
 
-def test_a_record_that_changes_is_turned_away() -> None:
+def test_a_record_that_changes_is_turned_away():
     first, second = (axis(np.random.default_rng(s), seconds=10.0) for s in (0, 1))
     heavier = second.samples + np.array([40.0, 0.0])
     changed = [rid.filtered(r, 40.0) for r in (first, replace(second, samples=heavier))]
@@ -285,7 +283,7 @@ def test_a_record_that_changes_is_turned_away() -> None:
     assert any("halves of the record differ" in w and "offset" in w for w in found.warnings)
 
 
-def test_a_wrong_sign_is_turned_away() -> None:
+def test_a_wrong_sign_is_turned_away():
     record = axis(np.random.default_rng(0))
     wrong = replace(record, samples=record.samples * np.array([-1.0, 1.0]))
     found = rid.identify(AXIS, rid.filtered(wrong, 40.0), "ls")
@@ -293,7 +291,7 @@ def test_a_wrong_sign_is_turned_away() -> None:
     assert any("which the model declares positive" in w for w in found.warnings)
 
 
-def test_a_force_of_another_machine_is_turned_away() -> None:
+def test_a_force_of_another_machine_is_turned_away():
     """What is not predicted is no answer, whatever its deviations."""
     record, other = axis(np.random.default_rng(0)), axis(np.random.default_rng(9))
     mixed = replace(record, samples=np.column_stack([other.samples[:, 0], record.samples[:, 1]]))
@@ -302,7 +300,7 @@ def test_a_force_of_another_machine_is_turned_away() -> None:
     assert any("is predicted with an error of" in w for w in found.warnings)
 
 
-def test_what_is_excited_once_has_no_deviation() -> None:
+def test_what_is_excited_once_has_no_deviation():
     """Friction that shows in one short stretch: a value, and no deviation."""
     record = quiet_axis()
     q = record.samples[:, 1].copy()
@@ -321,7 +319,7 @@ def test_what_is_excited_once_has_no_deviation() -> None:
     assert found.std("offset") > 0
 
 
-def test_prediction_of_another_record() -> None:
+def test_prediction_of_another_record():
     first, second = (rid.filtered(axis(np.random.default_rng(s)), 40.0) for s in (0, 1))
     found = rid.identify(AXIS, first, "ls")
     error = rid.predict(AXIS, found, second)["F"]
@@ -331,7 +329,7 @@ def test_prediction_of_another_record() -> None:
     assert error.relative_error == pytest.approx(own.relative_error, rel=0.3)
 
 
-def test_what_cannot_be_done() -> None:
+def test_what_cannot_be_done():
     record = axis(np.random.default_rng(0), seconds=4.0)
     low = rid.filtered(record, 40.0)
     with pytest.raises(InputError, match=r"a filtered record \(cutoff\) for sequential.*use ls"):
@@ -365,7 +363,7 @@ def test_what_cannot_be_done() -> None:
         ({"cutoff": 1.0, "skip": 1.0, "until": 2.0}, "no sample left.*longer than"),
     ],
 )
-def test_filters_that_cannot_be(asked: dict, message: str) -> None:
+def test_filters_that_cannot_be(asked, message):
     record = axis(np.random.default_rng(0), seconds=4.0)
     with pytest.raises(InputError, match=message):
         rid.filtered(record, **asked)
@@ -373,7 +371,7 @@ def test_filters_that_cannot_be(asked: dict, message: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["axis", "white", "rests", "spring"])
-def test_deviations_cover(kind: str) -> None:
+def test_deviations_cover(kind):
     """A hundred records of each; the scatter of all parameters over what is stated is known to 5 %.
 
     All deviations 20 % too small (a scatter of 1.25) are found always, those of one with 1 in 2.
@@ -402,7 +400,7 @@ def test_deviations_cover(kind: str) -> None:
 
 
 @pytest.mark.slow
-def test_deviations_cover_at_all() -> None:
+def test_deviations_cover_at_all():
     """A few records, so that a mistake by a factor shows at once."""
     lows = [rid.filtered(axis(np.random.default_rng(s)), 40.0, decimate=10) for s in range(12)]
     found = np.array([pulls(rid.identify(AXIS, low, "ls"), AXIS_TRUE) for low in lows])
@@ -417,7 +415,7 @@ RATE = 1000.0
 TIME = np.arange(6000) / RATE
 
 
-def test_it_is_butterworth_forward_and_backward() -> None:
+def test_it_is_butterworth_forward_and_backward():
     """As scipy has it, but for the warped frequencies of its digital filter."""
     rng = np.random.default_rng(0)
     walk = np.cumsum(rng.standard_normal((6000, 2)), axis=0)
@@ -431,7 +429,7 @@ def test_it_is_butterworth_forward_and_backward() -> None:
     )
 
 
-def test_derivatives_are_exact_and_a_ramp_stays_one() -> None:
+def test_derivatives_are_exact_and_a_ramp_stays_one():
     low = LowPass(RATE, (40.0,))
     omega = 2 * np.pi * 1.37
     wave = 0.3 + 2.0 * TIME[:, None] + np.sin(omega * TIME)[:, None]
@@ -446,7 +444,7 @@ def test_derivatives_are_exact_and_a_ramp_stays_one() -> None:
         assert np.abs(error)[inner].max() < 1e-6 * np.abs(truth[order]).max()
 
 
-def test_beyond_its_memory_the_ends_do_not_count() -> None:
+def test_beyond_its_memory_the_ends_do_not_count():
     """What the record goes on to beyond an end changes a sample by a thousandth at most."""
     low = LowPass(RATE, (20.0,))
     count = low.memory()
@@ -461,7 +459,7 @@ def test_beyond_its_memory_the_ends_do_not_count() -> None:
     assert LowPass(RATE, (40.0,)).memory() == pytest.approx(count / 2, abs=1.0)
 
 
-def test_delay_and_hold_are_undone() -> None:
+def test_delay_and_hold_are_undone():
     low = LowPass(RATE, (100.0,))
     wave = np.sin(2 * np.pi * 1.37 * TIME)
     channels = (Channel("F", delay=0.003, hold=True), Channel("q", delay=0.0025))
@@ -473,7 +471,7 @@ def test_delay_and_hold_are_undone() -> None:
     assert np.abs(found[:, 1] - later)[inner].max() < 1e-6
 
 
-def test_noise_that_it_lets_pass() -> None:
+def test_noise_that_it_lets_pass():
     low = LowPass(RATE, (30.0,))
     noise = 3.0 * np.random.default_rng(1).standard_normal((60000, 2))
     for order in range(3):
@@ -490,13 +488,13 @@ def test_noise_that_it_lets_pass() -> None:
         ("F < -5 N", ("F", 0, False, True, -5.0)),
     ],
 )
-def test_conditions(text: str, told: tuple[str, int, bool, bool, float]) -> None:
+def test_conditions(text, told):
     found = read_condition(text, {"F": "N", "q": "m"})
     assert (found.channel, found.order, found.absolute, found.below) == told[:4]
     assert found.limit == pytest.approx(told[4])
 
 
-def test_what_a_condition_tells() -> None:
+def test_what_a_condition_tells():
     values = np.array([-3.0, -1.0, 0.0, 1.0, 3.0])
     told = {
         "abs(q) < 2 m": [False, True, True, True, False],
@@ -519,6 +517,6 @@ def test_what_a_condition_tells() -> None:
         ("q' < 2", "leave_out: "),
     ],
 )
-def test_conditions_that_are_none(text: str, message: str) -> None:
+def test_conditions_that_are_none(text, message):
     with pytest.raises(InputError, match=message):
         read_condition(text, {"F": "N", "q": "m"})

@@ -29,7 +29,7 @@ DATA = Path(os.environ.get("ROTORID_DATA", Path(__file__).parents[2] / "shared" 
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("axis")
     for number in range(2):
         samples = axis(np.random.default_rng(number)).samples * np.array([1.0, 1e3])
@@ -44,7 +44,7 @@ def write(folder: Path, record: str, more: str = "") -> str:
     return str(path)
 
 
-def test_from_the_file_to_the_answer(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_from_the_file_to_the_answer(folder, capsys):
     path = write(
         folder,
         'cutoff = "40 Hz"\ndecimate = 10\nskip = "0.2 s"\nuntil = "14.5 s"\n'
@@ -65,7 +65,7 @@ def test_from_the_file_to_the_answer(folder: Path, capsys: pytest.CaptureFixture
     assert run(["inspect", path]) == 0
 
 
-def test_two_files_and_python(folder: Path) -> None:
+def test_two_files_and_python(folder):
     second = '[[records]]\nfile = "second.csv"\nsample_rate = "1 kHz"\ncutoff = "30 Hz"\n'
     text = FILE.format(record='cutoff = "40 Hz"\n' + second, more="")
     path = folder / "two.toml"
@@ -97,9 +97,7 @@ def test_two_files_and_python(folder: Path) -> None:
         ('cutoff = "40 Hz"', '[estimator]\nmethod = "sequential"', "for sequential.*use ls"),
     ],
 )
-def test_what_a_file_cannot_say(
-    folder: Path, capsys: pytest.CaptureFixture[str], record: str, more: str, message: str
-) -> None:
+def test_what_a_file_cannot_say(folder, capsys, record, more, message):
     assert run(["identify", write(folder, record, more)]) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
@@ -107,9 +105,7 @@ def test_what_a_file_cannot_say(
         raise AssertionError(told)
 
 
-def test_a_draft_for_a_nonlinear_model_gives_a_cutoff(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_draft_for_a_nonlinear_model_gives_a_cutoff(folder, capsys):
     """From the logger's file to the answer; the motion goes up to 2.5 Hz."""
     record = axis(np.random.default_rng(0))
     time = np.arange(len(record.samples)) / 1000.0
@@ -160,7 +156,7 @@ cf2 = { unit = "N m" }
     not (DATA / "double-pendulum").exists(),
     reason=f"no double pendulum in {DATA}; name that folder in ROTORID_DATA",
 )
-def test_a_real_double_pendulum() -> None:
+def test_a_real_double_pendulum():
     """One run of 75 s against an independent fit of eight runs: within three deviations.
 
     Eight runs gave .102, .0243, .335, .116, this one alone .086, .0189, .330, .116 for

@@ -4,15 +4,12 @@ Where one of these fails, it prints the seed and the number of the file that did
 `python tests/fuzz_run.py --seed SEED --only FORMAT:NUMBER` runs that one again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import fuzz_harness as harness
 import fuzz_run
@@ -44,13 +41,11 @@ def fuzz(*arguments: str) -> str:
 # before, more often than not: it is a fault all the same, and the seed that is printed finds it
 # again.
 @pytest.mark.slow
-def test_damaged_files_of_each_format() -> None:
+def test_damaged_files_of_each_format():
     assert "nothing found" in fuzz("--each", "400", "--seed", str(SEED), "--own", "100")
 
 
-def test_the_seed_is_that_of_the_commit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_seed_is_that_of_the_commit(tmp_path, monkeypatch, capsys):
     seed, origin = seed_of_commit()
     monkeypatch.setattr(fuzz_run, "run", lambda *_: [])
     monkeypatch.setattr(sys, "argv", ["fuzz_run.py", "--only", "model:1"])
@@ -62,9 +57,7 @@ def test_the_seed_is_that_of_the_commit(
 
 
 @pytest.fixture(scope="module")
-def corpus(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, dict[str, Any]]:
+def corpus(request, tmp_path_factory):
     """What came of every case of the corpus that is a test of this run."""
     target = tmp_path_factory.mktemp("corpus") / "outcomes.json"
     tests = [item for item in request.session.items if item.name.startswith("test_corpus[")]
@@ -76,7 +69,7 @@ def corpus(
 
 @pytest.mark.sampled(24)
 @pytest.mark.parametrize("name", CASES)
-def test_corpus(name: str, corpus: dict[str, dict[str, Any]]) -> None:
+def test_corpus(name, corpus):
     assert not corpus[name]["faults"], corpus[name]
 
 
@@ -98,7 +91,7 @@ GOOD = "rotorid: run.csv: found nothing; expected numbers; write some\n"
         (0, "", "RuntimeWarning: overflow\n", "something else"),
     ],
 )
-def test_what_is_said_is_judged(code: int | None, out: str, told: str, fault: str) -> None:
+def test_what_is_said_is_judged(code, out, told, fault):
     assert any(found.startswith(fault) for found in faults_of(CASE, code, out, told))
     assert not faults_of(CASE, 2, "", GOOD)
 
@@ -122,7 +115,7 @@ def outcomes(*cases: Case) -> list[tuple[str, ...]]:
 
 
 @pytest.mark.slow
-def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_done_is_judged(monkeypatch):
     """A harness that finds nothing must find what there is: a signal, a hang, memory, files."""
     monkeypatch.setattr(harness, "SECONDS", 0.3)
     monkeypatch.setattr(harness, "PATIENCE", 5.0)

@@ -1,7 +1,5 @@
 """Hypothesis against what has misled or hung: nested roots, layouts of HDF5, scales, copies."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os
@@ -65,7 +63,7 @@ TERMS = st.recursive(ATOMS, grown, max_leaves=30)
 @pytest.mark.slow
 @settings(max_examples=40)
 @given(TERMS, st.integers(1, 12))
-def test_nested_roots_and_powers_are_read_or_refused_in_time(term: str, repeats: int) -> None:
+def test_nested_roots_and_powers_are_read_or_refused_in_time(term, repeats):
     nested = term
     for _ in range(repeats):
         nested = nested.replace("x+1", f"({term})^(1/3)+x", 1)[:4000]
@@ -146,7 +144,7 @@ def lay(path: Path, layout: dict) -> tuple[np.ndarray, bool]:
 @pytest.mark.slow
 @settings(max_examples=60)
 @given(layouts())
-def test_samples_are_read_as_they_are_or_not_at_all(layout: dict) -> None:
+def test_samples_are_read_as_they_are_or_not_at_all(layout):
     """However an HDF5 file holds them: a gap is never read as a number."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
@@ -165,7 +163,7 @@ def test_samples_are_read_as_they_are_or_not_at_all(layout: dict) -> None:
 
 
 @pytest.mark.parametrize("kind", ["plain", "chunked", "virtual"])
-def test_whole_samples_are_read(kind: str, tmp_path: Path) -> None:
+def test_whole_samples_are_read(kind, tmp_path):
     """The property above holds of a reader that refuses all: it must not."""
     layout = {
         "kind": kind, "dtype": "<f8", "chunk": 16, "filters": {"compression": "gzip"},
@@ -208,7 +206,7 @@ def laid(folder: Path, force: float = 1.0, motion: float = 1.0) -> None:
     st.sampled_from([0, 1, -3, 9, -20, 40, -70, 100, -100, 155, -162, 290, -300]),
     st.sampled_from([0, -6, 12, 30, -60, 120, -155, 200, -290]),
 )
-def test_scaled_data_scale_the_answer(method: str, force: int, motion: int) -> None:
+def test_scaled_data_scale_the_answer(method, force, motion):
     """Or are refused: m = F / x'' whatever the units, and its deviation with it."""
     assume(abs(force - motion) < 300)
     with tempfile.TemporaryDirectory() as name:
@@ -247,7 +245,7 @@ HOW = ["same", "dot", "way round", "link", "hard link", "copy", "format"]
 
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("method", ["ls", "ml"])
-def test_a_record_twice_is_noticed(how: str, method: str, tmp_path: Path) -> None:
+def test_a_record_twice_is_noticed(how, method, tmp_path):
     laid(tmp_path)
     text = (tmp_path / "experiment.toml").read_text()
     entry = text.split("[[records]]")[1].split("[channels]")[0]
@@ -260,7 +258,7 @@ def test_a_record_twice_is_noticed(how: str, method: str, tmp_path: Path) -> Non
     assert found is None or "twice" in told
 
 
-def test_two_parts_of_a_record_are_two_measurements(tmp_path: Path) -> None:
+def test_two_parts_of_a_record_are_two_measurements(tmp_path):
     laid(tmp_path)
     text = (tmp_path / "experiment.toml").read_text()
     entry = text.split("[[records]]")[1].split("[channels]")[0]

@@ -83,18 +83,18 @@ ALIKE: dict[str, Change] = {
 
 
 @pytest.mark.parametrize("what", MOVED)
-def test_what_moved_is_found(what: str) -> None:
+def test_what_moved_is_found(what):
     change, kind = MOVED[what]
     found = moved(change)
     assert {one.kind for one in found} == {kind}, found
 
 
 @pytest.mark.parametrize("what", ALIKE)
-def test_what_is_alike_passes(what: str) -> None:
+def test_what_is_alike_passes(what):
     assert not moved(ALIKE[what])
 
 
-def test_the_same_difference_of_many_cases_is_one_line() -> None:
+def test_the_same_difference_of_many_cases_is_one_line():
     new = copy.deepcopy(STEP)
     new["out"][2] = "note, gain: taken as known"
     result(new)["misfit"]["cost"] = 99.0
@@ -108,7 +108,7 @@ def test_the_same_difference_of_many_cases_is_one_line() -> None:
     assert len(list(summary(found, verbose=True))) == 9
 
 
-def test_nothing_of_the_machine_is_kept(tmp_path: Path) -> None:
+def test_nothing_of_the_machine_is_kept(tmp_path):
     text = f"{tmp_path}/run.csv\nof 2026-01-02, rotorid 0.1.0, {'0f' * 32}"
     assert text_lines(text, tmp_path) == ["<here>/run.csv", "of <date>, rotorid <version>, <hash>"]
     assert folded([3.0, None, 4.0]) == {"#": 3, "about": 5.0, "none": 1}

@@ -109,11 +109,11 @@ def calls(path: Path) -> set[str]:
     return {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
 
 
-def test_every_module_stands_in_a_layer() -> None:
+def test_every_module_stands_in_a_layer():
     assert not {label(path) for path in MODULES if name_of(path) and layer(name_of(path)) < 0}
 
 
-def test_imports_run_one_way() -> None:
+def test_imports_run_one_way():
     strayed = {}
     for path in MODULES:
         name = name_of(path)
@@ -121,7 +121,7 @@ def test_imports_run_one_way() -> None:
     assert not {name: others for name, others in strayed.items() if others}
 
 
-def test_outside_packages_stay_in_their_place() -> None:
+def test_outside_packages_stay_in_their_place():
     strayed = {}
     for path in MODULES:
         used = {name.split(".")[0] for name in imports(path)} & CONFINED.keys()
@@ -130,42 +130,42 @@ def test_outside_packages_stay_in_their_place() -> None:
     assert not {name: packages for name, packages in strayed.items() if packages}
 
 
-def test_h5py_is_imported_by_single_modules() -> None:
+def test_h5py_is_imported_by_single_modules():
     """One reader and one writer: a format's package is known to its own module only."""
     users = [path for path in MODULES if any(name.startswith("h5py") for name in imports(path))]
     parts = {label(path).partition("_")[0] for path in users}
     assert parts == {"io.hdf5", "rig.files"}, [label(path) for path in users]
 
 
-def test_modules_form_no_cycle() -> None:
+def test_modules_form_no_cycle():
     """Packages are left out: they only collect names."""
     graph = {name_of(p): inner(p) for p in MODULES if not p.name.startswith("__init__")}
     TopologicalSorter({name: used & graph.keys() for name, used in graph.items()}).prepare()
 
 
 @pytest.mark.slow
-def test_only_users_import_the_package_itself() -> None:
+def test_only_users_import_the_package_itself():
     """`import rotorid` is for users; modules name the module that they need."""
     users = {label(path) for path in MODULES if name_of(path) and "rotorid" in imports(path)}
     assert not users
 
 
 @pytest.mark.slow
-def test_library_never_prints() -> None:
+def test_library_never_prints():
     library = [
         path for path in MODULES if part_of(name_of(path)) not in ("cli", "commands", "__main__")
     ]
     assert not {label(path) for path in library if "print" in calls(path)}
 
 
-def test_text_is_never_evaluated() -> None:
+def test_text_is_never_evaluated():
     """Equations come from files: they are read to a tree."""
     evaluating = {"eval", "exec", "compile", "__import__"}
     found = {label(path): calls(path) & evaluating for path in MODULES}
     assert not {name: used for name, used in found.items() if used}
 
 
-def test_randomness_comes_from_generators() -> None:
+def test_randomness_comes_from_generators():
     pattern = re.compile(r"np\.random\.(?!Generator|default_rng|SeedSequence|BitGenerator)\w+")
     found = {label(path): pattern.findall(path.read_text("utf-8")) for path in MODULES}
     assert not {name: used for name, used in found.items() if used}

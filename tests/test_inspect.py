@@ -1,7 +1,6 @@
 """`rotorid inspect`: finished files, drafts, the page, and what cannot be read."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +9,13 @@ from rotorid.cli import run
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def rig(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
     assert run(["simulate", "rigid", "--out", str(folder / "rig.h5"), "--seed", "1"]) == 0
     return folder
 
 
-def test_a_good_record_is_ok(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_good_record_is_ok(rig, capsys):
     out = rig / "found.json"
     assert run(["inspect", str(rig / "rig.toml"), "--json", str(out)]) == 0
     shown = capsys.readouterr().out
@@ -33,7 +32,7 @@ def test_a_good_record_is_ok(rig: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert all(channel["snr_db"] > 30 for channel in found["channels"])
 
 
-def test_a_draft_is_read_as_far_as_it_goes(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_draft_is_read_as_far_as_it_goes(rig, capsys):
     draft = rig / "draft.toml"
     assert run(["new", str(rig / "rig.h5"), "--model", "rigid", "--out", str(draft)]) == 0
     assert run(["inspect", str(draft)]) == 0
@@ -56,9 +55,7 @@ def test_a_draft_is_read_as_far_as_it_goes(rig: Path, capsys: pytest.CaptureFixt
         ('file = "?"', "found no name of a file"),
     ],
 )
-def test_what_is_wrong_in_a_draft_is_told_where_it_is(
-    rig: Path, capsys: pytest.CaptureFixture[str], said: str, place: str
-) -> None:
+def test_what_is_wrong_in_a_draft_is_told_where_it_is(rig, capsys, said, place):
     draft = rig / "wrong.toml"
     file = "" if said.startswith("file") else 'file = "rig.h5"\n'
     draft.write_text(f'model = "?"\n[[records]]\n{file}{said}\n', encoding="utf-8")
@@ -66,18 +63,14 @@ def test_what_is_wrong_in_a_draft_is_told_where_it_is(
     assert place in capsys.readouterr().err
 
 
-def test_without_a_fundamental_the_period_is_found(
-    rig: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_fundamental_the_period_is_found(rig, capsys):
     bare = rig / "bare.toml"
     bare.write_text('[[records]]\nfile = "rig.h5"\ntime = "t"\n', encoding="utf-8")
     assert run(["inspect", str(bare)]) == 0
     assert "periods of 1000 samples (found: 0.1 s, 10 Hz)" in capsys.readouterr().out
 
 
-def test_a_period_of_an_odd_number_of_samples(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_period_of_an_odd_number_of_samples(tmp_path, capsys):
     """Its highest line lies below half the sample rate."""
     angle = 2 * np.pi * np.arange(6300) / 63
     noise = 0.01 * np.random.default_rng(1).standard_normal((6300, 2))
@@ -90,7 +83,7 @@ def test_a_period_of_an_odd_number_of_samples(
 
 
 @pytest.mark.slow
-def test_the_page_stands_alone(rig: Path) -> None:
+def test_the_page_stands_alone(rig):
     page = rig / "found.html"
     assert run(["inspect", str(rig / "rig.toml"), "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
@@ -101,9 +94,7 @@ def test_the_page_stands_alone(rig: Path) -> None:
     assert "default-src 'none'" in text.split("</head>")[0]
 
 
-def test_a_file_that_is_wrong_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_is_wrong_is_refused(tmp_path, capsys):
     broken = tmp_path / "broken.toml"
     for text in ("model = ", 'model = "rigid"\n', "[[records]]\nspeed = 3\n"):
         broken.write_text(text, encoding="utf-8")
@@ -113,9 +104,7 @@ def test_a_file_that_is_wrong_is_refused(
     assert all(line.startswith("rotorid: ") for line in capsys.readouterr().err.splitlines())
 
 
-def test_a_sweep_is_not_searched_for_a_period(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_sweep_is_not_searched_for_a_period(tmp_path, capsys):
     """Its rotation repeats; beside that the sweep would be noise, knocks, a wandering speed."""
     time = np.arange(20_000) / 2000.0
     turning = 2 * np.pi * 40.0 * time

@@ -1,7 +1,5 @@
 """Deliberate mistakes in an experiment file are named by the first suspect, check or warning."""
 
-from pathlib import Path
-
 import pytest
 from mistakes import MISTAKES, MISTAKES_IN_LEVERS, judge, prepare
 
@@ -10,7 +8,7 @@ NAMED = 0.9
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mistakes")
     prepare(folder)
     return folder
@@ -18,7 +16,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # estimates astray overflow
-def test_mistakes_are_named(folder: Path) -> None:
+def test_mistakes_are_named(folder):
     verdicts = [judge(mistake, folder) for mistake in MISTAKES]
     missed = [v for v in verdicts if not v.named]
     assert len(MISTAKES) >= 40
@@ -28,7 +26,7 @@ def test_mistakes_are_named(folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_mistakes_are_named_first_where_sensors_read_parameters(folder: Path) -> None:
+def test_mistakes_are_named_first_where_sensors_read_parameters(folder):
     """As in drafts: all of them by the first suspect, or by those that fit as well as it."""
     verdicts = [judge(mistake, folder) for mistake in MISTAKES_IN_LEVERS]
     assert len(verdicts) >= 40
@@ -37,7 +35,7 @@ def test_mistakes_are_named_first_where_sensors_read_parameters(folder: Path) ->
     assert not [v.mistake.what for v in verdicts if v.status == "ok"]
 
 
-def test_a_mistake_is_named(folder: Path) -> None:
+def test_a_mistake_is_named(folder):
     (mistake,) = [m for m in MISTAKES if m.what == "3 % too much gain of x1"]
     verdict = judge(mistake, folder)
     assert verdict.named, verdict

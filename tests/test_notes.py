@@ -1,7 +1,5 @@
 """One class carries messages, one function decides on the status, and nobody asks for kinds."""
 
-from __future__ import annotations
-
 import ast
 import re
 from typing import get_args
@@ -17,7 +15,7 @@ TAKES_APART = {"startswith", "endswith", "partition", "rpartition", "removeprefi
 MESSAGE = re.compile(r"\b(terms?|warnings?|notes?|suspects?|remarks?|said|cures?)\b")
 
 
-def test_a_note_reads_as_subject_finding_and_cure() -> None:
+def test_a_note_reads_as_subject_finding_and_cure():
     note = Note("speed", "warns", "a tone at 50 Hz", "state the speed", on=("x1", "y1"))
     assert str(note) == "speed, x1, y1: a tone at 50 Hz; state the speed"
     assert str(Note("settled", "passes", "no transient is left")) == "settled: no transient is left"
@@ -34,13 +32,13 @@ def test_a_note_reads_as_subject_finding_and_cure() -> None:
         (["says", "refuses", "warns"], "refused"),
     ],
 )
-def test_the_gravest_note_gives_the_verdict(severities: list[str], verdict: str) -> None:
+def test_the_gravest_note_gives_the_verdict(severities, verdict):
     assert worst(Note("any", severity) for severity in severities) == verdict  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("before", get_args(Status))
 @pytest.mark.parametrize("severity", get_args(Severity))
-def test_a_status_never_gets_better(severity: Severity, before: Status) -> None:
+def test_a_status_never_gets_better(severity, before):
     gravest_last = ("ok", "rejected", "not_identifiable", "not_converged")
     made = {"rejects": "rejected", "open": "not_identifiable", "unfinished": "not_converged"}
     alone = made.get(severity, "ok")
@@ -48,7 +46,7 @@ def test_a_status_never_gets_better(severity: Severity, before: Status) -> None:
     assert judge([Note("any", severity)], before) == max(before, alone, key=gravest_last.index)
 
 
-def test_what_says_more_is_told_first() -> None:
+def test_what_says_more_is_told_first():
     notes = (
         Note("speed", "passes", "no line contradicts the speed"),
         Note("misfit", "rejects", "the data reject the model"),
@@ -65,7 +63,7 @@ def test_what_says_more_is_told_first() -> None:
     assert ordered((*notes, *notes)) == ordered(notes)
 
 
-def test_one_function_decides_on_the_status() -> None:
+def test_one_function_decides_on_the_status():
     given = [
         (file, ast.unparse(word.value))
         for file, node in nodes(ast.Call)
@@ -76,7 +74,7 @@ def test_one_function_decides_on_the_status() -> None:
     assert [(file, text) for file, text in given if not text.startswith("judge(")] == []
 
 
-def test_one_class_carries_messages() -> None:
+def test_one_class_carries_messages():
     found = []
     for file, node in nodes(ast.ClassDef):
         names = {
@@ -89,7 +87,7 @@ def test_one_class_carries_messages() -> None:
     assert found == [("core/notes.py", "Note")]
 
 
-def test_nobody_takes_a_message_apart() -> None:
+def test_nobody_takes_a_message_apart():
     found = [
         (file, ast.unparse(node))
         for file, node in nodes(ast.Call)
@@ -101,7 +99,7 @@ def test_nobody_takes_a_message_apart() -> None:
     assert found == []
 
 
-def test_nobody_asks_what_kind_an_unknown_is() -> None:
+def test_nobody_asks_what_kind_an_unknown_is():
     """An unknown says what it does to a record by its effects; its class is its own affair."""
     kinds = {
         node.name

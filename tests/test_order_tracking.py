@@ -34,7 +34,7 @@ def turning(
 
 
 @pytest.mark.parametrize("sense", [1, -1])
-def test_phasors_are_what_turns_with_the_rotor(sense: int) -> None:
+def test_phasors_are_what_turns_with_the_rotor(sense):
     """A drift, twice the speed and an offset are something else."""
     record = turning(2.0 * np.exp(-0.7j), low=sense * 20.0, high=sense * 40.0, drift=0.05)
     table = rid.phasors(record)
@@ -45,14 +45,14 @@ def test_phasors_are_what_turns_with_the_rotor(sense: int) -> None:
     np.testing.assert_allclose(table.mean[:, 0], sine, rtol=1e-6)
 
 
-def test_the_speed_is_that_of_the_middle_of_the_segment() -> None:
+def test_the_speed_is_that_of_the_middle_of_the_segment():
     table = rid.phasors(turning(1.0), 8)
     turns = 8 * (np.arange(len(table.speed)) + 0.5)
     # 20 t + t^2 / 2 = turns: the speed 20 + t there, less what the middle of the time lies ahead.
     np.testing.assert_allclose(table.frequency, np.sqrt(20**2 + 2 * turns), rtol=1e-4)
 
 
-def test_the_covariance_is_that_of_the_phasors() -> None:
+def test_the_covariance_is_that_of_the_phasors():
     table = rid.phasors(turning(2.0, noise=0.1), 8)
     error = np.abs(table.mean[:, 0] - 1.0) ** 2
     ratio = error / table.covariance.matrices[:, 0, 0].real
@@ -67,14 +67,14 @@ def test_the_covariance_is_that_of_the_phasors() -> None:
     )
 
 
-def test_short_segments_share_a_covariance() -> None:
+def test_short_segments_share_a_covariance():
     table = rid.phasors(turning(2.0, noise=0.1), 4)
     assert (table.covariance.shared, table.covariance.dof) == (3, 6)
     matrices = table.covariance.matrices[:, 0, 0].real * 2000 * 4 / table.frequency
     np.testing.assert_allclose(matrices[:3], matrices[0], rtol=0.02)
 
 
-def test_segments_are_as_long_as_the_phasors_let_them() -> None:
+def test_segments_are_as_long_as_the_phasors_let_them():
     """A phasor that turns about itself once in six seconds bends in segments of two."""
     time = np.arange(40000) / 2000.0
     straight = rid.phasors(turning(2.0, noise=0.01, seconds=60.0))
@@ -87,7 +87,7 @@ def test_segments_are_as_long_as_the_phasors_let_them() -> None:
     assert "bend within their segments" in told
 
 
-def test_a_run_down_gives_the_rotor() -> None:
+def test_a_run_down_gives_the_rotor():
     rng = np.random.default_rng(2)
     bare = rid.phasors(run_down(rng, 3e-4))
     weighed = rid.phasors(run_down(rng, 3e-4, trial=TRIAL)).with_parameters(
@@ -102,7 +102,7 @@ def test_a_run_down_gives_the_rotor() -> None:
         assert abs(estimate.value(name) - value) < 4 * std
 
 
-def test_backward() -> None:
+def test_backward():
     record = run_down(np.random.default_rng(4), 1e-5, seconds=60.0, sense=-1)
     known = {**KNOWN, "m": 5.0}
     estimate = rid.identify(JEFFCOTT, rid.phasors(record), rid.MaximumLikelihood(fixed=known))
@@ -111,7 +111,7 @@ def test_backward() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_down_too_fast_to_settle_is_told() -> None:
+def test_a_run_down_too_fast_to_settle_is_told():
     """At 60 N s/m the motion decays with 6 1/s, and 26 rad/s^2 are most of its square."""
     table = rid.phasors(run_down(np.random.default_rng(3), 1e-6, damping=60.0))
     assert any("too fast to settle: near 4" in w for w in table.warnings)
@@ -121,7 +121,7 @@ def test_a_run_down_too_fast_to_settle_is_told() -> None:
 
 
 @pytest.mark.slow
-def test_error_bars_of_run_downs() -> None:
+def test_error_bars_of_run_downs():
     """Unbalance, damping and stiffness of 100 run-downs with a trial mass."""
     ratios = []
     for number in range(100):
@@ -140,7 +140,7 @@ def test_error_bars_of_run_downs() -> None:
     assert 0.92 <= (np.abs(ratios) < 1.96).mean() <= 0.98
 
 
-def test_samples_left_out_leave_their_segments_out() -> None:
+def test_samples_left_out_leave_their_segments_out():
     record = turning(2.0, noise=0.01)
     valid = np.ones(len(record.samples), dtype=bool)
     valid[20000] = False
@@ -148,7 +148,7 @@ def test_samples_left_out_leave_their_segments_out() -> None:
     assert len(gap.speed) == len(whole.speed) - 1
 
 
-def test_what_is_skipped() -> None:
+def test_what_is_skipped():
     table = rid.phasors(turning(2.0, noise=0.01), 8, skip=10.0)
     assert table.frequency.min() > 30.0
 
@@ -163,14 +163,12 @@ def test_what_is_skipped() -> None:
         (turning(1.0), 3, "found 3 revolutions; expected 4 or more"),
     ],
 )
-def test_records_that_are_no_run_up(
-    record: rid.Record, revolutions: int | None, message: str
-) -> None:
+def test_records_that_are_no_run_up(record, revolutions, message):
     with pytest.raises(InputError, match=message):
         rid.phasors(record, revolutions)
 
 
-def test_nothing_is_left_after_skip() -> None:
+def test_nothing_is_left_after_skip():
     with pytest.raises(InputError, match="found skip = 100 s"):
         rid.phasors(turning(1.0), skip=100.0)
 
@@ -193,7 +191,7 @@ t_y = { fixed = "0 kg m" }
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     record = run_down(np.random.default_rng(6), 1e-4)
     pulse = (np.asarray(record.angle) % (2 * np.pi) < 0.8).astype(float)
     table = np.column_stack([record.samples * 1e6, np.asarray(record.angle), pulse])
@@ -216,7 +214,7 @@ def load(folder: Path, text: str) -> rid.Experiment:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mark", ['angle = { column = "phi", unit = "rad" }', 'keyphasor = "kp"'])
-def test_an_experiment_file_of_samples(folder: Path, mark: str) -> None:
+def test_an_experiment_file_of_samples(folder, mark):
     text = CUT.replace('angle = { column = "phi", unit = "rad" }', mark)
     experiment = load(folder, text + 'c = { start = "200 N s/m" }\n')
     (table,) = experiment.records()
@@ -241,13 +239,13 @@ def test_an_experiment_file_of_samples(folder: Path, mark: str) -> None:
         ),
     ],
 )
-def test_keys_of_samples_that_are_cut(folder: Path, old: str, new: str, message: str) -> None:
+def test_keys_of_samples_that_are_cut(folder, old, new, message):
     with pytest.raises(InputError, match=message):
         load(folder, CUT.replace(old, new, 1)).records()
 
 
 @pytest.mark.parametrize(("rate", "refused"), [(270.0, True), (330.0, False)])
-def test_samples_per_revolution(rate: float, refused: bool) -> None:
+def test_samples_per_revolution(rate, refused):
     """Of 40 revolutions per second: 6.75 and 8.25 samples."""
     angle = 2 * np.pi * 40.0 * np.arange(20000) / rate
     samples = np.cos(angle) + 0.01 * np.random.default_rng(1).standard_normal(20000)
@@ -260,14 +258,14 @@ def test_samples_per_revolution(rate: float, refused: bool) -> None:
 
 
 @pytest.mark.slow
-def test_a_table_has_twenty_speeds_at_least() -> None:
+def test_a_table_has_twenty_speeds_at_least():
     """597 turns: nine segments of 64, eighteen of 32, 37 of 16."""
     table = rid.phasors(turning(2.0, noise=0.1))
     assert len(table.speed) == 37
     assert len(rid.phasors(turning(2.0, noise=0.1, seconds=23.0)).speed) == 21
 
 
-def test_multiples_of_the_rotation_are_no_noise() -> None:
+def test_multiples_of_the_rotation_are_no_noise():
     """Twice and three times the speed are fitted beside it; four times are in the residual."""
     record = turning(2.0, noise=1e-4)
     size = {}
@@ -279,7 +277,7 @@ def test_multiples_of_the_rotation_are_no_noise() -> None:
 
 
 @pytest.mark.parametrize(("noise", "told"), [(2e-4, False), (1e-6, True)])
-def test_from_when_on_a_lag_is_told(noise: float, told: bool) -> None:
+def test_from_when_on_a_lag_is_told(noise, told):
     """At 300 N s/m and 26 rad/s^2 phasors of .17 mm lag by 3 % of themselves, 5 um."""
     table = rid.phasors(run_down(np.random.default_rng(8), noise), 16)
     assert any("too fast to settle" in w for w in table.warnings) == told

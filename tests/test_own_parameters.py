@@ -1,7 +1,5 @@
 """Parameters that differ between records: a trial mass, an unbalance that every record has."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, write
@@ -40,7 +38,7 @@ def table(trial: complex = 0.0, noise: float = 0.0, seed: int = 1) -> rid.Lines:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     (tmp_path / "model.toml").write_text(MODEL)
     write(tmp_path / "bare.csv", RPM, coast(RPM))
     write(tmp_path / "run.csv", RPM, coast(RPM, TRIAL))
@@ -51,7 +49,7 @@ def text(records: str = TWO) -> str:
     return records.replace("[[records]]", FIRST + "[[records]]", 1)
 
 
-def test_a_trial_mass_tells_the_scale(folder: Path) -> None:
+def test_a_trial_mass_tells_the_scale(folder):
     estimate = identify(folder, text())
     assert estimate.status == "ok"
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-8)
@@ -61,14 +59,14 @@ def test_a_trial_mass_tells_the_scale(folder: Path) -> None:
     assert estimate.value("u_x + t_x") == pytest.approx(1e-4, rel=1e-8)
 
 
-def test_the_same_from_python() -> None:
+def test_the_same_from_python():
     fixed = {"t_x": 0.0, "t_y": 0.0}
     records = [table(), table(TRIAL).with_parameters(t_x="50 g mm", t_y=2e-5)]
     estimate = rid.identify(TRUE, records, rid.MaximumLikelihood(fixed=fixed))
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-8)
 
 
-def test_a_trial_mass_that_is_known_with_a_deviation_sets_the_deviation_of_the_scale() -> None:
+def test_a_trial_mass_that_is_known_with_a_deviation_sets_the_deviation_of_the_scale():
     records = [table(noise=1e-6), table(TRIAL, 1e-6, 2)]
     known = {"t_x": (5e-5, 5e-7), "t_y": (2e-5, 2e-7)}
     fixed = {"t_x": 0.0, "t_y": 0.0}
@@ -81,7 +79,7 @@ def test_a_trial_mass_that_is_known_with_a_deviation_sets_the_deviation_of_the_s
     assert not any(v.name == "t_x" and not v.fixed for v in estimate.parameters)
 
 
-def test_every_record_has_an_unbalance_of_its_own(folder: Path) -> None:
+def test_every_record_has_an_unbalance_of_its_own(folder):
     records = EXPERIMENT.replace(
         "[channels]", '[records.parameters]\nc = { fixed = "60 N s/m" }\n[channels]'
     )
@@ -99,7 +97,7 @@ def test_every_record_has_an_unbalance_of_its_own(folder: Path) -> None:
     assert [v.name for v in estimate.free][2:] == names[6:]
 
 
-def test_what_is_known_of_each() -> None:
+def test_what_is_known_of_each():
     records = [table(), table(TRIAL)]
     fixed = {"t_x": 0.0, "t_y": 0.0, "m": 5.0, "u_x[1]": 1.5e-4}
     chosen = rid.MaximumLikelihood(fixed=fixed, each=("u_x", "u_y"), start={"u_x[0]": 2e-4})
@@ -109,7 +107,7 @@ def test_what_is_known_of_each() -> None:
     assert estimate.value("u_y[1]") == pytest.approx(-3e-5, rel=1e-8)
 
 
-def test_a_constraint_on_each_holds_in_every_record() -> None:
+def test_a_constraint_on_each_holds_in_every_record():
     records = [table(), table(TRIAL)]
     chosen = rid.MaximumLikelihood(
         fixed={"t_x": 0.0, "t_y": 0.0},
@@ -121,7 +119,7 @@ def test_a_constraint_on_each_holds_in_every_record() -> None:
     assert estimate.value("m[0]") == pytest.approx(5.0) == estimate.value("m[1]")
 
 
-def test_prediction_takes_what_each_record_has(folder: Path) -> None:
+def test_prediction_takes_what_each_record_has(folder):
     records = [table(), table(TRIAL)]
     chosen = rid.MaximumLikelihood(fixed={"t_x": 0.0, "t_y": 0.0, "m": 5.0}, each=("u_x", "u_y"))
     estimate = rid.identify(TRUE, records, chosen)
@@ -150,23 +148,23 @@ def test_prediction_takes_what_each_record_has(folder: Path) -> None:
         ('t_x = { fixed = "0 kg m" }', 't_x = { fixed = "0 kg m", each = true }', "fixed, or each"),
     ],
 )
-def test_what_is_no_knowledge_of_a_record(folder: Path, old: str, new: str, message: str) -> None:
+def test_what_is_no_knowledge_of_a_record(folder, old, new, message):
     with pytest.raises(InputError, match=message):
         identify(folder, text(TWO.replace(old, new)))
 
 
 @pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
-def test_other_methods_say_that_they_need_ml(folder: Path, method: str) -> None:
+def test_other_methods_say_that_they_need_ml(folder, method):
     with pytest.raises(InputError, match=r"records\.1\.parameters: found parameters that differ"):
         identify(folder, text(TWO) + f'[estimator]\nmethod = "{method}"\n')
 
 
-def test_each_of_what_there_is_not() -> None:
+def test_each_of_what_there_is_not():
     with pytest.raises(InputError, match="each: found each of 'q'"):
         rid.identify(TRUE, table(), rid.MaximumLikelihood(each=("q",)))
 
 
-def test_base_parameters_know_no_records_of_their_own() -> None:
+def test_base_parameters_know_no_records_of_their_own():
     chosen = rid.MaximumLikelihood(each=("u_x",), base=True)
     with pytest.raises(InputError, match=r"u_x\[0\], a parameter that differs"):
         rid.identify(TRUE, [table(), table()], chosen)

@@ -44,9 +44,7 @@ WITH_PYTHON = [p for p in PAGES if python_of(p) and p.name not in ELSEWHERE]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
-def test_python_of_every_page_runs(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_python_of_every_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
     for code in python_of(page):
@@ -65,7 +63,7 @@ def commands() -> list[str]:
     return sorted({line.partition("  #")[0].strip() for line in found})
 
 
-def test_commands_of_the_pages_are_ones_that_there_are() -> None:
+def test_commands_of_the_pages_are_ones_that_there_are():
     """Names and options; the files that they name are the reader's."""
     every = commands()
     assert len(every) > 30
@@ -87,7 +85,7 @@ def examples() -> list[list[str]]:
 
 
 @pytest.mark.slow
-def test_the_example_of_every_help_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_example_of_every_help_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(5)
     r = rng.standard_normal((10_000, 2))

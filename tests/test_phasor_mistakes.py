@@ -1,7 +1,5 @@
 """Mistakes in tables of phasors and about trial masses are named."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -90,7 +88,7 @@ def faster(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return rpm * 60, phasors
 
 
-def test_the_tables_as_they_are(tmp_path: Path) -> None:
+def test_the_tables_as_they_are(tmp_path):
     estimate = measured(tmp_path)
     assert estimate.status == "ok"
     assert worst(estimate) < 3
@@ -116,14 +114,14 @@ def test_the_tables_as_they_are(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_mistake_is_told(tmp_path: Path, change: Change, old: str, new: str, told: str) -> None:
+def test_a_mistake_is_told(tmp_path, change, old, new, told):
     estimate = measured(tmp_path, change, TWO.replace(old, new) if old else TWO)
     assert estimate.status in ("rejected", "not_converged", "not_identifiable")
     assert any(re.search(told, warning) for warning in estimate.warnings)
 
 
 @pytest.mark.slow
-def test_a_silent_probe_is_seen_before_any_model(tmp_path: Path) -> None:
+def test_a_silent_probe_is_seen_before_any_model(tmp_path):
     estimate = measured(tmp_path, silent)
     assert [(c.about, ", ".join(c.on), c.verdict) for c in estimate.checks] == [
         ("silent", "y", "warning")
@@ -134,7 +132,7 @@ def test_a_silent_probe_is_seen_before_any_model(tmp_path: Path) -> None:
     ("value", "message"),
     [(0.0, "dead, y: 0 in every row"), (3e-5, "dead, y: the same in all 20 rows")],
 )
-def test_a_dead_probe_is_refused(tmp_path: Path, value: float, message: str) -> None:
+def test_a_dead_probe_is_refused(tmp_path, value, message):
     def dead(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return rpm, np.column_stack([phasors[:, 0], np.full(len(rpm), value)])
 
@@ -142,14 +140,14 @@ def test_a_dead_probe_is_refused(tmp_path: Path, value: float, message: str) -> 
         measured(tmp_path, dead)
 
 
-def test_degrees_read_as_radians_are_refused(tmp_path: Path) -> None:
+def test_degrees_read_as_radians_are_refused(tmp_path):
     text = TWO.replace("std =", 'phase_unit = "rad", std =')
     with pytest.raises(InputError, match=r"phase unit, x: phases up to 1\d\d.*phase_unit = .deg."):
         measured(tmp_path, text=text)
 
 
 @pytest.mark.slow
-def test_radians_look_like_it(tmp_path: Path) -> None:
+def test_radians_look_like_it(tmp_path):
     checks = measured(tmp_path, in_radians).checks
     assert {(c.about, ", ".join(c.on), c.verdict) for c in checks} == {
         ("phase unit", "x", "warning"),
@@ -157,7 +155,7 @@ def test_radians_look_like_it(tmp_path: Path) -> None:
     }
 
 
-def test_a_row_that_is_written_twice_counts_once(tmp_path: Path) -> None:
+def test_a_row_that_is_written_twice_counts_once(tmp_path):
     def doubled(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.append(rpm, rpm[3]), np.vstack([phasors, phasors[3]])
 
@@ -171,7 +169,7 @@ def test_a_row_that_is_written_twice_counts_once(tmp_path: Path) -> None:
     ("factor", "status"),
     [(np.sqrt(0.9 * FAR), "ok"), (20, "ok"), (60, "rejected")],
 )
-def test_only_speeds_off_by_a_unit_are_doubted(tmp_path: Path, factor: float, status: str) -> None:
+def test_only_speeds_off_by_a_unit_are_doubted(tmp_path, factor, status):
     """A start that is far off is none of the speeds' business, but for the factors of units."""
 
     def slow(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -180,12 +178,12 @@ def test_only_speeds_off_by_a_unit_are_doubted(tmp_path: Path, factor: float, st
     assert measured(tmp_path, slow).status == status
 
 
-def test_a_start_that_is_off_in_one_parameter_says_nothing_of_the_speeds(tmp_path: Path) -> None:
+def test_a_start_that_is_off_in_one_parameter_says_nothing_of_the_speeds(tmp_path):
     text = TWO + f'c = {{ start = "{60 * 1.2 * NEAR} N s/m" }}\n'
     assert measured(tmp_path, slower, text).status == "ok"
 
 
-def test_rad_per_s_for_hz_is_a_doubt_only(tmp_path: Path) -> None:
+def test_rad_per_s_for_hz_is_a_doubt_only(tmp_path):
     def slow(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return rpm / (2 * np.pi), phasors
 
@@ -196,9 +194,7 @@ def test_rad_per_s_for_hz_is_a_doubt_only(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("row", "factor", "speed"), [(9, 1.1, 1.0), (4, 1.0, 10.0)])
-def test_a_row_that_is_wrong_is_found(
-    tmp_path: Path, row: int, factor: float, speed: float
-) -> None:
+def test_a_row_that_is_wrong_is_found(tmp_path, row, factor, speed):
     """A reading by ten per cent, a speed by a factor of ten."""
 
     tables = iter([True, False])  # the first of two
@@ -224,14 +220,14 @@ def test_a_row_that_is_wrong_is_found(
         ("30 um", "ok", r"the stated std is too large, 0\.0\d+ times as much would do"),
     ],
 )
-def test_a_std_that_is_no_std_is_told(tmp_path: Path, std: str, status: str, told: str) -> None:
+def test_a_std_that_is_no_std_is_told(tmp_path, std, status, told):
     estimate = measured(tmp_path, text=TWO.replace("1 um", std))
     assert estimate.status == status
     assert any(re.search(told, w) for w in estimate.warnings)
 
 
 @pytest.mark.slow
-def test_one_probe_tells_phases_that_count_backward(tmp_path: Path) -> None:
+def test_one_probe_tells_phases_that_count_backward(tmp_path):
     text = TWO.replace(
         'y = { amplitude = "ay", phase = "py", unit = "um", std = "1 um" }\n', ""
     ).replace("std =", "lag = true, std =")
@@ -240,7 +236,7 @@ def test_one_probe_tells_phases_that_count_backward(tmp_path: Path) -> None:
     assert "lag" in [s.term for s in estimate.suspects][:3]
 
 
-def test_forces_that_are_zero_set_no_scale(tmp_path: Path) -> None:
+def test_forces_that_are_zero_set_no_scale(tmp_path):
     """Of the shipped rotor in passive bearings only ratios follow, whatever rounding says."""
     text = TWO.replace('"model.toml"', '"jeffcott"').split("[[records]]\n")
     head = text[0] + "[[records]]\n" + text[1].replace("\n\n", "\n")
@@ -253,9 +249,7 @@ def test_forces_that_are_zero_set_no_scale(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_row_beyond_all_hope_is_soon_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_row_beyond_all_hope_is_soon_told(tmp_path, monkeypatch):
     """No suspect is followed to the last digit of a misfit that it does not explain."""
     steps = 0
     plain = solver.tangent
@@ -290,7 +284,7 @@ def typed(trial: complex) -> str:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     rng = np.random.default_rng(4)
     (tmp_path / "model.toml").write_text(MODEL)
     for name, trial in (("bare", 0.0), ("run", TRIAL)):
@@ -305,7 +299,7 @@ def folder(tmp_path: Path) -> Path:
     [-TRIAL, TRIAL.conjugate(), TRIAL * np.exp(1.2j)],
     ids=["on the other side", "counted the other way", "elsewhere"],
 )
-def test_a_trial_mass_at_a_wrong_angle(folder: Path, trial: complex) -> None:
+def test_a_trial_mass_at_a_wrong_angle(folder, trial):
     estimate = identify(folder, typed(complex(trial)))
     assert estimate.status != "ok"
     (found,) = [s for s in estimate.suspects if s.term == "trial mass[1]"]
@@ -319,7 +313,7 @@ def test_a_trial_mass_at_a_wrong_angle(folder: Path, trial: complex) -> None:
 
 
 @pytest.mark.slow
-def test_the_files_of_two_runs_exchanged(folder: Path) -> None:
+def test_the_files_of_two_runs_exchanged(folder):
     exchanged = text().replace("bare.csv", "other.csv").replace("run.csv", "bare.csv")
     estimate = identify(folder, exchanged.replace("other.csv", "run.csv"))
     told = estimate.warnings[0]
@@ -328,7 +322,7 @@ def test_the_files_of_two_runs_exchanged(folder: Path) -> None:
     assert "unknown" not in told
 
 
-def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch) -> None:
+def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch):
     lines = SimpleNamespace(names=("x",), passive=True)
     records = [SimpleNamespace(lines=lines)] * 5
     given, asked = Scalar("t_x", "kg m", 1.0, 0.0), Scalar("t_x", "kg m", 1.0)
@@ -349,9 +343,7 @@ def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch) -> N
 
 @pytest.mark.parametrize(("off", "found"), [(0.9e-9, True), (1.1e-9, False)])
 @pytest.mark.parametrize("way", [1j, -1j])
-def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
-    off: float, found: bool, way: complex
-) -> None:
+def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(off, found, way):
     load = np.array([1.0, -1j])
     linear = SimpleNamespace(rotation_columns=lambda _: np.stack([load, way * load * (1 + off)], 1))
     model = SimpleNamespace(require_linear=lambda: linear, monomial_jacobian=lambda _: np.eye(2))
@@ -372,7 +364,7 @@ def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
 
 
 @pytest.mark.parametrize("table", [True, False])
-def test_what_is_told_of_a_turned_mark_can_be_done(monkeypatch, table: bool) -> None:
+def test_what_is_told_of_a_turned_mark_can_be_done(monkeypatch, table):
     """A table has no key that sets its phase free."""
     monkeypatch.setattr(rivals_read, "is_table", lambda record: table)
     monkeypatch.setattr(rivals_read, "later_phases", lambda records, starts: [(1, phase(1))])

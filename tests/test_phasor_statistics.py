@@ -76,7 +76,7 @@ def derived(estimate: rid.Estimate) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("table", [stated, repeated])
-def test_error_bars_of_a_coast_down(table: Table) -> None:
+def test_error_bars_of_a_coast_down(table):
     ratios, chances = errors(table, 400)
     rms = np.sqrt((ratios**2).mean(axis=0))
     assert (rms > 0.9).all()
@@ -87,7 +87,7 @@ def test_error_bars_of_a_coast_down(table: Table) -> None:
     assert 0.03 <= (chances < 0.05).mean() <= 0.08
 
 
-def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_example(capsys):
     example = Path(__file__).parents[1] / "examples" / "coast_down.py"
     estimate = runpy.run_path(str(example))["main"](1)
     assert estimate.status == "ok"

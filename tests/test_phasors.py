@@ -2,7 +2,6 @@
 
 import re
 from json import loads
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -16,13 +15,13 @@ from rotorid.testing import phasor_lines
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     (tmp_path / "model.toml").write_text(MODEL)
     write(tmp_path / "run.csv", RPM, coast(RPM))
     return tmp_path
 
 
-def test_deviations_of_other_rows_are_refused(folder: Path) -> None:
+def test_deviations_of_other_rows_are_refused(folder):
     """Data sets of a file may differ in length, columns of a text table may not."""
     table = np.genfromtxt(folder / "run.csv", delimiter=",", names=True)
     with h5py.File(folder / "run.h5", "w") as data:
@@ -36,7 +35,7 @@ def test_deviations_of_other_rows_are_refused(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("senses", [(1,), (-1,), (-1, 1)])
-def test_exact_phasors_give_the_rotor_back(folder: Path, senses: tuple[int, ...]) -> None:
+def test_exact_phasors_give_the_rotor_back(folder, senses):
     rpm = np.concatenate([sense * RPM for sense in senses])
     write(folder / "run.csv", rpm, coast(rpm))
     estimate = identify(folder)
@@ -44,7 +43,7 @@ def test_exact_phasors_give_the_rotor_back(folder: Path, senses: tuple[int, ...]
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-9)
 
 
-def test_the_loads_lie_on_their_own_lines() -> None:
+def test_the_loads_lie_on_their_own_lines():
     lines = phasor_lines([rid.Channel("x")], [-200.0, 300.0], [[1j], [1j]], 1e-3)
 
     def turns(time: np.ndarray, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -57,7 +56,7 @@ def test_the_loads_lie_on_their_own_lines() -> None:
     np.testing.assert_allclose(lines.mean, [[-0.5j], [0.5j]])
 
 
-def test_inputs_without_a_column_are_zero_and_told(folder: Path) -> None:
+def test_inputs_without_a_column_are_zero_and_told(folder):
     text = EXPERIMENT.replace('"model.toml"', '"jeffcott"').replace(
         't_x = { fixed = "0 kg m" }', ""
     )
@@ -66,7 +65,7 @@ def test_inputs_without_a_column_are_zero_and_told(folder: Path) -> None:
     assert any("F_x, F_y: taken as zero" in w for w in estimate.warnings)
 
 
-def test_force_phasors_are_inputs(folder: Path) -> None:
+def test_force_phasors_are_inputs(folder):
     """A known 1x force in place of a known mass sets the scale."""
     turning = RPM * np.pi / 30
     stiffness = TRUTH["k"] - TRUTH["m"] * turning**2 + 1j * TRUTH["c"] * turning
@@ -96,7 +95,7 @@ F_y = { real = "zero", imag = "zero", unit = "N", std = "1 mN" }
     assert estimate.value("m") == pytest.approx(5.0, rel=1e-9)
 
 
-def test_only_unbalance_over_mass_is_known_of_a_free_scale(folder: Path) -> None:
+def test_only_unbalance_over_mass_is_known_of_a_free_scale(folder):
     estimate = identify(folder, EXPERIMENT.replace('m = { fixed = "5 kg" }\n', ""))
     assert estimate.status == "not_identifiable"
     told = {v.name: v.value for v in estimate.derived}
@@ -120,17 +119,17 @@ def test_only_unbalance_over_mass_is_known_of_a_free_scale(folder: Path) -> None
         ('phase = "px"', 'phase = "qx"', "no column 'qx'|'qx'"),
     ],
 )
-def test_keys_of_a_table(folder: Path, old: str, new: str, message: str) -> None:
+def test_keys_of_a_table(folder, old, new, message):
     with pytest.raises(InputError, match=message):
         identify(folder, EXPERIMENT.replace(old, new, 1))
 
 
-def test_a_table_has_no_samples_to_inspect(folder: Path) -> None:
+def test_a_table_has_no_samples_to_inspect(folder):
     with pytest.raises(InputError, match=r"records\.0\.kind: found a table of phasors"):
         load(folder).measured()
 
 
-def test_a_table_is_inspected(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_is_inspected(folder, capsys):
     """What each probe reads, where it is largest, and how clearly; a probe that is dead."""
     (folder / "run.toml").write_text(EXPERIMENT)
     page, json = folder / "page.html", folder / "found.json"
@@ -167,9 +166,7 @@ CHANNELS = [rid.Channel("x", "m"), rid.Channel("y", "m")]
         (2e3, -1.0, '"mm"', 'phase_unit = "rad", lag = true, peak_to_peak = true'),
     ],
 )
-def test_how_instruments_state_a_phasor(
-    folder: Path, size: float, turn: float, unit: str, keys: str
-) -> None:
+def test_how_instruments_state_a_phasor(folder, size, turn, unit, keys):
     columns = [RPM]
     for one in coast(RPM).T:
         columns += [size * np.abs(one), turn * np.angle(one)]
@@ -186,7 +183,7 @@ def test_how_instruments_state_a_phasor(
     np.testing.assert_allclose(estimate.covariance, plain.covariance, rtol=1e-6)
 
 
-def test_signals_are_what_the_phasors_say(folder: Path) -> None:
+def test_signals_are_what_the_phasors_say(folder):
     """Amplitude 2 and lag 90 degrees is 2 cos(phi - 90 degrees) = 2 sin(phi)."""
     rows = "n,a,p\n600,2,90\n1200,2,450\n"
     (folder / "run.csv").write_text(rows)
@@ -208,7 +205,7 @@ x = { amplitude = "a", phase = "p", unit = "m", lag = true, std = "1 mm" }
     np.testing.assert_allclose(lines.covariance.matrices[:, 0, 0], 2 * (0.5e-3) ** 2)
 
 
-def test_deviations_from_a_column(folder: Path) -> None:
+def test_deviations_from_a_column(folder):
     rng = np.random.default_rng(5)
     phasors = coast(RPM)
     std = np.where(np.arange(len(RPM)) % 4 == 0, 1e-3, 1e-7)
@@ -228,7 +225,7 @@ def test_deviations_from_a_column(folder: Path) -> None:
     assert estimate.value("u_x") == pytest.approx(TRUTH["u_x"], rel=1e-3)
 
 
-def test_a_sensor_of_a_combination_and_with_delay(folder: Path) -> None:
+def test_a_sensor_of_a_combination_and_with_delay(folder):
     turning = RPM * np.pi / 30
     phasors = coast(RPM)
     seen = 0.6 * phasors[:, 0] + 0.8 * phasors[:, 1]
@@ -239,7 +236,7 @@ def test_a_sensor_of_a_combination_and_with_delay(folder: Path) -> None:
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-5)
 
 
-def test_repeated_readings_tell_their_noise() -> None:
+def test_repeated_readings_tell_their_noise():
     """Two readings of one speed: half the squared difference is the variance of each."""
     readings = np.repeat(coast(RPM), 2, axis=0)
     readings[::2] += 1e-6 * np.exp(1j * np.arange(len(RPM)))[:, None]
@@ -265,7 +262,7 @@ def readings(rng, relative: float, absolute: float, speeds: int = 60, each: int 
 
 
 @pytest.mark.parametrize(("relative", "absolute"), [(0.03, 0.0), (0.02, 1e-6), (0.0, 1e-6)])
-def test_noise_that_grows_with_the_amplitude_is_told(relative: float, absolute: float) -> None:
+def test_noise_that_grows_with_the_amplitude_is_told(relative, absolute):
     rng = np.random.default_rng(5)
     ratios = []
     for _ in range(40):
@@ -279,7 +276,7 @@ def test_noise_that_grows_with_the_amplitude_is_told(relative: float, absolute: 
         assert "to grow with the amplitude" in lines.warnings[0]
 
 
-def test_repeated_readings_must_be_enough() -> None:
+def test_repeated_readings_must_be_enough():
     speed = np.append(RPM, RPM[:9]) * np.pi / 30
     phasors = np.append(coast(RPM), coast(RPM[:9]) + 1e-6, axis=0)
     with pytest.raises(
@@ -290,7 +287,7 @@ def test_repeated_readings_must_be_enough() -> None:
         phasor_lines(CHANNELS, RPM, coast(RPM))
 
 
-def test_repeated_readings_that_belie_their_std_are_told() -> None:
+def test_repeated_readings_that_belie_their_std_are_told():
     speed = np.repeat(RPM, 2) * np.pi / 30
     noise = np.random.default_rng(2).standard_normal((2, 80, 2)) * 5e-6
     phasors = np.repeat(coast(RPM), 2, axis=0) + noise[0] + 1j * noise[1]
@@ -323,9 +320,7 @@ def test_repeated_readings_that_belie_their_std_are_told() -> None:
         ("3000,1,2,3", "", "", r"run\.csv: "),
     ],
 )
-def test_bad_input_is_one_line(
-    folder: Path, row: str, old: str, new: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_input_is_one_line(folder, row, old, new, message, capsys):
     with (folder / "run.csv").open("a") as stream:
         stream.write(row + "\n" if row else "")
     text = EXPERIMENT.replace(old, new, 1) if old else EXPERIMENT
@@ -361,7 +356,7 @@ w = { unit = "kg m^2" }
 
 
 @pytest.mark.parametrize("senses", [(1,), (-1,), (1, -1)])
-def test_gyroscopic_moments_follow_the_speed_of_each_row(senses: tuple[int, ...]) -> None:
+def test_gyroscopic_moments_follow_the_speed_of_each_row(senses):
     """Two whirls of a rigid rotor in bearings that differ in x and y, solved row by row."""
     m, c, d, k_a, k_b, l_a, l_b, i_t, i_p = 10.0, 40.0, 0.5, 1e5, 2e5, 0.2, 0.25, 0.2, 0.15
     u, w = 2e-4, 3e-5
@@ -390,7 +385,7 @@ def test_gyroscopic_moments_follow_the_speed_of_each_row(senses: tuple[int, ...]
 
 
 @pytest.mark.parametrize(("apart", "rows"), [(0.8e-9, 20), (1.3e-9, 32)])
-def test_speeds_that_are_the_same_but_for_rounding(apart: float, rows: int) -> None:
+def test_speeds_that_are_the_same_but_for_rounding(apart, rows):
     rng = np.random.default_rng(1)
     speed = np.linspace(100.0, 300.0, 20)
     speed = np.concatenate([speed, speed[:12] * (1 + apart)])
@@ -403,7 +398,7 @@ def test_speeds_that_are_the_same_but_for_rounding(apart: float, rows: int) -> N
 
 
 @pytest.mark.parametrize(("size", "told"), [(1.555, False), (1.58, True)])
-def test_from_which_scatter_on_a_std_is_doubted(size: float, told: bool) -> None:
+def test_from_which_scatter_on_a_std_is_doubted(size, told):
     """Twelve pairs of one channel: chi-squared with 24 degrees of freedom."""
     speed = np.repeat(np.linspace(100.0, 300.0, 12), 2)
     sides = np.tile([1.0, -1.0], 12) * np.exp(1j * (np.arange(24) // 2))
@@ -412,7 +407,7 @@ def test_from_which_scatter_on_a_std_is_doubted(size: float, told: bool) -> None
     assert bool(lines.warnings) == told
 
 
-def test_loads_turn_with_the_angle() -> None:
+def test_loads_turn_with_the_angle():
     """What reaches 1x of 64 angles: the 63rd and 65th multiple, of which no load is made."""
     clock = phasor_lines([rid.Channel("x")], [200.0], [[1.0]], 1.0).clock
     for order, expected in ((1, 0.5), (2, 0.0), (31, 0.0), (62, 0.0), (63, 0.5)):
@@ -423,14 +418,14 @@ def test_loads_turn_with_the_angle() -> None:
 
 
 @pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
-def test_a_table_is_for_ml(folder: Path, method: str) -> None:
+def test_a_table_is_for_ml(folder, method):
     experiment = load(folder, EXPERIMENT)
     chosen = experiment.estimator(method)
     with pytest.raises(InputError, match=r"found a table, which has no samples.*use ml"):
         rid.identify(experiment.model, experiment.records(method), chosen)
 
 
-def test_a_table_beside_samples(folder: Path) -> None:
+def test_a_table_beside_samples(folder):
     """Forces at standstill tell the mass; the table in the same file tells the unbalance."""
     model = rid.load_model("jeffcott")
     values = model.values({**model.nominal, "k": TRUTH["k"], "m": 5.0, "c": 60.0})
@@ -473,13 +468,13 @@ y = { column = "y", unit = "m" }
     assert estimate.value("xi") == pytest.approx(TRUTH["u_x"] / 5.0, rel=1e-3)
 
 
-def test_a_probe_that_is_turned_about(folder: Path) -> None:
+def test_a_probe_that_is_turned_about(folder):
     write(folder / "run.csv", RPM, coast(RPM) * [1, -1])
     text = EXPERIMENT.replace('phase = "py"', 'phase = "py", scale = -1')
     assert identify(folder, text).value("u_x") == pytest.approx(TRUTH["u_x"], rel=1e-9)
 
 
-def test_phasors_that_no_machine_has(folder: Path) -> None:
+def test_phasors_that_no_machine_has(folder):
     write(folder / "run.csv", RPM, 1e70 * coast(RPM))
     with pytest.raises(
         InputError, match=r"found samples up to .* in SI; expected samples of 1e-60"
@@ -488,7 +483,7 @@ def test_phasors_that_no_machine_has(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf, 1e61, 1e-61])
-def test_deviations_and_readings_beyond_all_bounds(size: float) -> None:
+def test_deviations_and_readings_beyond_all_bounds(size):
     """The squares of their squares would leave what doubles hold."""
     rows = np.full((3, 1), 1e-6 + 0j)
     with pytest.raises(InputError, match=r"std: found a deviation of .* in row 1; expected more"):

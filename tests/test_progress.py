@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 from rotor_files import CORED
@@ -24,7 +23,7 @@ LONG = ["identify", "run.toml", "--json", "run.json"]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path, monkeypatch):
     tables = [
         f'[[modes]]\nfrequency = "{f} Hz"\nstd = "{2e-4 * f} Hz"\n{support}'
         for hertz, support in ((HUNG, 'parameters = { k_s = "0 N/m" }\n'), (SPRUNG, ""))
@@ -70,9 +69,7 @@ def on_a_terminal(*arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], in
         os.close(screen)
 
 
-def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_far(
-    folder: Path,
-) -> None:
+def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_far(folder):
     with on_a_terminal(*LONG) as (process, screen):
         seen = read_until(screen, " s left")
         assert re.search(r"trying [a-z ]+, \d+ of \d+, about \d+ s left", seen)
@@ -88,7 +85,7 @@ def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_fa
     assert all(row["value"] is not None for row in result["parameters"])
 
 
-def test_quiet_says_nothing_on_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quiet_says_nothing_on_a_terminal(folder, monkeypatch):
     assert shown_in_process(monkeypatch, "identify", "run.toml", "--effort", "quick", "-q") == ""
     shown = shown_in_process(monkeypatch, "identify", "run.toml", "--effort", "quick")
     assert "looking for the first minimum" in shown
@@ -109,7 +106,7 @@ def shown_in_process(
     return seen
 
 
-def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder: Path) -> None:
+def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder):
     process = subprocess.run(
         [sys.executable, "-m", "rotorid", *LONG, "--effort", "quick"], capture_output=True
     )
@@ -121,9 +118,7 @@ def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder: Pat
     assert result["suspects"] == []
 
 
-def test_the_file_may_ask_for_little_effort_and_the_command_line_for_all(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_file_may_ask_for_little_effort_and_the_command_line_for_all(folder, monkeypatch):
     text = (folder / "run.toml").read_text().replace("1250.0", "1186.48")
     (folder / "run.toml").write_text(text + '\n[estimator]\neffort = "quick"\n')
     for more, severities in ((), ["doubts"]), (("--effort", "full"), []):
@@ -137,9 +132,7 @@ def interrupt(*_: object, **__: object) -> None:
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_a_second_interrupt_ends_it(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_second_interrupt_ends_it(folder, monkeypatch, capsys):
     monkeypatch.setattr("rotorid.likelihood.estimator.trials_of", interrupt)
     assert cli.run([*LONG, "--quiet"]) == 1
     assert (folder / "run.json").exists()
@@ -150,9 +143,7 @@ def test_a_second_interrupt_ends_it(
     assert capsys.readouterr().err.split() == ["rotorid:", "interrupted"]
 
 
-def test_an_interrupt_behind_the_search_takes_no_answer_with_it(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupt_behind_the_search_takes_no_answer_with_it(folder, monkeypatch):
     monkeypatch.setattr("rotorid.results.evidence.record_evidence", interrupt)
     assert cli.run([*LONG, "--quiet", "--effort", "quick"]) == 1
     notes = json.loads((folder / "run.json").read_text())["notes"]
@@ -162,25 +153,19 @@ def test_an_interrupt_behind_the_search_takes_no_answer_with_it(
     assert cli.run([*LONG, "--quiet", "--force"]) == 130
 
 
-def test_an_interrupt_before_the_first_minimum_leaves_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupt_before_the_first_minimum_leaves_nothing(folder, monkeypatch):
     monkeypatch.setattr("rotorid.likelihood.fit.search", interrupt)
     assert cli.run([*LONG, "--quiet"]) == 130
     assert not (folder / "run.json").exists()
 
 
 @pytest.mark.parametrize(("patience", "says"), [(0.0, True), (60.0, False)])
-def test_what_is_done_sooner_than_that_says_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, patience: float, says: bool
-) -> None:
+def test_what_is_done_sooner_than_that_says_nothing(folder, monkeypatch, patience, says):
     shown = shown_in_process(monkeypatch, *LONG, "--effort", "quick", patience=patience)
     assert bool(shown) == says
 
 
-def test_other_commands_say_how_far_they_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_commands_say_how_far_they_are(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rig = ("simulate", "three-mass", "--out", "run.h5")
     assert re.search(r"simulating samples, \d+ of \d+", shown_in_process(monkeypatch, *rig))

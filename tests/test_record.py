@@ -1,7 +1,5 @@
 """Records, and what their channels are to a model."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 
@@ -107,7 +105,7 @@ def _twice() -> tuple[rid.Record, rid.Record]:
 
 
 @pytest.mark.parametrize("kind", ["record", "periods", "lines"])
-def test_values_compare_by_content_are_read_only_and_fit_a_screen(kind: str) -> None:
+def test_values_compare_by_content_are_read_only_and_fit_a_screen(kind):
     one, two = _twice()
     if kind != "record":
         one, two = (
@@ -127,13 +125,13 @@ def test_values_compare_by_content_are_read_only_and_fit_a_screen(kind: str) -> 
     assert "<table" in one._repr_html_()
 
 
-def test_records_and_periods_draw_themselves() -> None:
+def test_records_and_periods_draw_themselves():
     one, _ = _twice()
     assert len(one.plot().axes) >= 12
     assert len(rid.average(one, 2.0, harmonics=[1]).plot().axes) >= 12
 
 
-def test_quantities_may_be_texts() -> None:
+def test_quantities_may_be_texts():
     model = rid.load_model("jeffcott")
     told = rid.MaximumLikelihood(fixed={"k": "0.4 kN/mm"}, known={"m": ("5000 g", "0.1 kg")})
     knowledge = told.knowledge(model)

@@ -1,6 +1,5 @@
 """Frequency responses as data: from numpy's own solution of a chain of masses, with H1 averages."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -79,19 +78,19 @@ def check_truth(found: rid.Estimate) -> None:
 
 
 class TestExact:
-    def test_receptances(self) -> None:
+    def test_receptances(self):
         check_truth(estimate(response()[:, [0, 2]], std=1e-12))
 
-    def test_accelerances(self) -> None:
+    def test_accelerances(self):
         sensors = [rid.Channel(f"a{k}", "m/s^2", {f"x{k}''": 1.0}) for k in (1, 3)]
         found = -(OMEGA[:, None] ** 2) * response()[:, [0, 2]]
         check_truth(estimate(found, sensors, std=1e-7))
 
-    def test_one_mobility(self) -> None:
+    def test_one_mobility(self):
         sensor = rid.Channel("v1", "m/s", {"x1'": 1.0})
         check_truth(estimate(1j * OMEGA[:, None] * response()[:, :1], [sensor], std=1e-12))
 
-    def test_responses_to_two_forces(self) -> None:
+    def test_responses_to_two_forces(self):
         g = rid.Channel("G", "N")
         lines = [
             rid.response_lines(force, [X1], HERTZ, response(k)[:, :1], std=1e-12)
@@ -99,12 +98,12 @@ class TestExact:
         ]
         check_truth(rid.identify(MODEL, lines, rid.MaximumLikelihood()))
 
-    def test_order_of_lines_and_the_line_at_zero_do_not_matter(self) -> None:
+    def test_order_of_lines_and_the_line_at_zero_do_not_matter(self):
         frequency = np.append(HERTZ[::-1], 0.0)
         found = np.vstack([response()[::-1, [0, 2]], [[1.0, 1.0]]])
         check_truth(estimate(found, frequency=frequency, std=1e-12))
 
-    def test_what_turns_with_the_rotor_is_no_part_of_a_response(self) -> None:
+    def test_what_turns_with_the_rotor_is_no_part_of_a_response(self):
         lines = rid.response_lines(F, [X1], HERTZ, response()[:, :1], std=1.0)
         assert isinstance(lines.clock, SilentClock)
         unbalance = lines.clock.lines(lambda t, phi, speed: np.stack([np.cos(phi)], -1))
@@ -114,7 +113,7 @@ class TestExact:
 
 
 class TestNoise:
-    def test_deviations_are_those_of_the_averages(self) -> None:
+    def test_deviations_are_those_of_the_averages(self):
         found, coherence = averaged(np.random.default_rng(5), 40)
         lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=40)
         assert (lines.covariance.kind, lines.covariance.dof) == ("coherence", 39)
@@ -122,7 +121,7 @@ class TestNoise:
         variance = np.einsum("kii->ki", lines.covariance.matrices).real[:, 1:].mean()
         assert variance == pytest.approx(NOISE**2 / 39, rel=0.05)
 
-    def test_few_averages_are_pooled_over_neighbouring_lines(self) -> None:
+    def test_few_averages_are_pooled_over_neighbouring_lines(self):
         for averages, dof in ((21, 20), (20, 57), (5, 20), (3, 22)):
             found, coherence = averaged(np.random.default_rng(5), averages)
             lines = rid.response_lines(
@@ -130,7 +129,7 @@ class TestNoise:
             )
             assert lines.covariance.dof == dof
 
-    def test_lines_of_noise_alone_are_left_out_and_told(self) -> None:
+    def test_lines_of_noise_alone_are_left_out_and_told(self):
         found, coherence = averaged(np.random.default_rng(5), 40)
         coherence[[3, 4], 0] = 0.9 * FAINT
         coherence[7, 1] = 0.0
@@ -138,7 +137,7 @@ class TestNoise:
         assert len(lines.frequency) == len(HERTZ) - 3
         assert lines.warnings == ("3 lines with a coherence below 0.01 left out: noise alone",)
 
-    def test_a_coherence_printed_as_one_is_not_one(self) -> None:
+    def test_a_coherence_printed_as_one_is_not_one(self):
         found, coherence = averaged(np.random.default_rng(5), 40)
         short = np.round(coherence, 3)
         assert (short == 1).any()
@@ -149,7 +148,7 @@ class TestNoise:
         assert variance == pytest.approx(size * 5e-4 / (1 - 5e-4) / 39)
         assert wrong(estimate(found, coherence=short, averages=40)) < 5
 
-    def test_coherence_and_its_averages_give_honest_deviations(self) -> None:
+    def test_coherence_and_its_averages_give_honest_deviations(self):
         found, coherence = averaged(np.random.default_rng(11), 20)
         result = estimate(found, coherence=coherence, averages=20)
         assert result.status == "ok"
@@ -174,14 +173,14 @@ class TestRefused:
             ({"coherence": np.nan}, "a coherence of nan"),
         ],
     )
-    def test_noise_that_is_none(self, told: dict, said: str) -> None:
+    def test_noise_that_is_none(self, told, said):
         told = {"averages": 20, **told}
         if "coherence" in told:
             told["coherence"] = np.full((len(HERTZ), 2), told["coherence"])
         with pytest.raises(InputError, match=said):
             estimate(response()[:, [0, 2]], **told)
 
-    def test_shapes_and_numbers(self) -> None:
+    def test_shapes_and_numbers(self):
         found = response()[:, [0, 2]]
         with pytest.raises(InputError, match=r"responses of shape \(118, 2\)"):
             estimate(found, [X1], std=1.0)
@@ -207,14 +206,14 @@ def thinned() -> tuple[np.ndarray, np.ndarray]:
 class TestMistakes:
     """Mistakes that the data can show: none is ok and far off, each is said in one line."""
 
-    def test_phases_that_count_the_other_way(self) -> None:
+    def test_phases_that_count_the_other_way(self):
         found, coherence = thinned()
         result = estimate(found.conj(), frequency=THIN, coherence=coherence, averages=20)
         assert result.status == "rejected"
         assert any("set lag = true in the channels" in w for w in result.warnings)
 
     @pytest.mark.slow
-    def test_damping_below_zero_by_chance_is_no_growth(self) -> None:
+    def test_damping_below_zero_by_chance_is_no_growth(self):
         """A model without damping, and one whose damping is zero within its deviation."""
         clean = response(c=0.0)[::4, [0, 2]]
         lines = rid.response_lines(F, [X1, X3], THIN, clean, std=1e-12)
@@ -230,7 +229,7 @@ class TestMistakes:
         assert any(signs)
 
     @pytest.mark.slow
-    def test_a_sensor_upside_down(self) -> None:
+    def test_a_sensor_upside_down(self):
         found, coherence = thinned()
         result = estimate(found * [1, -1], frequency=THIN, coherence=coherence, averages=20)
         assert result.status != "ok"
@@ -238,9 +237,7 @@ class TestMistakes:
 
     @pytest.mark.slow
     @pytest.mark.parametrize(("changed", "term"), [(np.conj, "lag"), (np.negative, "sign[force]")])
-    def test_what_is_mistaken_of_all_is_named_first(
-        self, changed: Callable[[np.ndarray], np.ndarray], term: str
-    ) -> None:
+    def test_what_is_mistaken_of_all_is_named_first(self, changed, term):
         """Where no search arrives: a negative damping explains 98 % of phases that lag."""
         hertz = np.arange(4.0, 60.0, 0.5)
         s = 2j * np.pi * hertz[:, None, None]
@@ -258,7 +255,7 @@ class TestMistakes:
         assert result.suspects[0].term == term
 
     @pytest.mark.slow
-    def test_accelerances_taken_for_receptances(self) -> None:
+    def test_accelerances_taken_for_receptances(self):
         found, coherence = thinned()
         result = estimate(
             -((2 * np.pi * THIN[:, None]) ** 2) * found,
@@ -271,7 +268,7 @@ class TestMistakes:
         assert "responses of accelerations, where positions are said" in result.warnings[0]
 
     @pytest.mark.slow
-    def test_frequencies_in_another_unit_are_doubted(self) -> None:
+    def test_frequencies_in_another_unit_are_doubted(self):
         """No response tells: all masses are 39 times less, and the start is all there is."""
         found, coherence = thinned()
         result = estimate(found, frequency=2 * np.pi * THIN, coherence=coherence, averages=20)
@@ -281,7 +278,7 @@ class TestMistakes:
 
 class TestBesideModes:
     @pytest.mark.slow
-    def test_one_that_contradicts_the_responses_is_named(self) -> None:
+    def test_one_that_contradicts_the_responses_is_named(self):
         """The records lead the search: a frequency that is 100 deviations off does not."""
         found, coherence = averaged(np.random.default_rng(1), 20)
         lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=20)
@@ -324,7 +321,7 @@ PARTS = 'x1 = { input = "F", real = "re", imag = "im", '
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("responses")
     (folder / "chain.toml").write_text(CHAIN)
     found, coherence = averaged(np.random.default_rng(1), 20)
@@ -373,7 +370,7 @@ def identified(experiment: rid.Experiment) -> rid.Estimate:
 
 class TestFiles:
     @pytest.mark.slow
-    def test_a_table_is_inspected(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_a_table_is_inspected(self, folder, capsys):
         polar = "amplitude = 'a1', phase = 'p1', coherence = 'c1', unit = 'um/N'"
         load(folder, f"x1 = {{ input = 'F', {polar} }}")
         assert run(["inspect", str(folder / "run.toml")]) == 0
@@ -385,11 +382,11 @@ class TestFiles:
         assert f"{HERTZ[size.argmax()]:.6g}" in told
         assert "(m)/(N)" in told
 
-    def test_a_table(self, folder: Path) -> None:
+    def test_a_table(self, folder):
         check_alike(identified(load(folder, TABLE)))
 
     @pytest.mark.parametrize("binary", [0, 1])
-    def test_universal_files(self, folder: Path, binary: int) -> None:
+    def test_universal_files(self, folder, binary):
         pytest.importorskip("pyuff")
         channels = (
             'x1 = { input = "F", column = "1+X/1+X" }\n'
@@ -397,12 +394,12 @@ class TestFiles:
         )
         check_alike(identified(load(folder, channels, f"tap{binary}.uff")))
 
-    def test_inputs_are_taken_apart(self, folder: Path) -> None:
+    def test_inputs_are_taken_apart(self, folder):
         both = TABLE.replace('a3 = { input = "F"', 'a3 = { input = "G"')
         first, second = load(folder, both).records("ml")
         assert (first.names, second.names) == (("F", "x1"), ("G", "a3"))
 
-    def test_band_speed_and_lag(self, folder: Path) -> None:
+    def test_band_speed_and_lag(self, folder):
         more = 'band = ["50 Hz", "100 Hz"]\nspeed = "600 rpm"\n'
         turned = TABLE.replace("unit", "lag = true, unit")
         (lines,) = load(folder, turned, more=more).records("ml")
@@ -429,11 +426,11 @@ class TestFiles:
             (TABLE, 'speed = { column = "f", unit = "rpm" }', "a column of speeds in a record of"),
         ],
     )
-    def test_refused(self, folder: Path, channels: str, more: str, told: str) -> None:
+    def test_refused(self, folder, channels, more, told):
         with pytest.raises(InputError, match=told):
             load(folder, channels, more=more).records("ml")
 
-    def test_refused_of_universal_files(self, folder: Path) -> None:
+    def test_refused_of_universal_files(self, folder):
         pytest.importorskip("pyuff")
         with pytest.raises(
             InputError, match=r"no response '2\+X/1\+X'.*one of 1\+X/1\+X, 3-Z/1\+X"
@@ -446,7 +443,7 @@ class TestFiles:
         with pytest.raises(InputError, match="where the file says"):
             load(folder, unit, "tap0.uff").records("ml")
 
-    def test_keys_of_responses_are_none_of_samples(self, folder: Path) -> None:
+    def test_keys_of_responses_are_none_of_samples(self, folder):
         load(folder, TABLE)
         text = (folder / "run.toml").read_text().replace('kind = "responses"', "")
         (folder / "samples.toml").write_text(text)
@@ -456,7 +453,7 @@ class TestFiles:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("averages", [5, 20])
-def test_deviations_hold(averages: int) -> None:
+def test_deviations_hold(averages):
     """150 tests each: errors over stated deviations, cover, and a 5 % test."""
     errors, stated, rejected = [], [], []
     for seed in range(150):
@@ -493,7 +490,7 @@ class TestWindow:
         found = (cross / auto)[:, None]
         return found, (np.abs(cross) ** 2 / (auto * (np.abs(read) ** 2).sum(axis=0)))[:, None]
 
-    def test_it_is_said_and_every_second_line_cures_it(self) -> None:
+    def test_it_is_said_and_every_second_line_cures_it(self):
         found, coherence = self.averaged(np.random.default_rng(3))
         result = estimate(found, [X1], coherence=coherence, averages=40)
         assert any("keep every second line (every = 2)" in w for w in result.warnings)
@@ -502,19 +499,19 @@ class TestWindow:
         assert not any("neighbouring lines" in w for w in result.warnings)
 
     @pytest.mark.slow
-    def test_fewer_than_fifty_lines_are_not_judged(self) -> None:
+    def test_fewer_than_fifty_lines_are_not_judged(self):
         found, coherence = self.averaged(np.random.default_rng(3))
         for lines, told in ((50, True), (49, False)):
             cut = {"frequency": HERTZ[:lines], "coherence": coherence[:lines], "averages": 40}
             result = estimate(found[:lines], [X1], **cut)
             assert any("neighbouring lines" in w for w in result.warnings) == told
 
-    def test_independent_lines_are_not_suspected(self) -> None:
+    def test_independent_lines_are_not_suspected(self):
         found, coherence = averaged(np.random.default_rng(3), 40)
         result = estimate(found, coherence=coherence, averages=40)
         assert not any("neighbouring lines" in w for w in result.warnings)
 
-    def test_every_second_line_of_a_file(self, folder: Path) -> None:
+    def test_every_second_line_of_a_file(self, folder):
         (lines,) = load(folder, TABLE, more="every = 2\n").records("ml")
         assert set(lines.frequency) < set(HERTZ[::2])
         assert len(lines.frequency) > 50  # but for lines of noise alone
@@ -531,7 +528,7 @@ def measured_twice(order: int, own: float) -> rid.Lines:
 
 
 @pytest.mark.parametrize("order", [-2, -1, 0, 1, 2])
-def test_a_response_and_its_derivative_are_one_measurement(order: int) -> None:
+def test_a_response_and_its_derivative_are_one_measurement(order):
     with pytest.raises(InputError, match=rf"one response in x1 and x3.*\(i omega\)\^{order} of"):
         measured_twice(order, 0.0)
     with pytest.raises(InputError, match="one response in x1 and x3"):

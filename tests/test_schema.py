@@ -27,9 +27,7 @@ def schema_of(kind: str, folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(("kind", "path"), SHIPPED, ids=lambda value: Path(value).stem)
-def test_a_shipped_file_fits_and_a_misspelt_key_does_not(
-    kind: str, path: Path, tmp_path: Path
-) -> None:
+def test_a_shipped_file_fits_and_a_misspelt_key_does_not(kind, path, tmp_path):
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     kind = "rotor" if kind == "model" and "sections" in table else kind
     schema = schema_of(kind, tmp_path)
@@ -38,7 +36,7 @@ def test_a_shipped_file_fits_and_a_misspelt_key_does_not(
         jsonschema.validate({**table, "tiitle": "x"}, schema)
 
 
-def test_the_experiment_file_of_a_rig_fits(tmp_path: Path) -> None:
+def test_the_experiment_file_of_a_rig_fits(tmp_path):
     out = tmp_path / "run.h5"
     assert cli.run(["simulate", "rigid", "--out", str(out)]) == 0
     table = tomllib.loads(out.with_suffix(".toml").read_text(encoding="utf-8"))
@@ -49,9 +47,7 @@ def test_the_experiment_file_of_a_rig_fits(tmp_path: Path) -> None:
         jsonschema.validate(table, schema)
 
 
-def test_it_is_printed_and_written_again(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_is_printed_and_written_again(tmp_path, capsys):
     assert cli.run(["schema", "rig"]) == 0
     printed = capsys.readouterr().out
     target = tmp_path / "rig.json"

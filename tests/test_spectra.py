@@ -1,7 +1,5 @@
 """Records without periods: their lines, and what is found in them."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
@@ -22,9 +20,6 @@ from rotorid.signals import local_polynomial
 from rotorid.signals.checks.rotation import MUCH, shown_rotation
 from rotorid.signals.local_polynomial import columns_of, local_covariance
 from rotorid.testing import bind_all
-
-# Lines of whole records: transient, loads on no line, noise from references, quiet or inputs.
-
 
 # -------------------------------------------------------------------------------------------------
 # Lines of whole records: transient, loads on no line, noise from references, quiet or inputs.
@@ -74,7 +69,7 @@ def deviations(estimate) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def record() -> Record:
+def record():
     return levitated(1)
 
 
@@ -354,7 +349,7 @@ def lines_with(record: rid.Record, samples: np.ndarray) -> rid.Lines:
 
 
 @pytest.mark.slow
-def test_a_channel_that_is_cut_at_a_limit_is_told(record: rid.Record) -> None:
+def test_a_channel_that_is_cut_at_a_limit_is_told(record):
     assert not lines_with(record, record.samples).checks
     samples, x = record.samples.copy(), record.names.index("x")
     limit = np.quantile(np.abs(samples[:, x]), 0.98)
@@ -365,7 +360,7 @@ def test_a_channel_that_is_cut_at_a_limit_is_told(record: rid.Record) -> None:
 
 
 @pytest.mark.slow
-def test_references_that_are_not_logged_to_the_end_are_told(record: rid.Record) -> None:
+def test_references_that_are_not_logged_to_the_end_are_told(record):
     """What they drove counts as noise then: too little is left of it in the misfit."""
     samples = record.samples.copy()
     samples[len(samples) // 2 :, [record.names.index(name) for name in ("r_x", "r_y")]] = 0.0
@@ -378,7 +373,7 @@ def test_references_that_are_not_logged_to_the_end_are_told(record: rid.Record) 
     assert any("is far below" in w and "references are late" in w for w in wrong.warnings)
 
 
-def test_one_column_for_two_sensors_is_told(record: rid.Record) -> None:
+def test_one_column_for_two_sensors_is_told(record):
     samples = record.samples.copy()
     samples[:, record.names.index("y")] = -2 * samples[:, record.names.index("x")]
     (told,) = lines_with(record, samples).checks
@@ -395,24 +390,24 @@ def frozen(record: rid.Record, name: str, value: float | None = None) -> np.ndar
 
 
 @pytest.mark.slow
-def test_a_sensor_that_stops_is_refused(record: rid.Record) -> None:
+def test_a_sensor_that_stops_is_refused(record):
     with pytest.raises(rid.InputError, match=r"stuck, x: .* from 3.4998 to 5 s.*check its cable"):
         rid.identify(MODEL, lines_with(record, frozen(record, "x")), KNOWN)
 
 
 @pytest.fixture(scope="module")
-def stopped(record: rid.Record) -> rid.Estimate:
+def stopped(record):
     return rid.identify(MODEL, lines_with(record, frozen(record, "F_x")), KNOWN)
 
 
-def test_an_input_that_stops_is_told_before_any_suspect(stopped: rid.Estimate) -> None:
+def test_an_input_that_stops_is_told_before_any_suspect(stopped):
     found = stopped
     assert found.status == "rejected"
     assert found.warnings[0].startswith("before any suspect, see to stuck, F_x: ")
     assert sum("stuck, F_x" in text for text in found.warnings) == 1
 
 
-def test_a_reference_that_stops_is_told(record: rid.Record) -> None:
+def test_a_reference_that_stops_is_told(record):
     """It makes deviations too wide, and no answer wrong; at zero an axis may have been at rest."""
     for value, verdict in ((None, "warning"), (0.0, "note")):
         (told,) = lines_with(record, frozen(record, "r_x", value)).checks
@@ -423,9 +418,7 @@ def test_a_reference_that_stops_is_told(record: rid.Record) -> None:
     ("names", "value", "verdict"),
     [(("r_x",), 7.0, "warning"), (("r_x",), 0.0, "note"), (("r_x", "r_y"), 0.0, "warning")],
 )
-def test_references_that_never_move_are_told(
-    record: rid.Record, names: tuple[str, ...], value: float, verdict: str
-) -> None:
+def test_references_that_never_move_are_told(record, names, value, verdict):
     samples = record.samples.copy()
     samples[:, [record.names.index(name) for name in names]] = value
     told = lines_with(record, samples).checks
@@ -433,7 +426,7 @@ def test_references_that_never_move_are_told(
     assert "name the column of the excitation" in told[0].found
 
 
-def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record: rid.Record) -> None:
+def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record):
     samples = record.samples.copy()
     samples[:, record.names.index("x")] = 4e-6 + 1e-8 * np.random.default_rng(1).integers(
         -1, 2, len(samples)
@@ -492,14 +485,14 @@ def answer(each: rid.Record) -> rid.Estimate:
 
 
 @pytest.mark.slow
-def test_nothing_is_said_of_a_record_in_which_nothing_changed() -> None:
+def test_nothing_is_said_of_a_record_in_which_nothing_changed():
     for seed in range(4):
         found = answer(shaken(np.random.default_rng(seed)))
         assert found.status == "ok", found.warnings
 
 
 @pytest.mark.parametrize(("change", "named"), [({"stiffer": 0.05}, "k"), ({"gain": 0.03}, "mk")])
-def test_what_changed_in_the_middle_is_told(change: dict[str, float], named: str) -> None:
+def test_what_changed_in_the_middle_is_told(change, named):
     found = answer(shaken(np.random.default_rng(1), **change))
     assert found.status == "rejected"
     told = [text for text in found.warnings if "halves of the record differ by" in text]
@@ -507,7 +500,7 @@ def test_what_changed_in_the_middle_is_told(change: dict[str, float], named: str
     assert any(f"deviations in {name}" in told[0] for name in named)
 
 
-def test_a_record_without_windows_has_no_halves() -> None:
+def test_a_record_without_windows_has_no_halves():
     lines = rid.spectra(shaken(np.random.default_rng(1)), (5.0, 150.0), inputs=["F"])
     assert len(lines.parts(2)) == 2
     assert lines.parts(3)[2].names == lines.names
@@ -541,7 +534,7 @@ HEADER = "fx,fy,px,py,ex,ey,ay"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     for name, record in (("run", levitated(1)), ("quiet", levitated(2, excitation=0.0))):
         samples = record.samples * [1, 1, 1e6, 1e6, 1, 1]
@@ -562,7 +555,7 @@ def identify_whole(folder: Path, noise: str, y: str = 'y = { column = "py", unit
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("noise", ['references = ["ex", "ey"]', 'quiet = "quiet.csv"'])
-def test_a_record_without_periods_is_identified(folder: Path, noise: str) -> None:
+def test_a_record_without_periods_is_identified(folder, noise):
     found = identify_whole(folder, noise)
     assert found["status"] == "ok"
     for row in found["parameters"]:
@@ -570,7 +563,7 @@ def test_a_record_without_periods_is_identified(folder: Path, noise: str) -> Non
 
 
 @pytest.mark.slow
-def test_what_was_assumed_of_the_noise_is_said(folder: Path) -> None:
+def test_what_was_assumed_of_the_noise_is_said(folder):
     assert any("free of noise" in warning for warning in identify_whole(folder, "")["warnings"])
 
 
@@ -582,9 +575,7 @@ def test_what_was_assumed_of_the_noise_is_said(folder: Path) -> None:
         ('references = ["none"]', "none"),
     ],
 )
-def test_what_does_not_go_together_is_refused(
-    folder: Path, noise: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_does_not_go_together_is_refused(folder, noise, message, capsys):
     text = EXPERIMENT.format(noise=noise, y='y = { column = "py", unit = "um" }', rpm=3000)
     (folder / "wrong.toml").write_text(text, encoding="utf-8")
     assert cli.run(["identify", str(folder / "wrong.toml")]) == 2
@@ -593,7 +584,7 @@ def test_what_does_not_go_together_is_refused(
 
 
 @pytest.mark.slow
-def test_least_squares_asks_for_periods(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_least_squares_asks_for_periods(folder, capsys):
     identify_whole(folder, 'references = ["ex", "ey"]')
     capsys.readouterr()
     assert cli.run(["identify", str(folder / "run.toml"), "--method", "batch"]) == 2
@@ -627,7 +618,7 @@ y = {{ column = "py", unit = "um" }}
 
 
 @pytest.fixture(scope="module")
-def turning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def turning(tmp_path_factory):
     """Two records of one rotor: the second begins an eighth of a turn later in its rotation."""
     folder = tmp_path_factory.mktemp("turning")
     later = round(np.pi / 4 / SPEED * RATE)
@@ -645,7 +636,7 @@ def turning_file(folder: Path, turning: str, second: str = "") -> Path:
 
 
 @pytest.mark.slow
-def test_records_that_count_the_angle_from_two_zeros_are_refused(turning: Path) -> None:
+def test_records_that_count_the_angle_from_two_zeros_are_refused(turning):
     """One unbalance would have two directions; fitted, it takes minutes to reject them."""
     speed = f'speed = "{SPEED * 30 / np.pi} rpm"'
     bare = rid.load_experiment(turning_file(turning, speed))
@@ -662,7 +653,7 @@ def test_records_that_count_the_angle_from_two_zeros_are_refused(turning: Path) 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("turn", [2.0, 3.1, 4.5])
-def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
+def test_an_unknown_phase_starts_where_the_rotation_stands(turn):
     """From the other side of the circle the search ended nowhere, after minutes."""
     later = round(turn / SPEED * RATE)
     runs = [levitated(seed) for seed in (1, 2)]
@@ -682,7 +673,7 @@ def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
 
 
 @pytest.mark.slow
-def test_a_record_in_another_unit_is_refused(turning: Path) -> None:
+def test_a_record_in_another_unit_is_refused(turning):
     """Its rotation is a thousand times that of the other, which turns at the same speed."""
     told = f'speed = "{SPEED * 30 / np.pi} rpm"'
     second = 'phase = "unknown"\n[records.channels]'
@@ -697,7 +688,7 @@ def test_a_record_in_another_unit_is_refused(turning: Path) -> None:
         rid.load_experiment(turning_file(turning, told, scaled)).records()
 
 
-def test_a_wave_that_is_another_as_a_whole() -> None:
+def test_a_wave_that_is_another_as_a_whole():
     wave = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
 
     def factor(phasors: np.ndarray, speed: float = 300.0) -> complex | None:
@@ -713,7 +704,7 @@ def test_a_wave_that_is_another_as_a_whole() -> None:
 
 
 @pytest.mark.parametrize("factor", [1.2 * np.exp(0.5j), 90.0, np.exp(0.15j)])
-def test_another_unbalance_is_no_mistake(factor: complex) -> None:
+def test_another_unbalance_is_no_mistake(factor):
     wave = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
     check_rotation([wave, replace(wave, number=1, phasors=factor * wave.phasors)], "run.toml")
     turned = replace(wave, number=1, phasors=1j * wave.phasors, told=True)

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,9 +75,7 @@ def modules(code: str, environment: dict[str, str] | None = None) -> tuple[set[s
         ("from rotorid.cli import run; print(run([]))", COMPLETION, "plain,identify\n0\n"),
     ],
 )
-def test_what_is_not_needed_is_not_loaded(
-    code: str, environment: dict[str, str], printed: str
-) -> None:
+def test_what_is_not_needed_is_not_loaded(code, environment, printed):
     packages, out = loaded(code, environment)
     assert "rotorid" in packages
     assert not packages & HEAVY
@@ -86,7 +83,7 @@ def test_what_is_not_needed_is_not_loaded(
 
 
 @pytest.mark.slow
-def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path: Path) -> None:
+def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path):
     """No algebra, no formats but the file's own, no other method, no pictures."""
     path = tmp_path / "run.toml"
     path.write_text(EXPERIMENT)
@@ -108,7 +105,7 @@ def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path: Path) ->
     assert names & {*slow, *(f"rotorid.{name}" for name in ours | tables)} == set()
 
 
-def test_public_names_are_there_and_listed() -> None:
+def test_public_names_are_there_and_listed():
     for name in rid.__all__:
         assert getattr(rid, name) is not None
     assert set(rid.__all__) <= set(dir(rid))

@@ -1,10 +1,7 @@
 """The same data twice: the same file, a copy of it, the same column for two channels."""
 
-from __future__ import annotations
-
 import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -68,7 +65,7 @@ def write(path: Path, values: dict[str, np.ndarray]) -> None:
 
 
 @pytest.fixture
-def load(tmp_path: Path) -> Callable[..., rid.Experiment]:
+def load(tmp_path):
     """Load an experiment of records, each a file and what is said of it."""
     (tmp_path / "model.toml").write_text(MODEL)
 
@@ -80,7 +77,7 @@ def load(tmp_path: Path) -> Callable[..., rid.Experiment]:
     return make
 
 
-def test_a_file_twice(load, tmp_path: Path) -> None:
+def test_a_file_twice(load, tmp_path):
     """Its deviations would be too small by the root of how often it is listed."""
     (tmp_path / "link.csv").symlink_to("run.csv")
     (tmp_path / "more").mkdir()
@@ -106,12 +103,12 @@ def test_a_file_twice(load, tmp_path: Path) -> None:
         (LINES, LINES + '\n[records.channels]\nx = { column = "qx", unit = "um" }'),
     ],
 )
-def test_a_file_for_two_records(first: str, second: str, load) -> None:
+def test_a_file_for_two_records(first, second, load):
     """Other times, other lines, other sensors are other data."""
     assert len(load(("run.csv", first), ("run.csv", second)).entry.records) == 2
 
 
-def test_the_noise_of_the_record_itself(load) -> None:
+def test_the_noise_of_the_record_itself(load):
     whole = RECORD.replace('fundamental = "10 Hz"', "").format(
         file="run.csv", more='band = ["5 Hz", "50 Hz"]\nquiet = "./run.csv"'
     )
@@ -121,7 +118,7 @@ def test_the_noise_of_the_record_itself(load) -> None:
         rid.load_experiment(path)
 
 
-def test_a_copy(load, tmp_path: Path) -> None:
+def test_a_copy(load, tmp_path):
     write(tmp_path / "run.h5", columns())
     shutil.copy(tmp_path / "run.h5", tmp_path / "copy.h5")
     with pytest.raises(InputError, match=r"copy\.h5: found 1000 samples that run\.h5 holds too"):
@@ -130,14 +127,14 @@ def test_a_copy(load, tmp_path: Path) -> None:
     assert len(load(("run.h5", parts[0]), ("copy.h5", parts[1])).records()) == 2
 
 
-def test_other_sensors_of_a_copy_are_other_data(load, tmp_path: Path) -> None:
+def test_other_sensors_of_a_copy_are_other_data(load, tmp_path):
     write(tmp_path / "run.h5", columns())
     shutil.copy(tmp_path / "run.h5", tmp_path / "copy.h5")
     other = LINES + '\n[records.channels]\nx = { column = "qx", unit = "um" }'
     assert len(load(("run.h5", LINES), ("copy.h5", other)).records()) == 2
 
 
-def test_files_of_holes_are_not_compared(load, tmp_path: Path) -> None:
+def test_files_of_holes_are_not_compared(load, tmp_path):
     """Of 300 GB each they would take minutes, and hold nothing."""
     for name in ("run.h5", "copy.h5"):
         with (tmp_path / name).open("wb") as stream:
@@ -148,7 +145,7 @@ def test_files_of_holes_are_not_compared(load, tmp_path: Path) -> None:
     assert time.process_time() - started < 2
 
 
-def test_an_export_of_the_same(load, tmp_path: Path) -> None:
+def test_an_export_of_the_same(load, tmp_path):
     """In another format, with other columns beside: every digit of the sensors is the same."""
     write(tmp_path / "run.h5", columns())
     write(tmp_path / "again.csv", {"time": TIME, **columns()})
@@ -158,7 +155,7 @@ def test_an_export_of_the_same(load, tmp_path: Path) -> None:
     assert len(load(("run.h5", LINES), ("again.csv", LINES)).records()) == 2
 
 
-def test_files_of_one_size_are_told_apart(load, tmp_path: Path) -> None:
+def test_files_of_one_size_are_told_apart(load, tmp_path):
     """However large and alike they are: one sample in the middle of a megabyte differs."""
     values = {name: np.resize(one, 10**5) for name, one in columns().items()}
     write(tmp_path / "run.h5", values)
@@ -186,19 +183,19 @@ FLUX = f'F = {{ law = "flux", flux = {PLATES}, area = "1 cm^2" }}'
         ),
     ],
 )
-def test_a_column_for_two_channels(old: str, new: str, found: str, load) -> None:
+def test_a_column_for_two_channels(old, new, found, load):
     with pytest.raises(InputError, match=found):
         load(("run.csv", LINES), channels=CHANNELS.replace(old, new))
 
 
-def test_a_column_by_two_names(load, tmp_path: Path) -> None:
+def test_a_column_by_two_names(load, tmp_path):
     write(tmp_path / "run.h5", {f"log/{name}": one for name, one in columns().items()})
     channels = CHANNELS.replace('G = { column = "gx"', 'G = { column = "log/fx"')
     with pytest.raises(InputError, match=r"channels\.G\.column: found 'log/fx' for F and for G"):
         load(("run.h5", LINES), channels=channels).records()
 
 
-def test_coils_in_series(load, tmp_path: Path) -> None:
+def test_coils_in_series(load, tmp_path):
     """One current may drive two force laws; that is told, for it may be a slip."""
     write(tmp_path / "run.csv", columns())
     law = '{ law = "linear", ki = "20 N/A", ks = "0 N/m", position = "x", current = '
@@ -212,7 +209,7 @@ def test_coils_in_series(load, tmp_path: Path) -> None:
         load(("run.csv", LINES), channels=channels + last.replace("px", "fx"))
 
 
-def test_phasors_and_responses_of_one_column(load, tmp_path: Path) -> None:
+def test_phasors_and_responses_of_one_column(load, tmp_path):
     phasors = """
 [[records]]
 kind = "phasors"
@@ -254,9 +251,7 @@ std = "0.1 Hz"
         (("mode = 1", "mode = 2", ""), None),
     ],
 )
-def test_natural_frequencies_twice(
-    said: tuple[str, ...], place: str | None, tmp_path: Path
-) -> None:
+def test_natural_frequencies_twice(said, place, tmp_path):
     (tmp_path / "run.toml").write_text(MODES.format(*said))
     if place is None:
         assert len(rid.load_experiment(tmp_path / "run.toml").entry.modes) == 3
@@ -275,7 +270,7 @@ def scatters(load, folder: Path, first: dict, second: dict, more: str = LINES) -
 
 
 @pytest.mark.parametrize("how", ["units", "digits", "single", "another"])
-def test_an_export_with_fewer_digits(how: str, load, tmp_path: Path) -> None:
+def test_an_export_with_fewer_digits(how, load, tmp_path):
     """Noise does not repeat: where it does, in other units or digits, that is told."""
     values = columns()
     again = {
@@ -290,7 +285,7 @@ def test_an_export_with_fewer_digits(how: str, load, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("part", "said"), [(0.2, True), (0.45, False)])
-def test_lost_digits_are_noise_of_their_own(part: float, said: bool, load, tmp_path: Path) -> None:
+def test_lost_digits_are_noise_of_their_own(part, said, load, tmp_path):
     """Correlations of .98 and .91; .95 is asked for."""
     values, rng = columns(), np.random.default_rng(5)
     again = {**values, "px": values["px"] + part * 1e-3 * rng.standard_normal(1000)}
@@ -298,7 +293,7 @@ def test_lost_digits_are_noise_of_their_own(part: float, said: bool, load, tmp_p
     assert bool(scatters(load, tmp_path, values, again, more)) == said
 
 
-def test_a_measurement_from_its_fourth_period_on(load, tmp_path: Path) -> None:
+def test_a_measurement_from_its_fourth_period_on(load, tmp_path):
     values = columns()
     late = {name: 2 * one[300:] for name, one in values.items()}
     (said,) = scatters(load, tmp_path, values, late)
@@ -307,7 +302,7 @@ def test_a_measurement_from_its_fourth_period_on(load, tmp_path: Path) -> None:
     assert "period by period, 3 periods earlier" in said
 
 
-def test_hum_of_two_records_is_no_copy(load, tmp_path: Path) -> None:
+def test_hum_of_two_records_is_no_copy(load, tmp_path):
     """It meets itself at some lag; with a twentieth of noise to .997, short of .999."""
     rng, made = np.random.default_rng(3), []
     for start in (0.0, 0.4321):
@@ -317,7 +312,7 @@ def test_hum_of_two_records_is_no_copy(load, tmp_path: Path) -> None:
     assert not scatters(load, tmp_path, *made)
 
 
-def test_scatter_that_is_none_tells_nothing(load, tmp_path: Path) -> None:
+def test_scatter_that_is_none_tells_nothing(load, tmp_path):
     """Two exact records of one excitation are alike in all but their rounding."""
     exact = {name: np.resize(one[:100], 1000) for name, one in columns().items()}
     assert not scatters(load, tmp_path, exact, {name: 3 * one for name, one in exact.items()})
@@ -325,7 +320,7 @@ def test_scatter_that_is_none_tells_nothing(load, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("periods", "said"), [(5, True), (4, False)])
-def test_few_periods_may_be_alike_by_chance(periods: int, said: bool, load, tmp_path: Path) -> None:
+def test_few_periods_may_be_alike_by_chance(periods, said, load, tmp_path):
     """Of n periods n - 1 are free, on each line: eight of these are needed."""
     again = {name: one * 1e-3 for name, one in columns().items()}
     until = f'{LINES}\nuntil = "{periods * 0.1} s"\nskip = "0 s"'
@@ -339,7 +334,7 @@ def test_few_periods_may_be_alike_by_chance(periods: int, said: bool, load, tmp_
         ("c = { value = '2 N s/m', std = '1 N s/m' }", r"constraints\.1: found '2\*m', .*nts\.0 "),
     ],
 )
-def test_a_weighing_twice(text: str, told: str, load) -> None:
+def test_a_weighing_twice(text, told, load):
     path = Path(load(("run.csv", LINES)).file)
     once = '[[constraints]]\nexpression = "{}"\nvalue = "2 kg"\nstd = "1 g"\n'
     plain = path.read_text()
@@ -355,9 +350,7 @@ SHARED = "found 863 samples that run.csv holds too.*at 0 s here is at 0.137 s th
 
 
 @pytest.mark.parametrize("more", [LINES, 'band = ["5 Hz", "45 Hz"]', 'cutoff = "45 Hz"'])
-def test_excerpts_of_one_measurement_that_overlap(
-    more: str, load, tmp_path: Path, monkeypatch
-) -> None:
+def test_excerpts_of_one_measurement_that_overlap(more, load, tmp_path, monkeypatch):
     """Begun at any sample, in files of their own, cut into periods or whole."""
     values = columns()
     write(tmp_path / "run.csv", values)
@@ -369,7 +362,7 @@ def test_excerpts_of_one_measurement_that_overlap(
         experiment.records("ml")
 
 
-def test_excerpts_that_are_read_in_blocks(load, tmp_path: Path, monkeypatch) -> None:
+def test_excerpts_that_are_read_in_blocks(load, tmp_path, monkeypatch):
     monkeypatch.setattr("rotorid.io.columns.WORTH", 0)
     monkeypatch.setattr("rotorid.io.columns.ROWS", 100)
     values = columns()
@@ -386,7 +379,7 @@ def test_excerpts_that_are_read_in_blocks(load, tmp_path: Path, monkeypatch) -> 
         ("", "harmonics = [3]"),
     ],
 )
-def test_excerpts_of_which_each_sample_counts_once(first, second, load, tmp_path: Path) -> None:
+def test_excerpts_of_which_each_sample_counts_once(first, second, load, tmp_path):
     values = columns()
     write(tmp_path / "run.csv", values)
     write(tmp_path / "later.csv", {name: one[137:] for name, one in values.items()})
@@ -408,7 +401,7 @@ def table_of(hertz: np.ndarray, values: np.ndarray, name: str, order: int = 0) -
     return response_lines(rid.Channel("F", "N"), [sensor], hertz, found[:, None], std=std)
 
 
-def test_one_response_in_two_records() -> None:
+def test_one_response_in_two_records():
     """With fewer digits or lines, or as acceleration; one that was measured again is another."""
     rng = np.random.default_rng(1)
     hertz, values = responses(rng)
@@ -427,7 +420,7 @@ def test_one_response_in_two_records() -> None:
     check_tables([one, table_of(hertz + 0.5, values, "x")], ["F"])
 
 
-def test_rows_of_phasors_in_two_records() -> None:
+def test_rows_of_phasors_in_two_records():
     rng = np.random.default_rng(1)
     speed = np.linspace(100.0, 300.0, 30)
     exact = np.stack([1e-5 * speed**2, -1e-5j * speed**2], axis=1)

@@ -1,7 +1,5 @@
 """Force laws, their entries in files, and what goes through them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -22,20 +20,20 @@ MAGNET = Differential(K=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
 SINGLE = Differential(K=1.2e-5, bias=0.0, gap=4e-4, angle=np.radians(22.5), iron=2e-5)
 
 
-def test_linear_is_what_it_says() -> None:
+def test_linear_is_what_it_says():
     law = Linear(ki=120.0, ks=2e5)
     np.testing.assert_allclose(law.force([0.0, 1.0], [1e-4, 0.0]), [20.0, 120.0])
     assert law.linearize(1.0, 1e-5) is law
 
 
-def test_slopes_at_the_origin_are_the_closed_forms() -> None:
+def test_slopes_at_the_origin_are_the_closed_forms():
     slope, c = MAGNET.linearize(), np.cos(MAGNET.angle)
     assert slope.ki == pytest.approx(4 * 1.2e-5 * 2.5 / 4e-4**2 * c, rel=1e-14)
     assert slope.ks == pytest.approx(4 * 1.2e-5 * 2.5**2 / 4e-4**3 * c**2, rel=1e-14)
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-3e-4, 3e-4))
-def test_slopes_are_the_derivatives_of_the_force(current: float, position: float) -> None:
+def test_slopes_are_the_derivatives_of_the_force(current, position):
     slope = MAGNET.linearize(current, position)
     di, dx = 1e-5, 1e-9
     by_current = MAGNET.force(current + di, position) - MAGNET.force(current - di, position)
@@ -45,7 +43,7 @@ def test_slopes_are_the_derivatives_of_the_force(current: float, position: float
 
 
 @given(st.floats(-20.0, 20.0), st.floats(-3e-4, 3e-4))
-def test_without_bias_one_magnet_works_at_a_time(current: float, position: float) -> None:
+def test_without_bias_one_magnet_works_at_a_time(current, position):
     """It pulls with the square of its current, to its own side, over its own gap."""
     c, side = np.cos(SINGLE.angle), np.sign(current)
     gap = 4.2e-4 - side * position * c
@@ -58,7 +56,7 @@ def test_without_bias_one_magnet_works_at_a_time(current: float, position: float
         assert slope.ks == pytest.approx(2 * force * side * c / gap, rel=1e-12)
 
 
-def test_geometry_gives_the_constant_of_a_horseshoe() -> None:
+def test_geometry_gives_the_constant_of_a_horseshoe():
     entry = LawEntry(law="differential", area="2 cm^2", turns=100, bias="2 A", gap="0.5 mm")
     law = entry.build()
     assert isinstance(law, Differential)
@@ -80,7 +78,7 @@ def test_geometry_gives_the_constant_of_a_horseshoe() -> None:
         (Flux(2e-4, 2, 0.3, std={"area": 2e-6, "angle": 0.01}), (0.9, 0.4)),
     ],
 )
-def test_deviation_of_the_force_is_that_of_drawn_constants(law, at) -> None:
+def test_deviation_of_the_force_is_that_of_drawn_constants(law, at):
     rng = np.random.default_rng(2)
     forces = []
     for _ in range(4000):
@@ -89,7 +87,7 @@ def test_deviation_of_the_force_is_that_of_drawn_constants(law, at) -> None:
     assert law.force_std(*at) == pytest.approx(np.std(forces), rel=0.05)
 
 
-def test_deviation_of_the_slopes() -> None:
+def test_deviation_of_the_slopes():
     law = replace(MAGNET, std={"gap": 4e-6})
     slope = law.linearize()
     assert slope.std["ki"] == pytest.approx(2 * 0.01 * slope.ki, rel=1e-12)
@@ -118,19 +116,19 @@ def test_deviation_of_the_slopes() -> None:
         (lambda: MAGNET.force(np.nan, 0.0), r"current nan A"),
     ],
 )
-def test_bad_constants_and_states_are_refused(build, message: str) -> None:
+def test_bad_constants_and_states_are_refused(build, message):
     with pytest.raises(InputError, match=message):
         build()
 
 
 @given(st.floats(-2.4, 2.4), st.floats(-3.9e-4, 3.9e-4))
-def test_opposed_magnets_are_odd(current: float, position: float) -> None:
+def test_opposed_magnets_are_odd(current, position):
     """Turned around, the pair pulls the other way."""
     ahead, behind = MAGNET.force(current, position), MAGNET.force(-current, -position)
     assert ahead == pytest.approx(-behind, rel=1e-12)
 
 
-def test_flux_and_current_laws_agree() -> None:
+def test_flux_and_current_laws_agree():
     rng = np.random.default_rng(1)
     current, position = rng.uniform(-2, 2, 50), rng.uniform(-3e-4, 3e-4, 50)
     law = Flux(area=2e-4, poles=2, angle=MAGNET.angle)
@@ -146,7 +144,7 @@ def test_flux_and_current_laws_agree() -> None:
 ENTRY = {"law": "differential", "K": "5e-6 N m^2/A^2", "bias": "2 A", "gap": "0.4 mm"}
 
 
-def test_exact_known_and_unknown_constants() -> None:
+def test_exact_known_and_unknown_constants():
     entry = LawEntry(
         **{
             **ENTRY,
@@ -162,7 +160,7 @@ def test_exact_known_and_unknown_constants() -> None:
     assert law.shared == {"bias": "supply"}
 
 
-def test_an_area_is_a_constant_of_either_law() -> None:
+def test_an_area_is_a_constant_of_either_law():
     area = {"value": "4 cm^2", "std": "0.1 cm^2", "shared": "poles"}
     horseshoe = LawEntry(law="differential", area=area, turns=200, bias="2 A", gap="0.4 mm")
     law = horseshoe.build()
@@ -186,7 +184,7 @@ def test_an_area_is_a_constant_of_either_law() -> None:
         ),
     ],
 )
-def test_refuses(entry: dict[str, object], message: str) -> None:
+def test_refuses(entry, message):
     with pytest.raises(ValueError, match=message):
         LawEntry(**entry).build()
 
@@ -244,7 +242,7 @@ def recorded(hold: bool, late_current: float, late_position: float, unit: str = 
 
 @pytest.mark.parametrize("law", [LINEAR, BIASED])
 @pytest.mark.parametrize("delay", [0.0, -50e-6, -130e-6, 30e-6])
-def test_lines_of_a_held_current(law, delay: float) -> None:
+def test_lines_of_a_held_current(law, delay):
     """A command leads: it flows -delay after its sample, for one sample period."""
     record = recorded(True, delay, 20e-6)
     reading = {"F": ForceReading(law, ("i",), {"x": 1.0})}
@@ -257,7 +255,7 @@ def test_lines_of_a_held_current(law, delay: float) -> None:
 
 @pytest.mark.parametrize("law", [LINEAR, BIASED])
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (37e-6, 0.0), (0.0, -20e-6), (50e-6, 50e-6)])
-def test_samples_of_a_measured_current(law, delays: tuple[float, float]) -> None:
+def test_samples_of_a_measured_current(law, delays):
     record = forces(
         recorded(False, *delays), {"F": ForceReading(law, ("i",), {"x": 1.0})}, period=SIZE
     )
@@ -266,7 +264,7 @@ def test_samples_of_a_measured_current(law, delays: tuple[float, float]) -> None
     np.testing.assert_allclose(record.column("F"), truth, atol=1e-8 * np.abs(truth).max())
 
 
-def test_channels_used_up_are_replaced_and_others_kept() -> None:
+def test_channels_used_up_are_replaced_and_others_kept():
     record = forces(recorded(True, 0.0, 0.0), {"F": ForceReading(LINEAR, ("i",), {"x": 1.0})})
     assert record.names == ("F", "x", "other")
     force = record.channels[0]
@@ -274,7 +272,7 @@ def test_channels_used_up_are_replaced_and_others_kept() -> None:
     assert record.speed == 3.0
 
 
-def test_drives_are_laws_of_their_own() -> None:
+def test_drives_are_laws_of_their_own():
     record = recorded(True, -50e-6, 0.0)
     drive = Drive(LINEAR.ki, LINEAR.ks, {"x": 1.0})
     channels = (Channel("F", "A", hold=True, delay=-50e-6, drive=drive), *record.channels[1:])
@@ -284,7 +282,7 @@ def test_drives_are_laws_of_their_own() -> None:
     np.testing.assert_array_equal(forces(driven, drives=False).samples, driven.samples)
 
 
-def test_flux_densities() -> None:
+def test_flux_densities():
     time = np.arange(PERIODS * SIZE) / RATE
     law = Flux(area=2e-4, poles=2, angle=BIASED.angle)
     pair = law.densities(BIASED, current(time), position(time))
@@ -295,13 +293,13 @@ def test_flux_densities() -> None:
     np.testing.assert_allclose(found.column("F"), truth, rtol=1e-9, atol=1e-9)
 
 
-def test_constants_of_the_law_give_the_gain_its_deviation() -> None:
+def test_constants_of_the_law_give_the_gain_its_deviation():
     law = Linear(ki=120.0, std={"ki": 1.2})
     record = forces(recorded(False, 0.0, 0.0), {"F": ForceReading(law, ("i",))})
     assert record.channels[0].gain_std == pytest.approx(0.01)
 
 
-def test_displacement_as_a_combination_of_sensors() -> None:
+def test_displacement_as_a_combination_of_sensors():
     planes = [
         Channel("a", "m", reads={"x": 1.0, "theta_y": -0.2}),
         Channel("b", "m", reads={"x": 1.0, "theta_y": 0.25}),
@@ -333,7 +331,7 @@ def test_displacement_as_a_combination_of_sensors() -> None:
         (recorded(False, 0.0, 0.0), ForceReading(LINEAR, ("i",), {"z": 1.0}), "no channel 'z'"),
     ],
 )
-def test_bad_readings_are_refused(record: Record, reading: ForceReading, message: str) -> None:
+def test_bad_readings_are_refused(record, reading, message):
     with pytest.raises(InputError, match=message):
         forces(record, {"F": reading})
 
@@ -354,13 +352,13 @@ TURN = np.linspace(0, 6 * np.pi, 200)
 CURRENT, POSITION = 1.2 * np.cos(TURN), 8e-5 * np.sin(TURN / 3 + 0.4)
 
 
-def test_the_current_is_found_again() -> None:
+def test_the_current_is_found_again():
     found = WITH_IRON.flowing(WITH_IRON.force(CURRENT, POSITION), POSITION)
     np.testing.assert_allclose(found, CURRENT, atol=1e-12)
 
 
 @pytest.mark.parametrize("saturation", [7000.0, np.inf])
-def test_the_current_of_magnets_without_bias(saturation: float) -> None:
+def test_the_current_of_magnets_without_bias(saturation):
     """Their bias is no constant that could be another: it is known to be none."""
     law = replace(WITH_IRON, bias=0.0, bias_difference=0.0, saturation=saturation)
     found = law.flowing(law.force(CURRENT, POSITION), POSITION)
@@ -368,7 +366,7 @@ def test_the_current_of_magnets_without_bias(saturation: float) -> None:
     assert set(law.constants) == {"K", "gap", "angle", "iron", "saturation"}
 
 
-def test_what_no_current_gives_is_given_by_the_most() -> None:
+def test_what_no_current_gives_is_given_by_the_most():
     most = WITH_IRON.force(WITH_IRON.most, 0.0)
     found = WITH_IRON.flowing(np.array([2.0, -2.0]) * most, np.zeros(2))
     np.testing.assert_allclose(found, [WITH_IRON.most, -WITH_IRON.most])
@@ -381,13 +379,13 @@ def test_what_no_current_gives_is_given_by_the_most() -> None:
         ("bias_difference", -0.08), ("iron", 5e-6), ("saturation", -500.0),
     ],
 )  # fmt: skip
-def test_another_constant_is_another_law(name: str, change: float) -> None:
+def test_another_constant_is_another_law(name, change):
     other = replace(WITH_IRON, **{name: getattr(WITH_IRON, name) + change})
     found = WITH_IRON.changed(CURRENT, POSITION, {name: change})
     np.testing.assert_allclose(found, other.force(CURRENT, POSITION), rtol=1e-13)
 
 
-def test_a_knee_is_a_saturation_counted_from_none() -> None:
+def test_a_knee_is_a_saturation_counted_from_none():
     """b_s = 1.5 b_0 is (1 / 1.5)^4 of a knee, and the derivative at none is finite."""
     plain = replace(WITH_IRON, saturation=np.inf)
     saturated = replace(plain, saturation=1.5 * plain.bias / plain.gap)
@@ -398,7 +396,7 @@ def test_a_knee_is_a_saturation_counted_from_none() -> None:
     np.testing.assert_allclose(slope, step / 1e-6, atol=1e-4 * np.abs(slope).max())
 
 
-def test_flux_laws_scale() -> None:
+def test_flux_laws_scale():
     law = Flux(2e-4, 2, 0.3, std={"area": 2e-6}, shared={"area": "poles"})
     force = law.force(0.6, 0.5)
     assert law.flowing(force, np.zeros(1)) == force
@@ -408,7 +406,7 @@ def test_flux_laws_scale() -> None:
     assert not law.constants["angle"].std
 
 
-def test_a_force_keeps_its_law() -> None:
+def test_a_force_keeps_its_law():
     record = Record(
         [Channel("i", "A", gain_std=0.02), Channel("x", "m")],
         np.stack([CURRENT, POSITION], axis=1),

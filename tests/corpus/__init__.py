@@ -4,8 +4,6 @@ Small files that have no other origin (bytes that ended a process) lie in this f
 are made by a function that says what is wrong with them. `CASES` names them all.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from fuzz_harness import Case

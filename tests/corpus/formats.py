@@ -1,7 +1,5 @@
 """Records in binary formats: what small files declare, refer to, or hide."""
 
-from __future__ import annotations
-
 import functools
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Models, experiments, rigs, results and tables that are text; and files that are none."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Parameters derived from base parameters, and unbalance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from bank import ARM, BANK, JEFFCOTT, THREE_MASS, combination, table

@@ -1,7 +1,5 @@
 """Least squares by weight, by stage, and with what is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -42,9 +40,6 @@ from rotorid.linear.solve import (
 from rotorid.models.knowledge import constraint_polynomial, eliminate
 from rotorid.signals.spectrum import synthesize
 from rotorid.testing import bind_all
-
-# The weighted solution, its gains and its sandwich, on plain matrices.
-
 
 # -------------------------------------------------------------------------------------------------
 # The weighted solution, its gains and its sandwich, on plain matrices.
@@ -237,7 +232,7 @@ def fit(matrix: np.ndarray, right: np.ndarray, numbers: np.ndarray) -> Scatter:
     return scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
 
 
-def test_it_is_leaving_out_each_block() -> None:
+def test_it_is_leaving_out_each_block():
     matrix, right = RNG.standard_normal((960, 3)), RNG.standard_normal(960)
     numbers = block_numbers([960], 12)
     without = np.array(
@@ -253,7 +248,7 @@ def test_it_is_leaving_out_each_block() -> None:
     np.testing.assert_allclose(found.shifts.sum(axis=0), 0.0, atol=1e-12)
 
 
-def test_blocks_cross_no_runs() -> None:
+def test_blocks_cross_no_runs():
     numbers = block_numbers([300, 100], 8)
     assert numbers.tolist() == sorted(numbers.tolist())
     assert numbers[299] < numbers[300]
@@ -261,7 +256,7 @@ def test_blocks_cross_no_runs() -> None:
     assert block_numbers([3000, 1], BLOCKS)[-1] == BLOCKS == 32
 
 
-def test_blocks_that_remember_one_another_are_merged() -> None:
+def test_blocks_that_remember_one_another_are_merged():
     """A level, and noise with a memory: merged while neighbours resemble, never below eight."""
     count, level = 3200, np.ones((3200, 1))
     numbers = block_numbers([count], BLOCKS)
@@ -274,7 +269,7 @@ def test_blocks_that_remember_one_another_are_merged() -> None:
 
 
 @pytest.mark.parametrize(("share", "merged"), [(0.95, False), (1.05, True)])
-def test_how_much_neighbours_may_resemble(share: float, merged: bool) -> None:
+def test_how_much_neighbours_may_resemble(share, merged):
     """The correlation of neighbours is set to `share` of 1 / sqrt(32)."""
     even, slow = np.tile([1.0, -1.0], 16), np.repeat([1.0, -1.0], 16)
 
@@ -291,7 +286,7 @@ def test_how_much_neighbours_may_resemble(share: float, merged: bool) -> None:
     assert (found.blocks < 32) == merged
 
 
-def test_what_one_block_tells_alone() -> None:
+def test_what_one_block_tells_alone():
     """A column that is large in one block only: `ALONE` of what tells it must lie elsewhere."""
     numbers = block_numbers([320], 16)
     for share, alone in ((0.8 * ALONE, True), (1.2 * ALONE, False)):
@@ -304,9 +299,7 @@ def test_what_one_block_tells_alone() -> None:
 
 
 @pytest.mark.parametrize(("share", "both"), [(0.8, False), (1.25, True)])
-def test_which_parameters_are_of_a_combination_that_one_block_tells(
-    share: float, both: bool
-) -> None:
+def test_which_parameters_are_of_a_combination_that_one_block_tells(share, both):
     """Outside block 0 the second column is a multiple of the first: they are told together."""
     numbers = block_numbers([320], 16)
     first = np.tile([1.0, -1.0, -1.0, 1.0], 80)
@@ -323,7 +316,7 @@ def test_which_parameters_are_of_a_combination_that_one_block_tells(
     assert found.alone.tolist() == [both, True]
 
 
-def test_halves_differ_by_what_lies_between_them_alone() -> None:
+def test_halves_differ_by_what_lies_between_them_alone():
     quiet = RNG.standard_normal((32, 1))
     quiet -= quiet.mean()
     step = np.repeat([5.0, -5.0], 16)[:, None]

@@ -1,7 +1,5 @@
 """Delimited text: its dialects, and its bounds."""
 
-from __future__ import annotations
-
 import struct
 import time
 import tracemalloc
@@ -30,9 +28,6 @@ from rotorid.io.text import (
     open_delimited,
 )
 from rotorid.testing import open_table
-
-# Text tables as programs of measurement write them: preambles, no names, clocks, white space.
-
 
 # -------------------------------------------------------------------------------------------------
 # Text tables as programs of measurement write them: preambles, no names, clocks, white space.
@@ -101,9 +96,7 @@ def table(folder: Path, text: str, name: str = "run.txt") -> Path:
         (LOGGER, "Clock", ("um", "N"), 5000.0),
     ],
 )
-def test_preambles(
-    text: str, time: str, units: tuple[str, str], rate: float | None, tmp_path: Path
-) -> None:
+def test_preambles(text, time, units, rate, tmp_path):
     path = table(tmp_path, text)
     opened = open_delimited(path)
     columns = opened.read(["x1", "Fx1"])
@@ -128,7 +121,7 @@ def test_preambles(
         "-0.0e0 +1.5E0 2.\n1 2 3\n2 2.5 4\n",
     ],
 )
-def test_tables_without_names(text: str, tmp_path: Path) -> None:
+def test_tables_without_names(text, tmp_path):
     opened = open_delimited(table(tmp_path, text))
     assert opened.names == ("0", "1", "2")
     assert opened.read(["1"])["1"].values.tolist() == [1.5, 2.0, 2.5]
@@ -136,7 +129,7 @@ def test_tables_without_names(text: str, tmp_path: Path) -> None:
         opened.find("x")
 
 
-def test_names_as_numpy_writes_them(tmp_path: Path) -> None:
+def test_names_as_numpy_writes_them(tmp_path):
     path = tmp_path / "run.dat"
     np.savetxt(path, np.arange(6.0).reshape(3, 2), header="t x1")
     assert open_delimited(path).names == ("t", "x1")
@@ -144,7 +137,7 @@ def test_names_as_numpy_writes_them(tmp_path: Path) -> None:
     assert open_delimited(path).names == ("t", "x1")
 
 
-def test_header_row(tmp_path: Path) -> None:
+def test_header_row(tmp_path):
     text = "names,in,line 1\n1,2,3\n4,5,6\n7,8,9\n"
     path = table(tmp_path, text)
     assert open_delimited(path, header_row=1).names == ("names", "in", "line 1")
@@ -158,7 +151,7 @@ def test_header_row(tmp_path: Path) -> None:
         open_delimited(path, header_row=9)
 
 
-def test_a_damaged_first_row_is_not_taken_for_names(tmp_path: Path) -> None:
+def test_a_damaged_first_row_is_not_taken_for_names(tmp_path):
     path = table(tmp_path, "a,b\n1,abc\n2,3\n4,5\n6,7\n")
     opened = open_delimited(path)
     assert opened.names == ("a", "b")
@@ -181,7 +174,7 @@ def test_a_damaged_first_row_is_not_taken_for_names(tmp_path: Path) -> None:
         (["3/11/2026 10:00:00", "3/11/2026 10:00:01", "3/11/2026 10:00:02"], [0, 1, 2]),
     ],
 )
-def test_clocks(stamps: list[str], seconds: list[float], tmp_path: Path) -> None:
+def test_clocks(stamps, seconds, tmp_path):
     rows = "".join(f"{stamp},{i}\n" for i, stamp in enumerate(stamps))
     opened = open_delimited(table(tmp_path, "clock,x\n" + rows))
     column = opened.read(["clock"])["clock"]
@@ -189,13 +182,13 @@ def test_clocks(stamps: list[str], seconds: list[float], tmp_path: Path) -> None
     assert column.unit == "s"
 
 
-def test_a_clock_that_breaks_off(tmp_path: Path) -> None:
+def test_a_clock_that_breaks_off(tmp_path):
     path = table(tmp_path, "clock,x\n10:00:00,1\n10:00:01,1\nend,1\n")
     with pytest.raises(ReadError, match=r"line 4, column clock: found 'end'; expected a time such"):
         open_delimited(path).read(["clock"])
 
 
-def test_pyarrow_and_numpy_read_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pyarrow_and_numpy_read_alike(tmp_path, monkeypatch):
     pytest.importorskip("pyarrow")
     values = np.random.default_rng(3).normal(size=(500, 3)) * 10.0 ** np.array([-9, 0, 9])
     for mark, point in ((",", "."), (";", ","), ("\t", ".")):
@@ -212,9 +205,7 @@ def test_pyarrow_and_numpy_read_alike(tmp_path: Path, monkeypatch: pytest.Monkey
         np.testing.assert_array_equal(fast["c"].values, values[:, 2])
 
 
-def test_what_pyarrow_does_not_take_is_explained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_pyarrow_does_not_take_is_explained(tmp_path, monkeypatch):
     monkeypatch.setattr("rotorid.io.text._FAST", 0)
     for text, place in (
         ("a,b\n1,2\n3,\n4,5\n6,7\n", "line 3, column b"),
@@ -257,7 +248,7 @@ def test_what_pyarrow_does_not_take_is_explained(
         ("Sample time: 12:30:05\nSample rate: 5 kHz", "1\t2", 5000),
     ],
 )
-def test_rates_beyond_doubt(line: str, rows: str, hertz: float | None) -> None:
+def test_rates_beyond_doubt(line, rows, hertz):
     """A rate read a thousand times too small makes masses a million times too large, and ok."""
     dialect = find_dialect([*line.split("\n"), *[rows] * 4])
     assert dialect is not None
@@ -265,13 +256,13 @@ def test_rates_beyond_doubt(line: str, rows: str, hertz: float | None) -> None:
 
 
 @pytest.mark.parametrize("rows", ["-3.67621\t403,848", "1,5;2.5", "0.5 1,000"])
-def test_two_decimal_marks(rows: str) -> None:
+def test_two_decimal_marks(rows):
     """One of the two stands between thousands, and would make a number a thousandth."""
     with pytest.raises(ReadError, match=r"numbers with commas and with points, '[^']*,.*one deci"):
         find_dialect(["a b".replace(" ", rows.strip("0123456789.,-")), *[rows] * 4])
 
 
-def test_a_mark_between_thousands_further_on(tmp_path: Path) -> None:
+def test_a_mark_between_thousands_further_on(tmp_path):
     rows = "0,5;2,5\n" * 500
     path = table(tmp_path, f"x;y\n{rows}1.234;0,5\n")
     with pytest.raises(ReadError, match=r"line 502, column x: found '1.234'; expected a number"):
@@ -291,7 +282,7 @@ def test_a_mark_between_thousands_further_on(tmp_path: Path) -> None:
         ("fx,py,,", "1,2", ("fx", "py")),
     ],
 )
-def test_names_that_hold_the_delimiter(header: str, row: str, names: tuple[str, ...]) -> None:
+def test_names_that_hold_the_delimiter(header, row, names):
     dialect = find_dialect([header, *[row] * 4])
     assert dialect is not None
     assert dialect.names == names
@@ -301,14 +292,14 @@ def test_names_that_hold_the_delimiter(header: str, row: str, names: tuple[str, 
     ("header", "row"),
     [("a,b,c,d,e", "1,2,3"), ("a b c", "1 2"), ("a (s b c", "1 2"), ("x\ty\tz", "1\t2")],
 )
-def test_more_names_than_columns(header: str, row: str) -> None:
+def test_more_names_than_columns(header, row):
     """A name that is cut in two would give every column behind it its neighbour's."""
     with pytest.raises(ReadError, match=r"line 1: found \d names for \d columns"):
         find_dialect([header, *[row] * 4])
 
 
 @pytest.mark.parametrize("other", ["°C", "degC", "dB", "VDC"])
-def test_a_row_of_units_may_hold_some_that_no_record_needs(other: str) -> None:
+def test_a_row_of_units_may_hold_some_that_no_record_needs(other):
     """A temperature beside the motion makes no names of the units."""
     dialect = find_dialect(["t;x1;Temp", f"s;um;{other}", *["0,5;1,5;31"] * 4])
     assert dialect.names == ("t", "x1", "Temp")
@@ -342,7 +333,7 @@ def written(folder: Path, text: str | bytes) -> Path:
         '"t [ms]","x1 [um]","F [N]"\n"0","1.5","2"\n"1","2","3"\n',
     ],
 )
-def test_dialects(tmp_path: Path, text: str | bytes) -> None:
+def test_dialects(tmp_path, text):
     opened = open_delimited(written(tmp_path, text))
     assert opened.names == ("t", "x1", "F")
     columns = opened.read(["F", "x1", "t"])
@@ -354,23 +345,23 @@ def test_dialects(tmp_path: Path, text: str | bytes) -> None:
     assert columns["x1"].unit in ("um", "µm")
 
 
-def test_names_without_units(tmp_path: Path) -> None:
+def test_names_without_units(tmp_path):
     opened = open_delimited(written(tmp_path, "pos (filtered),n [-],m/s^2\n1,2,3\n"))
     assert opened.names == ("pos (filtered)", "n", "m/s^2")
     assert [column.unit for column in opened.read(opened.names).values()] == [None, None, None]
 
 
-def test_a_row_of_ones_is_data(tmp_path: Path) -> None:
+def test_a_row_of_ones_is_data(tmp_path):
     opened = open_delimited(written(tmp_path, "a,b\n1,1\n2,1\n"))
     assert opened.read(["a"])["a"].values.tolist() == [1.0, 2.0]
 
 
-def test_columns_not_asked_for_need_not_be_numbers(tmp_path: Path) -> None:
+def test_columns_not_asked_for_need_not_be_numbers(tmp_path):
     opened = open_delimited(written(tmp_path, "clock,x\n12:00:01,1\n12:00:02,2\n"))
     assert opened.read(["x"])["x"].values.tolist() == [1.0, 2.0]
 
 
-def test_not_a_number_is_read_as_such(tmp_path: Path) -> None:
+def test_not_a_number_is_read_as_such(tmp_path):
     opened = open_delimited(written(tmp_path, "a,b\n1,NaN\n2,inf\n"))
     np.testing.assert_array_equal(opened.read(["b"])["b"].values, [np.nan, np.inf])
 
@@ -387,7 +378,7 @@ def test_not_a_number_is_read_as_such(tmp_path: Path) -> None:
         ("a,b\n3,4\n1,1_000x\n", "line 3, column b", "'1_000x'"),
     ],
 )
-def test_fields_that_are_no_numbers(tmp_path: Path, text: str, place: str, found: str) -> None:
+def test_fields_that_are_no_numbers(tmp_path, text, place, found):
     opened = open_delimited(written(tmp_path, text))
     with pytest.raises(ReadError, match="expected") as caught:
         opened.read(["a", "b"])
@@ -406,12 +397,12 @@ def test_fields_that_are_no_numbers(tmp_path: Path, text: str, place: str, found
         (b"MATLAB 5.0 MAT-file" + bytes(99), "MAT v5"),
     ],
 )
-def test_files_that_are_no_tables(tmp_path: Path, text: str | bytes, found: str) -> None:
+def test_files_that_are_no_tables(tmp_path, text, found):
     with pytest.raises(ReadError, match=found):
         open_delimited(written(tmp_path, text))
 
 
-def test_columns_by_name(tmp_path: Path) -> None:
+def test_columns_by_name(tmp_path):
     opened = open_delimited(written(tmp_path, "force_x,b,b\n1,2,3\n"))
     assert opened.find("force_x") == "force_x"
     with pytest.raises(ReadError, match="did you mean force_x"):
@@ -430,16 +421,14 @@ def test_columns_by_name(tmp_path: Path) -> None:
     ),
     st.sampled_from([",", ";", "\t"]),
 )
-def test_written_then_read(
-    tmp_path_factory: pytest.TempPathFactory, rows: list[list[float]], mark: str
-) -> None:
+def test_written_then_read(tmp_path_factory, rows, mark):
     text = mark.join("abc") + "\n" + "".join(mark.join(map(repr, row)) + "\n" for row in rows)
     opened = open_delimited(written(tmp_path_factory.mktemp("csv"), text))
     read = opened.read(["a", "b", "c"])
     np.testing.assert_array_equal(np.column_stack([read[n].values for n in "abc"]), rows)
 
 
-def test_memory_is_a_few_times_that_of_the_numbers(tmp_path: Path) -> None:
+def test_memory_is_a_few_times_that_of_the_numbers(tmp_path):
     """Nothing of the text is kept, which is three times as long as its numbers."""
     path = tmp_path / "long.csv"
     values = np.random.default_rng(0).standard_normal((20_000, 6))
@@ -451,9 +440,6 @@ def test_memory_is_a_few_times_that_of_the_numbers(tmp_path: Path) -> None:
     tracemalloc.stop()
     np.testing.assert_array_equal(columns["c"].values, values[:, 2])
     assert peak < 3 * values.nbytes
-
-
-# Text tables that are no tables: long lines, fields and heads, in time that grows with them.
 
 
 # -------------------------------------------------------------------------------------------------
@@ -482,7 +468,7 @@ def csv_of(folder: Path, text: str | bytes) -> Path:
         ("sample time [[[(" * 70 + "\n") * 390 + "x,y\n",
     ],
 )
-def test_heads_take_time_by_their_length(head: str, tmp_path: Path) -> None:
+def test_heads_take_time_by_their_length(head, tmp_path):
     """Regular expressions that go back took 49 s for the first, and minutes for the last."""
     path, started = csv_of(tmp_path, head + ROWS), time.process_time()
     opened = open_table(path)
@@ -507,7 +493,7 @@ def test_heads_take_time_by_their_length(head: str, tmp_path: Path) -> None:
         (f"x [{'m*' * 31}mm]", ("x", "m*" * 31 + "mm")),
     ],
 )
-def test_names_with_units(name: str, found: tuple[str, str | None]) -> None:
+def test_names_with_units(name, found):
     dialect = find_dialect([f"{name},y", *["1,2"] * 4])
     assert dialect is not None
     assert (dialect.names[0], dialect.units[0]) == found
@@ -528,21 +514,21 @@ def test_names_with_units(name: str, found: tuple[str, str | None]) -> None:
         ("x" * (PREAMBLE_CHARACTERS - 10) + " sample rate 2000 Hz", None),
     ],
 )
-def test_rates_in_the_head(line: str, hertz: float | None) -> None:
+def test_rates_in_the_head(line, hertz):
     """The unit may stand before the number or behind it: a kHz is not a Hz."""
     dialect = find_dialect([line, "x,y", *["1,2"] * 4])
     assert dialect is not None
     assert (dialect.rate and dialect.rate.hertz) == (hertz and pytest.approx(hertz))
 
 
-def test_rates_that_no_logger_has(tmp_path: Path) -> None:
+def test_rates_that_no_logger_has(tmp_path):
     for interval, kept in (("1e-320", False), ("1e-13", False), ("1e-11", True)):
         path = csv_of(tmp_path, f"Delta_X {interval}\nx,y\n{ROWS}")
         assert (open_table(path).read(["x"])["x"].rate is not None) == kept
 
 
 @pytest.mark.slow
-def test_long_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_lines(tmp_path, monkeypatch):
     path, started = csv_of(tmp_path, "x,y\n" + ROWS + "1," * 7_990_000), time.process_time()
     assert path.stat().st_size < SMALL_TEXT == 16_000_000
     assert len(open_table(path).read(["x"])["x"].values) == 601
@@ -555,7 +541,7 @@ def test_long_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             open_table(csv_of(tmp_path, "x,y\n" + ROWS + more)).read(["x"])
 
 
-def test_a_hole_in_the_file(tmp_path: Path) -> None:
+def test_a_hole_in_the_file(tmp_path):
     """A file of which a terabyte was never written: the line that it makes is not read."""
     path = csv_of(tmp_path, "x,y\n" + "1,2\n" * 20_000)
     with path.open("r+b") as stream:
@@ -564,7 +550,7 @@ def test_a_hole_in_the_file(tmp_path: Path) -> None:
         open_table(path).read(["x"])
 
 
-def test_bounds_of_columns_and_fields(tmp_path: Path) -> None:
+def test_bounds_of_columns_and_fields(tmp_path):
     for count in (COLUMNS, COLUMNS + 1):
         rows = [",".join(f"c{i}" for i in range(count)), *[",".join("1" * count)] * 3]
         path = csv_of(tmp_path, "\n".join(rows) + "\n")
@@ -578,7 +564,7 @@ def test_bounds_of_columns_and_fields(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_names_like_a_misspelt_one(tmp_path: Path) -> None:
+def test_names_like_a_misspelt_one(tmp_path):
     """The nearest is told, in a time that names of any length and number bear."""
     with pytest.raises(ReadError, match="did you mean fx"):
         open_table(csv_of(tmp_path, "fx,y\n" + ROWS)).find("fxx")
@@ -595,14 +581,14 @@ def test_names_like_a_misspelt_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("day", ["2024-99-45 12:00:00", "2024-02-30T12:00:00Z"])
-def test_days_that_are_none(day: str, tmp_path: Path) -> None:
+def test_days_that_are_none(day, tmp_path):
     path = csv_of(tmp_path, "t,y\n" + f"{day},2\n" * 20)
     with pytest.raises(ReadError, match=r"column t: found .* out of range"):
         open_table(path).read(["t"])
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
-def test_letters_of_windows(encoding: str, tmp_path: Path) -> None:
+def test_letters_of_windows(encoding, tmp_path):
     path = csv_of(tmp_path, ("Kr\xe4fte [\xb5m],y\n" + ROWS).encode(encoding))
     assert open_table(path).names == ("Kr\xe4fte", "y")
 
@@ -614,14 +600,14 @@ def test_letters_of_windows(encoding: str, tmp_path: Path) -> None:
 TOO_MANY = "bytes of numbers declared in .* bytes; expected numbers that the file holds"
 
 
-def test_what_bytes_may_stand_for() -> None:
+def test_what_bytes_may_stand_for():
     for size, held in ((64_000_000, 1), (250_000_000, 1_000_000)):
         check_held(size, held, "run.h5")
         with pytest.raises(ReadError, match=TOO_MANY):
             check_held(size + 1, held, "run.h5")
 
 
-def test_columns_at_rest_together(tmp_path: Path) -> None:
+def test_columns_at_rest_together(tmp_path):
     """One of a few kB may be large; twenty of them are too much."""
     path = tmp_path / "run.mat"
     values = {f"x{i}": np.zeros(500_000) for i in range(20)}
@@ -633,7 +619,7 @@ def test_columns_at_rest_together(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_parquet(tmp_path: Path) -> None:
+def test_parquet(tmp_path):
     pq = pytest.importorskip("pyarrow.parquet")
     pa = pytest.importorskip("pyarrow")
     path = tmp_path / "run.parquet"
@@ -651,7 +637,7 @@ def test_parquet(tmp_path: Path) -> None:
     assert time.process_time() - started < 5
 
 
-def test_mdf(tmp_path: Path) -> None:
+def test_mdf(tmp_path):
     """A packed block says how large it is unpacked, and the reader would believe it."""
     asammdf = pytest.importorskip("asammdf")
     path = tmp_path / "run.mf4"
@@ -670,7 +656,7 @@ def test_mdf(tmp_path: Path) -> None:
             open_table(path).read(["0/x"])
 
 
-def test_many_names_take_time_by_their_number(tmp_path: Path) -> None:
+def test_many_names_take_time_by_their_number(tmp_path):
     started = time.process_time()
     for part in "ab":
         rows = [",".join(f"{part}{i}" for i in range(9000)), *[",".join("1" * 9000)] * 3]
@@ -679,14 +665,14 @@ def test_many_names_take_time_by_their_number(tmp_path: Path) -> None:
     assert time.process_time() - started < 4
 
 
-def test_a_file_twice_by_other_names(tmp_path: Path) -> None:
+def test_a_file_twice_by_other_names(tmp_path):
     WRITERS["run.csv"](tmp_path / "run.csv", {"x": (np.ones(4), "um")})
     (tmp_path / "link.csv").symlink_to("run.csv")
     with pytest.raises(ReadError, match="found a file twice"):
         open_tables([tmp_path / "run.csv", tmp_path / "link.csv"])
 
 
-def test_tdms_of_very_many_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tdms_of_very_many_pieces(tmp_path, monkeypatch):
     """A million segments take 40 s: a child has seconds by the size of its file."""
     pytest.importorskip("nptdms")
     path = tmp_path / "run.tdms"
@@ -702,7 +688,7 @@ def test_tdms_of_very_many_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         open_table(path)
 
 
-def test_universal_files_of_very_many_sets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_universal_files_of_very_many_sets(tmp_path, monkeypatch):
     pytest.importorskip("pyuff")
     path = tmp_path / "run.uff"
     write_uff(path, {"x": (np.arange(4.0), "m")})

@@ -1,7 +1,5 @@
 """Formats that a package reads, MATLAB's among them, and the sandbox around them."""
 
-from __future__ import annotations
-
 import gc
 import io
 import json
@@ -51,7 +49,7 @@ RATES = ("lvm", "h5", "tdms", "uff", "mf4")
 
 
 @pytest.fixture(params=WRITERS)
-def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def path(request, tmp_path):
     path = tmp_path / request.param
     package = PACKAGES.get(path.suffix)
     if package:
@@ -60,7 +58,7 @@ def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
-def test_columns_and_units(path: Path) -> None:
+def test_columns_and_units(path):
     states = path.suffix[1:] in UNITS
     unit = None if states else "um"
     record = rid.read_record(
@@ -72,7 +70,7 @@ def test_columns_and_units(path: Path) -> None:
     np.testing.assert_allclose(record.column("x"), 1e-4 * X[::-1], rtol=digits, atol=1e-4 * digits)
 
 
-def test_a_stated_unit_that_is_not_the_given_one(path: Path) -> None:
+def test_a_stated_unit_that_is_not_the_given_one(path):
     if path.suffix[1:] in UNITS:
         with pytest.raises(InputError, match="unit 'mm', where the file says 'um'"):
             rid.read_record(path, columns={"x": Source("px", "mm")}, sample_rate=RATE)
@@ -82,7 +80,7 @@ def test_a_stated_unit_that_is_not_the_given_one(path: Path) -> None:
     assert ruled.column("x")[-1] == pytest.approx(-0.1)
 
 
-def test_the_rate_of_the_file(path: Path) -> None:
+def test_the_rate_of_the_file(path):
     columns = {"F": Source("fx", "N")}
     if path.suffix[1:] in RATES:
         record = rid.read_record(path, columns=columns)
@@ -97,12 +95,12 @@ def test_the_rate_of_the_file(path: Path) -> None:
             rid.read_record(path, columns=columns)
 
 
-def test_a_missing_column(path: Path) -> None:
+def test_a_missing_column(path):
     with pytest.raises(ReadError, match=r"no column 'fxx'.*did you mean (?:\d/)?(?:run/)?fx"):
         open_table(path).find("fxx")
 
 
-def test_what_is_not_what_its_ending_says(path: Path) -> None:
+def test_what_is_not_what_its_ending_says(path):
     if path.suffix in (".csv", ".lvm"):
         path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
     else:
@@ -111,7 +109,7 @@ def test_what_is_not_what_its_ending_says(path: Path) -> None:
         open_table(path)
 
 
-def test_a_file_cut_short(path: Path) -> None:
+def test_a_file_cut_short(path):
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 3])
     if path.suffix in (".csv", ".lvm", ".tdms"):
@@ -121,9 +119,7 @@ def test_a_file_cut_short(path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", sorted(PACKAGES))
-def test_a_package_that_is_missing(
-    ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_that_is_missing(ending, tmp_path, monkeypatch):
     pytest.importorskip(PACKAGES[ending])
     name = next(name for name in WRITERS if name.endswith(ending))
     WRITERS[name](tmp_path / name, COLUMNS)
@@ -134,14 +130,14 @@ def test_a_package_that_is_missing(
         open_table(tmp_path / name)
 
 
-def test_no_format_is_imported_before_its_file() -> None:
+def test_no_format_is_imported_before_its_file():
     packages = "{'pyarrow', 'nptdms', 'pyuff', 'asammdf', 'h5py'}"
     code = f"import sys, rotorid.io; print(*{packages} & {{*sys.modules}})"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == ""
 
 
-def test_samples_along_either_axis(tmp_path: Path) -> None:
+def test_samples_along_either_axis(tmp_path):
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as data:
         data["down"] = np.column_stack([X, 2 * X, 3 * X])
@@ -161,7 +157,7 @@ def test_samples_along_either_axis(tmp_path: Path) -> None:
         opened.find("along[3]")
 
 
-def test_columns_of_matlab_7_3(tmp_path: Path) -> None:
+def test_columns_of_matlab_7_3(tmp_path):
     path = tmp_path / "run.mat"
     WRITERS["run-v73.mat"](path, COLUMNS)
     opened = open_table(path)
@@ -170,7 +166,7 @@ def test_columns_of_matlab_7_3(tmp_path: Path) -> None:
         opened.find("label")
 
 
-def test_channels_of_two_rates_are_refused(tmp_path: Path) -> None:
+def test_channels_of_two_rates_are_refused(tmp_path):
     path = tmp_path / "run.h5"
     write_hdf5(path, COLUMNS)
     with h5py.File(path, "a") as data:
@@ -179,7 +175,7 @@ def test_channels_of_two_rates_are_refused(tmp_path: Path) -> None:
         rid.read_record(path, columns=["fx", "px"])
 
 
-def test_names_of_channels_with_a_slash(tmp_path: Path) -> None:
+def test_names_of_channels_with_a_slash(tmp_path):
     pytest.importorskip("nptdms")
     write_tdms(tmp_path / "run.tdms", {"cDAQ1Mod1/ai0": (X, "V"), "cDAQ1Mod2/ai0": (2 * X, "V")})
     opened = open_table(tmp_path / "run.tdms")
@@ -190,7 +186,7 @@ def test_names_of_channels_with_a_slash(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_groups_of_an_mdf_file(tmp_path: Path) -> None:
+def test_groups_of_an_mdf_file(tmp_path):
     pytest.importorskip("asammdf")
     write_mdf(tmp_path / "run.mf4", COLUMNS)
     opened = open_table(tmp_path / "run.mf4")
@@ -198,7 +194,7 @@ def test_groups_of_an_mdf_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(opened.read(["0/px"])["0/px"].values, 100 * X[::-1])
 
 
-def test_data_sets_that_their_names_do_not_tell_apart(tmp_path: Path) -> None:
+def test_data_sets_that_their_names_do_not_tell_apart(tmp_path):
     pytest.importorskip("pyuff")
     write_uff(tmp_path / "run.uff", COLUMNS, named=False)
     opened = open_table(tmp_path / "run.uff")
@@ -242,7 +238,7 @@ def two_starts(path: Path, apart: float) -> None:
 
 
 @pytest.mark.parametrize("name", ["run.mf4", "run.tdms", "run.uff"])
-def test_columns_that_begin_at_other_times(name: str, tmp_path: Path) -> None:
+def test_columns_that_begin_at_other_times(name, tmp_path):
     """Side by side their samples would be those of other times: a wrong machine, or a delay."""
     path = tmp_path / name
     pytest.importorskip(PACKAGES[path.suffix])
@@ -412,7 +408,7 @@ def test_what_a_child_sends_runs_nothing(answer, monkeypatch):
 
 
 @pytest.fixture
-def run_mat(tmp_path: Path) -> Path:
+def run_mat(tmp_path):
     run_mat = tmp_path / "run.mat"
     log = {"x": np.arange(4.0), "sub": {"y": np.arange(4.0)[:, None], "z": np.arange(4.0)}}
     scipy.io.savemat(
@@ -433,7 +429,7 @@ def run_mat(tmp_path: Path) -> Path:
     return run_mat
 
 
-def test_columns(run_mat: Path) -> None:
+def test_columns(run_mat):
     opened = open_table(run_mat)
     for name in ("t", "row", "pulses", "x", "log/sub/y", "y", "log/sub/z", "z"):
         column = opened.read([opened.find(name)])[opened.find(name)]
@@ -443,29 +439,29 @@ def test_columns(run_mat: Path) -> None:
     assert opened.scalar("gtau") == 35.15
 
 
-def test_names(run_mat: Path) -> None:
+def test_names(run_mat):
     names = {"t", "row", "pulses", "x", "y", "z", "log/sub/z"}
     assert set(open_table(run_mat).names) == names
 
 
 @pytest.mark.parametrize("name", ["label", "complex", "cells", "adc", "gtau", "log", "adc[2]"])
-def test_names_that_are_no_columns(run_mat: Path, name: str) -> None:
+def test_names_that_are_no_columns(run_mat, name):
     with pytest.raises(ReadError, match="expected"):
         open_table(run_mat).find(name)
 
 
-def test_scalars_by_name(run_mat: Path) -> None:
+def test_scalars_by_name(run_mat):
     with pytest.raises(ReadError, match=r"no scalar variable 'gtua'.*did you mean gtau"):
         open_table(run_mat).scalar("gtua")
 
 
-def test_uncompressed_and_compressed(tmp_path: Path) -> None:
+def test_uncompressed_and_compressed(tmp_path):
     run_mat = tmp_path / "c.mat"
     scipy.io.savemat(run_mat, {"x": np.arange(1000.0)}, do_compression=True)
     assert open_table(run_mat).read(["x"])["x"].values[-1] == 999.0
 
 
-def test_files_of_other_kinds(tmp_path: Path, run_mat: Path) -> None:
+def test_files_of_other_kinds(tmp_path, run_mat):
     other = tmp_path / "other.mat"
     other.write_text("t,x\n1,2\n")
     with pytest.raises(ReadError, match=r"found text; expected MAT data, as the ending .mat"):
@@ -481,7 +477,7 @@ def test_files_of_other_kinds(tmp_path: Path, run_mat: Path) -> None:
         open_table(other)
 
 
-def test_tags_that_contradict_one_another(tmp_path: Path) -> None:
+def test_tags_that_contradict_one_another(tmp_path):
     """They may end the process that reads them: one of its own."""
     run_mat = tmp_path / "c.mat"
     for packed in (False, True):
@@ -529,7 +525,7 @@ VALUES = np.arange(12.0).reshape(4, 3)
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_byte_orders_and_stored_types(order: str, tmp_path: Path) -> None:
+def test_byte_orders_and_stored_types(order, tmp_path):
     """A double may be stored as any whole number that holds it, whatever the machine's order."""
     stored = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
     run_mat = tmp_path / "c.mat"
@@ -540,7 +536,7 @@ def test_byte_orders_and_stored_types(order: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_version_4(order: str, tmp_path: Path) -> None:
+def test_version_4(order, tmp_path):
     run_mat, big = tmp_path / "c.mat", 1000 * (order == ">")
     words = [(0, "f8", "adc"), (30, "i2", "n"), (50, "u1", "m")]
     parts = []
@@ -566,7 +562,7 @@ def test_version_4(order: str, tmp_path: Path) -> None:
         ("several", "an array of structures"),
     ],
 )
-def test_what_holds_no_real_numbers_is_named(name: str, kind: str, tmp_path: Path) -> None:
+def test_what_holds_no_real_numbers_is_named(name, kind, tmp_path):
     run_mat = tmp_path / "c.mat"
     several = np.zeros(3, dtype=[("a", float)])
     values = {"label": "run", "complex": np.ones(4) * 1j, "cells": np.array([1, "a"], object)}
@@ -575,7 +571,7 @@ def test_what_holds_no_real_numbers_is_named(name: str, kind: str, tmp_path: Pat
         open_table(run_mat).find(name)
 
 
-def test_a_name_twice(tmp_path: Path) -> None:
+def test_a_name_twice(tmp_path):
     run_mat = tmp_path / "c.mat"
     run_mat.write_bytes(
         mat5(matrix("x", np.ones(4)), matrix("x", np.zeros(4)), matrix("y", VALUES))
@@ -585,7 +581,7 @@ def test_a_name_twice(tmp_path: Path) -> None:
     assert open_table(run_mat).find("y[0]") == "y[0]"
 
 
-def test_the_sum_of_packed_bytes_tells_of_damage(tmp_path: Path) -> None:
+def test_the_sum_of_packed_bytes_tells_of_damage(tmp_path):
     run_mat = tmp_path / "c.mat"
     whole = packed(matrix("x", np.arange(4000.0)))
     run_mat.write_bytes(mat5(whole[:-1] + bytes([whole[-1] ^ 1])))
@@ -593,7 +589,7 @@ def test_the_sum_of_packed_bytes_tells_of_damage(tmp_path: Path) -> None:
         open_table(run_mat)
 
 
-def test_packed_elements_that_stand_for_too_much(tmp_path: Path) -> None:
+def test_packed_elements_that_stand_for_too_much(tmp_path):
     """Zeros pack a thousandfold: 64 MB are nothing, more is too much, in one or in many."""
     run_mat = tmp_path / "c.mat"
     run_mat.write_bytes(mat5(packed(matrix("x", np.zeros(7_900_000)))))
@@ -613,9 +609,7 @@ def structure(name: str, values: np.ndarray) -> bytes:
     return stream.getvalue()[128:]
 
 
-def test_memory_is_bounded_before_it_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_is_bounded_before_it_is_asked_for(tmp_path, monkeypatch):
     run_mat = tmp_path / "c.mat"
     # More than 32 MB at once: what a process has freed before never holds so much.
     run_mat.write_bytes(mat5(packed(structure("s", np.zeros(7_500_000)))))
@@ -625,7 +619,7 @@ def test_memory_is_bounded_before_it_is_asked_for(
         open_table(run_mat)
 
 
-def test_structures_in_structures(tmp_path: Path) -> None:
+def test_structures_in_structures(tmp_path):
     run_mat, inner = tmp_path / "c.mat", {"s": np.arange(4.0)}
     for _ in range(59):
         inner = {"s": inner}
@@ -635,7 +629,7 @@ def test_structures_in_structures(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("each", "form"), [(700, "5"), (700, "7"), (300, "4")])
-def test_damaged_files_do_not_end_the_process(each: int, form: str, tmp_path: Path) -> None:
+def test_damaged_files_do_not_end_the_process(each, form, tmp_path):
     """A reader that trusts the tags of a file ends the process on one damaged byte in seventy."""
     rng, stream = np.random.default_rng(20261122), io.BytesIO()
     values = {"fx": np.arange(60.0), "n": np.arange(5, dtype=np.int16), "label": "run"}

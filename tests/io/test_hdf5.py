@@ -1,7 +1,5 @@
 """HDF5: what is read, how it is stored, and what is refused."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal
@@ -24,7 +22,7 @@ from rotorid.testing import open_table
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as data:
         data["force/x"] = np.arange(5.0)
@@ -43,7 +41,7 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def test_columns(path: Path) -> None:
+def test_columns(path):
     opened = open_table(path)
     wanted = ["force/x", "/position/x", "y", "adc[0]", "adc[2]", "packed"]
     found = [opened.find(name) for name in wanted]
@@ -60,14 +58,14 @@ def test_columns(path: Path) -> None:
 
 
 @pytest.mark.parametrize("units", [{"unit": "mm"}, {"units": "", "unit": b"mm"}])
-def test_one_unit_in_place_of_units(units: dict, tmp_path: Path) -> None:
+def test_one_unit_in_place_of_units(units, tmp_path):
     with h5py.File(tmp_path / "run.h5", "w") as data:
         data["x"] = np.arange(5.0)
         data["x"].attrs.update(units)
     assert open_table(tmp_path / "run.h5").read(["x"])["x"].unit == "mm"
 
 
-def test_names(path: Path) -> None:
+def test_names(path):
     assert sorted(open_table(path).names) == ["force/x", "packed", "position/x", "short", "y"]
 
 
@@ -88,19 +86,19 @@ def test_names(path: Path) -> None:
         ("adc[99999999999]", "no column"),
     ],
 )
-def test_names_that_are_no_columns(path: Path, name: str, message: str) -> None:
+def test_names_that_are_no_columns(path, name, message):
     with pytest.raises(ReadError, match=message):
         open_table(path).find(name)
 
 
-def test_scalars(path: Path) -> None:
+def test_scalars(path):
     opened = open_table(path)
     assert (opened.scalar("gain"), opened.scalar("gain2")) == (2.5, 3.5)
     with pytest.raises(ReadError, match=r"no scalar variable 'gian'.*did you mean gain"):
         opened.scalar("gian")
 
 
-def test_files_that_are_no_hdf5(tmp_path: Path, path: Path) -> None:
+def test_files_that_are_no_hdf5(tmp_path, path):
     text = tmp_path / "text.h5"
     text.write_text("t,x\n1,2\n")
     with pytest.raises(ReadError, match=r"found text; expected HDF5 data, as the ending .h5 says"):
@@ -114,7 +112,7 @@ def test_files_that_are_no_hdf5(tmp_path: Path, path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_damage_inside(path: Path) -> None:
+def test_damage_inside(path):
     """Bytes that changed make a wrong number or a ReadError, nothing else."""
     whole = path.read_bytes()
     rng = np.random.default_rng(7)
@@ -131,7 +129,7 @@ def test_damage_inside(path: Path) -> None:
 
 
 @pytest.mark.parametrize("shape", [(5,), (1, 5), (5, 2)])
-def test_packed_numbers(shape: tuple[int, ...], tmp_path: Path) -> None:
+def test_packed_numbers(shape, tmp_path):
     """As netCDF packs them; read as they are stored they would be other numbers, and ok."""
     path = tmp_path / "run.h5"
     stored = np.resize(np.array([0, 100, -100, -32768, 7], dtype=np.int16), shape)
@@ -159,7 +157,7 @@ def test_packed_numbers(shape: tuple[int, ...], tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, "much", [1.0, 2.0]])
-def test_numbers_packed_in_no_way_that_is_known(value: object, tmp_path: Path) -> None:
+def test_numbers_packed_in_no_way_that_is_known(value, tmp_path):
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as data:
         data["x"] = np.arange(5)
@@ -183,7 +181,7 @@ def test_numbers_packed_in_no_way_that_is_known(value: object, tmp_path: Path) -
         ({"fs": 5000.0}, 5000.0),
     ],
 )
-def test_the_unit_of_a_rate(said: dict, hertz: float | None, tmp_path: Path) -> None:
+def test_the_unit_of_a_rate(said, hertz, tmp_path):
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as data:
         data["x"] = np.arange(5.0)
@@ -192,7 +190,7 @@ def test_the_unit_of_a_rate(said: dict, hertz: float | None, tmp_path: Path) -> 
     assert (rate and rate.hertz) == (hertz and pytest.approx(hertz))
 
 
-def test_attributes_that_are_lists_are_not_read(tmp_path: Path) -> None:
+def test_attributes_that_are_lists_are_not_read(tmp_path):
     """With one bit of its type changed a text is such a list, and HDF5 reads beyond its memory."""
     with h5py.File(tmp_path / "run.h5", "w") as data:
         data["x"] = np.arange(5.0)
@@ -215,9 +213,7 @@ def ended(*_: object) -> None:
         ("rotorid.io.hdf5._rows", lambda path: list(open_table(path).blocks(["packed"], 2))),
     ],
 )
-def test_what_ends_hdf5_ends_a_child(
-    what: str, work: Any, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_ends_hdf5_ends_a_child(what, work, path, monkeypatch):
     monkeypatch.setattr(what, ended)
     with pytest.raises(
         ReadError, match=r"run\.h5: found a file that ends the program that reads it"
@@ -232,7 +228,7 @@ def numbers(kind: str) -> np.ndarray[Any, Any]:
 @pytest.mark.sampled(10)
 @pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", ">i2", "u1", "<i8", "?", "<f2"])
 @pytest.mark.parametrize("shape", [(24,), (24, 1), (1, 24), (12, 2), (2, 12)])
-def test_numbers_are_those_written(kind: str, shape: tuple[int, ...], tmp_path: Path) -> None:
+def test_numbers_are_those_written(kind, shape, tmp_path):
     """After a user's block, in blocks, and whole."""
     path = tmp_path / "run.h5"
     with h5py.File(path, "w", userblock_size=512) as data:
@@ -255,7 +251,7 @@ def test_numbers_are_those_written(kind: str, shape: tuple[int, ...], tmp_path: 
             np.testing.assert_array_equal(np.concatenate(parts), expected[name])
 
 
-def test_numbers_that_hdf5_converts(tmp_path: Path) -> None:
+def test_numbers_that_hdf5_converts(tmp_path):
     """Numbers of an analogue converter: 12 bits of 16, from the fourth on."""
     path = tmp_path / "run.h5"
     stored = h5py.h5t.STD_I16LE.copy()
@@ -268,7 +264,7 @@ def test_numbers_that_hdf5_converts(tmp_path: Path) -> None:
     assert open_table(path).read(["x"])["x"].values.tolist() == values.tolist()
 
 
-def test_blocks_of_single_precision_are_those_of_the_whole(tmp_path: Path) -> None:
+def test_blocks_of_single_precision_are_those_of_the_whole(tmp_path):
     """Whatever they are multiplied by afterwards: a block is in double precision, as all is."""
     with h5py.File(tmp_path / "run.h5", "w") as data:
         data["x"] = np.random.default_rng(1).standard_normal(1000).astype(np.float32)
@@ -278,9 +274,7 @@ def test_blocks_of_single_precision_are_those_of_the_whole(tmp_path: Path) -> No
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
-def test_what_nobody_wrote_is_known_by_a_few_questions(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_nobody_wrote_is_known_by_a_few_questions(tmp_path, monkeypatch, capsys):
     """One question for each field of a table took a minute; links lead to nothing more."""
     with h5py.File(tmp_path / "run.h5", "w") as data:
         table = np.dtype([(f"c{k}", "f8") for k in range(500)])
@@ -297,7 +291,7 @@ def test_what_nobody_wrote_is_known_by_a_few_questions(
         opened.read([opened.find("c3")])
 
 
-def test_the_fields_of_a_table_of_records_are_read_together(tmp_path: Path) -> None:
+def test_the_fields_of_a_table_of_records_are_read_together(tmp_path):
     """A thousand fields one by one take a minute: for each the library goes through all."""
     rng = np.random.default_rng(2)
     kinds = np.dtype([("name", "S4"), *((f"c{k}", "f4" if k % 2 else "i2") for k in range(1000))])
@@ -325,7 +319,7 @@ VALUES = np.arange(600.0)
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     return tmp_path / "run.h5"
 
 
@@ -367,7 +361,7 @@ def write_parts(folder: Path) -> None:
         part(folder / file, VALUES[begin : begin + 200] + 0 * i)
 
 
-def test_virtual_data_sets_that_are_whole(file: Path, tmp_path: Path) -> None:
+def test_virtual_data_sets_that_are_whole(file, tmp_path):
     write_parts(tmp_path)
     virtual(file, *PARTS)
     assert column(file) == VALUES.tolist()
@@ -383,7 +377,7 @@ def test_virtual_data_sets_that_are_whole(file: Path, tmp_path: Path) -> None:
     assert column(nested) == VALUES.tolist()
 
 
-def test_virtual_data_sets_in_their_own_file(file: Path) -> None:
+def test_virtual_data_sets_in_their_own_file(file):
     part(file, VALUES, "raw")
     layout = h5py.VirtualLayout(shape=(300,), dtype="f8")
     with h5py.File(file, "a") as data:
@@ -394,7 +388,7 @@ def test_virtual_data_sets_in_their_own_file(file: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", range(3))
-def test_a_part_that_is_gone_is_a_gap(gone: int, file: Path, tmp_path: Path) -> None:
+def test_a_part_that_is_gone_is_a_gap(gone, file, tmp_path):
     """HDF5 reads it as 0.0 without a word."""
     write_parts(tmp_path)
     virtual(file, *PARTS)
@@ -411,7 +405,7 @@ def test_a_part_that_is_gone_is_a_gap(gone: int, file: Path, tmp_path: Path) -> 
         next(open_table(file).blocks(["x"], 100))
 
 
-def test_a_stretch_in_no_part_is_a_gap(file: Path, tmp_path: Path) -> None:
+def test_a_stretch_in_no_part_is_a_gap(file, tmp_path):
     write_parts(tmp_path)
     virtual(file, PARTS[0], PARTS[2])
     with pytest.raises(ReadError, match="found 200 samples in none of its parts: a gap in '/x'"):
@@ -421,7 +415,7 @@ def test_a_stretch_in_no_part_is_a_gap(file: Path, tmp_path: Path) -> None:
         column(file)
 
 
-def test_a_gap_in_a_part(file: Path, tmp_path: Path) -> None:
+def test_a_gap_in_a_part(file, tmp_path):
     write_parts(tmp_path)
     with h5py.File(tmp_path / "part1.h5", "w") as data:
         data.create_dataset("x", shape=(200,), dtype="f8")
@@ -430,7 +424,7 @@ def test_a_gap_in_a_part(file: Path, tmp_path: Path) -> None:
         column(file)
 
 
-def test_parts_elsewhere(file: Path, tmp_path: Path) -> None:
+def test_parts_elsewhere(file, tmp_path):
     """Parts lie below the record's folder, and are files."""
     inner = tmp_path / "data"
     inner.mkdir()
@@ -446,7 +440,7 @@ def test_parts_elsewhere(file: Path, tmp_path: Path) -> None:
         column(inner / "run.h5")
 
 
-def test_parts_of_themselves_and_without_end(file: Path, tmp_path: Path) -> None:
+def test_parts_of_themselves_and_without_end(file, tmp_path):
     virtual(file, ("run.h5", "x", 0), size=200)
     with pytest.raises(ReadError, match=r"parts of parts, 4 deep, of '/x'"):
         column(file)
@@ -468,7 +462,7 @@ def test_parts_of_themselves_and_without_end(file: Path, tmp_path: Path) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("more", [0, 1])
-def test_many_parts(more: int, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_parts(more, file, monkeypatch):
     """A second a file for an hour is looked at in seconds; more is refused."""
     monkeypatch.setattr(hdf5, "PARTS", 500)
     layout = h5py.VirtualLayout(shape=(500 + more, 2), dtype="f8")
@@ -491,7 +485,7 @@ def external(file: Path, *files: tuple[str, int, int]) -> None:
         data.create_dataset("x", shape=(600,), dtype="f8", external=list(files))
 
 
-def test_samples_in_files_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_samples_in_files_of_their_own(tmp_path, monkeypatch):
     """They lie below the record's folder, wherever the process runs, and hold every sample."""
     inner = tmp_path / "data"
     inner.mkdir()
@@ -515,7 +509,7 @@ def test_samples_in_files_of_their_own(tmp_path: Path, monkeypatch: pytest.Monke
             column(file)
 
 
-def test_links_into_other_files_are_not_followed(file: Path, tmp_path: Path) -> None:
+def test_links_into_other_files_are_not_followed(file, tmp_path):
     part(tmp_path / "other.h5")
     with h5py.File(file, "w") as data:
         data["x"] = h5py.ExternalLink("other.h5", "/x")
@@ -531,7 +525,7 @@ def test_links_into_other_files_are_not_followed(file: Path, tmp_path: Path) -> 
         column(file, "round")
 
 
-def test_samples_that_nobody_wrote(file: Path) -> None:
+def test_samples_that_nobody_wrote(file):
     """They read as the fill value: 1.7 kB for a hundred million of them."""
     with h5py.File(file, "w") as data:
         data.create_dataset("x", shape=(10**8,), dtype="f8")
@@ -558,7 +552,7 @@ def test_samples_that_nobody_wrote(file: Path) -> None:
         open_table(file).scalar("one")
 
 
-def test_chunks_that_fill_the_memory(file: Path) -> None:
+def test_chunks_that_fill_the_memory(file):
     rows = CHUNK_BYTES // 8
     with h5py.File(file, "w") as data:
         for name, more in (("x", 1), ("y", 0)):
@@ -573,7 +567,7 @@ def test_chunks_that_fill_the_memory(file: Path) -> None:
 
 
 @pytest.mark.slow
-def test_zeros_that_pack_without_bound(file: Path) -> None:
+def test_zeros_that_pack_without_bound(file):
     """A channel at rest may be large; twelve of them from a few kB are too much."""
     with h5py.File(file, "w") as data:
         for i in range(12):
@@ -587,7 +581,7 @@ def test_zeros_that_pack_without_bound(file: Path) -> None:
 
 
 @pytest.mark.slow
-def test_many_data_sets(file: Path) -> None:
+def test_many_data_sets(file):
     """One that is named whole is found among any number; a search has its bounds."""
     with h5py.File(file, "w", libver="latest") as data:
         space = h5py.h5s.create_simple((4,))
@@ -603,7 +597,7 @@ def test_many_data_sets(file: Path) -> None:
 
 
 @pytest.mark.slow
-def test_nested_groups(file: Path) -> None:
+def test_nested_groups(file):
     with h5py.File(file, "w") as data:
         data["a/" * DEPTH + "x"] = VALUES
         group = data.create_group("b")
@@ -617,12 +611,12 @@ def test_nested_groups(file: Path) -> None:
             column(file, "a/" * (DEPTH + 1) + "x")
 
 
-def test_a_search_to_the_allowed_depth(file: Path) -> None:
+def test_a_search_to_the_allowed_depth(file):
     part(file, VALUES, "a/" * DEPTH + "x")
     assert column(file, "x") == VALUES.tolist()
 
 
-def test_groups_that_hold_themselves(file: Path) -> None:
+def test_groups_that_hold_themselves(file):
     with h5py.File(file, "w") as data:
         data["a/x"] = VALUES
         data["a/a"] = data["a"]
@@ -631,7 +625,7 @@ def test_groups_that_hold_themselves(file: Path) -> None:
 
 
 @pytest.mark.parametrize("raw", ["Kr\xe4fte".encode(), "Kr\xe4fte".encode("latin-1")])
-def test_names_in_older_letters(raw: bytes, file: Path) -> None:
+def test_names_in_older_letters(raw, file):
     """Programs of Windows wrote names in their own code page."""
     with h5py.File(file, "w") as data:
         group = data.create_group(raw)
@@ -645,7 +639,7 @@ def test_names_in_older_letters(raw: bytes, file: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [512, 2048, 1 << 20])
-def test_a_block_before_the_file(size: int, file: Path) -> None:
+def test_a_block_before_the_file(size, file):
     with h5py.File(file, "w", userblock_size=size) as data:
         data["x"] = VALUES
     with file.open("r+b") as stream:
@@ -668,7 +662,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_types_that_are_no_numbers(kind: str, file: Path) -> None:
+def test_types_that_are_no_numbers(kind, file):
     values, told = KINDS[kind]
     with h5py.File(file, "w") as data:
         dtype = h5py.vlen_dtype("f8") if kind == "lists" else values.dtype
@@ -681,7 +675,7 @@ def test_types_that_are_no_numbers(kind: str, file: Path) -> None:
     assert column(file, "bits") == [1, 0]
 
 
-def test_references_and_fields(file: Path) -> None:
+def test_references_and_fields(file):
     table = np.zeros(3, dtype=[("f", "f8"), ("c", "c16"), ("s", "S3"), ("row", "f8", (2,))])
     table["f"] = [1, 2, 3]
     with h5py.File(file, "w") as data:
@@ -698,7 +692,7 @@ def test_references_and_fields(file: Path) -> None:
         column(file, "table")
 
 
-def test_attributes_that_are_no_units(file: Path) -> None:
+def test_attributes_that_are_no_units(file):
     with h5py.File(file, "w", track_order=True) as data:
         data["x"] = VALUES
         data["x"].attrs["units"] = h5py.Empty("f8")

@@ -1,7 +1,5 @@
 """Malformed files of every format: exit code 2 and one line; never a traceback, long, or large."""
 
-from __future__ import annotations
-
 import functools
 import re
 import resource
@@ -211,7 +209,7 @@ def peak() -> int:
 
 
 @pytest.mark.parametrize("case", MADE)
-def test_made_files(case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_made_files(case, tmp_path, capfd):
     before = peak()
     name, data = MADE[case](tmp_path)
     if Path(name).suffix in PACKAGES or case == "another kind in .csv":
@@ -230,10 +228,10 @@ def bank(each: int, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert peak() - before < BYTES
 
 
-def test_damaged_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_damaged_files(tmp_path, capfd):
     bank(1, tmp_path, capfd)
 
 
 @pytest.mark.slow
-def test_three_hundred_damaged_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_three_hundred_damaged_files(tmp_path, capfd):
     bank(6, tmp_path, capfd)

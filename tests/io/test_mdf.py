@@ -1,7 +1,5 @@
 """Conversions of MDF channels: numbers as asammdf has them, and nothing of the file is run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -59,14 +57,14 @@ def write(version: str, conversions: Mapping[str, Any], samples: np.ndarray = X)
 
 
 @pytest.fixture(autouse=True)
-def where_it_would_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def where_it_would_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.parametrize("nested", [False, True])
 @pytest.mark.parametrize("channel", ["time", "fx"])
 @pytest.mark.parametrize("version", VERSIONS)
-def test_formulas_are_refused_and_not_run(version: str, channel: str, nested: bool) -> None:
+def test_formulas_are_refused_and_not_run(version, channel, nested):
     conversion = formula(version)
     if nested and version < "4":
         sizes = {"conversion_type": 12, "ref_param_nr": 2, "lower_0": 200.0, "upper_0": 201.0}
@@ -85,7 +83,7 @@ def test_formulas_are_refused_and_not_run(version: str, channel: str, nested: bo
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_a_draft_runs_no_formula(version: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_draft_runs_no_formula(version, capsys):
     path = write(version, {"fx": formula(version)})
     assert run(["new", str(path)]) == 0
     assert "px" in capsys.readouterr().out
@@ -95,7 +93,7 @@ def test_a_draft_runs_no_formula(version: str, capsys: pytest.CaptureFixture[str
     assert not Path("RAN").exists()
 
 
-def test_messages_of_a_bus_are_not_converted_as_the_file_is_opened() -> None:
+def test_messages_of_a_bus_are_not_converted_as_the_file_is_opened():
     from asammdf import MDF, Signal, Source
     from asammdf.blocks import v4_constants as constants
 
@@ -117,7 +115,7 @@ def test_messages_of_a_bus_are_not_converted_as_the_file_is_opened() -> None:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_asammdf_converts_nothing(version: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_asammdf_converts_nothing(version, monkeypatch):
     """Whatever a channel is read for: its samples, its times, its unit, or another channel."""
     linear = {"conversion_type": 1 if version >= "4" else 0, "a": 2.0, "b": 1.0}
     path = write(version, dict.fromkeys(("time", "fx"), block(version, **linear)))
@@ -181,7 +179,7 @@ KNOWN: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("samples", [X, X.astype(np.float32), WHOLE], ids=["f8", "f4", "i2"])
 @pytest.mark.parametrize("version", VERSIONS)
-def test_numbers_are_those_of_asammdf(version: str, samples: np.ndarray) -> None:
+def test_numbers_are_those_of_asammdf(version, samples):
     from asammdf import MDF
 
     made = {f"0/{name}": block(version, **values) for name, values in KNOWN[version].items()}
@@ -202,7 +200,7 @@ def test_numbers_are_those_of_asammdf(version: str, samples: np.ndarray) -> None
 
 
 @pytest.mark.parametrize("bounds", [{}, {"kind": 8, "lower_0": 200.0, "upper_0": 201.0}])
-def test_texts_among_numbers_are_missing_samples(bounds: dict[str, Any]) -> None:
+def test_texts_among_numbers_are_missing_samples(bounds):
     from asammdf import MDF
 
     samples = np.where(np.arange(40) % 7 == 3, 200.0, X)
@@ -215,13 +213,13 @@ def test_texts_among_numbers_are_missing_samples(bounds: dict[str, Any]) -> None
     np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
-def test_texts_alone_are_no_numbers() -> None:
+def test_texts_alone_are_no_numbers():
     path = write("4.10", {"fx": text_or(b"a signal")})
     with pytest.raises(ReadError, match="0/fx: found a conversion to text; expected real numbers"):
         open_table(path).read(["0/fx"])
 
 
-def test_missing_and_invalid_samples_are_no_numbers() -> None:
+def test_missing_and_invalid_samples_are_no_numbers():
     from asammdf import MDF, Signal
 
     table = block("4.10", **KNOWN["4.10"]["nearest"])
@@ -234,9 +232,7 @@ def test_missing_and_invalid_samples_are_no_numbers() -> None:
     assert np.flatnonzero(np.isnan(found)).tolist() == [3, 11]
 
 
-def test_a_group_of_many_channels_is_unpacked_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_group_of_many_channels_is_unpacked_once(tmp_path, monkeypatch):
     """Thousands of channels, each by itself, took more seconds than a file has."""
     from asammdf import MDF, Signal
     from asammdf.blocks.mdf_v4 import MDF4

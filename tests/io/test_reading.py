@@ -1,7 +1,5 @@
 """Reading a record: columns, clocks, blocks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,9 +27,6 @@ from rotorid.io.columns import open_blocks
 from rotorid.signals.average import PeriodSums, average_blocks
 from rotorid.testing import Source, open_table
 
-# From files to records in SI units.
-
-
 # -------------------------------------------------------------------------------------------------
 # From files to records in SI units.
 
@@ -58,7 +53,7 @@ def write(folder: Path, ending: str) -> Path:
 
 
 @pytest.mark.parametrize("ending", [".csv", ".h5", ".hdf5", ".mat"])
-def test_formats_agree(tmp_path: Path, ending: str) -> None:
+def test_formats_agree(tmp_path, ending):
     path = write(tmp_path, ending)
     channels = {"F": Source("f", unit="N", expected="N"), "x": Source("x", unit="um")}
     record = rid.read_record(path, columns=channels, time="t", speed="8400 rpm", phase="90 deg")
@@ -71,7 +66,7 @@ def test_formats_agree(tmp_path: Path, ending: str) -> None:
     assert record.source == str(path)
 
 
-def test_units_of_the_file(tmp_path: Path) -> None:
+def test_units_of_the_file(tmp_path):
     record = rid.read_record(write(tmp_path, ".h5"), sample_rate="1 kHz")
     assert record.names == ("f", "t", "x")
     assert [channel.unit for channel in record.channels] == ["N", "s", "m"]
@@ -79,11 +74,11 @@ def test_units_of_the_file(tmp_path: Path) -> None:
     assert record.angle is None
 
 
-def test_time_is_no_channel(tmp_path: Path) -> None:
+def test_time_is_no_channel(tmp_path):
     assert rid.read_record(write(tmp_path, ".mat"), time="t").names == ("x", "f")
 
 
-def test_columns_of_another_length_are_left_out(tmp_path: Path) -> None:
+def test_columns_of_another_length_are_left_out(tmp_path):
     path = tmp_path / "run.mat"
     scipy.io.savemat(path, {"x": X, "short": X[:3]})
     assert rid.read_record(path, sample_rate=1e3).names == ("x",)
@@ -92,7 +87,7 @@ def test_columns_of_another_length_are_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("scale", "value"), [(0.5, 0.5), ("half", 0.5), (-2, -2.0)])
-def test_scale(tmp_path: Path, scale: float | str, value: float) -> None:
+def test_scale(tmp_path, scale, value):
     """Value = column x scale, in unit: the unit of the column itself does not matter."""
     channels = {"F": Source("x", unit="kN", scale=scale)}
     record = rid.read_record(write(tmp_path, ".h5"), columns=channels, sample_rate=1e3)
@@ -100,7 +95,7 @@ def test_scale(tmp_path: Path, scale: float | str, value: float) -> None:
     assert record.channels[0].unit == "N"
 
 
-def test_how_a_channel_was_recorded(tmp_path: Path) -> None:
+def test_how_a_channel_was_recorded(tmp_path):
     source = Source("x", hold=True, delay=5e-5, gain_std=0.01, reads={"a": 2.0})
     record = rid.read_record(write(tmp_path, ".h5"), columns={"s": source}, sample_rate=1e3)
     (channel,) = record.channels
@@ -119,20 +114,20 @@ def test_how_a_channel_was_recorded(tmp_path: Path) -> None:
         (Source("x", unit="m", scale="gtau"), "channels.q.scale: found no scalar .* 'gtau'"),
     ],
 )
-def test_refused_channels(tmp_path: Path, source: Source, message: str) -> None:
+def test_refused_channels(tmp_path, source, message):
     path = write(tmp_path, ".h5")
     with pytest.raises(InputError, match=message) as caught:
         rid.read_record(path, columns={"q": source}, sample_rate=1e3)
     assert caught.value.file == str(path)
 
 
-def test_a_stated_unit_can_be_overruled(tmp_path: Path) -> None:
+def test_a_stated_unit_can_be_overruled(tmp_path):
     channels = {"q": Source("x", unit="mm", scale=1)}
     record = rid.read_record(write(tmp_path, ".h5"), columns=channels, sample_rate=1e3)
     np.testing.assert_allclose(record.column("q"), 1e-3 * X)
 
 
-def test_one_source_of_time(tmp_path: Path) -> None:
+def test_one_source_of_time(tmp_path):
     path = write(tmp_path, ".h5")
     with pytest.raises(InputError, match="one of sample_rate and time"):
         rid.read_record(path)
@@ -147,7 +142,7 @@ def test_one_source_of_time(tmp_path: Path) -> None:
         rid.read_record(path, time="x")
 
 
-def test_time_in_its_unit(tmp_path: Path) -> None:
+def test_time_in_its_unit(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("t [ms],x\n0,1\n2,1\n4,1\n")
     assert rid.read_record(path, time="t").sample_rate == pytest.approx(500.0)
@@ -156,7 +151,7 @@ def test_time_in_its_unit(tmp_path: Path) -> None:
     assert rid.read_record(path, time=Source("t", unit="us")).sample_rate == pytest.approx(5e5)
 
 
-def test_jitter_of_the_time_stamps_does_not_matter() -> None:
+def test_jitter_of_the_time_stamps_does_not_matter():
     rng = np.random.default_rng(1)
     time = np.arange(1001) / 1000.0
     time[1:-1] += rng.uniform(-2e-4, 2e-4, 999)
@@ -177,12 +172,12 @@ def test_jitter_of_the_time_stamps_does_not_matter() -> None:
         ([0], "a single sample"),
     ],
 )
-def test_dropped_samples(time: list[float], message: str) -> None:
+def test_dropped_samples(time, message):
     with pytest.raises(ReadError, match=message):
         read_clock(np.array(time, dtype=float))
 
 
-def test_samples_that_are_not_finite(tmp_path: Path) -> None:
+def test_samples_that_are_not_finite(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("x,y\n0,1\n2,nan\n4,1\n")
     with pytest.raises(InputError, match="found nan in sample 1 of channel 'y'") as caught:
@@ -200,18 +195,18 @@ def test_samples_that_are_not_finite(tmp_path: Path) -> None:
         ("run.csv", b"x,y\n", "no samples"),
     ],
 )
-def test_files_without_samples(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+def test_files_without_samples(tmp_path, name, content, message):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ReadError, match=message):
         rid.read_record(tmp_path / name, sample_rate=1.0)
 
 
-def test_endings_in_capitals(tmp_path: Path) -> None:
+def test_endings_in_capitals(tmp_path):
     (tmp_path / "RUN.CSV").write_text("x\n1\n2\n")
     assert rid.read_record(tmp_path / "RUN.CSV", sample_rate=1.0).column("x").tolist() == [1, 2]
 
 
-def test_a_mask_leaves_out_periods(tmp_path: Path) -> None:
+def test_a_mask_leaves_out_periods(tmp_path):
     path = tmp_path / "run.csv"
     wave = np.cos(2 * np.pi * np.arange(50) / 10)
     mask = np.ones(50)
@@ -230,7 +225,7 @@ def test_a_mask_leaves_out_periods(tmp_path: Path) -> None:
         rid.average(replace(record, valid=np.zeros(50, dtype=bool)), 10.0, harmonics=[1])
 
 
-def test_until(tmp_path: Path) -> None:
+def test_until(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("t,x\n0,1\n0.1,2\n0.2,3\n0.3,nan\n")
     for time in ({"time": "t"}, {"sample_rate": 10.0}):
@@ -238,7 +233,7 @@ def test_until(tmp_path: Path) -> None:
         assert record.column("x").tolist() == [1, 2, 3]
 
 
-def test_several_files_of_one_clock(tmp_path: Path) -> None:
+def test_several_files_of_one_clock(tmp_path):
     (tmp_path / "f.csv").write_text(
         "t,fx,z\n" + "".join(f"{t},{x},0\n" for t, x in zip(T, X, strict=True))
     )
@@ -258,7 +253,7 @@ def test_several_files_of_one_clock(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("size", [1e-162, 0.9e-60, 1.1e60, 1e155, 1e308])
 @pytest.mark.parametrize("defect", [False, True])
-def test_samples_that_no_machine_has(size: float, defect: bool, tmp_path: Path) -> None:
+def test_samples_that_no_machine_has(size, defect, tmp_path):
     """Their squares leave what doubles hold: an answer of them would be no number."""
     path = tmp_path / "run.csv"
     gap = "nan" if defect else "0"
@@ -272,14 +267,14 @@ def test_samples_that_no_machine_has(size: float, defect: bool, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("size", [1.1e-60, 0.9e60, 0.0])
-def test_samples_that_some_machine_might_have(size: float, tmp_path: Path) -> None:
+def test_samples_that_some_machine_might_have(size, tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("x\n" + "".join(f"{x / 8 * size}\n" for x in X))
     record = rid.read_record(path, sample_rate=1000.0)
     assert np.abs(record.samples).max() == pytest.approx(size, rel=1e-12)
 
 
-def test_a_scale_beyond_numbers(tmp_path: Path) -> None:
+def test_a_scale_beyond_numbers(tmp_path):
     path = write(tmp_path, ".csv")
     for scale in (1e308, 1e-308):
         with pytest.raises(InputError, match=r"channels\.x\.unit: found samples up to"):
@@ -307,7 +302,7 @@ def recorded(path: Path, time: np.ndarray, *columns: np.ndarray, names: str = "t
     return path
 
 
-def test_even_and_rounded_times_are_left_alone() -> None:
+def test_even_and_rounded_times_are_left_alone():
     for time in (EVEN, np.round(np.arange(4000) / 400.0, 3), 1.7e9 + EVEN, EVEN + 1e-9 * JITTER):
         clock = read_clock(time)
         assert clock.even
@@ -315,7 +310,7 @@ def test_even_and_rounded_times_are_left_alone() -> None:
     assert not read_clock(JITTER).even
 
 
-def test_times_whose_error_does_not_tell_are_left_alone(tmp_path: Path) -> None:
+def test_times_whose_error_does_not_tell_are_left_alone(tmp_path):
     """What the samples of a wave are off, taken as they are, is at most a ten-thousandth."""
     step, few = 1e-3, NEGLIGIBLE * 1e-3 / np.pi
     for size, even in ((0.9 * few, True), (1.2 * few, False)):
@@ -335,7 +330,7 @@ def test_times_whose_error_does_not_tell_are_left_alone(tmp_path: Path) -> None:
         assert len(rid.read_record(path, columns=["x"], time="t").warnings) == 1
 
 
-def test_jittered_samples_come_onto_the_grid(tmp_path: Path) -> None:
+def test_jittered_samples_come_onto_the_grid(tmp_path):
     path = recorded(tmp_path / "run.csv", JITTER, wave(JITTER))
     record = rid.read_record(path, columns=["x"], time="t", highest="20 Hz")
     assert np.abs(record.column("x") - wave(EVEN)).max() < 1e-6
@@ -346,7 +341,7 @@ def test_jittered_samples_come_onto_the_grid(tmp_path: Path) -> None:
     assert "at 20 Hz" in told
 
 
-def test_the_stated_error_is_the_error() -> None:
+def test_the_stated_error_is_the_error():
     """Also where it is large: two fifths of the sample rate."""
     for frequency in (100.0, 250.0, 400.0):
         found, error, _ = onto_grid(JITTER, wave(JITTER, frequency)[:, None], 1000.0, frequency)
@@ -354,7 +349,7 @@ def test_the_stated_error_is_the_error() -> None:
         assert error == pytest.approx(actual, rel=0.25, abs=1e-10)
 
 
-def test_where_the_lines_cannot_bear_it(tmp_path: Path) -> None:
+def test_where_the_lines_cannot_bear_it(tmp_path):
     path = recorded(tmp_path / "run.csv", JITTER, wave(JITTER))
     with pytest.raises(ReadError, match=r"off by 0.000114 s.*% at 480 Hz.*keep lines"):
         rid.read_record(path, columns=["x"], time="t", highest=480.0)
@@ -366,7 +361,7 @@ def test_where_the_lines_cannot_bear_it(tmp_path: Path) -> None:
     assert interpolation_error(JITTER, grid, 1.3 * highest) > BEARABLE
 
 
-def test_one_late_sample(tmp_path: Path) -> None:
+def test_one_late_sample(tmp_path):
     """A clock that stands for half a step, once: what follows is later by that much."""
     late = EVEN + 5e-4 * (EVEN > 1.7)
     path = recorded(tmp_path / "run.csv", late, wave(late))
@@ -376,7 +371,7 @@ def test_one_late_sample(tmp_path: Path) -> None:
     assert len(record.warnings) == 1
 
 
-def test_a_missing_sample_is_told_with_the_longest_stretch(tmp_path: Path) -> None:
+def test_a_missing_sample_is_told_with_the_longest_stretch(tmp_path):
     time = np.delete(EVEN, [500, 3000])
     path = recorded(tmp_path / "run.csv", time, wave(time))
     with pytest.raises(
@@ -395,7 +390,7 @@ def test_a_missing_sample_is_told_with_the_longest_stretch(tmp_path: Path) -> No
     np.testing.assert_allclose(periods.angle, 0.5 + 10 * periods.time)
 
 
-def test_between_late_and_missing() -> None:
+def test_between_late_and_missing():
     for step, taken in (
         (LATE - 0.01, True),
         (LATE + 0.01, False),
@@ -410,7 +405,7 @@ def test_between_late_and_missing() -> None:
                 read_clock(time)
 
 
-def test_two_statements_of_the_rate(tmp_path: Path) -> None:
+def test_two_statements_of_the_rate(tmp_path):
     path = recorded(tmp_path / "run.csv", np.arange(10**4) / 1000.0, np.ones(10**4))
     near, far = 1000 * (1 + 0.9 * SAME_RATE), 1000 * (1 + 2.2 * SAME_RATE)
     assert rid.read_record(path, time="t", sample_rate=near).sample_rate == near
@@ -418,7 +413,7 @@ def test_two_statements_of_the_rate(tmp_path: Path) -> None:
         rid.read_record(path, time="t", sample_rate=far)
 
 
-def test_a_rate_of_few_digits_fits_the_period(tmp_path: Path) -> None:
+def test_a_rate_of_few_digits_fits_the_period(tmp_path):
     """Times in whole milliseconds at 2.5 ms end within a digit of the truth, not on it."""
     time = np.round(np.arange(4000) / 400.0, 3)
     path = recorded(tmp_path / "run.csv", time, wave(time))
@@ -428,7 +423,7 @@ def test_a_rate_of_few_digits_fits_the_period(tmp_path: Path) -> None:
     assert odd == rid.read_record(path, time="t").sample_rate
 
 
-def test_what_is_no_number_before_skip_does_no_harm(tmp_path: Path) -> None:
+def test_what_is_no_number_before_skip_does_no_harm(tmp_path):
     values = wave(EVEN)
     values[:30] = np.nan
     path = recorded(tmp_path / "run.csv", EVEN, values)
@@ -468,7 +463,7 @@ def write_table(path: Path) -> None:
 
 
 @pytest.fixture(params=["hdf5", "table", "parquet", "tdms"])
-def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def path(request, tmp_path):
     kind = request.param
     path = tmp_path / {"hdf5": "run.h5", "table": "log.h5"}.get(kind, f"run.{kind}")
     if kind == "hdf5":
@@ -486,7 +481,7 @@ def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 @pytest.mark.sampled(8)
 @pytest.mark.parametrize("rows", [1, 7, 100, 1001, 10**6])
-def test_blocks_are_the_whole(path: Path, rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_blocks_are_the_whole(path, rows, monkeypatch):
     monkeypatch.setattr(blocks, "WORTH", 0)
     monkeypatch.setattr(blocks, "ROWS", rows)
     sources = SOURCES
@@ -507,7 +502,7 @@ def test_blocks_are_the_whole(path: Path, rows: int, monkeypatch: pytest.MonkeyP
         np.testing.assert_allclose(ours / size, theirs / size, rtol=digits, atol=1e-13)
 
 
-def test_as_numpy_averages() -> None:
+def test_as_numpy_averages():
     """Also beside a mean that is ten thousand times the noise, and in two parts."""
     samples = DRAWN.normal(size=(40, SIZE, 2)) + 1e4
     total = PeriodSums((rid.Channel("F"), rid.Channel("x")), RATE, SIZE, np.array([0, 2, 25]))
@@ -520,7 +515,7 @@ def test_as_numpy_averages() -> None:
     assert not total.spectra[:, [0, 2]].imag.any()
 
 
-def test_faults_are_told_with_their_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_faults_are_told_with_their_sample(tmp_path, monkeypatch):
     monkeypatch.setattr(blocks, "WORTH", 0)
     monkeypatch.setattr(blocks, "ROWS", 100)
     write_hdf5(tmp_path / "run.h5")
@@ -539,9 +534,7 @@ def test_faults_are_told_with_their_sample(tmp_path: Path, monkeypatch: pytest.M
         open_blocks([tmp_path / "run.h5"], columns={"F": Source("fz")}, sample_rate=RATE)
 
 
-def test_small_records_and_jittered_ones_are_read_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_small_records_and_jittered_ones_are_read_at_once(tmp_path, monkeypatch):
     write_hdf5(tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5", "a") as data:
         data["t"] = np.arange(len(FORCE)) / RATE + DRAWN.uniform(-1e-4, 1e-4, len(FORCE))
@@ -554,9 +547,7 @@ def test_small_records_and_jittered_ones_are_read_at_once(
 
 
 @pytest.mark.parametrize("scale", [1e-162, 1e155])
-def test_blocks_that_no_machine_has(
-    scale: float, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_blocks_that_no_machine_has(scale, path, monkeypatch):
     monkeypatch.setattr(blocks, "WORTH", 0)
     sources = {"F": Source("fx", "N"), "x": Source("px", "m", scale=scale)}
     if path.name == "log.h5":

@@ -1,7 +1,5 @@
 """The text of equations: expressions, and equations split by value."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import math
@@ -22,9 +20,6 @@ from rotorid.models import parser
 from rotorid.models.equations import polynomial, split_equations
 from rotorid.models.expressions import FUNCTIONS, Expression, evaluate, product
 from rotorid.models.parser import expression, read
-
-# The grammar: what a text means, what is refused and how it says so.
-
 
 # -------------------------------------------------------------------------------------------------
 # The grammar: what a text means, what is refused and how it says so.
@@ -336,7 +331,7 @@ def squared(levels: int) -> str:
 
 
 @pytest.fixture
-def spent(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def spent(monkeypatch):
     """What is spent while a test runs."""
     found, spend = [0], parser.Work.spend
 
@@ -365,7 +360,7 @@ def spent(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         ("x^32*x", "degree"),
     ],
 )
-def test_a_bomb_is_one_line_that_names_the_limit(term: str, limit: str, spent: list[int]) -> None:
+def test_a_bomb_is_one_line_that_names_the_limit(term, limit, spent):
     with pytest.raises(ModelError, match=limit) as found:
         model_of(term)
     assert "equation 1" in str(found.value)
@@ -374,7 +369,7 @@ def test_a_bomb_is_one_line_that_names_the_limit(term: str, limit: str, spent: l
 
 
 @pytest.mark.slow
-def test_equations_share_what_they_may_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equations_share_what_they_may_cost(monkeypatch):
     """Terms that cancel are counted as well."""
     monkeypatch.setattr(parser, "WORK", 50_000)
     powers = "(m+c+k+x+x')^4*(x+1)"
@@ -385,7 +380,7 @@ def test_equations_share_what_they_may_cost(monkeypatch: pytest.MonkeyPatch) -> 
         model_of("p0*x", *dense(40, 25), names=25)
 
 
-def test_a_combination_costs_less_than_a_model() -> None:
+def test_a_combination_costs_less_than_a_model():
     names = [f"x{i}" for i in range(100)]
     assert len(polynomial(" + ".join(f"0.5*{name}" for name in names), names)) == 100
     with pytest.raises(ModelError, match="more than 20,000 steps"):
@@ -394,7 +389,7 @@ def test_a_combination_costs_less_than_a_model() -> None:
         polynomial("+".join(f"(x{i % 100}+1)/(1+1)" for i in range(3_000)), names)
 
 
-def test_honest_models_cost_little(spent: list[int]) -> None:
+def test_honest_models_cost_little(spent):
     for name in shipped_models():
         spent[0] = 0
         load_model(name)
@@ -403,7 +398,7 @@ def test_honest_models_cost_little(spent: list[int]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("more", "on"), [("", 0), (" + c0*tanh(x0'/0.01)", 5)])
-def test_a_hundred_coordinates(more: str, on: int, spent: list[int]) -> None:
+def test_a_hundred_coordinates(more, on, spent):
     """A chain of masses, also with friction that is not linear."""
     count = 100
 
@@ -430,7 +425,7 @@ def test_a_hundred_coordinates(more: str, on: int, spent: list[int]) -> None:
     assert spent[0] < parser.WORK / 20
 
 
-def test_the_limits_are_where_they_are_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_limits_are_where_they_are_said_to_be(monkeypatch):
     model_of("x*1.1234567891^97")  # a denominator of 971 digits
     with pytest.raises(ModelError, match="1000 digits"):
         model_of("x*1.1234567891^101")
@@ -513,7 +508,7 @@ SIGNALS = st.recursive(
 
 @settings(max_examples=150, deadline=None)
 @given(POLYNOMIALS)
-def test_polynomials_have_the_value_of_their_text(text: str) -> None:
+def test_polynomials_have_the_value_of_their_text(text):
     """Exactly, in fractions."""
     try:
         found = polynomial(text, tuple(FRACTIONS))
@@ -529,7 +524,7 @@ def test_polynomials_have_the_value_of_their_text(text: str) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(SIGNALS)
-def test_equations_have_the_value_of_their_text(signal: str) -> None:
+def test_equations_have_the_value_of_their_text(signal):
     """With functions, roots and divisors: times parameters, beside an input."""
     try:
         expected = value_of(signal, AT, float)

@@ -1,7 +1,5 @@
 """Linear models: matrices, modal coordinates, forces in balance, turned about."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -268,7 +266,7 @@ def reference(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> n
     return kept[np.argsort(kept.imag)]
 
 
-def test_eigenvalues_and_vectors_of_a_damped_chain() -> None:
+def test_eigenvalues_and_vectors_of_a_damped_chain():
     found = eigenmodes(CHAIN_M, CHAIN_D, CHAIN_K)
     np.testing.assert_allclose(found.values, reference(CHAIN_M, CHAIN_D, CHAIN_K), rtol=1e-10)
     for value, right, left in zip(found.values, found.right, found.left, strict=True):
@@ -278,14 +276,14 @@ def test_eigenvalues_and_vectors_of_a_damped_chain() -> None:
         assert np.abs(left.conj() @ pencil).max() < 1e-10 * size * np.abs(left).max()
 
 
-def test_other_units_and_another_order_of_the_equations_change_nothing() -> None:
+def test_other_units_and_another_order_of_the_equations_change_nothing():
     row, column = np.array([1e6, 1e-5, 1.0]), np.array([1.0, 1e-7, 1e4])
     order = [2, 0, 1]
     other = eigenmodes(*((row[:, None] * m * column)[order] for m in (CHAIN_M, CHAIN_D, CHAIN_K)))
     np.testing.assert_allclose(other.values, reference(CHAIN_M, CHAIN_D, CHAIN_K), rtol=1e-9)
 
 
-def test_the_paper_rotor_at_its_speed() -> None:
+def test_the_paper_rotor_at_its_speed():
     model = load_model("three-mass")
     assert model.linear is not None
     m = model.linear.matrices(model.values(model.nominal), 2 * np.pi * 140)
@@ -295,7 +293,7 @@ def test_the_paper_rotor_at_its_speed() -> None:
     assert [len(group) for group in found.distinct] == [1, 2, 1, 1]
 
 
-def test_rigid_body_modes_and_overdamped_poles_are_no_modes() -> None:
+def test_rigid_body_modes_and_overdamped_poles_are_no_modes():
     free = CHAIN_K - np.diag([5e5, 0, 0])
     assert len(eigenmodes(CHAIN_M, np.zeros((3, 3)), free).values) == 2
     single = [np.array([[1.0]]), np.array([[2.1]]), np.array([[1.0]])]
@@ -303,7 +301,7 @@ def test_rigid_body_modes_and_overdamped_poles_are_no_modes() -> None:
     assert len(eigenmodes(single[0], 0.9 * single[1], single[2]).values) == 1
 
 
-def test_a_soft_mode_is_no_rigid_body_mode() -> None:
+def test_a_soft_mode_is_no_rigid_body_mode():
     def count(soft: float) -> int:
         stiffness = CHAIN_K - np.diag([5e5, 0, 0]) + np.diag([soft, 0, 0])
         return len(eigenmodes(CHAIN_M, np.zeros((3, 3)), stiffness).values)
@@ -313,7 +311,7 @@ def test_a_soft_mode_is_no_rigid_body_mode() -> None:
     assert count(1e-8) == 2  # rounding leaves 1e-10 of a sum of 1e6
 
 
-def test_a_support_that_is_rigid_hides_no_soft_one() -> None:
+def test_a_support_that_is_rigid_hides_no_soft_one():
     """Beside 1e18 N/m a mode on 400 N/m has a share of 2e-8 of the highest frequency."""
     stiffness = np.diag([1e18, 400.0])
     found = eigenmodes(np.eye(2), np.zeros((2, 2)), stiffness)
@@ -321,7 +319,7 @@ def test_a_support_that_is_rigid_hides_no_soft_one() -> None:
     np.testing.assert_allclose(found.values.imag, [20.0, 1e9], rtol=1e-12)
 
 
-def test_zero_is_a_double_pole_but_where_damping_acts() -> None:
+def test_zero_is_a_double_pole_but_where_damping_acts():
     free = CHAIN_K - np.diag([5e5, 0, 0])
     internal = CHAIN_D - np.diag([10.0, 0, 0])
     assert eigenmodes(CHAIN_M, internal, free).rigid == 2
@@ -330,7 +328,7 @@ def test_zero_is_a_double_pole_but_where_damping_acts() -> None:
     assert eigenmodes(CHAIN_M, internal + np.diag([1e-12, 0, 0]), free).rigid == 2
 
 
-def test_what_counts_as_real_and_as_one() -> None:
+def test_what_counts_as_real_and_as_one():
     for imaginary, count in ((1e-4, 1), (1e-9, 0)):
         ratio = np.sqrt(1 - imaginary**2)
         damped = [np.array([[1.0]]), np.array([[2 * ratio]]), np.array([[1.0]])]
@@ -340,17 +338,17 @@ def test_what_counts_as_real_and_as_one() -> None:
         assert len(eigenmodes(np.eye(2), np.zeros((2, 2)), stiffness).distinct) == count
 
 
-def test_massless_coordinates_have_no_mode() -> None:
+def test_massless_coordinates_have_no_mode():
     found = eigenmodes(np.diag([2.0, 0.0]), np.zeros((2, 2)), np.array([[2.0, -1], [-1, 3]]))
     np.testing.assert_allclose(found.values, [1j * np.sqrt((2 - 1 / 3) / 2)], rtol=1e-10)
 
 
-def test_a_machine_beyond_all_bounds_is_refused() -> None:
+def test_a_machine_beyond_all_bounds_is_refused():
     with pytest.raises(np.linalg.LinAlgError, match="beyond all bounds"):
         eigenmodes(np.array([[np.inf]]), np.zeros((1, 1)), np.eye(1))
 
 
-def test_coinciding_frequencies_part_as_their_planes_do() -> None:
+def test_coinciding_frequencies_part_as_their_planes_do():
     # two planes of one mass; unknowns: their stiffnesses. d omega = dk / (2 m omega), each its own
     found = eigenmodes(np.diag([2.0, 2.0]), np.zeros((2, 2)), np.diag([8.0, 8.0]))
     gram = found.left.conj() @ (2 * 2j * np.diag([2.0, 2.0])) @ found.right.T
@@ -385,7 +383,7 @@ def test_both_ways_to_the_poles_agree(monkeypatch, complex_stiffness):
     assert found.values.imag == pytest.approx(np.sqrt(2 - 0.05**2), rel=1e-12)
 
 
-def test_scaling_goes_as_far_as_it_needs_to() -> None:
+def test_scaling_goes_as_far_as_it_needs_to():
     """A matrix that no scaling levels: a sweep halves what is left; after 8 it is 10 %."""
     size = np.array([[1.0, 1e12], [0.0, 1.0]])
     row, column = _scales(size)

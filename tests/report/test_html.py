@@ -1,17 +1,13 @@
 """Pages as HTML, and in a browser."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import Browser, browser
+from browser import browser
 from report_pages import Page, check_self_contained, titles
 from severities import causes
 
@@ -38,7 +34,7 @@ from rotorid import (
 )
 from rotorid.answer.estimate import Evidence, Prior, SourceFile
 from rotorid.answer.predict import ChannelError
-from rotorid.demo import TABLE, DemoResult, demo_report, findings, run_demo, simulate_record
+from rotorid.demo import TABLE, demo_report, findings, run_demo, simulate_record
 from rotorid.report.estimate_report import (
     estimate_report,
     figures,
@@ -57,17 +53,17 @@ HOSTILE = "</title><script>alert(1)</script>${{ 7*7 }} $x_{$ & \"'>\n\u65e5"
 
 
 @pytest.fixture(scope="module")
-def demo() -> DemoResult:
+def demo():
     return run_demo(12, rng=np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model():
     return load_model("jeffcott")
 
 
 @pytest.fixture(scope="module")
-def demo_page(demo: DemoResult) -> Page:
+def demo_page(demo):
     return Page(demo_report(demo))
 
 
@@ -90,12 +86,12 @@ def record(model: Model, noise: float = 1e-3, periods: int = 40) -> PeriodicReco
 
 
 @pytest.fixture(scope="module")
-def periods(model: Model) -> PeriodicRecord:
+def periods(model):
     return record(model)
 
 
 @pytest.fixture(scope="module")
-def estimate(model: Model, periods: PeriodicRecord) -> Estimate:
+def estimate(model, periods):
     return gathered(model, periods)
 
 
@@ -106,16 +102,16 @@ def gathered(model: Model, *periods: PeriodicRecord) -> Estimate:
 
 
 @pytest.fixture(scope="module")
-def estimate_page(estimate: Estimate) -> Page:
+def estimate_page(estimate):
     return Page(estimate_report(estimate))
 
 
-def test_demo_report_is_self_contained(demo_page: Page) -> None:
+def test_demo_report_is_self_contained(demo_page):
     check_self_contained(demo_page)
     assert len(demo_page.plots) == 1
 
 
-def test_demo_report_holds_table_and_findings(demo: DemoResult, demo_page: Page) -> None:
+def test_demo_report_holds_table_and_findings(demo, demo_page):
     words = demo_page.words
     first, *others = findings(demo)
     assert words.index(first) < words.index("What the figures show")
@@ -134,15 +130,13 @@ def test_demo_report_holds_table_and_findings(demo: DemoResult, demo_page: Page)
 
 
 @pytest.mark.slow
-def test_demo_report_of_one_run() -> None:
+def test_demo_report_of_one_run():
     page = Page(demo_report(run_demo(1, rng=np.random.default_rng(3))))
     assert "cannot tell bias from scatter" in page.words
     assert "Root mean square in %, over one record." in page.words
 
 
-def test_estimate_report_shows_the_estimate(
-    estimate: Estimate, model: Model, estimate_page: Page
-) -> None:
+def test_estimate_report_shows_the_estimate(estimate, model, estimate_page):
     page = estimate_page
     check_self_contained(page)
     assert titles(page) == [
@@ -163,20 +157,20 @@ def test_estimate_report_shows_the_estimate(
 
 
 @pytest.mark.slow
-def test_the_page_is_that_of_the_file(estimate: Estimate, tmp_path: Path) -> None:
+def test_the_page_is_that_of_the_file(estimate, tmp_path):
     """The same page from the result alone, to the byte."""
     estimate.save(tmp_path / "run.json")
     assert estimate_report(load_estimate(tmp_path / "run.json")) == estimate_report(estimate)
 
 
-def test_every_record_has_its_pictures(model: Model, periods: PeriodicRecord) -> None:
+def test_every_record_has_its_pictures(model, periods):
     page = Page(estimate_report(gathered(model, periods, periods)))
     check_self_contained(page)
     assert "Measured and predicted, frequency by frequency, record 2" in titles(page)
     assert "F_x, record 2" in page.words
 
 
-def test_misfit_suspects_and_warnings_are_shown(estimate: Estimate) -> None:
+def test_misfit_suspects_and_warnings_are_shown(estimate):
     rejected = estimate.with_(
         status="rejected",
         misfit=Misfit(120.0, 84.2, 82, 1e-7),
@@ -191,7 +185,7 @@ def test_misfit_suspects_and_warnings_are_shown(estimate: Estimate) -> None:
     assert words.count("the speed of the record is not that of the file") == 1
 
 
-def test_hostile_names_are_text(estimate: Estimate, periods: PeriodicRecord) -> None:
+def test_hostile_names_are_text(estimate, periods):
     named = tuple(
         replace(v, name=HOSTILE + str(i), unit=HOSTILE) for i, v in enumerate(estimate.parameters)
     )
@@ -223,7 +217,7 @@ def test_hostile_names_are_text(estimate: Estimate, periods: PeriodicRecord) -> 
     assert "&lt;/title&gt;&lt;script" in texts  # as plotly shows it as text
 
 
-def test_forces_of_long_names_are_drawn() -> None:
+def test_forces_of_long_names_are_drawn():
     long = "F_" + "x" * 60
     model = parse_model(
         f"""
@@ -241,7 +235,7 @@ def test_forces_of_long_names_are_drawn() -> None:
     assert long[:35] + "…" in page.words
 
 
-def test_without_noise_and_with_an_input_that_is_zero(model: Model) -> None:
+def test_without_noise_and_with_an_input_that_is_zero(model):
     quiet = record(model, noise=0.0, periods=2)
     silent = replace(
         quiet,
@@ -253,7 +247,7 @@ def test_without_noise_and_with_an_input_that_is_zero(model: Model) -> None:
     check_self_contained(Page(estimate_report(found)))
 
 
-def test_of_hidden_coordinates(estimate: Estimate, model: Model, periods: PeriodicRecord) -> None:
+def test_of_hidden_coordinates(estimate, model, periods):
     hidden = replace(
         periods,
         channels=periods.channels[:3],
@@ -268,7 +262,7 @@ def test_of_hidden_coordinates(estimate: Estimate, model: Model, periods: Period
     check_self_contained(Page(estimate_report(found)))
 
 
-def test_of_parameters_left_open(model: Model, periods: PeriodicRecord) -> None:
+def test_of_parameters_left_open(model, periods):
     one = replace(periods, harmonics=periods.harmonics[:1], spectra=periods.spectra[:, :1])
     found = gathered(model, one)
     assert found.status == "not_identifiable"
@@ -281,7 +275,7 @@ def test_of_parameters_left_open(model: Model, periods: PeriodicRecord) -> None:
         assert warning.removeprefix("not identifiable: ").removeprefix("cure: ") in page.words
 
 
-def test_where_the_misfit_lies(estimate: Estimate) -> None:
+def test_where_the_misfit_lies(estimate):
     lines = tuple(LineMisfit(0, f, cost, 12.0) for f, cost in ((10, 11), (20, 90.5), (30, 13)))
     found = estimate.with_(misfit=Misfit(114.5, 36.0, 30, 1e-7), line_misfit=lines)
     page = Page(estimate_report(found))
@@ -295,7 +289,7 @@ def test_where_the_misfit_lies(estimate: Estimate) -> None:
     assert "misfit by line" not in str(fits)
 
 
-def test_where_an_estimate_comes_from(estimate: Estimate) -> None:
+def test_where_an_estimate_comes_from(estimate):
     source = Provenance((SourceFile("run<1>.csv", "ab12"),), "model = 1", "0.1", "rotorid identify")
     source = replace(source, environment="numpy 9")
     page = Page(estimate_report(estimate.with_(provenance=source)))
@@ -308,7 +302,7 @@ def test_where_an_estimate_comes_from(estimate: Estimate) -> None:
         assert text in page.words
 
 
-def test_of_an_older_result(estimate: Estimate) -> None:
+def test_of_an_older_result(estimate):
     """What a result of an older version lacks is said, and the rest is shown."""
     page = Page(estimate_report(estimate.with_(evidence=None, model="mine", provenance=None)))
     check_self_contained(page)
@@ -317,14 +311,14 @@ def test_of_an_older_result(estimate: Estimate) -> None:
     assert titles(page) == ["Correlation of the parameters"]
 
 
-def test_a_page_without_pictures_has_no_script(estimate: Estimate) -> None:
+def test_a_page_without_pictures_has_no_script(estimate):
     bare = estimate.with_(model="mine", evidence=None, covariance=np.zeros((0, 0)), provenance=None)
     page = Page(estimate_report(bare))
     check_self_contained(page)
     assert "script-src 'none'" in "".join(page.values("content"))
 
 
-def test_of_a_validation(estimate: Estimate, model: Model, periods: PeriodicRecord) -> None:
+def test_of_a_validation(estimate, model, periods):
     shown = record_evidence(estimate, model, [periods], another=True)
     for chance, said in ((0.2, "The result predicts the record"), (1e-9, "does not predict")):
         found = [[ChannelError("F_x", 0.03, 0.01, chance, 0.004)]]
@@ -335,7 +329,7 @@ def test_of_a_validation(estimate: Estimate, model: Model, periods: PeriodicReco
         assert ("What to do next" in page.words) == (chance < 1e-6)
 
 
-def test_what_was_known_stands_beside(estimate: Estimate) -> None:
+def test_what_was_known_stands_beside(estimate):
     first = estimate.parameters[0]
     assert first.std is not None
     prior = Prior(first.name, first.value + 2 * first.std, 4 * first.std)
@@ -357,7 +351,7 @@ def test_what_was_known_stands_beside(estimate: Estimate) -> None:
 
 
 @pytest.mark.parametrize(("value", "shown"), [(9.9e-5, "0"), (1.1e-4, "0.00011"), (2e-3, "0.0020")])
-def test_what_rounding_leaves_of_zero_is_zero(value: float, shown: str) -> None:
+def test_what_rounding_leaves_of_zero_is_zero(value, shown):
     """A phase that is known to be zero, and nothing of the record says otherwise."""
     phase = Value("phase[0]", "rad", value, 0.02)
     known = Evidence((), (Prior("phase[0]", 0.0, 0.02),))
@@ -381,7 +375,7 @@ def test_what_rounding_leaves_of_zero_is_zero(value: float, shown: str) -> None:
         (3.2, 110.0, "0"),
     ],
 )
-def test_figures_end_where_their_interval_does(value: float, half: float, shown: str) -> None:
+def test_figures_end_where_their_interval_does(value, half, shown):
     assert figures(value, half) == shown
 
 
@@ -407,13 +401,13 @@ LOOP = AxisSensitivity(
 
 
 @pytest.fixture(scope="module")
-def one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def one(tmp_path_factory):
     with browser(tmp_path_factory.mktemp("browser")) as found:
         yield found
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def pages(tmp_path_factory):
     """What the commands write of a rig's record, one channel under a hostile name."""
     folder = tmp_path_factory.mktemp("pages")
     record, experiment, result = (folder / f"run.{end}" for end in ("h5", "toml", "json"))
@@ -480,7 +474,7 @@ def _by_least_squares() -> str:
 
 
 @pytest.mark.slow
-def test_every_page_at_every_width_by_day_and_by_night(one: Browser, pages: list[Path]) -> None:
+def test_every_page_at_every_width_by_day_and_by_night(one, pages):
     for page in pages:
         looks = [*LOOKS, *MORE] if page is pages[0] else LOOKS if page in pages[:6] else LOOKS[:2]
         for width, scheme in looks:
@@ -494,7 +488,7 @@ def test_every_page_at_every_width_by_day_and_by_night(one: Browser, pages: list
 
 
 @pytest.mark.slow
-def test_on_paper(one: Browser, pages: list[Path]) -> None:
+def test_on_paper(one, pages):
     one.show(pages[0], 400, "dark")
     one.run('window.dispatchEvent(new Event("beforeprint"))')
     assert one.seen()["wide"] == 0

@@ -1,7 +1,5 @@
 """Panels of records and machines."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +13,7 @@ from report_pages import Page, check_self_contained, titles
 import rotorid as rid
 from rotorid import (
     Channel,
-    Estimate,
     InputError,
-    PeriodicRecord,
     Record,
     average,
     campbell,
@@ -25,7 +21,6 @@ from rotorid import (
     load_model,
     modes,
 )
-from rotorid.answer.estimate import RecordEvidence
 from rotorid.demo import ESTIMATORS, FUNDAMENTAL, HARMONICS, simulate_record
 from rotorid.report import html as interactive
 from rotorid.report import machines
@@ -72,22 +67,22 @@ MODEL = load_model("three-mass")
 
 
 @pytest.fixture(scope="module")
-def record() -> Record:
+def record():
     return simulate_record(MODEL, np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
-def periods(record: Record) -> PeriodicRecord:
+def periods(record):
     return average(record, FUNDAMENTAL, harmonics=HARMONICS)
 
 
 @pytest.fixture(scope="module")
-def estimates(periods: PeriodicRecord) -> dict[str, Estimate]:
+def estimates(periods):
     return {name: identify(MODEL, periods, ESTIMATORS[name]) for name in ("batch-100", "ml")}
 
 
 @pytest.fixture(scope="module")
-def evidence(periods: PeriodicRecord, estimates: dict[str, Estimate]) -> dict[str, RecordEvidence]:
+def evidence(periods, estimates):
     return {name: record_evidence(e, MODEL, [periods])[0] for name, e in estimates.items()}
 
 
@@ -96,7 +91,7 @@ def curve(panel: Panel, text: str) -> Curve:
     return found
 
 
-def test_positions_are_drawn_in_micrometres(periods: PeriodicRecord) -> None:
+def test_positions_are_drawn_in_micrometres(periods):
     panel = spectra(periods)[periods.index("x1")]
     assert panel.y.title == "amplitude in µm"
     found = np.abs(periods.mean_spectrum[:, periods.index("x1")])
@@ -104,9 +99,7 @@ def test_positions_are_drawn_in_micrometres(periods: PeriodicRecord) -> None:
 
 
 @pytest.mark.parametrize("name", ["batch-100", "ml"])
-def test_predicted_forces_have_the_error_that_the_estimate_states(
-    estimates: dict[str, Estimate], evidence: dict[str, RecordEvidence], name: str
-) -> None:
+def test_predicted_forces_have_the_error_that_the_estimate_states(estimates, evidence, name):
     stated, record = estimates[name].prediction, evidence[name]
     for channel, over_time, on_lines in zip(
         record.channels[:4], waves(record), lines(record), strict=False
@@ -122,9 +115,7 @@ def test_predicted_forces_have_the_error_that_the_estimate_states(
         assert f"{100 * channel.error:.2g} %" in over_time.title
 
 
-def test_forces_are_drawn_over_one_period_with_their_noise(
-    evidence: dict[str, RecordEvidence],
-) -> None:
+def test_forces_are_drawn_over_one_period_with_their_noise(evidence):
     record = evidence["ml"]
     panels = waves(record)
     assert [panel.y.title for panel in panels] == [f"F_{n} in N" for n in ("x1", "y1", "x3", "y3")]
@@ -139,7 +130,7 @@ def test_forces_are_drawn_over_one_period_with_their_noise(
         np.testing.assert_allclose(away.y, curve(panel, "predicted").y - curve(panel, "measured").y)
 
 
-def test_what_is_left_is_shown_over_its_noise(evidence: dict[str, RecordEvidence]) -> None:
+def test_what_is_left_is_shown_over_its_noise(evidence):
     (panel,) = residual(evidence["ml"])
     assert panel.matrix is not None
     assert panel.matrix.values.shape == (4, 6)
@@ -148,7 +139,7 @@ def test_what_is_left_is_shown_over_its_noise(evidence: dict[str, RecordEvidence
     assert panel.matrix.columns.tolist() == [20, 60, 100, 140, 180, 220]
 
 
-def test_correlation_names_rows_and_columns() -> None:
+def test_correlation_names_rows_and_columns():
     panel = correlation(["a", "<b>"], np.array([[1.0, -0.9], [-0.9, 1.0]]))
     drawn = interactive.spec(panel)
     for axis in ("xaxis", "yaxis"):
@@ -159,14 +150,14 @@ def test_correlation_names_rows_and_columns() -> None:
     assert {text.get_text() for text in axes.texts} == {"\N{MINUS SIGN}.9"}
 
 
-def test_misfit_is_drawn_over_its_expectation() -> None:
+def test_misfit_is_drawn_over_its_expectation():
     panel = misfit([0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0, 12.0, 12.0])
     first, second = curve(panel, "record 1"), curve(panel, "record 2")
     np.testing.assert_allclose([first.x, first.y], [[10, 20], [1, 7.5]])
     np.testing.assert_allclose([second.x, second.y], [[10], [1]])
 
 
-def test_misfit_of_phasors_is_drawn_over_the_speed_with_ticks_to_read() -> None:
+def test_misfit_of_phasors_is_drawn_over_the_speed_with_ticks_to_read():
     panel = misfit([0, 0], [10.0, 20.0], [12.0, 2.0], [12.0, 12.0], turning=True)
     assert panel.x.title == "speed in rpm"
     np.testing.assert_allclose(panel.curves[0].x, [600, 1200])
@@ -178,7 +169,7 @@ def test_misfit_of_phasors_is_drawn_over_the_speed_with_ticks_to_read() -> None:
         assert [key for key in ("tickvals", "dtick") if key in axis] == ([told] if told else [])
 
 
-def test_names_of_marks_stay_in_the_picture() -> None:
+def test_names_of_marks_stay_in_the_picture():
     x, y = np.array([-5.0, 9.0, 9.0]), np.array([3.0, 3.0, -3.0])
     marks = Curve(x, y, "masses", look="named", told=("a", "b", "c"))
     for ends, at in (
@@ -189,7 +180,7 @@ def test_names_of_marks_stay_in_the_picture() -> None:
         assert trace["textposition"] == at
 
 
-def test_a_spike_shows_in_a_long_record() -> None:
+def test_a_spike_shows_in_a_long_record():
     values = np.zeros((100_000, 1))
     values[54_321] = 7.0
     record = Record([Channel("x", "V")], values, sample_rate=1000.0)
@@ -202,9 +193,7 @@ def test_a_spike_shows_in_a_long_record() -> None:
     assert (low.tolist(), high.tolist(), size) == ([0, 4], [3, 7], 4)
 
 
-def test_deviations_of_an_estimate_are_drawn_in_percent(
-    estimates: dict[str, Estimate],
-) -> None:
+def test_deviations_of_an_estimate_are_drawn_in_percent(estimates):
     estimate = estimates["batch-100"]
     left, right, _ = estimate.plot().axes
     assert [text.get_text() for text in left.get_yticklabels()] == [v.name for v in estimate.free]
@@ -216,15 +205,13 @@ def test_deviations_of_an_estimate_are_drawn_in_percent(
         estimate.with_(covariance=np.zeros((0, 0))).plot()
 
 
-def test_records_draw_themselves(record: Record, periods: PeriodicRecord) -> None:
+def test_records_draw_themselves(record, periods):
     assert len(record.plot().axes) == 12
     drawn = periods.plot().axes
     assert [axes.get_title(loc="left") for axes in drawn] == [*periods.names]
 
 
-def test_every_panel_is_what_plotly_takes(
-    record: Record, periods: PeriodicRecord, evidence: dict[str, RecordEvidence]
-) -> None:
+def test_every_panel_is_what_plotly_takes(record, periods, evidence):
     """The library that draws it knows every key, and the numbers are JSON."""
     predicted = evidence["ml"]
     panels = [
@@ -244,15 +231,13 @@ def test_every_panel_is_what_plotly_takes(
         assert figure.layout.height >= 100
 
 
-def test_names_are_no_markup_in_a_page() -> None:
+def test_names_are_no_markup_in_a_page():
     bad = '<a href="https://example.org">x</a>'
     panel = Panel(bad, Axis(bad), Axis(names=(bad,)), (Curve(np.ones(1), np.zeros(1), bad),))
     assert "<" not in json.dumps(interactive.spec(panel))
 
 
-def test_pictures_are_the_same_each_time_and_leave_no_trace(
-    evidence: dict[str, RecordEvidence],
-) -> None:
+def test_pictures_are_the_same_each_time_and_leave_no_trace(evidence):
     before = dict(mpl.rcParams)
     first, second = (figure_of(waves(evidence["ml"]), columns=3) for _ in range(2))
     for one, other in zip(first.axes, second.axes, strict=True):
@@ -265,11 +250,11 @@ def test_pictures_are_the_same_each_time_and_leave_no_trace(
     ("name", "shown"),
     [("k1*L1", "k1*L1"), ("a\nb\x00", "a b "), ("x" * 30, "x" * 23 + "…"), ("$x_{$", "$x_{$")],
 )
-def test_labels(name: str, shown: str) -> None:
+def test_labels(name, shown):
     assert label(name) == shown
 
 
-def test_pictures_of_the_documentation_are_small() -> None:
+def test_pictures_of_the_documentation_are_small():
     sizes = [path.stat().st_size for path in IMAGES.iterdir()]
     assert sizes
     assert max(sizes) < 200_000
@@ -282,12 +267,12 @@ SPEED = 2 * np.pi * 140.0
 
 
 @pytest.fixture(scope="module")
-def model() -> rid.Model:
+def model():
     return rid.load_model("three-mass")
 
 
 @pytest.fixture(scope="module")
-def estimate(model: rid.Model) -> rid.Estimate:
+def estimate(model):
     """A result of which every value is known to a thousandth."""
     values = model.values(model.nominal)
     found = tuple(
@@ -298,7 +283,7 @@ def estimate(model: rid.Model) -> rid.Estimate:
     return rid.Estimate(model.name, "ml", "ok", found, covariance=covariance)
 
 
-def test_a_diagram_shows_what_was_computed(estimate: rid.Estimate) -> None:
+def test_a_diagram_shows_what_was_computed(estimate):
     found = campbell(estimate, 1.3 * SPEED)
     panel = campbell_panel(found)
     lines = [c for c in panel.curves if c.look == "line"]
@@ -318,7 +303,7 @@ def test_a_diagram_shows_what_was_computed(estimate: rid.Estimate) -> None:
     np.testing.assert_allclose((band.y - band.base) / 2, 1.96 * found.std_hz[:, 0], rtol=1e-4)
 
 
-def test_a_shape_is_its_forward_and_its_backward_part(model: rid.Model) -> None:
+def test_a_shape_is_its_forward_and_its_backward_part(model):
     """The first bending mode of a symmetric rotor: its ends alike, its middle against them."""
     found = modes(model, speed=SPEED)
     names = model.coordinates
@@ -337,7 +322,7 @@ def test_a_shape_is_its_forward_and_its_backward_part(model: rid.Model) -> None:
     assert bending[0] * bending[1] < 0
 
 
-def test_shapes_of_a_drawing_stand_along_the_rotor() -> None:
+def test_shapes_of_a_drawing_stand_along_the_rotor():
     model = rid.load_model("flexible")
     part = machine_part(model, 0.0)
     (picture,) = (p for p in part.parts if p.title == "Mode shapes")
@@ -353,7 +338,7 @@ def test_shapes_of_a_drawing_stand_along_the_rotor() -> None:
     assert machines._positions(rid.load_model("three-mass"), [(0, 1)]) is None
 
 
-def test_an_amplitude_that_hardly_changes_is_drawn_from_zero() -> None:
+def test_an_amplitude_that_hardly_changes_is_drawn_from_zero():
     """A rigid rotor moves alike at every speed, known to a thousandth."""
     model = rid.load_model("rigid")
     found = response_of(machine_of(model), np.linspace(100.0, 800.0, 5))
@@ -365,7 +350,7 @@ def test_an_amplitude_that_hardly_changes_is_drawn_from_zero() -> None:
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.04, 0.06])
-def test_motion_in_a_plane_is_one_line(model: rid.Model, tilt: float) -> None:
+def test_motion_in_a_plane_is_one_line(model, tilt):
     """Of two modes of one frequency any mixture is one: a circle too is the shape in its plane."""
     shape = np.array([1.0, -0.5, 0.8])
     across = tilt * np.array([0.8, 0.0, -1.0]) * np.linalg.norm(shape) / np.hypot(0.8, 1.0)
@@ -386,7 +371,7 @@ def test_motion_in_a_plane_is_one_line(model: rid.Model, tilt: float) -> None:
 
 
 @pytest.mark.parametrize("names", [("h", "v"), ("q1", "q2")])
-def test_coordinates_without_a_partner_are_shown_as_they_stand(names: tuple[str, str]) -> None:
+def test_coordinates_without_a_partner_are_shown_as_they_stand(names):
     """Nothing says that they are to be called x and y; both planes ring at one frequency."""
     text = rid.load_model("jeffcott").file_text
     for old, new in zip("xy", names, strict=True):
@@ -403,7 +388,7 @@ def test_coordinates_without_a_partner_are_shown_as_they_stand(names: tuple[str,
     assert titles(page) == ["Mode shapes"]
 
 
-def test_a_response_is_drawn_with_its_band(estimate: rid.Estimate, model: rid.Model) -> None:
+def test_a_response_is_drawn_with_its_band(estimate, model):
     speeds = np.linspace(100.0, 800.0, 5)
     found = response_of(machine_of(estimate), speeds)
     panels = response(found, model.units)
@@ -417,7 +402,7 @@ def test_a_response_is_drawn_with_its_band(estimate: rid.Estimate, model: rid.Mo
     np.testing.assert_allclose(band.base, np.maximum(line.y - half, line.y / 100), rtol=1e-4)
 
 
-def test_the_page_of_modes(estimate: rid.Estimate) -> None:
+def test_the_page_of_modes(estimate):
     found, diagram = modes(estimate, speed=SPEED), campbell(estimate, 1.3 * SPEED)
     page = Page(modes_report(estimate, found, diagram, ["rotorid modes run.json"]))
     check_self_contained(page)
@@ -428,7 +413,7 @@ def test_the_page_of_modes(estimate: rid.Estimate) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_report_shows_of_a_machine(estimate: rid.Estimate) -> None:
+def test_what_a_report_shows_of_a_machine(estimate):
     turning, still = machine_part(estimate, SPEED), machine_part(estimate, 0.0)
     assert [one.title for one in turning.parts if one.panels] == [
         "Campbell diagram",
@@ -442,7 +427,7 @@ def test_what_a_report_shows_of_a_machine(estimate: rid.Estimate) -> None:
     assert said.startswith("No modes are told: a result that has not converged; ")
 
 
-def test_of_a_machine_in_one_plane_and_one_that_does_not_turn(tmp_path: Path) -> None:
+def test_of_a_machine_in_one_plane_and_one_that_does_not_turn(tmp_path):
     text = """
     title = "a mass on a spring"
     equations = ["m*q'' + c*q' + k*q = F"]
@@ -460,7 +445,7 @@ def test_of_a_machine_in_one_plane_and_one_that_does_not_turn(tmp_path: Path) ->
     assert titles(page) == []  # one place has no shape
 
 
-def test_the_page_of_a_balance(estimate: rid.Estimate, model: rid.Model) -> None:
+def test_the_page_of_a_balance(estimate, model):
     planes = ("x2 - 0.02*theta_y, y2 + 0.02*theta_x", "x2 + 0.02*theta_y, y2 - 0.02*theta_x")
     found = rid.balance(estimate, planes, SPEED, radius="60 mm", masses=["1 g", "2 g"])
     page = Page(balance_report(found, [], model, ["rotorid balance run.json"]))
@@ -480,13 +465,13 @@ def test_the_page_of_a_balance(estimate: rid.Estimate, model: rid.Model) -> None
         assert plot["layout"]["yaxis"]["scaleanchor"] == "x"  # type: ignore[index]
 
 
-def test_planes_that_do_not_reach_are_said(estimate: rid.Estimate, model: rid.Model) -> None:
+def test_planes_that_do_not_reach_are_said(estimate, model):
     found = rid.balance(estimate, ["x1,y1"], SPEED)
     page = Page(balance_report(found, [], model))
     assert "These planes cannot do away with the unbalance: " in page.words
 
 
-def test_what_is_overdamped_is_no_mode_of_a_page(estimate: rid.Estimate) -> None:
+def test_what_is_overdamped_is_no_mode_of_a_page(estimate):
     """A pole without a peak in any response, damping ratio above .707, is neither row nor curve."""
     found = modes(estimate, speed=SPEED)
     dull = replace(found.modes[1], damping_ratio=0.71, frequency_hz=57.6)
@@ -511,7 +496,7 @@ def test_what_is_overdamped_is_no_mode_of_a_page(estimate: rid.Estimate) -> None
 
 
 @pytest.mark.slow
-def test_modes_in_a_sentence(estimate: rid.Estimate) -> None:
+def test_modes_in_a_sentence(estimate):
     found, diagram = modes(estimate, speed=SPEED), campbell(estimate, "20000 rpm")
     said = modes_sentence(found, diagram)
     nearest = min((c.speed_rad_s for c in diagram.critical), key=lambda s: abs(s - SPEED))

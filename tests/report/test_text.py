@@ -1,7 +1,5 @@
 """The text of results, and the verdict on them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -64,7 +62,7 @@ ESTIMATE = Estimate(
 )
 
 
-def test_numbers_show_two_digits_of_noise() -> None:
+def test_numbers_show_two_digits_of_noise():
     rows = {line.split()[0]: line.split() for line in str(ESTIMATE).splitlines() if line}
     assert rows["parameters"] == ["parameters", "value", "std", "std", "%", "inflated", "unit"]
     assert rows["ratio"] == ["ratio", "-12.00", "0.50", "4.2", "1.0"]
@@ -77,7 +75,7 @@ def test_numbers_show_two_digits_of_noise() -> None:
     assert rows["k1*L1"] == ["k1*L1", "265070", "300", "0.11", "N"]
 
 
-def test_what_there_is_to_say() -> None:
+def test_what_there_is_to_say():
     text = str(ESTIMATE)
     assert text.startswith("three-mass, ml: rejected\n")
     for note in (
@@ -94,17 +92,17 @@ def test_what_there_is_to_say() -> None:
     assert text.count("m1 ") == 1  # derived from itself: said once
 
 
-def test_a_misfit_without_degrees_of_freedom_judges_nothing() -> None:
+def test_a_misfit_without_degrees_of_freedom_judges_nothing():
     text = str(ESTIMATE.with_(misfit=Misfit(5.662e6, 0.0, 0, 1.0)))
     assert "misfit 5.662e+06, no degrees of freedom" in text.splitlines()
 
 
-def test_inflated_deviations_show_only_where_they_differ() -> None:
+def test_inflated_deviations_show_only_where_they_differ():
     same = Estimate("one", "ls", "ok", (Value("m", "kg", 1.0, 0.1, 0.1),))
     assert "inflated" not in str(same)
 
 
-def test_notebook() -> None:
+def test_notebook():
     html = ESTIMATE._repr_html_()
     assert html.count("<table>") == html.count("</table>") == 4
     assert ">883600</td>" in html
@@ -114,12 +112,12 @@ def test_notebook() -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e-300, -1e300, 0.0])
 @pytest.mark.parametrize("std", [None, 0.0, np.nan, np.inf, 1e-300, 1e300])
-def test_any_number_can_be_shown(value: float, std: float | None) -> None:
+def test_any_number_can_be_shown(value, std):
     estimate = Estimate("one", "ls", "not_identifiable", (Value("m", "kg", value, std, std),))
     assert str(estimate)
 
 
-def test_predictions() -> None:
+def test_predictions():
     first = [ChannelError("F", 0.0405, 0.04, 0.31, 0.01), ChannelError("G", None, None, None)]
     second = [ChannelError("F", 0.0516, 0.002, 1e-9, 0.001)]
     assert [line.split()[:6] for line in validation_table([first]).text().splitlines()[1:]] == [
@@ -131,7 +129,7 @@ def test_predictions() -> None:
 
 
 @pytest.mark.parametrize("name", shipped_models())
-def test_models_in_words(name: str) -> None:
+def test_models_in_words(name):
     model = load_model(name)
     lines = page_text(model_page(model)).splitlines()
     for number, text in enumerate(model.texts, start=1):
@@ -142,7 +140,7 @@ def test_models_in_words(name: str) -> None:
 
 
 @pytest.mark.parametrize("intervals", [False, True])
-def test_an_angle_that_may_be_any_is_not_told(intervals: bool) -> None:
+def test_an_angle_that_may_be_any_is_not_told(intervals):
     """Of an unbalance that may as well be none: 30 g mm about zero."""
     planes = [Unbalance("q_x, q_y", "kg m", 3e-11, 1.0, 3e-5, std) for std in (1.57, 1.58)]
     shown = page_text(page(ESTIMATE.with_(unbalance=tuple(planes)), intervals=intervals))
@@ -152,7 +150,7 @@ def test_an_angle_that_may_be_any_is_not_told(intervals: bool) -> None:
     assert "any" not in shown.replace(free, "").partition("unbalance")[2]
 
 
-def test_suspects_with_what_they_explain() -> None:
+def test_suspects_with_what_they_explain():
     gain = Suspect("gain[x2]", 260.0, 0.987, 1.02, "1")
     length = Suspect("prior L1", 3.0, 0.01, 0.305, "m")
     lines = str(ESTIMATE.with_(notes=causes(gain, length))).splitlines()
@@ -164,7 +162,7 @@ def test_suspects_with_what_they_explain() -> None:
     assert "prior L1" in str(ESTIMATE.with_(notes=causes(gain, replace(length, share=0.0011))))
 
 
-def test_other_answers_stand_beside_this_one() -> None:
+def test_other_answers_stand_beside_this_one():
     other = Alternative(26.0, (("m1", 0.9), ("L1", 0.4)))
     lines = str(ESTIMATE.with_(alternatives=(other,))).splitlines()
     start = lines.index("other answers     this  no. 1")
@@ -175,7 +173,7 @@ def test_other_answers_stand_beside_this_one() -> None:
     ]
 
 
-def test_checks_that_are_not_simply_right_are_shown() -> None:
+def test_checks_that_are_not_simply_right_are_shown():
     checks = (
         Note("dead", "says", "3 samples alike in 100", on=("x1",)),
         Note("clipping", "passes", "none", on=("y1",)),
@@ -186,7 +184,7 @@ def test_checks_that_are_not_simply_right_are_shown() -> None:
 
 
 @pytest.mark.parametrize(("p_value", "shown"), [(0.009, True), (0.011, False)])
-def test_where_the_misfit_lies_is_told_below_one_in_a_hundred(p_value: float, shown: bool) -> None:
+def test_where_the_misfit_lies_is_told_below_one_in_a_hundred(p_value, shown):
     lines = tuple(LineMisfit(0, 10.0 * i, 20.0 - i, 12.0) for i in range(1, 12))
     text = str(ESTIMATE.with_(misfit=Misfit(99.0, 84.2, 82, p_value), line_misfit=lines))
     assert ("misfit by line" in text) == shown
@@ -195,7 +193,7 @@ def test_where_the_misfit_lies_is_told_below_one_in_a_hundred(p_value: float, sh
         assert "90 Hz" not in text
 
 
-def test_intervals_on_request() -> None:
+def test_intervals_on_request():
     shown = page_text(ESTIMATE.summary(intervals=True))
     rows = {line.split()[0]: line.split() for line in shown.splitlines() if line}
     assert rows["parameters"] == ["parameters", "value", "95", "%", "from", "to", "unit"]
@@ -207,7 +205,7 @@ def test_intervals_on_request() -> None:
     assert rows["mu"] == ["mu", "7.4e-05", "-", "-", "rad"]
 
 
-def test_unbalance_in_the_units_of_a_balancer() -> None:
+def test_unbalance_in_the_units_of_a_balancer():
     planes = (
         Unbalance("x2, y2", "kg m", 2e-4, np.pi / 3, 1e-7, 1e-3),
         Unbalance("theta_x, theta_y", "kg m^2", 3.4e-6, -np.pi / 2),
@@ -231,7 +229,7 @@ def test_unbalance_in_the_units_of_a_balancer() -> None:
     ] in ends
 
 
-def test_parameters_known_together_are_named() -> None:
+def test_parameters_known_together_are_named():
     values = tuple(Value(name, "kg", 1.0, 0.1) for name in "abcd")
     correlation = np.eye(4)
     for i, j, r in ((0, 1, 0.951), (1, 2, -0.99), (2, 3, 0.949)):
@@ -241,7 +239,7 @@ def test_parameters_known_together_are_named() -> None:
     assert note.endswith("b with c -0.990, a with b +0.951")
 
 
-def test_many_parameters_known_together_are_named_once() -> None:
+def test_many_parameters_known_together_are_named_once():
     values = tuple(Value(name, "kg", 1.0, 0.1) for name in "abcde")
     correlation = np.full((5, 5), 0.97)
     correlation[:4, 4] = correlation[4, :4] = 0.0
@@ -251,12 +249,12 @@ def test_many_parameters_known_together_are_named_once() -> None:
     assert note.endswith("in combination: a, b, c, d, up to 0.970")
 
 
-def test_suspects_only_where_something_is_suspect() -> None:
+def test_suspects_only_where_something_is_suspect():
     assert "suspect" in str(ESTIMATE)
     assert "suspect" not in str(ESTIMATE.with_(status="ok"))
 
 
-def test_what_matters_stands_first() -> None:
+def test_what_matters_stands_first():
     text = str(ESTIMATE)
     places = [text.index(word) for word in ("parameters", "nuisance", "suspect", "derived")]
     assert places == sorted(places)
@@ -264,7 +262,7 @@ def test_what_matters_stands_first() -> None:
     assert batch.index("derived") < batch.index("nuisance")
 
 
-def test_sentences_break_between_words() -> None:
+def test_sentences_break_between_words():
     sentence = "warning: " + "some words " * 20
     lines = page_text([sentence.strip()], 40).splitlines()
     assert max(map(len, lines)) <= 40
@@ -303,7 +301,7 @@ def shown(*channels: ChannelEvidence) -> Evidence:
         (1e-4, ", though not as well as the noise allows (chance 0.0001): read what follows."),
     ],
 )
-def test_accepted_by_a_likelihood(p_value: float, end: str) -> None:
+def test_accepted_by_a_likelihood(p_value, end):
     found = verdict_of(JUDGED.with_(misfit=Misfit(80.0, 82.0, 80, p_value)))
     start = "Accepted: these 2 parameters explain 2 channels to 0.12 %"
     assert found.sentence == start + end
@@ -320,7 +318,7 @@ def test_accepted_by_a_likelihood(p_value: float, end: str) -> None:
         (9.0, 0.0, "; nothing tells how much of the rest is noise."),
     ],
 )
-def test_accepted_without_a_likelihood(away: float, noise: float, end: str) -> None:
+def test_accepted_without_a_likelihood(away, noise, end):
     found = JUDGED.with_(misfit=None, evidence=shown(channel("F_x", away, noise)))
     assert verdict_of(found).sentence.endswith(end)
     ((number, name, ratio),) = channel_ratios(found)
@@ -328,12 +326,12 @@ def test_accepted_without_a_likelihood(away: float, noise: float, end: str) -> N
     assert ratio == pytest.approx(away / noise) if noise else np.isnan(ratio)
 
 
-def test_a_prediction_that_noise_spoils_is_not_told() -> None:
+def test_a_prediction_that_noise_spoils_is_not_told():
     found = JUDGED.with_(prediction={"x": Prediction(0.75), "y": Prediction(0.2)})
     assert "explain 2 channels, as well as" in verdict_of(found).sentence
 
 
-def test_what_stands_out() -> None:
+def test_what_stands_out():
     suspects = (Suspect("gain[x1]", 99.0, 0.987, 1.02, "1"), Suspect("delay[x1]", 3.0))
     found = JUDGED.with_(
         status="rejected",
@@ -354,7 +352,7 @@ def test_what_stands_out() -> None:
     assert alone.endswith("Nothing that was tried explains it alone.")
 
 
-def test_what_is_left_open_comes_with_its_cure() -> None:
+def test_what_is_left_open_comes_with_its_cure():
     left = [Note("not identifiable", "open", f"a{i} is not determined") for i in range(3)]
     cure = Note("not identifiable", "open", cure="fix a0")
     found = JUDGED.with_notes(*left, Note("record", "remarks", "note"), cure)
@@ -371,7 +369,7 @@ def test_what_is_left_open_comes_with_its_cure() -> None:
     assert lost.steps == ("start nearer",)
 
 
-def test_what_is_thinned_keeps_its_extremes() -> None:
+def test_what_is_thinned_keeps_its_extremes():
     x = np.arange(10_000.0)
     y = np.sin(x)
     y[4321], y[4322] = 50.0, np.nan
@@ -387,7 +385,7 @@ def test_what_is_thinned_keeps_its_extremes() -> None:
 
 
 @pytest.mark.slow
-def test_a_page_with_too_much_is_thinned_until_it_fits() -> None:
+def test_a_page_with_too_much_is_thinned_until_it_fits():
     rng = np.random.default_rng(1)
     many = [
         Panel("", Axis("t"), Axis("y"), (Curve(np.arange(4000.0), rng.standard_normal(4000), ""),))

@@ -1,7 +1,5 @@
 """Balancing, trial masses, and where results of an estimate turn over."""
 
-from __future__ import annotations
-
 import json
 import time
 
@@ -362,7 +360,7 @@ SPEEDS = ((628.0, 628.6), (628.0, 629.0))
         "\ud800 = 1",
     ],
 )
-def test_the_experiment_in_a_result_may_be_anything(text: str, tmp_path, capsys):
+def test_the_experiment_in_a_result_may_be_anything(text, tmp_path, capsys):
     base = estimate_of(rid.load_model("rigid"))
     source = rid.Provenance(experiment=text, model=base.provenance.model)
     result = tmp_path / "run.json"
@@ -404,17 +402,17 @@ def test_what_was_fixed_is_told_and_never_exact():
         ("0.5*x,0.5*y", "0.5 times the motion of a place"),
     ],
 )
-def test_a_pair_that_is_no_plane_is_refused(plane: str, told: str) -> None:
+def test_a_pair_that_is_no_plane_is_refused(plane, told):
     with pytest.raises(rid.InputError, match=told):
         rid.balance(known_rigid(), [plane], "6000 rpm")
 
 
 @pytest.mark.parametrize("plane", ["x + 0.1*theta_y,y - 0.1*theta_x", "x,y", "F_xa,F_ya"])
-def test_a_pair_that_is_a_plane_is_taken(plane: str) -> None:
+def test_a_pair_that_is_a_plane_is_taken(plane):
     assert rid.balance(known_rigid(), [plane], "6000 rpm").corrections
 
 
-def test_a_current_is_no_plane() -> None:
+def test_a_current_is_no_plane():
     """The mass would be too small by k_i, and with a negative one on the other side."""
     text = """
     title = "a mass in two magnets"
@@ -434,7 +432,7 @@ def test_a_current_is_no_plane() -> None:
         rid.balance(estimate, ["i_x,i_y"], 900.0)
 
 
-def test_planes_that_cannot_do_away_with_the_unbalance_have_no_grade() -> None:
+def test_planes_that_cannot_do_away_with_the_unbalance_have_no_grade():
     one = rid.balance(known_rigid(), ["F_xa,F_ya"], "6000 rpm")
     assert one.grade_mm_s is None
     assert all(plane.grade_mm_s is None for plane in one.residual)
@@ -604,19 +602,19 @@ def rigid(**values: float) -> rid.Estimate:
 
 
 @pytest.mark.parametrize(("width", "whirl"), [(0.019, "planar"), (0.021, "forward")])
-def test_a_narrow_orbit_is_a_line(width: float, whirl: str) -> None:
+def test_a_narrow_orbit_is_a_line(width, whirl):
     assert whirl_of(np.array([1.0, -1j * width]), PAIR, np.ones(2), 100.0) == whirl
 
 
 @pytest.mark.parametrize(("share", "whirl"), [(0.019, "forward"), (0.021, "mixed")])
-def test_a_place_that_hardly_moves_does_not_say_how_a_mode_whirls(share: float, whirl: str) -> None:
+def test_a_place_that_hardly_moves_does_not_say_how_a_mode_whirls(share, whirl):
     inertia = np.array([1 - share, 1 - share, share, share])
     shape = np.array([1.0, -1j, 1.0, 1j])
     assert whirl_of(shape, [(0, 1), (2, 3)], inertia, 100.0) == whirl
 
 
 @pytest.mark.parametrize(("left", "told"), [(0.099, 0), (0.101, 1)])
-def test_masses_that_leave_a_tenth_are_too_coarse(left: float, told: int) -> None:
+def test_masses_that_leave_a_tenth_are_too_coarse(left, told):
     ideal = np.array([2e-4 * np.exp(0.3j)])
     kit = Masses.of(0.1, ["1 g"], None)
     assert len(_too_coarse(["x,y"], (1 - left) * ideal, ideal, kit)) == told
@@ -624,7 +622,7 @@ def test_masses_that_leave_a_tenth_are_too_coarse(left: float, told: int) -> Non
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "graded"), [(0.19, True), (0.21, False)])
-def test_a_plane_that_leaves_a_fifth_gives_no_grade(share: float, graded: bool) -> None:
+def test_a_plane_that_leaves_a_fifth_gives_no_grade(share, graded):
     nominal = rid.load_model("rigid").nominal
 
     def one_plane(couple: float) -> Balance:
@@ -636,7 +634,7 @@ def test_a_plane_that_leaves_a_fifth_gives_no_grade(share: float, graded: bool) 
 
 
 @pytest.mark.parametrize(("apart", "told"), [(5e-7, False), (8e-7, True)])
-def test_planes_that_nearly_coincide_are_one(apart: float, told: bool) -> None:
+def test_planes_that_nearly_coincide_are_one(apart, told):
     planes = [f"x + {a}*theta_y, y - {a}*theta_x" for a in (0.2, 0.2 + apart)]
     if told:
         assert len(rid.balance(rigid(), planes, "6000 rpm").corrections) == 2
@@ -645,7 +643,7 @@ def test_planes_that_nearly_coincide_are_one(apart: float, told: bool) -> None:
             rid.balance(rigid(), planes, "6000 rpm")
 
 
-def test_masses_go_where_hands_can_put_them() -> None:
+def test_masses_go_where_hands_can_put_them():
     """Two masses for three quarters of both stand 41.41 degrees beside it: on whole degrees, 41."""
     kit = Masses.of(0.1, ["1 g"], None)
     ideal = 1.5e-4 * np.exp(0.2j)
@@ -655,7 +653,7 @@ def test_masses_go_where_hands_can_put_them() -> None:
     assert len(_nearest(kit, ideal)) == 24  # are tried with those of the other planes
 
 
-def test_more_masses_than_are_tried_in_a_second_are_refused() -> None:
+def test_more_masses_than_are_tried_in_a_second_are_refused():
     sizes = [f"{k} g" for k in range(1, 11)]
     assert Masses.of(0.1, sizes, 400).holes == 400
     with pytest.raises(InputError, match=r"10 masses in 401 places; expected 4000 choices"):
@@ -663,7 +661,7 @@ def test_more_masses_than_are_tried_in_a_second_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("away", "solved"), [(2e-12, False), (8e-12, True)])
-def test_a_matrix_is_singular_to_rounding(away: float, solved: bool) -> None:
+def test_a_matrix_is_singular_to_rounding(away, solved):
     """Two equations that differ by this share have a reciprocal condition of a quarter of it."""
     of = machine.machine_of(rigid())
     matrix = np.array([[1.0, 1.0], [1.0, 1.0 - away]])

@@ -1,10 +1,7 @@
 """What an estimate predicts of records, and the evidence of them that is stored."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import adverse
 import numpy as np
@@ -27,7 +24,7 @@ from rotorid.testing import line_record
 
 
 @pytest.fixture(scope="module")
-def model() -> rid.Model:
+def model():
     return rid.load_model("jeffcott")
 
 
@@ -49,11 +46,11 @@ def periods_of(model: rid.Model, harmonics: list[int], seed: int = 4) -> rid.Per
 
 
 @pytest.fixture(scope="module")
-def few(model: rid.Model) -> rid.PeriodicRecord:
+def few(model):
     return periods_of(model, [3, 20, 50])
 
 
-def test_lines_and_waves_are_those_of_the_record(model: rid.Model, few: rid.PeriodicRecord) -> None:
+def test_lines_and_waves_are_those_of_the_record(model, few):
     estimate = rid.identify(model, few, "ml")
     (shown,) = record_evidence(estimate, model, [few])
     assert (shown.kind, shown.lines, shown.lines_per_point) == ("periods", 3, 1)
@@ -82,7 +79,7 @@ def test_lines_and_waves_are_those_of_the_record(model: rid.Model, few: rid.Peri
 
 
 @pytest.mark.slow
-def test_the_noise_is_that_of_the_difference(model: rid.Model) -> None:
+def test_the_noise_is_that_of_the_difference(model):
     """Over many records predicted - measured scatters by what is stated, motion included."""
     ratios = []
     for seed in range(12):
@@ -103,7 +100,7 @@ def test_the_noise_is_that_of_the_difference(model: rid.Model) -> None:
     assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.35)
 
 
-def test_many_lines_are_thinned_to_their_root_mean_square(model: rid.Model) -> None:
+def test_many_lines_are_thinned_to_their_root_mean_square(model):
     many = periods_of(model, list(range(1, 451)))
     estimate = rid.identify(model, many, "ls")
     (shown,) = record_evidence(estimate, model, [many])
@@ -115,14 +112,14 @@ def test_many_lines_are_thinned_to_their_root_mean_square(model: rid.Model) -> N
 
 
 @pytest.mark.slow
-def test_many_records_share_the_room(model: rid.Model, few: rid.PeriodicRecord) -> None:
+def test_many_records_share_the_room(model, few):
     estimate = rid.identify(model, few, "ls")
     shown = record_evidence(estimate, model, [few] * 40)
     assert {len(one.time_s) for one in shown} == {60_000 // (40 * 4 * 6)}
     assert {len(one.time_s) for one in record_evidence(estimate, model, [few] * 100)} == {60}
 
 
-def test_a_whole_record_shows_an_excerpt(model: rid.Model) -> None:
+def test_a_whole_record_shows_an_excerpt(model):
     rng = np.random.default_rng(1)
     count, rate = 4000, 1000.0
     spectrum = np.fft.rfft(rng.standard_normal((count, 2)), axis=0)
@@ -161,7 +158,7 @@ def test_a_whole_record_shows_an_excerpt(model: rid.Model) -> None:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("whole", [False, True])
-def test_a_record_whose_rotor_angle_was_found_is_predicted(model: rid.Model, whole: bool) -> None:
+def test_a_record_whose_rotor_angle_was_found_is_predicted(model, whole):
     """Of another record with the same number nothing is known: it is shown as measured."""
     rng = np.random.default_rng(3)
     angle = TURN * np.outer(np.arange(1000) / 1000, [3, 20, 50])
@@ -196,7 +193,7 @@ def test_a_record_whose_rotor_angle_was_found_is_predicted(model: rid.Model, who
     assert at_best_phase(model, estimate, data[0]) == (data[0], None)
 
 
-def test_what_was_known_beforehand(model: rid.Model, few: rid.PeriodicRecord) -> None:
+def test_what_was_known_beforehand(model, few):
     method = rid.MaximumLikelihood(
         fixed={"m": 5.0},
         known={"k": ("1 kN/mm", "10 N/mm")},
@@ -214,9 +211,7 @@ def test_what_was_known_beforehand(model: rid.Model, few: rid.PeriodicRecord) ->
     assert found.evidence.prior("x") is None
 
 
-def test_it_is_read_again_and_stays_small(
-    model: rid.Model, few: rid.PeriodicRecord, tmp_path: Path
-) -> None:
+def test_it_is_read_again_and_stays_small(model, few, tmp_path):
     estimate = with_evidence(rid.identify(model, few, "ls"), model, few)
     estimate.save(tmp_path / "run.json")
     text = (tmp_path / "run.json").read_text(encoding="utf-8")
@@ -226,9 +221,7 @@ def test_it_is_read_again_and_stays_small(
     assert rid.load_estimate(tmp_path / "run.json").evidence != Evidence()
 
 
-def test_an_answer_left_open_shows_what_was_measured(
-    model: rid.Model, few: rid.PeriodicRecord
-) -> None:
+def test_an_answer_left_open_shows_what_was_measured(model, few):
     estimate = rid.identify(model, few, "ls")
     first, *others = estimate.parameters
     lost = estimate.with_(
@@ -240,9 +233,7 @@ def test_an_answer_left_open_shows_what_was_measured(
 
 
 @pytest.mark.parametrize("key", ["measured", "noise", "wave_predicted"])
-def test_what_does_not_fit_together_is_refused(
-    model: rid.Model, few: rid.PeriodicRecord, tmp_path: Path, key: str
-) -> None:
+def test_what_does_not_fit_together_is_refused(model, few, tmp_path, key):
     path = tmp_path / "run.json"
     estimate = with_evidence(rid.identify(model, few, "ls"), model, few)
     data = estimate.to_dict()
@@ -255,9 +246,7 @@ def test_what_does_not_fit_together_is_refused(
     assert "run" in estimate_report(rid.load_estimate(path))
 
 
-def test_lines_that_only_noise_moves_are_left_out_over_time(
-    model: rid.Model, few: rid.PeriodicRecord
-) -> None:
+def test_lines_that_only_noise_moves_are_left_out_over_time(model, few):
     """Beside a resonance noise moves a prediction further than the machine moved: not shown."""
     variance = np.array([1.0, 4.1, 0.0])
     told = gathering._telling(np.array([2.0 + 0j, 2.0j, 0.1]), variance)
@@ -440,7 +429,7 @@ def further(trial: adverse.Trial, machine: adverse.Machine | None = None) -> Per
 
 
 @pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three", "eight"])
-def test_another_record_is_predicted(kind: str) -> None:
+def test_another_record_is_predicted(kind):
     trial, estimate = identified(kind, 1)
     found = channel_errors(trial.machine.model, estimate, further(trial))
     assert verdict_of([found]).verdict == "predicts"
@@ -453,7 +442,7 @@ def test_another_record_is_predicted(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three"])
-def test_another_rotor_is_not(kind: str) -> None:
+def test_another_rotor_is_not(kind):
     trial, estimate = identified(kind, 2)
     heavier = replace(trial.machine, inertia=1.02 * trial.machine.inertia)
     found = channel_errors(trial.machine.model, estimate, further(trial, heavier))
@@ -466,7 +455,7 @@ def test_another_rotor_is_not(kind: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three"])
-def test_chances_are_even(kind: str) -> None:
+def test_chances_are_even(kind):
     """Of records of the machine identified, 5 % have a chance below 5 %."""
     low = []
     for seed in range(60):
@@ -476,7 +465,7 @@ def test_chances_are_even(kind: str) -> None:
     assert 0.01 < np.mean(low) < 0.10
 
 
-def test_deviations_count() -> None:
+def test_deviations_count():
     """With values that are not known at all any record of another rotor is predicted."""
     trial, estimate = identified("jeffcott", 2)
     heavier = replace(trial.machine, inertia=1.02 * trial.machine.inertia)
@@ -492,7 +481,7 @@ def test_deviations_count() -> None:
     assert verdict_of([channel_errors(trial.machine.model, sure, record)]).verdict == "fails"
 
 
-def test_rounding_of_the_covariance_moves_no_deviation() -> None:
+def test_rounding_of_the_covariance_moves_no_deviation():
     """Variances of a stiffness and of an unbalance lie 20 powers of ten apart."""
     trial, estimate = identified("jeffcott", 3)
     record, three_mass = further(trial), trial.machine.model
@@ -508,7 +497,7 @@ def test_rounding_of_the_covariance_moves_no_deviation() -> None:
         assert a.deviations == pytest.approx(b.deviations, rel=1e-9)
 
 
-def test_a_record_that_hides_any_error_proves_nothing() -> None:
+def test_a_record_that_hides_any_error_proves_nothing():
     hidden = ChannelError("F", 0.4, 0.4, 0.5, 0.31)  # together .506
     told = verdict_of([[hidden, ChannelError("x", 0.6, 0.6, 0.5, 0.0)]])
     assert told.verdict == "fails"
@@ -520,7 +509,7 @@ def test_a_record_that_hides_any_error_proves_nothing() -> None:
     assert zero.sentence == "inconclusive: every channel of the record is zero"
 
 
-def test_where_nothing_says_what_noise_does() -> None:
+def test_where_nothing_says_what_noise_does():
     assert pytest.approx(0.6180339887) == validation.CHIRP
     assert ChannelError("F", 0.51, None, None).fails
     assert not ChannelError("F", 0.49, None, None).fails

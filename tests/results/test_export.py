@@ -1,7 +1,5 @@
 """Models taken elsewhere: files, state space, the machine of an estimate."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -160,7 +158,7 @@ def test_the_response_is_that_of_the_machine(name, speed):
 
 
 @pytest.mark.parametrize(("k", "count"), [(0.0, 0), (2e5, 1)])
-def test_a_machine_of_one_mode_or_none(k: float, count: int):
+def test_a_machine_of_one_mode_or_none(k, count):
     """With deviations, of which pairs of modes are told."""
     text = SENSOR.replace(SENSOR[SENSOR.index("equations") : SENSOR.index("coord")], "E\n")
     text = """

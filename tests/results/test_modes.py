@@ -1,10 +1,7 @@
 """Modes, critical speeds and Campbell diagrams; the command that prints them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -500,7 +497,7 @@ def test_what_does_not_follow_the_speed_is_solved_once(monkeypatch):
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     (tmp_path / "machine.toml").write_text(SUPPORTED)
     estimate_of(rid.load_model(tmp_path / "machine.toml")).save(tmp_path / "result.json")
     monkeypatch.chdir(tmp_path)

@@ -1,9 +1,6 @@
 """Sensitivity of the loop, its poles, and its peak between the lines."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -51,9 +48,6 @@ from rotorid.results.sensitivity_peak import (
     peak_near,
     peak_of,
 )
-
-# Sensitivity after ISO 14839-3, held against the loop in closed form.
-
 
 # -------------------------------------------------------------------------------------------------
 # Sensitivity after ISO 14839-3, held against the loop in closed form.
@@ -366,7 +360,7 @@ def resonance(at: float, width: float = 1.0) -> np.ndarray:
     return 1 / (1 + 1j * (FEW_LINES - at) / width)
 
 
-def test_a_peak_is_told_to_a_twentieth_of_a_line() -> None:
+def test_a_peak_is_told_to_a_twentieth_of_a_line():
     places = 20 + np.linspace(0.0, 1.0, 101)
     found = np.array([peak_of(FEW_LINES, resonance(at)) for at in places])
     assert np.abs(found[:, 1] - places).max() < 0.05
@@ -374,14 +368,14 @@ def test_a_peak_is_told_to_a_twentieth_of_a_line() -> None:
 
 
 @pytest.mark.parametrize(("above", "peak"), [(1.49, True), (1.51, False)])
-def test_a_peak_half_as_high_again_as_any_line_is_none(above: float, peak: bool) -> None:
+def test_a_peak_half_as_high_again_as_any_line_is_none(above, peak):
     width = 0.5 / np.sqrt(above**2 - 1)
     size, where, _ = peak_of(FEW_LINES, resonance(20.5, width))
     assert size == pytest.approx(1.0 if peak else 1 / above, rel=1e-4)
     assert (where == pytest.approx(20.5, abs=0.01)) == peak
 
 
-def test_the_interval_holds_the_peak_with_95_percent() -> None:
+def test_the_interval_holds_the_peak_with_95_percent():
     """One line, whose size scatters like its real part; the fewer periods tell it, the wider."""
     one = np.ones(1)
     for freedom, times in ((1e9, 1.96), (9.0, 2.10)):
@@ -406,16 +400,16 @@ def window_of(monkeypatch, deviation: float = 0.1) -> tuple[int, list[float]]:
 
 
 @pytest.mark.parametrize(("deviation", "told"), [(0.29, True), (0.31, False)])
-def test_a_line_that_was_not_excited_says_nothing(monkeypatch, deviation, told) -> None:
+def test_a_line_that_was_not_excited_says_nothing(monkeypatch, deviation, told):
     windows, chances = window_of(monkeypatch, deviation)
     assert windows == (len(chances) if told else 0)
 
 
-def test_noise_alone_gives_poles_to_one_of_a_hundred_records(monkeypatch) -> None:
+def test_noise_alone_gives_poles_to_one_of_a_hundred_records(monkeypatch):
     assert sum(window_of(monkeypatch)[1]) == pytest.approx(0.01, rel=0.1)
 
 
-def test_what_a_window_asks_for() -> None:
+def test_what_a_window_asks_for():
     """S and the transient have 6 unknowns; a dozen degrees of freedom are left for the noise."""
     lines = np.ones((18, 1)) + 0j
     with pytest.raises(InputError, match=r"18 lines in the band; expected 19 or more"):
@@ -423,7 +417,7 @@ def test_what_a_window_asks_for() -> None:
 
 
 @pytest.mark.parametrize(("poles", "noise"), [(2, 1e-9), (0, 0.1)])
-def test_a_window_has_two_poles_where_noise_alone_does_not_explain_them(poles, noise) -> None:
+def test_a_window_has_two_poles_where_noise_alone_does_not_explain_them(poles, noise):
     rng = np.random.default_rng(7)
     offset = np.arange(-9, 10) / 9
     powers = offset[:, None] ** np.arange(3)
@@ -461,18 +455,18 @@ def whole(monkeypatch, unsure: float) -> tuple[sensitivity.AxisSensitivity, list
     return axis, asked
 
 
-def test_three_peaks_of_an_axis_are_looked_at(monkeypatch) -> None:
+def test_three_peaks_of_an_axis_are_looked_at(monkeypatch):
     axis, asked = whole(monkeypatch, 0.01)
     assert asked == [10.0, 20.0, 30.0]
     assert axis.peak == 3.0
 
 
 @pytest.mark.parametrize(("unsure", "peak"), [(0.099, 3.0), (0.101, 1.0)])
-def test_a_second_peak_that_is_not_known_to_a_tenth_is_none(monkeypatch, unsure, peak) -> None:
+def test_a_second_peak_that_is_not_known_to_a_tenth_is_none(monkeypatch, unsure, peak):
     assert whole(monkeypatch, unsure)[0].peak == peak
 
 
-def test_three_times_the_rotation_answers_no_excitation() -> None:
+def test_three_times_the_rotation_answers_no_excitation():
     record = SimpleNamespace(speed=2 * np.pi * 50.0, sample_rate=1000.0, mean=np.zeros(200))
     assert [sensitivity._rotates(record, 50.0 * n) for n in range(1, 6)] == [True] * 3 + [False] * 2
     assert [sensitivity._rotates(record, hertz) for hertz in (102.4, 102.6)] == [True, False]
@@ -493,7 +487,7 @@ def periods(*excitation: float) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize(("records", "alone"), [(1, 0.9e-6), (1, 1.1e-6), (2, 0.9e-6), (2, 1.1e-6)])
-def test_a_millionth_of_another_axis_is_an_axis_own(records, alone) -> None:
+def test_a_millionth_of_another_axis_is_an_axis_own(records, alone):
     """Of one record the share of the other axis; of two, how far their directions are apart."""
     if records == 1:
         made, axes, told = [periods(1.0, alone), periods(0.0, 1.0)], 2, alone < 1e-6
@@ -672,9 +666,6 @@ def test_a_pole_on_the_right_has_gone_past_half_a_turn(away, angle):
     assert _from_above(np.array([7.0 * away]))[0] / np.pi == pytest.approx(angle, abs=1e-6)
 
 
-# The peak of S on the lines of whole records, held against loops in closed form.
-
-
 # -------------------------------------------------------------------------------------------------
 # The peak of S on the lines of whole records, held against loops in closed form.
 
@@ -796,9 +787,7 @@ def curve_of(part: LineWindow, pole: complex, loss: float = 1.0) -> RationalCurv
 
 
 @pytest.mark.parametrize(("chance", "poles"), [(0.0095, 1), (0.0105, 0)])
-def test_a_pole_more_has_to_gain(
-    monkeypatch: pytest.MonkeyPatch, chance: float, poles: int
-) -> None:
+def test_a_pole_more_has_to_gain(monkeypatch, chance, poles):
     part = part_of(np.ones(100))
     one, none = curve_of(part, 0.1 + 0.2j), curve_of(part, 0.0)
     more = len(one.linear) + 1 - len(none.linear)
@@ -813,7 +802,7 @@ def test_a_pole_more_has_to_gain(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.8, 0.95, 0.99, 1.0])
-def test_noise_has_the_poles_of_the_loop_by_a_share(share: float) -> None:
+def test_noise_has_the_poles_of_the_loop_by_a_share(share):
     """What is left has exactly that share's size on each line: no other weighs it as well."""
     part = part_of(np.ones(100))
     poles = 1 / np.abs(1 - part.place / (0.1 + 0.05j)) ** 2
@@ -823,12 +812,12 @@ def test_noise_has_the_poles_of_the_loop_by_a_share(share: float) -> None:
 
 
 @pytest.mark.parametrize(("lines", "decays"), [(0.48, False), (0.52, True)])
-def test_a_pole_that_does_not_decay_is_none(lines: float, decays: bool) -> None:
+def test_a_pole_that_does_not_decay_is_none(lines, decays):
     spacing = 2 / 99
     assert curve_of(part_of(np.ones(100)), 0.1 + 1j * lines * spacing).decays == decays
 
 
-def test_a_fit_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_ends(monkeypatch):
     """Where every step gains: four of Sanathanan and Koerner, twelve of Gauss and Newton."""
     kinds: list[str] = []
     real, svd = peak._linear, peak._svd
@@ -855,7 +844,7 @@ def at(place: float, **given: float | bool) -> Peak:
 
 
 @pytest.fixture
-def climbing(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], tuple[LocatedPeak | None, int]]:
+def climbing(monkeypatch):
     """Climb to a frequency from 500 Hz by windows of 100 lines, 1 Hz apart; and count them."""
     lines = np.arange(1000.0)
     band = LoopLines(lines, lines + 0j, lines[:, None] + 0j, np.zeros((1000, 0)) + 0j, 0)
@@ -879,9 +868,7 @@ def climbing(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], tuple[Located
     return climb
 
 
-def test_lines_are_moved_on_to_the_highest_point(
-    climbing: Callable[[float], tuple[LocatedPeak | None, int]],
-) -> None:
+def test_lines_are_moved_on_to_the_highest_point(climbing):
     middle, inner = 450 + 49.5, 0.6 * 49.5
     assert climbing(middle + inner - 0.4)[1] == 1
     assert climbing(middle + inner + 0.4)[1] == 2
@@ -912,7 +899,7 @@ def times(
     return found, len(sizes)
 
 
-def test_wider_windows_are_tried_until_three_tell_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wider_windows_are_tried_until_three_tell_no_more(monkeypatch):
     assert times(monkeypatch, [held(0.1), held(0.2)])[1] == 1 + 3
     assert times(monkeypatch, [held(0.2), held(0.21), held(0.22), held(0.1), held(0.2)])[1] == 4 + 3
 
@@ -921,9 +908,7 @@ def test_wider_windows_are_tried_until_three_tell_no_more(monkeypatch: pytest.Mo
     ("unsure", "chance", "told"),
     [(0.29, 0.5, True), (0.31, 0.5, False), (0.1, 1.1e-3, True), (0.1, 0.9e-3, False)],
 )
-def test_a_peak_has_to_be_told_and_followed(
-    monkeypatch: pytest.MonkeyPatch, unsure: float, chance: float, told: bool
-) -> None:
+def test_a_peak_has_to_be_told_and_followed(monkeypatch, unsure, chance, told):
     found, _ = times(monkeypatch, [held(unsure, chance)])
     assert (found is not None) == told
 
@@ -945,7 +930,7 @@ def looked_at(monkeypatch: pytest.MonkeyPatch, peaks: list[LocatedPeak]) -> tupl
     return len(asked), axis.interval[1]
 
 
-def test_how_many_peaks_are_looked_at_and_which_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_how_many_peaks_are_looked_at_and_which_rival(monkeypatch):
     sure = held(0.01)
     assert looked_at(monkeypatch, [sure] * 5)[0] == 3
     rivals = [looked_at(monkeypatch, [sure, held(unsure)]) for unsure in (0.095, 0.105)]

@@ -1,7 +1,6 @@
 """Rigs without noise, and a slow reference that runs them event by event with scipy."""
 
 import heapq
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 from rotorid import load_rig
 from rotorid.force.laws import Differential
-from rotorid.rig.logger import RigRecord
 from rotorid.rig.parts import ProcessNoise
 from rotorid.rig.rig import Rig
 from rotorid.testing import parse_rig
@@ -28,13 +26,13 @@ def with_actuators(rig: Rig, **changes: object) -> Rig:
 
 
 @pytest.fixture(scope="session")
-def shipped() -> Rig:
+def shipped():
     """The shipped rig, with its noise."""
     return load_rig("three-mass").rig
 
 
 @pytest.fixture(scope="session")
-def quiet(shipped: Rig) -> Rig:
+def quiet(shipped):
     """The shipped rig without noise."""
     return without_noise(shipped)
 
@@ -56,19 +54,19 @@ def magnet_text() -> str:
 
 
 @pytest.fixture(scope="session")
-def magnetic() -> Rig:
+def magnetic():
     """The shipped rig on opposed magnets, without noise; its controller made for them."""
     return without_noise(parse_rig(magnet_text()).rig)
 
 
 @pytest.fixture
-def change() -> Callable[..., Rig]:
+def change():
     """Change every actuator of a rig."""
     return with_actuators
 
 
 @pytest.fixture
-def run() -> Callable[..., RigRecord]:
+def run():
     return lambda rig, duration, seed=0: rig.run(duration, np.random.default_rng(seed))
 
 
@@ -150,5 +148,5 @@ def reference_positions(rig: Rig, duration: float) -> np.ndarray:
 
 
 @pytest.fixture
-def reference() -> Callable[[Rig, float], np.ndarray]:
+def reference():
     return reference_positions

@@ -58,7 +58,7 @@ def short(rig: Rig) -> Rig:
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_of_no_size_changes_nothing(name: str) -> None:
+def test_a_fault_of_no_size_changes_nothing(name):
     rig = short(rig_of(FAULTS[name].rig))
     faulty = with_faults(rig, [(FAULTS[name], FAULTS[name].none)])
     assert replace(faulty, described=None) == replace(rig, described=None)
@@ -67,7 +67,7 @@ def test_a_fault_of_no_size_changes_nothing(name: str) -> None:
 
 @pytest.mark.sampled(10)
 @pytest.mark.parametrize("name", [name for name in FAULTS if name not in WHOLE])
-def test_a_fault_vanishes_with_its_size(name: str) -> None:
+def test_a_fault_vanishes_with_its_size(name):
     """A millionth of the size changes the columns by about a millionth of what the size does."""
     fault = FAULTS[name]
     rig = short(rig_of(fault.rig))
@@ -89,7 +89,7 @@ LATE = {"touch-down", "gain-schedule"}  # after 3 s and more
 
 @pytest.mark.sampled(14)
 @pytest.mark.parametrize("name", [name for name in FAULTS if name not in LATE])
-def test_a_fault_changes_the_record(name: str) -> None:
+def test_a_fault_changes_the_record(name):
     fault = FAULTS[name]
     rig = rig_of(fault.rig) if name == "gravity" else short(rig_of(fault.rig))
     plain, faulty = columns(rig), columns(with_faults(rig, [(fault, fault.size)]))
@@ -101,7 +101,7 @@ def test_a_fault_changes_the_record(name: str) -> None:
     assert changed
 
 
-def test_the_list_is_long_enough_and_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_is_long_enough_and_one_line_each(capsys):
     assert len(FAULTS) >= 50
     assert run(["simulate", "--faults"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -112,7 +112,7 @@ def test_the_list_is_long_enough_and_one_line_each(capsys: pytest.CaptureFixture
         assert fault.shown in line
 
 
-def test_sizes_with_and_without_unit() -> None:
+def test_sizes_with_and_without_unit():
     assert find_fault("hum")[1] == pytest.approx(2e-6)
     assert find_fault("hum=3 um")[1] == pytest.approx(3e-6)
     assert find_fault("sensors-rotated=45 deg")[1] == pytest.approx(np.pi / 4)
@@ -134,7 +134,7 @@ def test_sizes_with_and_without_unit() -> None:
             rig.run(0.2, np.random.default_rng(1))
 
 
-def test_faults_through_the_command(tmp_path: Path) -> None:
+def test_faults_through_the_command(tmp_path):
     rig = tmp_path / "rig.toml"
     rig.write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
     for name, more in (("plain", []), ("faulty", ["--fault", "unit", "--fault", "nan=2"])):
@@ -149,7 +149,7 @@ def test_faults_through_the_command(tmp_path: Path) -> None:
     assert run(["simulate", "three-mass"]) == 2
 
 
-def test_a_current_loop_without_motion_is_a_lag_of_first_order() -> None:
+def test_a_current_loop_without_motion_is_a_lag_of_first_order():
     rig = rig_of("three-mass")
     coil = Coil(resistance=2.0, inductance=0.03, bandwidth=800.0)
     held = replace(
@@ -171,7 +171,7 @@ def test_a_current_loop_without_motion_is_a_lag_of_first_order() -> None:
     )
 
 
-def test_the_induced_voltage_takes_the_power_that_the_force_gives() -> None:
+def test_the_induced_voltage_takes_the_power_that_the_force_gives():
     """A short-circuited coil: all that the moving magnet takes is turned to heat, R i^2."""
     ki, mass, resistance, inductance = 50.0, 2.0, 3.0, 0.02
 
@@ -195,7 +195,7 @@ def test_the_induced_voltage_takes_the_power_that_the_force_gives() -> None:
     assert state[0, 0] == pytest.approx(-(resistance + 2 * np.pi * 500.0 * inductance) / inductance)
 
 
-def test_eddy_currents_are_the_half_order_lag() -> None:
+def test_eddy_currents_are_the_half_order_lag():
     tau = 40e-6
     rates, weights, rest = eddy_weights(tau)
     omega = np.logspace(-3, np.log10(0.3), 60) / tau
@@ -216,14 +216,14 @@ def exact_and_integrated(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     "name", ["current-loop", "sensor-bandwidth", "cross-force", "gravity", "base-motion"]
 )
-def test_linear_faults_take_exact_steps(name: str) -> None:
+def test_linear_faults_take_exact_steps(name):
     ideal = rig_of("three-mass") if name == "gravity" else short(rig_of("three-mass"))
     rig = with_faults(ideal, [find_fault(name)])
     exact, integrated = exact_and_integrated(rig)
     np.testing.assert_allclose(exact, integrated, atol=1e-7 * np.abs(exact).max())
 
 
-def test_the_filter_before_the_logger_leaves_the_loop_alone() -> None:
+def test_the_filter_before_the_logger_leaves_the_loop_alone():
     rig = short(rig_of("three-mass"))
     rig = replace(rig, logger=replace(rig.logger, current="measured"))
     quiet = replace(
@@ -253,7 +253,7 @@ def test_the_filter_before_the_logger_leaves_the_loop_alone() -> None:
         )
 
 
-def test_gravity_is_carried_by_the_currents() -> None:
+def test_gravity_is_carried_by_the_currents():
     rig = with_faults(rig_of("three-mass"), [find_fault("gravity")])
     truth = rig.record(1.0, np.random.default_rng(0)).truth
     mass = sum(rig.values[name] for name in ("m1", "m2", "m3"))
@@ -262,7 +262,7 @@ def test_gravity_is_carried_by_the_currents() -> None:
     assert abs(truth.force[:, [0, 2]].sum(axis=1).mean()) < 0.02 * 9.81 * mass
 
 
-def test_base_motion_accelerates_the_rotor_as_seen_from_the_housing() -> None:
+def test_base_motion_accelerates_the_rotor_as_seen_from_the_housing():
     """Far above the loop's bandwidth the rotor stands still in space: it moves against the base."""
     rig = replace(short(rig_of("rigid")), excitation=None)
     size = 5e-6
@@ -276,7 +276,7 @@ def test_base_motion_accelerates_the_rotor_as_seen_from_the_housing() -> None:
     np.testing.assert_allclose(matrix[:, -1], [1.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_a_play_operator() -> None:
+def test_a_play_operator():
     held = 0.0
     seen = []
     for current in (1.0, 0.95, 0.5, -1.0, -0.9, 0.0):
@@ -285,7 +285,7 @@ def test_a_play_operator() -> None:
     np.testing.assert_allclose(seen, [0.9, 0.9, 0.6, -0.9, -0.9, -0.1])
 
 
-def test_hysteresis_takes_energy_in_each_cycle() -> None:
+def test_hysteresis_takes_energy_in_each_cycle():
     """The loop of the play operator encloses 4 w (amplitude - w) in the plane of the currents."""
     turn = np.linspace(0, 4 * np.pi, 4001)
     current, width = np.sin(turn), 0.2
@@ -298,7 +298,7 @@ def test_hysteresis_takes_energy_in_each_cycle() -> None:
     assert abs(area) == pytest.approx(4 * width * (1 - width), rel=1e-3)
 
 
-def test_a_magnet_with_iron_is_one_with_wider_gaps() -> None:
+def test_a_magnet_with_iron_is_one_with_wider_gaps():
     law = Differential(K=1e-5, bias=2.0, gap=4e-4, angle=0.3)
     iron = replace(law, iron=3e-5)
     i, x = np.array([0.3, -1.2]), np.array([2e-5, -9e-5])
@@ -310,7 +310,7 @@ def test_a_magnet_with_iron_is_one_with_wider_gaps() -> None:
 @pytest.mark.parametrize(
     "changes", [{"saturation": 6000.0}, {"bias_difference": 0.2, "iron": 1e-5}]
 )
-def test_slopes_of_bent_magnets_against_differences(changes: dict[str, float]) -> None:
+def test_slopes_of_bent_magnets_against_differences(changes):
     law = replace(Differential(K=1e-5, bias=2.0, gap=4e-4, angle=0.3), **changes)
     i, x, di, dx = 0.3, -2e-5, 1e-6, 1e-11
     slope = law.linearize(i, x)
@@ -318,7 +318,7 @@ def test_slopes_of_bent_magnets_against_differences(changes: dict[str, float]) -
     assert slope.ks == pytest.approx((law.force(i, x + dx) - law.force(i, x - dx)) / (2 * dx), 1e-5)
 
 
-def test_saturation_bounds_the_force() -> None:
+def test_saturation_bounds_the_force():
     law = Differential(K=1e-5, bias=2.0, gap=4e-4, saturation=6000.0)
     assert law.force(1.99, 0.0) < 1e-5 * 6000.0**2
     ahead, behind = law.fluxes(0.5, 0.0)
@@ -327,7 +327,7 @@ def test_saturation_bounds_the_force() -> None:
     assert law.force(0.5, 0.0) == pytest.approx(1e-5 * (ahead**2 - behind**2))
 
 
-def test_gaps_that_grow_change_the_linear_law_as_the_magnets() -> None:
+def test_gaps_that_grow_change_the_linear_law_as_the_magnets():
     """k_i goes as 1 / gap^2 and k_s as 1 / gap^3: the slopes' first order."""
     law = Differential(K=1e-5, bias=2.0, gap=4e-4)
     rate, step = 0.004, 1e-4
@@ -341,7 +341,7 @@ def test_gaps_that_grow_change_the_linear_law_as_the_magnets() -> None:
     )
 
 
-def test_a_seal_drives_the_forward_whirl() -> None:
+def test_a_seal_drives_the_forward_whirl():
     """F_x = -k y, F_y = k x does work on a forward orbit: the forward mode loses damping."""
     rig = rig_of("three-mass")
     plain, sealed = rig, replace(rig, cross=3e4)
@@ -356,7 +356,7 @@ def test_a_seal_drives_the_forward_whirl() -> None:
     assert moved[y, x] * rig.values["m1"] == pytest.approx(3e4)
 
 
-def test_turned_sensors_and_magnets_undo_each_other() -> None:
+def test_turned_sensors_and_magnets_undo_each_other():
     """Both turned by the same angle: the loop of an isotropic rotor is the same, seen turned."""
     rig = replace(short(rig_of("three-mass")), excitation=None)
     quiet = replace(
@@ -376,7 +376,7 @@ def test_turned_sensors_and_magnets_undo_each_other() -> None:
         np.testing.assert_allclose(one[name], other[name], atol=1e-9 * np.abs(other[name]).max())
 
 
-def test_a_notch_takes_the_rotation_out_of_the_commands() -> None:
+def test_a_notch_takes_the_rotation_out_of_the_commands():
     rig = rig_of("three-mass")
     notched = with_faults(rig, [find_fault("notch")])
     response = notched.controller.response([rig.rotation.speed])[0]
@@ -387,7 +387,7 @@ def test_a_notch_takes_the_rotation_out_of_the_commands() -> None:
     np.testing.assert_allclose(np.diagonal(at_rest[0]), 1.0, atol=1e-4)
 
 
-def test_controllers_in_series() -> None:
+def test_controllers_in_series():
     first = Controller([[0.5]], [[1.0]], [[2.0]], [[0.3]], 1e-4)
     second = Controller([[0.2]], [[1.5]], [[-1.0]], [[4.0]], 1e-4)
     omega = [300.0, 9000.0]
@@ -396,7 +396,7 @@ def test_controllers_in_series() -> None:
     )
 
 
-def test_a_touch_pushes_back_and_rubs() -> None:
+def test_a_touch_pushes_back_and_rubs():
     rig = with_faults(rig_of("three-mass"), [(FAULTS["touch-down"], 3e3)])
     with pytest.raises(InputError, match=r"the rotor touching"):
         replace(rig, contact=0.0).record(3.2, np.random.default_rng(1))
@@ -407,7 +407,7 @@ def test_a_touch_pushes_back_and_rubs() -> None:
     assert before < 250e-6
 
 
-def test_pulses_of_a_logic_level_backward_missing_and_double() -> None:
+def test_pulses_of_a_logic_level_backward_missing_and_double():
     time = np.arange(4000) / 10e3
     turn = Rotation(speed=2 * np.pi * 100.0)
 
@@ -428,7 +428,7 @@ def test_pulses_of_a_logic_level_backward_missing_and_double() -> None:
     assert set(falls % 100) <= {0, 98, 99}
 
 
-def test_counters_that_lose_lines() -> None:
+def test_counters_that_lose_lines():
     time = np.arange(10_000) / 10e3
     turn = Rotation(speed=2 * np.pi * 20.0)
 
@@ -474,7 +474,7 @@ def rows() -> dict[str, tuple[str, str]]:
     return found
 
 
-def test_every_fault_is_on_the_page() -> None:
+def test_every_fault_is_on_the_page():
     page = rows()
     assert set(page) == set(FAULTS)
     assert {kind for _, kind in page.values()} <= KINDS
@@ -482,7 +482,7 @@ def test_every_fault_is_on_the_page() -> None:
         assert page[name][0] == fault.wanted
 
 
-def test_no_fault_is_believed_and_most_are_named() -> None:
+def test_no_fault_is_believed_and_most_are_named():
     """Of the faults on the page that matter: none `ok` and wrong, two dozen called by name."""
     kinds = [kind for _, kind in rows().values()]
     assert not {"wrong", "none"} & {*kinds}
@@ -504,7 +504,7 @@ SAMPLED = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLED)
-def test_the_page_is_what_a_run_gives(name: str) -> None:
+def test_the_page_is_what_a_run_gives(name):
     """One of the records behind the page: no worse than it says there."""
     order = ("wrong", "none", "not named", "named", "said", "right")
     answer = script("make_faults").answer_of(name, 1)
@@ -515,7 +515,7 @@ def test_the_page_is_what_a_run_gives(name: str) -> None:
 @pytest.mark.parametrize(
     ("case", "seconds"), [("measured", 5.0), ("commanded", 5.0), ("flux", 10.0)]
 )
-def test_intervals_hold_the_truth(case: str, seconds: float) -> None:
+def test_intervals_hold_the_truth(case, seconds):
     """Five records: 35 errors or more, correlated in each record; 95 % give 80 to 100."""
     ok, cover, rms, _ = script("calibration").calibration([case], 5, seconds, 1)[case]
     assert ok >= 4

@@ -1,7 +1,5 @@
 """Rig files, and what is refused in them."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable
@@ -34,7 +32,7 @@ def changed(old: str, new: str) -> str:
     return TEXT.replace(old, new)
 
 
-def test_the_seeds_rotor_as_it_is_described() -> None:
+def test_the_seeds_rotor_as_it_is_described():
     plan = load_rig("three-mass")
     rig = plan.rig
     assert plan.duration == 13.0
@@ -53,7 +51,7 @@ def test_the_seeds_rotor_as_it_is_described() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_rigs())
-def test_shipped_rigs_float_at_rest_and_at_speed(name: str) -> None:
+def test_shipped_rigs_float_at_rest_and_at_speed(name):
     from rotorid.rig.rig import growth
 
     rig = load_rig(name).rig
@@ -62,7 +60,7 @@ def test_shipped_rigs_float_at_rest_and_at_speed(name: str) -> None:
         assert growth(turning, turning.plant(1.0), speed)[0] < -5.0
 
 
-def test_one_actuator_may_differ() -> None:
+def test_one_actuator_may_differ():
     text = changed("[sensors]", '[actuators.F_y1]\nki = "100 N/A"\nnoise = "1 mA"\n\n[sensors]')
     parts = parse_rig(text).rig.parts
     assert [part.law.ki for part in parts] == [120.0, 100.0, 120.0, 120.0]
@@ -70,14 +68,14 @@ def test_one_actuator_may_differ() -> None:
     assert parts[1].noise == 1e-3
 
 
-def test_parameters_replace_nominal_values() -> None:
+def test_parameters_replace_nominal_values():
     plan = parse_rig(TEXT + '\n[parameters]\nm2 = "11 kg"\nL1 = "25 cm"\n')
     assert plan.rig.values["m2"] == 11.0
     assert plan.rig.values["L1"] == 0.25
 
 
 @pytest.mark.slow
-def test_rigid_rig_holds_every_kind_of_key() -> None:
+def test_rigid_rig_holds_every_kind_of_key():
     rig = load_rig("rigid").rig
     part = rig.parts[0]
     assert isinstance(part.law, Differential)
@@ -90,7 +88,7 @@ def test_rigid_rig_holds_every_kind_of_key() -> None:
 PID = re.search(r"stiffness.*\n.*\n.*\n.*\n", TEXT).group()
 
 
-def test_a_transfer_function_on_every_axis() -> None:
+def test_a_transfer_function_on_every_axis():
     keys = 'kind = "transfer-function"\nnumerator = [-9e3, 8.7e3]\ndenominator = [1.0, -0.2]\n'
     controller = parse_rig(changed(PID, keys)).rig.controller
     z = np.exp(2j * np.pi * 100.0 * 1e-4)
@@ -100,14 +98,14 @@ def test_a_transfer_function_on_every_axis() -> None:
     )
 
 
-def test_a_state_space() -> None:
+def test_a_state_space():
     D = [[-4e3, 0, 0, 0], [0, -4e3, 0, 0], [0, 0, -4e3, 0], [0, 0, 0, -4e3]]
     controller = parse_rig(changed(PID, f'kind = "state-space"\nD = {D}\n')).rig.controller
     np.testing.assert_array_equal(controller.D, D)
     assert controller.states == 0
 
 
-def test_feedback_from_named_sensors() -> None:
+def test_feedback_from_named_sensors():
     text = changed("x1 = { noise", 's1 = { reads = "x1 + 0.01*theta_y", noise')
     with pytest.raises(InputError, match=r"controller: feedback: found no sensor .* at F_x1"):
         parse_rig(text)
@@ -115,7 +113,7 @@ def test_feedback_from_named_sensors() -> None:
     assert parse_rig(wired).rig.feedback == ("s1", "y1", "x3", "y3")
 
 
-def test_multisines_of_a_file() -> None:
+def test_multisines_of_a_file():
     old = TEXT[TEXT.index("harmonics = ") : TEXT.index("[excitation.signals]")]
     text = changed(old, 'odd = 39\nleave_out = 4\nphases = "random"\nseed = 3\n\n')
     with pytest.raises(InputError, match=r"excitation.seed: found the unknown key 'seed'"):
@@ -139,7 +137,7 @@ def test_multisines_of_a_file() -> None:
         ('delay = "50 us"', 'delay = "500 s"', "delay: found 500 s; expected at most 100 steps"),
     ],
 )
-def test_what_would_fill_the_memory_is_refused(old: str, new: str, message: str) -> None:
+def test_what_would_fill_the_memory_is_refused(old, new, message):
     started = time.process_time()
     with pytest.raises(InputError, match=message):
         _ = parse_rig(changed(old, new)).rig.schedule
@@ -154,13 +152,13 @@ def test_what_would_fill_the_memory_is_refused(old: str, new: str, message: str)
     )
 
 
-def test_a_rig_settles_within_a_minute() -> None:
+def test_a_rig_settles_within_a_minute():
     plan = parse_rig(changed('settling = "2 s"', 'settling = "61 s"'))
     with pytest.raises(InputError, match="settling: found 61 s; expected at most 60 s, or as long"):
         plan.record()
 
 
-def test_currents_as_excitation() -> None:
+def test_currents_as_excitation():
     text = re.sub(r'amplitude = "[\d.]+ N"', 'amplitude = "50 mA"', TEXT)
     excitation = parse_rig(text).rig.excitation
     assert excitation.unit == "A"
@@ -214,7 +212,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), BAD)
-def test_bad_rig_files_are_refused(old: str, new: str, message: str) -> None:
+def test_bad_rig_files_are_refused(old, new, message):
     text = TEXT.replace(old, new, 1)
     assert text != TEXT
     with pytest.raises(InputError, match=message) as caught:
@@ -223,7 +221,7 @@ def test_bad_rig_files_are_refused(old: str, new: str, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_rigs_that_are_not_there() -> None:
+def test_rigs_that_are_not_there():
     with pytest.raises(InputError, match="no rig 'three-mas'; expected one of flexible, rigid"):
         load_rig("three-mas")
     with pytest.raises(InputError, match=r"absent.toml: found no such file"):
@@ -233,7 +231,7 @@ def test_rigs_that_are_not_there() -> None:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
     plan = parse_rig(TEXT.replace('"13 s"', '"1 s"'), name="short")
     record = plan.run()
@@ -242,7 +240,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_loggers_file(written: Path) -> None:
+def test_the_loggers_file(written):
     with h5py.File(written / "run.h5") as data:
         assert set(data) == {
             "t",
@@ -260,7 +258,7 @@ def test_the_loggers_file(written: Path) -> None:
         assert truth.attrs["rig"].startswith("title = ")
 
 
-def test_a_reader_makes_the_same_record(written: Path) -> None:
+def test_a_reader_makes_the_same_record(written):
     plan = parse_rig(TEXT.replace('"13 s"', '"1 s"'))
     (read,) = load_experiment(written / "run.toml").measured("ml")
     made = plan.run()
@@ -273,7 +271,7 @@ def test_a_reader_makes_the_same_record(written: Path) -> None:
     assert {c.unit for c in as_forces.channels} == {"N", "m", "rad"}
 
 
-def test_reading_the_file_whole_shows_columns_and_no_truth(written: Path) -> None:
+def test_reading_the_file_whole_shows_columns_and_no_truth(written):
     record = rid.read_record(written / "run.h5", time="t")
     assert set(record.names) == {
         *(f"i_{name}" for name in ("x1", "y1", "x3", "y3")),
@@ -282,7 +280,7 @@ def test_reading_the_file_whole_shows_columns_and_no_truth(written: Path) -> Non
 
 
 @pytest.mark.slow
-def test_experiment_of_magnets_flux_and_combinations() -> None:
+def test_experiment_of_magnets_flux_and_combinations():
     plan = load_rig("rigid")
     short = parse_rig(plan.text.replace('"10 s"', '"0.3 s"'))
     text = experiment_text(short, short.run(), "run.h5")
@@ -299,7 +297,7 @@ def test_experiment_of_magnets_flux_and_combinations() -> None:
     assert 'flux = [{column = "b1_xa", unit = "T"}, {column = "b2_xa", unit = "T"}]' in text
 
 
-def test_experiment_of_magnets_holds_their_iron() -> None:
+def test_experiment_of_magnets_holds_their_iron():
     text = load_rig("rigid").text.replace("[actuators.all]", '[actuators.all]\niron = "2e-5 m"')
     assert 'law = "differential"' in text
     plan = parse_rig(text.replace('"10 s"', '"0.1 s"'))
@@ -307,7 +305,7 @@ def test_experiment_of_magnets_holds_their_iron() -> None:
 
 
 @pytest.mark.slow
-def test_flux_densities_through_the_files(tmp_path: Path) -> None:
+def test_flux_densities_through_the_files(tmp_path):
     hall = load_rig("rigid").text.replace(
         'bandwidth = "1.5 kHz"',
         'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "0.1 mT" }',
@@ -321,20 +319,20 @@ def test_flux_densities_through_the_files(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.samples[:, :4], record.samples[:, :4], atol=1e-9)
 
 
-def test_a_rig_without_excitation_has_no_experiment() -> None:
+def test_a_rig_without_excitation_has_no_experiment():
     start, end = TEXT.index("[excitation]"), TEXT.index("[process_noise]")
     plan = parse_rig((TEXT[:start] + TEXT[end:]).replace('"13 s"', '"0.1 s"'))
     with pytest.raises(InputError, match=r"excitation: found a rig without excitation"):
         experiment_text(plan, plan.run(), "run.h5")
 
 
-def test_excitation_beyond_the_inputs_is_refused() -> None:
+def test_excitation_beyond_the_inputs_is_refused():
     rig = load_rig("three-mass").rig
     with pytest.raises(InputError, match="excitation: found 'F_z'"):
         replace(rig, excitation=multisine(20.0, [1], {"F_z": 1.0}))
 
 
-def test_hold_and_delay_may_stand_beside_the_law(written: Path, tmp_path: Path) -> None:
+def test_hold_and_delay_may_stand_beside_the_law(written, tmp_path):
     text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
     moved = re.sub(r', hold = "zero-order", delay = "-50 us"\}', "}", text)
     moved = moved.replace('law = "linear"', 'law = "linear", hold = "zero-order", delay = "-50 us"')
@@ -344,7 +342,7 @@ def test_hold_and_delay_may_stand_beside_the_law(written: Path, tmp_path: Path) 
     np.testing.assert_array_equal(one.samples, other.samples)
 
 
-def test_a_record_may_name_sensors_of_all_records(written: Path, tmp_path: Path) -> None:
+def test_a_record_may_name_sensors_of_all_records(written, tmp_path):
     text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
     (law,) = re.findall(r"\nF_x1 = .*", text)
     text = text.replace(law, "").replace("\nx1 = {", '\ns1 = {reads = "x1", ')
@@ -357,7 +355,7 @@ def test_a_record_may_name_sensors_of_all_records(written: Path, tmp_path: Path)
     np.testing.assert_array_equal(one.column("F_x1"), other.column("F_x1"))
 
 
-def test_deviations_of_constants_reach_the_gain(written: Path, tmp_path: Path) -> None:
+def test_deviations_of_constants_reach_the_gain(written, tmp_path):
     text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
     known = 'ki = { value = "120 N/A", std = "1.2 N/A" }'
     (tmp_path / "known.toml").write_text(text.replace('ki = "120 N/A"', known, 1))
@@ -417,7 +415,7 @@ RIGS = {
 
 
 @pytest.mark.parametrize("fault", RIGS)
-def test_a_rig_that_cannot_run(fault: str, tmp_path: Path, capsys) -> None:
+def test_a_rig_that_cannot_run(fault, tmp_path, capsys):
     text, message = RIGS[fault]
     rig, out = tmp_path / "rig.toml", tmp_path / "run.h5"
     rig.write_text(text)
@@ -428,7 +426,7 @@ def test_a_rig_that_cannot_run(fault: str, tmp_path: Path, capsys) -> None:
     assert not out.with_suffix(".toml").exists()
 
 
-def test_faults_tell_when_and_where() -> None:
+def test_faults_tell_when_and_where():
     with pytest.raises(RigError) as caught:
         parse_rig(RIGS["touches"][0]).run()
     assert 0 < caught.value.time < 2.0
@@ -438,7 +436,7 @@ def test_faults_tell_when_and_where() -> None:
     assert caught.value.time == 0.0
 
 
-def test_the_time_of_touching_is_right() -> None:
+def test_the_time_of_touching_is_right():
     rig = replace(load_rig("three-mass").rig, settling=0.0, clearance=1.0)
     free = rig.run(0.1, np.random.default_rng(0)).truth.position
     radius = np.maximum(np.hypot(*free[:, [0, 1]].T), np.hypot(*free[:, [6, 7]].T))
@@ -449,7 +447,7 @@ def test_the_time_of_touching_is_right() -> None:
 
 
 @pytest.mark.parametrize("slew", [np.inf, 5e4])
-def test_magnets_touch_at_their_gap_at_the_latest(magnetic, slew: float) -> None:
+def test_magnets_touch_at_their_gap_at_the_latest(magnetic, slew):
     shaken = replace(magnetic, excitation=magnetic.excitation.scaled(8 * np.ones(4)))
     parts = {
         name: replace(part, slew=slew, bandwidth=2000.0) for name, part in shaken.actuators.items()
@@ -469,19 +467,19 @@ def test_magnets_touch_at_their_gap_at_the_latest(magnetic, slew: float) -> None
         (lambda r: {"settling": -1.0}, "settling: found settling = -1.0"),
     ],
 )
-def test_parts_that_do_not_fit(change: Callable, message: str) -> None:
+def test_parts_that_do_not_fit(change, message):
     rig = load_rig("three-mass").rig
     with pytest.raises(InputError, match=message):
         replace(rig, **change(rig))
 
 
-def test_a_coil_needs_a_bias() -> None:
+def test_a_coil_needs_a_bias():
     law = Differential(K=5e-6, bias=0.0, gap=5e-4)
     with pytest.raises(InputError, match=r"coil: found a coil of magnets without bias; expected a"):
         Actuator(law, coil=Coil(resistance=2.0, inductance=0.03, bandwidth=800.0))
 
 
-def test_out_must_be_hdf5_and_not_the_rig(tmp_path: Path, capsys) -> None:
+def test_out_must_be_hdf5_and_not_the_rig(tmp_path, capsys):
     assert "the ending '.csv'" in one_line(
         capsys, ["simulate", "three-mass", "--out", str(tmp_path / "run.csv")]
     )
@@ -495,7 +493,7 @@ def test_out_must_be_hdf5_and_not_the_rig(tmp_path: Path, capsys) -> None:
 
 
 @pytest.fixture
-def marked(tmp_path: Path) -> Callable[[str, Callable], Path]:
+def marked(tmp_path):
     """A short record with a mark of the angle, one of its columns spoiled."""
 
     def write(mark: str, spoil: dict[str, Callable]) -> Path:
@@ -533,7 +531,7 @@ MARKS = {
 
 
 @pytest.mark.parametrize("fault", MARKS)
-def test_marks_that_give_no_angle(fault: str, marked, capsys) -> None:
+def test_marks_that_give_no_angle(fault, marked, capsys):
     mark, spoil, message = MARKS[fault]
     experiment = marked(mark, spoil)
     capsys.readouterr()
@@ -541,7 +539,7 @@ def test_marks_that_give_no_angle(fault: str, marked, capsys) -> None:
     assert re.search(message, line), line
 
 
-def test_sample_times_that_jump(marked, capsys) -> None:
+def test_sample_times_that_jump(marked, capsys):
     def jump(time: np.ndarray) -> np.ndarray:
         time[7000:] += 3e-4
         return time
@@ -615,7 +613,7 @@ CHANNELS = {
 
 
 @pytest.mark.parametrize("fault", CHANNELS)
-def test_channels_that_give_no_force(fault: str, marked, capsys) -> None:
+def test_channels_that_give_no_force(fault, marked, capsys):
     pattern, new, message = CHANNELS[fault]
     experiment = marked("", {})
     text, count = re.subn(pattern, new, experiment.read_text(), count=1)
@@ -640,9 +638,7 @@ def blocks(page: str, language: str) -> list[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["rig.md", "signals.md"])
-def test_python_of_the_pages_runs(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_python_of_the_pages_runs(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for code in blocks(page, "python"):
         exec(code, {})
@@ -650,7 +646,7 @@ def test_python_of_the_pages_runs(
 
 
 @pytest.mark.slow
-def test_rig_file_of_the_page_runs() -> None:
+def test_rig_file_of_the_page_runs():
     (text,) = blocks("rig.md", "toml")
     plan = parse_rig(text.replace('"13 s"', '"50 ms"'))
     record = plan.run()

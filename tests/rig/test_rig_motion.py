@@ -1,7 +1,5 @@
 """The levitated rig in motion: plant, controller, amplifiers."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re
@@ -33,9 +31,6 @@ from rotorid.rig.machine import merge_clocks
 from rotorid.rig.parts import Actuator, Logger, Rotation
 from rotorid.rig.plant import rotor_plant
 from rotorid.rig.rig import excitation_table, growth, pairs
-
-# Motion of the rig against closed forms and a reference integrator.
-
 
 # -------------------------------------------------------------------------------------------------
 # Motion of the rig against closed forms and a reference integrator.
@@ -90,7 +85,7 @@ def closed_loop_steady_state(rig) -> np.ndarray:
 
 
 @pytest.mark.parametrize("delay", [0.0, 50e-6, 100e-6])
-def test_steady_state_is_the_discrete_closed_loop(quiet, run, delay: float) -> None:
+def test_steady_state_is_the_discrete_closed_loop(quiet, run, delay):
     rig = replace(quiet, delay=delay, settling=4.0)
     record = run(rig, 0.1)
     expected = np.tile(closed_loop_steady_state(rig), (2, 1))
@@ -98,7 +93,7 @@ def test_steady_state_is_the_discrete_closed_loop(quiet, run, delay: float) -> N
     np.testing.assert_allclose(record.truth.position / scale, expected / scale, atol=1e-8)
 
 
-def test_the_continuous_solution_is_met_to_the_images_of_the_hold(quiet, run) -> None:
+def test_the_continuous_solution_is_met_to_the_images_of_the_hold(quiet, run):
     """Z q = B F + g with the lines of the held forces: the images fold back by 1e-6, not 1e-8."""
     rig = replace(quiet, settling=4.0, delay=0.0)
     truth = run(rig, 0.05).truth
@@ -156,7 +151,7 @@ TURNING = {
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("turning", TURNING)
 @pytest.mark.parametrize("kind", NONLINEAR)
-def test_integration_against_the_reference(quiet, change, run, reference, kind, turning) -> None:
+def test_integration_against_the_reference(quiet, change, run, reference, kind, turning):
     """Done when: 1e-6 of the peak, from switching on, through saturation and changing speed."""
     rig = replace(
         change(quiet, **NONLINEAR[kind]),
@@ -169,13 +164,13 @@ def test_integration_against_the_reference(quiet, change, run, reference, kind, 
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
 
-def test_changing_speed_of_a_linear_law_against_the_reference(quiet, run, reference) -> None:
+def test_changing_speed_of_a_linear_law_against_the_reference(quiet, run, reference):
     rig = replace(quiet, rotation=TURNING["changing"], settling=0.002, delay=33e-6)
     found, expected = run(rig, 0.02).truth.position, reference(rig, 0.02)
     assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
 
 
-def test_a_tighter_tolerance_converges(quiet, change, run) -> None:
+def test_a_tighter_tolerance_converges(quiet, change, run):
     rig = replace(change(quiet, **NONLINEAR["slew"]), settling=0.0, clearance=4.5e-4)
     runs = [run(replace(rig, tolerance=tol), 0.05).truth.position for tol in (1e-5, 1e-7, 1e-11)]
     coarse, fine = (np.abs(q - runs[2]).max() / np.abs(runs[2]).max() for q in runs[:2])
@@ -183,7 +178,7 @@ def test_a_tighter_tolerance_converges(quiet, change, run) -> None:
     assert fine < 1e-6
 
 
-def test_integrator_and_exact_steps_agree(quiet, change, run) -> None:
+def test_integrator_and_exact_steps_agree(quiet, change, run):
     """A slew limit that is never reached changes the method and not the motion."""
     rig = replace(change(quiet, bandwidth=1500.0), settling=0.1)
     slow = change(rig, slew=1e7)
@@ -193,7 +188,7 @@ def test_integrator_and_exact_steps_agree(quiet, change, run) -> None:
     assert np.abs(exact - stepped).max() < 2e-7 * np.abs(exact).max()
 
 
-def test_small_motion_in_magnets_is_linear(quiet, change, run) -> None:
+def test_small_motion_in_magnets_is_linear(quiet, change, run):
     little = replace(
         quiet,
         excitation=quiet.excitation.scaled(1e-4 * np.ones(4)),
@@ -208,7 +203,7 @@ def test_small_motion_in_magnets_is_linear(quiet, change, run) -> None:
 
 @pytest.mark.parametrize("command", [-3.0, -0.1, 0.0, 0.4, 2.5])
 @pytest.mark.parametrize("slew", [np.inf, 4000.0])
-def test_coil_current_in_closed_form(command: float, slew: float) -> None:
+def test_coil_current_in_closed_form(command, slew):
     lag, start = 1e-4, 0.4
     times = np.linspace(0.0, 1e-3, 7)
     followed = solve_ivp(
@@ -224,18 +219,18 @@ def test_coil_current_in_closed_form(command: float, slew: float) -> None:
     np.testing.assert_allclose(found, followed, atol=1e-6)
 
 
-def test_an_amplifier_without_lag_follows_at_once() -> None:
+def test_an_amplifier_without_lag_follows_at_once():
     assert coil_current(0.0, 2.0, 0.0, np.inf, 0.0) == 2.0
 
 
-def test_a_slower_logger_sees_the_same_motion(quiet, run) -> None:
+def test_a_slower_logger_sees_the_same_motion(quiet, run):
     slow = replace(quiet, logger=Logger(5e3), settling=0.1)
     fast = replace(quiet, logger=Logger(20e3), settling=0.1)
     one, other = run(slow, 0.1).truth.position, run(fast, 0.1).truth.position
     np.testing.assert_allclose(one, other[::4], atol=1e-12 * np.abs(one).max())
 
 
-def test_growth_is_that_of_the_free_motion(quiet, change) -> None:
+def test_growth_is_that_of_the_free_motion(quiet, change):
     """Weak damping: the slowest mode decays as its eigenvalue says."""
     rig = replace(quiet, settling=0.0, excitation=None)
     plant = rig.plant(1.0)
@@ -247,7 +242,7 @@ def test_growth_is_that_of_the_free_motion(quiet, change) -> None:
     assert late[-1] > 0 > late[0]
 
 
-def test_constant_loads_and_higher_orders_are_carried(run, tmp_path) -> None:
+def test_constant_loads_and_higher_orders_are_carried(run, tmp_path):
     """Gravity hangs the rotor where integral action is missing; a load of 2 phi shakes it."""
     (tmp_path / "model.toml").write_text(
         """
@@ -296,7 +291,7 @@ def plant_of(equation: str, acceleration: float = 2000.0):
     return rotor_plant(model, model.values(model.nominal), Rotation(100.0, acceleration), 1.0)
 
 
-def test_matrices_follow_the_speed_as_a_polynomial() -> None:
+def test_matrices_follow_the_speed_as_a_polynomial():
     plant = plant_of(MODEL.format(factor="(1 + Omega^2)"))
     for speed in (100.0, 703.0, 2100.0):
         assert plant.at(speed).motion[0, 0, 0] == pytest.approx(-500.0 * (1 + speed**2))
@@ -312,24 +307,24 @@ def test_matrices_follow_the_speed_as_a_polynomial() -> None:
         (MODEL.format(factor="x^2"), "linear in the coordinates"),
     ],
 )
-def test_rotors_that_no_rig_can_carry(equation: str, message: str) -> None:
+def test_rotors_that_no_rig_can_carry(equation, message):
     with pytest.raises(InputError, match=message):
         plant_of(equation)
 
 
-def test_axes_of_one_bearing_are_found_by_their_names() -> None:
+def test_axes_of_one_bearing_are_found_by_their_names():
     np.testing.assert_array_equal(pairs(("F_x1", "F_y1", "F_x3", "F_y3")), [1, 0, 3, 2])
     np.testing.assert_array_equal(pairs(("F_xa", "F_xb", "F_ya", "F")), [2, -1, 0, -1])
 
 
-def test_noise_is_drawn_from_the_generator_alone(shipped, run) -> None:
+def test_noise_is_drawn_from_the_generator_alone(shipped, run):
     rig = replace(shipped, settling=0.01)
     one, again, other = (run(rig, 0.02, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.samples, again.samples)
     assert np.abs(one.samples - other.samples).min() > 0
 
 
-def test_noise_has_its_size(quiet, run) -> None:
+def test_noise_has_its_size(quiet, run):
     """Sensor noise is in the reading; process noise moves a free mass as its impulses do."""
     sensors = tuple(replace(s, noise=3e-6) for s in quiet.sensors)
     record = run(replace(quiet, sensors=sensors, settling=0.5), 1.0)
@@ -338,7 +333,7 @@ def test_noise_has_its_size(quiet, run) -> None:
     np.testing.assert_allclose(noise.mean(axis=0), 0.0, atol=4 * 3e-8)
 
 
-def test_process_noise_has_its_size(run, tmp_path) -> None:
+def test_process_noise_has_its_size(run, tmp_path):
     (tmp_path / "model.toml").write_text(
         """
 title = "a mass"
@@ -366,7 +361,7 @@ logger = { sample_rate = "1 kHz" }
 
 
 @pytest.mark.parametrize("law", [None, MAGNET])
-def test_a_rig_of_one_actuator_kind_needs_no_other(quiet, run, law) -> None:
+def test_a_rig_of_one_actuator_kind_needs_no_other(quiet, run, law):
     part = Actuator(law, limit=1.4 if law else np.inf)
     slopes = quiet.controller.D * quiet.parts[0].slopes[0] / part.slopes[0]
     assert slopes.shape == (4, 4)
@@ -380,7 +375,7 @@ def test_a_rig_of_one_actuator_kind_needs_no_other(quiet, run, law) -> None:
 
 
 @given(st.integers(1, 12), st.integers(1, 12), st.integers(0, 40))
-def test_every_clock_ticks_as_often_as_it_should(p: int, q: int, tenths: int) -> None:
+def test_every_clock_ticks_as_often_as_it_should(p, q, tenths):
     control_rate, sample_rate = 1000.0 * p, 1000.0 * q
     delay = tenths / 10 / control_rate
     found = merge_clocks(control_rate, sample_rate, delay)
@@ -408,7 +403,7 @@ def test_every_clock_ticks_as_often_as_it_should(p: int, q: int, tenths: int) ->
         ((1e4, np.pi * 1e4, 0.0), "choose rates of a simpler ratio"),
     ],
 )
-def test_clocks_that_never_meet_are_refused(rates, message: str) -> None:
+def test_clocks_that_never_meet_are_refused(rates, message):
     with pytest.raises(InputError, match=message):
         merge_clocks(*rates)
 
@@ -419,7 +414,7 @@ def test_clocks_that_never_meet_are_refused(rates, message: str) -> None:
 T = 1e-4
 
 
-def test_pid_is_its_transfer_function() -> None:
+def test_pid_is_its_transfer_function():
     """-(P + I T / (z - 1) + D (1 - a) / T (z - 1) / (z - a)), a = exp(-2 pi f T)."""
     gain, reset, rate, f = 3e3, 2e5, 7.0, 1500.0
     omega = 2 * np.pi * np.array([1.0, 10.0, 200.0, 4000.0])
@@ -430,19 +425,19 @@ def test_pid_is_its_transfer_function() -> None:
     )
 
 
-def test_pid_approaches_the_continuous_one_at_low_frequency() -> None:
+def test_pid_approaches_the_continuous_one_at_low_frequency():
     omega = np.array([2 * np.pi * 5.0])
     found = pid(3e3, 2e5, 7.0, 1500.0, T).response(omega)[0, 0, 0]
     expected = -(3e3 + 2e5 / (1j * omega[0]) + 7.0 * 1j * omega[0])
     assert found == pytest.approx(expected, rel=5e-3)
 
 
-def test_pid_without_integral_has_no_integrator() -> None:
+def test_pid_without_integral_has_no_integrator():
     assert pid(1.0, 0.0, 1.0, 100.0, T).states == 1
     assert pid(1.0, 1.0, 1.0, 100.0, T).states == 2
 
 
-def test_axes_side_by_side_do_not_know_of_one_another() -> None:
+def test_axes_side_by_side_do_not_know_of_one_another():
     axes = [pid(p, 10.0, 1.0, 500.0, T) for p in (1.0, 2.0, 3.0)]
     both = side_by_side(axes).response([100.0])[0]
     single = [axis.response([100.0])[0, 0, 0] for axis in axes]
@@ -463,7 +458,7 @@ SYSTEMS = {
 
 
 @pytest.mark.parametrize("kind", SYSTEMS)
-def test_systems_of_other_packages(kind: str) -> None:
+def test_systems_of_other_packages(kind):
     z = np.exp(1j * np.array([50.0, 3000.0]) * T)
     if "transfer" in kind:
         expected = np.polyval(NUMERATOR, z) / np.polyval(DENOMINATOR, z)
@@ -474,7 +469,7 @@ def test_systems_of_other_packages(kind: str) -> None:
     np.testing.assert_allclose(found.response([50.0, 3000.0])[:, 0, 0], expected, rtol=1e-9)
 
 
-def test_python_control_is_not_imported_by_the_package() -> None:
+def test_python_control_is_not_imported_by_the_package():
     code = (
         "import sys, rotorid.rig.file, rotorid.cli; "
         "from rotorid.rig.controller import as_controller; "
@@ -505,12 +500,12 @@ def test_python_control_is_not_imported_by_the_package() -> None:
         ),
     ],
 )
-def test_bad_controllers_are_refused(build, message: str) -> None:
+def test_bad_controllers_are_refused(build, message):
     with pytest.raises(InputError, match=message):
         build()
 
 
-def test_the_example_of_a_centralised_controller_holds_the_rotor_by_all_axes() -> None:
+def test_the_example_of_a_centralised_controller_holds_the_rotor_by_all_axes():
     path = Path(__file__).parents[2] / "examples" / "centralised_control.py"
     spec = importlib.util.spec_from_file_location("centralised_control", path)
     example = importlib.util.module_from_spec(spec)
@@ -545,7 +540,7 @@ FILES = {
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", FILES)
-def test_a_rigs_own_file_is_accepted(name: str, tmp_path: Path) -> None:
+def test_a_rigs_own_file_is_accepted(name, tmp_path):
     (tmp_path / "rig.toml").write_text(FILES[name])
     out, result = tmp_path / "run.h5", tmp_path / "run.json"
     assert run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
@@ -562,7 +557,7 @@ def test_a_rigs_own_file_is_accepted(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in FILES if "linear" not in name])
-def test_a_rigs_own_file_is_accepted_at_a_hundredth_of_its_noise(name: str, tmp_path: Path) -> None:
+def test_a_rigs_own_file_is_accepted_at_a_hundredth_of_its_noise(name, tmp_path):
     """No image, and no kink of the currents, is left: a lag of .1 us would be rejected."""
 
     def less(match: re.Match[str]) -> str:
@@ -580,7 +575,7 @@ def test_a_rigs_own_file_is_accepted_at_a_hundredth_of_its_noise(name: str, tmp_
 
 
 @pytest.mark.slow
-def test_a_rig_without_bias(tmp_path: Path) -> None:
+def test_a_rig_without_bias(tmp_path):
     """One magnet at a time; currents logged as fast as they bend give the rotor."""
     text = RIGID.replace('"5 s"', '"2 s"').replace('bias = "2.5 A"', 'bias = "0 A"')
     text = text.replace('limit = "2.4 A"', 'limit = "4 A"')
@@ -602,7 +597,7 @@ def test_a_rig_without_bias(tmp_path: Path) -> None:
             assert abs(off) < 4 * parameter["std"], parameter["name"]
 
 
-def test_an_amplifier_in_a_law_that_bends() -> None:
+def test_an_amplifier_in_a_law_that_bends():
     """A held command, a first-order lag, opposed magnets: the force against fine integration."""
     rate, period, lag, fine = 10e3, 1000, 1 / (2 * np.pi * 1500.0), 40
     law = Differential(K=1e-5, bias=2.0, gap=4e-4)
@@ -635,7 +630,7 @@ def test_an_amplifier_in_a_law_that_bends() -> None:
     assert np.abs(lines - truth).max() > 0.05 * np.abs(truth).max()
 
 
-def test_converters_let_lines_through_and_images_not() -> None:
+def test_converters_let_lines_through_and_images_not():
     every, count = 8, 4000
     t = np.arange(count * every) / every
     inside = np.cos(2 * np.pi * 0.09 * t + 0.3)

@@ -1,7 +1,5 @@
 """Records of the levitated rig, and what is identified from them."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
@@ -68,7 +66,7 @@ EXACT = [
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("clocks", EXACT)
-def test_a_held_column_gives_the_lines_of_the_force(quiet, run, clocks) -> None:
+def test_a_held_column_gives_the_lines_of_the_force(quiet, run, clocks):
     rig = replace(quiet, settling=3.0, **clocks)
     assert how_recorded(rig, rig.parts[0])[0]
     truth = lines_of_truth(rig, run)
@@ -91,7 +89,7 @@ NEAR = [
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(("clocks", "bandwidth", "accuracy"), NEAR)
-def test_other_columns_give_it_nearly(quiet, change, run, clocks, bandwidth, accuracy) -> None:
+def test_other_columns_give_it_nearly(quiet, change, run, clocks, bandwidth, accuracy):
     rig = replace(change(quiet, bandwidth=bandwidth), settling=3.0, **clocks)
     truth = lines_of_truth(rig, run)
     error = np.abs(lines_read(rig, run) - truth).max(axis=0) / np.abs(truth).max(axis=0)
@@ -105,7 +103,7 @@ def test_other_columns_give_it_nearly(quiet, change, run, clocks, bandwidth, acc
     assert np.abs(raw - truth).max() > 2 * np.abs(lines_read(rig, run) - truth).max()
 
 
-def test_channels_of_a_force_rig(quiet, change, run) -> None:
+def test_channels_of_a_force_rig(quiet, change, run):
     gains = quiet.parts[0].slopes[0]
     controller = replace(
         quiet.controller, C=gains * quiet.controller.C, D=gains * quiet.controller.D
@@ -118,7 +116,7 @@ def test_channels_of_a_force_rig(quiet, change, run) -> None:
     np.testing.assert_array_equal(record.truth.force, record.truth.current)
 
 
-def test_channels_of_a_linear_rig_hold_currents(quiet, run) -> None:
+def test_channels_of_a_linear_rig_hold_currents(quiet, run):
     record = run(quiet, 0.01)
     first = record.channels[0]
     assert (first.unit, first.drive.ki, first.drive.ks) == ("A", 120.0, 2e5)
@@ -127,7 +125,7 @@ def test_channels_of_a_linear_rig_hold_currents(quiet, run) -> None:
     assert record.truth.parameters["L1"] == 0.3
 
 
-def test_noise_of_the_recording_is_not_in_the_rotor(quiet, change, run) -> None:
+def test_noise_of_the_recording_is_not_in_the_rotor(quiet, change, run):
     noisy, clean = run(change(quiet, noise=0.01), 0.2), run(quiet, 0.2)
     np.testing.assert_array_equal(noisy.truth.position, clean.truth.position)
     error = noisy.samples[:, :4] - clean.samples[:, :4]
@@ -135,7 +133,7 @@ def test_noise_of_the_recording_is_not_in_the_rotor(quiet, change, run) -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3])
-def test_flux_gives_the_force_at_the_sample(magnetic, change, run, angle: float) -> None:
+def test_flux_gives_the_force_at_the_sample(magnetic, change, run, angle):
     law = replace(magnetic.parts[0].law, angle=angle)
     sensors = FluxSensors(Flux(area=2e-4, poles=2, angle=angle), noise=0.0)
     rig = change(magnetic, law=law, flux=sensors, bandwidth=3000.0)
@@ -146,7 +144,7 @@ def test_flux_gives_the_force_at_the_sample(magnetic, change, run, angle: float)
     assert {"b1_x1", "b2_x1", "i_x1"} <= {column.name for column in record.columns}
 
 
-def test_noise_of_flux_sensors_is_in_the_force(magnetic, change, run) -> None:
+def test_noise_of_flux_sensors_is_in_the_force(magnetic, change, run):
     sensors = FluxSensors(Flux(area=2e-4), noise=1e-3)
     rig = replace(change(magnetic, flux=sensors), settling=0.1)
     record = run(rig, 0.2)
@@ -159,7 +157,7 @@ def test_noise_of_flux_sensors_is_in_the_force(magnetic, change, run) -> None:
     assert (column - clean).std() == pytest.approx(1e-3, rel=0.05)
 
 
-def test_sensors_off_plane_with_runout_bias_and_steps(quiet, run) -> None:
+def test_sensors_off_plane_with_runout_bias_and_steps(quiet, run):
     x2 = replace(
         quiet.sensors[2],
         name="s",
@@ -181,7 +179,7 @@ def test_sensors_off_plane_with_runout_bias_and_steps(quiet, run) -> None:
     assert np.abs(record.column("y2") - truth.position[:, 3]).max() <= 0.5e-6 + 1e-12
 
 
-def test_the_controller_sees_what_the_sensors_read(quiet, run) -> None:
+def test_the_controller_sees_what_the_sensors_read(quiet, run):
     """A bias moves the rotor by as much, once the integral has worked it out."""
     biased = (replace(quiet.sensors[0], bias=10e-6), *quiet.sensors[1:])
     moved = run(replace(quiet, sensors=biased, settling=3.0), 0.1).truth.position
@@ -198,7 +196,7 @@ TURNING = [
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("turning", TURNING)
 @pytest.mark.parametrize("mark", [Encoder(1024), Keyphasor(), None])
-def test_the_angle_is_measured(quiet, run, turning: Rotation, mark) -> None:
+def test_the_angle_is_measured(quiet, run, turning, mark):
     rig = replace(quiet, rotation=turning, logger=Logger(10e3, angle=mark), settling=0.05)
     record = run(rig, 0.5)
     off = np.angle(np.exp(1j * (record.rotor_angle() - record.truth.angle)))
@@ -207,7 +205,7 @@ def test_the_angle_is_measured(quiet, run, turning: Rotation, mark) -> None:
     assert record.speed == pytest.approx(record.truth.speed.mean(), rel=2e-4)
 
 
-def test_marks_that_cannot_be_seen_are_refused(quiet, run) -> None:
+def test_marks_that_cannot_be_seen_are_refused(quiet, run):
     thin = replace(quiet, logger=Logger(10e3, angle=Keyphasor(width=0.01)))
     with pytest.raises(ValueError, match=r"pulses of 0.714 samples; expected four or more"):
         run(thin, 0.05)
@@ -256,7 +254,7 @@ def identify(experiment: Path) -> dict:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", KINDS)
-def test_simulate_then_identify_within_one_per_cent(kind: str, tmp_path: Path) -> None:
+def test_simulate_then_identify_within_one_per_cent(kind, tmp_path):
     """Done when: each of the 14 base parameters, through currents as through forces."""
     experiment = simulate(tmp_path, KINDS[kind](load_rig("three-mass").text))
     found = errors(identify(experiment)["parameters"])
@@ -267,7 +265,7 @@ def test_simulate_then_identify_within_one_per_cent(kind: str, tmp_path: Path) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_without_hold_and_delay_it_fails_visibly(kind: str, tmp_path: Path) -> None:
+def test_without_hold_and_delay_it_fails_visibly(kind, tmp_path):
     experiment = simulate(tmp_path, KINDS[kind](load_rig("three-mass").text))
     stripped, count = re.subn(
         r', hold = "zero-order", delay = "-50 us"', "", experiment.read_text()
@@ -282,7 +280,7 @@ def test_without_hold_and_delay_it_fails_visibly(kind: str, tmp_path: Path) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_seed_is_within_one_per_cent_and_covered(kind: str) -> None:
+def test_every_seed_is_within_one_per_cent_and_covered(kind):
     """Sensor noise fed back into the forces, and process noise: the sandwich still holds."""
     plan = parse_rig(KINDS[kind](load_rig("three-mass").text))
     truth = np.array(list(TRUTH.values()))
@@ -308,7 +306,7 @@ MARKS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mark", MARKS)
-def test_unbalance_by_a_measured_angle(mark: str, tmp_path: Path) -> None:
+def test_unbalance_by_a_measured_angle(mark, tmp_path):
     """Done when: unbalance within 0.5 % and 0.5 degree of the truth."""
     text = load_rig("three-mass").text + MARKS[mark] + "\n"
     experiment = simulate(
@@ -327,7 +325,7 @@ def test_unbalance_by_a_measured_angle(mark: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_drifting_speed_is_followed_by_the_measured_angle(tmp_path: Path) -> None:
+def test_a_drifting_speed_is_followed_by_the_measured_angle(tmp_path):
     """The speed wanders by 0.02 %: the angle at constant speed is off, the measured one is not."""
     text = load_rig("three-mass").text + MARKS["encoder"] + "\n"
     text = text.replace(
@@ -347,7 +345,7 @@ def test_a_drifting_speed_is_followed_by_the_measured_angle(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_a_transient_is_dropped_or_reported(tmp_path: Path) -> None:
+def test_a_transient_is_dropped_or_reported(tmp_path):
     text = load_rig("three-mass").text.replace('settling = "2 s"', 'settling = "0 s"')
     experiment = simulate(tmp_path, text)
     dropped = identify(experiment)
@@ -382,7 +380,7 @@ def magnets(text: str) -> str:
     return re.sub(r'= "2 N"', '= "0 N"', text)
 
 
-def test_nonlinear_law_recovers_the_forces_and_the_linear_one_does_not() -> None:
+def test_nonlinear_law_recovers_the_forces_and_the_linear_one_does_not():
     """Done when: 0.1 % of the peak with 100 um of motion, and the detection lines show the rest."""
     plan = parse_rig(magnets(load_rig("three-mass").text))
     record = plan.rig.run(3.0, np.random.default_rng(0))
@@ -417,7 +415,7 @@ def _with_linear_law(rig) -> rid.Record:
 
 
 @pytest.mark.slow
-def test_magnets_identify_through_their_law_only(tmp_path: Path) -> None:
+def test_magnets_identify_through_their_law_only(tmp_path):
     """The same columns read by the linear law: wrong by per cents, without any noise."""
     experiment = simulate(tmp_path, magnets(load_rig("three-mass").text))
     right = errors(identify(experiment)["parameters"])
@@ -432,7 +430,7 @@ def test_magnets_identify_through_their_law_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_rigid_rotor_from_its_bearing_sensors() -> None:
+def test_rigid_rotor_from_its_bearing_sensors():
     """Magnets, lagging amplifiers, measured currents, encoder: four sensors give it all."""
     plan = load_rig("rigid")
     periods = average(plan.run(0), 10.0, harmonics=range(1, 30, 2))
@@ -466,7 +464,7 @@ def record(folder: Path, hertz: int) -> str:
 
 
 @pytest.mark.slow
-def test_two_speeds_tell_runout_from_unbalance(tmp_path: Path) -> None:
+def test_two_speeds_tell_runout_from_unbalance(tmp_path):
     """A force that is read by the law of its magnet is k_s of the runout too large."""
     first, second = record(tmp_path, 150), record(tmp_path, 100)
     also = second[second.index("[[records]]") : second.index(MARK)]

@@ -10,7 +10,7 @@ from rotorid.cli import run
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> str:
+def rig(tmp_path):
     """Return the path of a rig that runs for a fifth of a second."""
     path = tmp_path / "short rig.toml"
     path.write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
@@ -19,7 +19,7 @@ def rig(tmp_path: Path) -> str:
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ['a"b.h5', "a\\b.h5", "a'b c.h5", "schön.h5", "#.h5"])
-def test_any_name_of_a_file_can_be_read_again(rig: str, tmp_path: Path, name: str) -> None:
+def test_any_name_of_a_file_can_be_read_again(rig, tmp_path, name):
     out = tmp_path / name
     assert run(["simulate", rig, "--out", str(out)]) == 0
     plan = load_experiment(out.with_suffix(".toml"))
@@ -28,7 +28,7 @@ def test_any_name_of_a_file_can_be_read_again(rig: str, tmp_path: Path, name: st
 
 
 @pytest.mark.parametrize("title", ['"""a\nb"""', '"a\\u0007b"'])
-def test_a_title_is_a_comment_of_one_line(rig: str, tmp_path: Path, title: str) -> None:
+def test_a_title_is_a_comment_of_one_line(rig, tmp_path, title):
     path = Path(rig)
     lines = path.read_text().splitlines()
     path.write_text("\n".join([f"title = {title}", *lines[1:]]))
@@ -36,16 +36,14 @@ def test_a_title_is_a_comment_of_one_line(rig: str, tmp_path: Path, title: str) 
     load_experiment(tmp_path / "run.toml")
 
 
-def test_its_own_files_are_replaced(rig: str, tmp_path: Path) -> None:
+def test_its_own_files_are_replaced(rig, tmp_path):
     out = str(tmp_path / "run.h5")
     assert run(["simulate", rig, "--out", out]) == 0
     assert run(["simulate", rig, "--out", out, "--seed", "3"]) == 0
 
 
 @pytest.mark.parametrize("foreign", ["run.h5", "run.toml"])
-def test_other_files_are_kept_without_force(
-    rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], foreign: str
-) -> None:
+def test_other_files_are_kept_without_force(rig, tmp_path, capsys, foreign):
     out = str(tmp_path / "run.h5")
     path = tmp_path / foreign
     if path.suffix == ".h5":

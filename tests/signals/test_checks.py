@@ -1,7 +1,5 @@
 """Checks of a record before any model."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -78,13 +76,13 @@ def only(found: list[Note], name: str) -> Note:
 @pytest.mark.sampled(7)
 @pytest.mark.parametrize("periods", [2, 3, 4, 6, 8, 30, 150])
 @pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
-def test_a_clean_record_gives_no_alarm(periods: int, colour: float) -> None:
+def test_a_clean_record_gives_no_alarm(periods, colour):
     for seed in range(10):
         found = told(machine(periods, seed=seed, colour=colour, noise=10 ** (seed / 4 - 2)))
         assert [str(c) for c in found if c.verdict in ("warning", "refused")] == []
 
 
-def test_everything_looked_at_is_named() -> None:
+def test_everything_looked_at_is_named():
     record = machine()
     periods = cut(record)
     names = [c.about for c in (*check_record(record, periods), *check_periods(periods))]
@@ -94,7 +92,7 @@ def test_everything_looked_at_is_named() -> None:
     assert worst(()) == "ok"
 
 
-def test_a_quiet_input_is_a_note_and_a_dead_sensor_more() -> None:
+def test_a_quiet_input_is_a_note_and_a_dead_sensor_more():
     quiet = damaged(machine(), of(1, lambda v: 0 * v))
     assert next((c.about, ", ".join(c.on), c.verdict) for c in told(quiet)) == (
         "dead",
@@ -106,12 +104,12 @@ def test_a_quiet_input_is_a_note_and_a_dead_sensor_more() -> None:
     assert "3.3 in every sample" in dead.found
 
 
-def test_no_living_sensor_is_refused() -> None:
+def test_no_living_sensor_is_refused():
     record = damaged(machine(), lambda s: s * [1, 1, 0, 0])
     assert {c.verdict for c in check_record(record) if c.about == "dead"} == {"refused"}
 
 
-def test_without_noise_a_sensor_may_rest() -> None:
+def test_without_noise_a_sensor_may_rest():
     """A simulated axis that nothing excites is zero, and nothing is wrong with it."""
     record = damaged(machine(noise=0.0), of(3, lambda v: 0 * v))
     periods = cut(record)
@@ -122,14 +120,14 @@ def clipped_at(part: float) -> Damage:
     return of(2, lambda v: np.clip(v, -part * np.abs(v).max(), part * np.abs(v).max()))
 
 
-def test_clipping_is_found_with_its_level() -> None:
+def test_clipping_is_found_with_its_level():
     found = only(told(damaged(machine(), clipped_at(0.8))), "clipped")
     assert ", ".join(found.on) == "x"
     assert "flat tops of" in found.found
     assert "% of the samples" in found.found
 
 
-def test_a_converter_that_clips_is_found() -> None:
+def test_a_converter_that_clips_is_found():
     fine = damaged(machine(), clipped_at(0.8))
     step = fine.samples[:, 2].std() / 200
     record = damaged(fine, of(2, lambda v: np.round(v / step) * step))
@@ -137,12 +135,12 @@ def test_a_converter_that_clips_is_found() -> None:
 
 
 @pytest.mark.parametrize("held", [2, 4, 8])
-def test_a_held_command_is_not_clipped(held: int) -> None:
+def test_a_held_command_is_not_clipped(held):
     record = damaged(machine(noise=0.0), lambda s: np.repeat(s[::held], held, axis=0)[: len(s)])
     assert not [c for c in check_record(record) if c.about == "clipped" and c.verdict != "ok"]
 
 
-def test_a_rest_at_the_end_of_the_stroke_is_not_clipped() -> None:
+def test_a_rest_at_the_end_of_the_stroke_is_not_clipped():
     """A position that comes to rest in single steps of its encoder."""
     stroke = 0.1 * np.clip(np.sin(np.linspace(0, 20, 20_000)) * 1.0, -1, 1)
     eased = np.round(np.tanh(20 * stroke) / 1e-4) * 1e-4
@@ -150,7 +148,7 @@ def test_a_rest_at_the_end_of_the_stroke_is_not_clipped() -> None:
     assert not [c for c in check_record(record) if c.about == "clipped" and c.verdict != "ok"]
 
 
-def test_two_levels_are_not_clipped() -> None:
+def test_two_levels_are_not_clipped():
     rng = np.random.default_rng(0)
     levels = np.repeat(rng.choice([-1.0, 1.0], 2000), 10)
     record = Record([Channel("F", "N")], levels[:, None], 1000.0)
@@ -167,7 +165,7 @@ def test_two_levels_are_not_clipped() -> None:
         (0.05, 1.0, "warning"),
     ],
 )
-def test_coarse_steps_are_told_by_what_they_do(noise: float, step: float, verdict: str) -> None:
+def test_coarse_steps_are_told_by_what_they_do(noise, step, verdict):
     """The scatter is about 0.4 of the noise over the rms of the channel."""
 
     def rounded(v: np.ndarray) -> np.ndarray:
@@ -179,7 +177,7 @@ def test_coarse_steps_are_told_by_what_they_do(noise: float, step: float, verdic
     assert worst(c for c in found if c.about == "quantized") == verdict
 
 
-def test_a_copied_sensor_is_refused_and_a_copied_force_told() -> None:
+def test_a_copied_sensor_is_refused_and_a_copied_force_told():
     def sensor(samples: np.ndarray) -> np.ndarray:
         samples[:, 3] = 2.5 * samples[:, 2]
         return samples
@@ -194,7 +192,7 @@ def test_a_copied_sensor_is_refused_and_a_copied_force_told() -> None:
     assert only(told(damaged(machine(), force)), "copied").verdict == "warning"
 
 
-def test_each_copy_of_a_channel_is_told_of_the_first_alone() -> None:
+def test_each_copy_of_a_channel_is_told_of_the_first_alone():
     """Three channels that are one: two notes; of two samples, which are alike by chance, none."""
     channels = [Channel(f"x{i}", "m") for i in range(4)]
     noise = np.random.default_rng(3).normal(size=(40, 2))
@@ -203,7 +201,7 @@ def test_each_copy_of_a_channel_is_told_of_the_first_alone() -> None:
     assert not list(check_copied(channels, values[:2] - values[:2].mean(axis=0)))
 
 
-def test_the_same_excitation_on_two_axes_is_no_copy() -> None:
+def test_the_same_excitation_on_two_axes_is_no_copy():
     """Equal commands, each with noise of its own; or without any."""
 
     def same(samples: np.ndarray) -> np.ndarray:
@@ -215,13 +213,13 @@ def test_the_same_excitation_on_two_axes_is_no_copy() -> None:
     assert not [c for c in told(damaged(exact, same)) if c.about == "copied"]
 
 
-def test_identical_periods_are_said() -> None:
+def test_identical_periods_are_said():
     tiled = damaged(machine(), lambda s: np.tile(s[:SIZE], (60, 1)))
     found = only(told(tiled), "identical periods")
     assert "deviations of the result are unknown, not zero" in found.found
 
 
-def test_a_measurement_that_is_there_twice_is_said() -> None:
+def test_a_measurement_that_is_there_twice_is_said():
     once = 30 * SIZE
     appended = damaged(machine(), lambda s: np.concatenate([s[:once], s[:once]]))
     found = only(told(appended), "copied periods")
@@ -231,7 +229,7 @@ def test_a_measurement_that_is_there_twice_is_said() -> None:
     assert "1 of" in only(told(single), "copied periods").found
 
 
-def test_what_settles_without_noise_is_no_copy() -> None:
+def test_what_settles_without_noise_is_no_copy():
     def settled(samples: np.ndarray) -> np.ndarray:
         fading = np.exp(-np.arange(len(samples)) / SIZE)
         return samples * (1 + np.where(fading > 1e-9, fading, 0.0))[:, None]
@@ -240,7 +238,7 @@ def test_what_settles_without_noise_is_no_copy() -> None:
     assert not [c for c in told(quiet) if c.about == "copied periods"]
 
 
-def test_one_channel_without_scatter_is_named() -> None:
+def test_one_channel_without_scatter_is_named():
     column = machine(noise=0.0).samples
     for c, verdict in ((0, "note"), (2, "warning")):
         record = damaged(machine(), of(c, lambda v, c=c: column[:, c]))  # type: ignore[misc]
@@ -250,7 +248,7 @@ def test_one_channel_without_scatter_is_named() -> None:
 
 @pytest.mark.parametrize(("count", "at"), [(1, 7000), (1, 8010), (20, 7100), (3, 13_000)])
 @pytest.mark.parametrize("speed", [0.0, 2 * np.pi * 140])
-def test_lost_samples_are_counted_and_placed(count: int, at: int, speed: float) -> None:
+def test_lost_samples_are_counted_and_placed(count, at, speed):
     record = damaged(machine(speed=speed), lambda s: np.delete(s, slice(at, at + count), axis=0))
     found = only(told(record), "lost samples")
     assert found.found.startswith(f"{count} sample")
@@ -261,12 +259,12 @@ def test_lost_samples_are_counted_and_placed(count: int, at: int, speed: float) 
     assert found.verdict == ("refused" if speed else "warning")
 
 
-def test_a_sample_twice_is_found() -> None:
+def test_a_sample_twice_is_found():
     record = damaged(machine(), lambda s: np.insert(s, 7000, s[7000], axis=0))
     assert only(told(record), "lost samples").found.startswith("1 sample too many")
 
 
-def test_samples_lost_by_some_channels_are_refused() -> None:
+def test_samples_lost_by_some_channels_are_refused():
     record = damaged(
         machine(),
         lambda s: np.hstack([s[:-2, :2], np.delete(s[:, 2:], slice(6000, 6002), axis=0)]),
@@ -288,13 +286,13 @@ def stretched(samples: np.ndarray, ppm: float, columns: slice) -> np.ndarray:
     return out
 
 
-def test_a_period_that_is_not_the_one_given_is_found_with_its_true_value() -> None:
+def test_a_period_that_is_not_the_one_given_is_found_with_its_true_value():
     found = only(told(damaged(machine(200), lambda s: stretched(s, 20.0, slice(0, 4)))), "period")
     assert "(-20 ppm)" in found.found
     assert "20.0004 Hz, not 20" in found.found
 
 
-def test_two_clocks_are_found_with_the_channels_of_each() -> None:
+def test_two_clocks_are_found_with_the_channels_of_each():
     record = damaged(machine(200), lambda s: stretched(s, 20.0, slice(2, 4)))
     found = only(told(record), "clocks")
     assert found.verdict == "refused"
@@ -302,7 +300,7 @@ def test_two_clocks_are_found_with_the_channels_of_each() -> None:
     assert float(found.found.split("clocks, ")[1].split()[0]) == pytest.approx(20.0, rel=0.01)
 
 
-def test_lines_whose_size_changes_too_are_no_second_clock() -> None:
+def test_lines_whose_size_changes_too_are_no_second_clock():
     """Gaps that grow with heat turn the lines of a closed loop as a clock does, and more."""
     ramp = np.linspace(-1, 1, 60 * SIZE)[:, None] * np.array([0, 0, 0.01, 0.01])
 
@@ -313,7 +311,7 @@ def test_lines_whose_size_changes_too_are_no_second_clock() -> None:
     assert {(c.about, ", ".join(c.on)) for c in found} == {("drift", "x"), ("drift", "y")}
 
 
-def test_a_knock_is_named_by_period_and_time() -> None:
+def test_a_knock_is_named_by_period_and_time():
     def knock(samples: np.ndarray) -> np.ndarray:
         samples[5000:5020] += 5 * SCALE
         return samples
@@ -323,7 +321,7 @@ def test_a_knock_is_named_by_period_and_time() -> None:
     assert ", ".join(found.on) == "F_x, F_y, x, y"
 
 
-def test_a_slow_change_is_a_drift_with_its_size() -> None:
+def test_a_slow_change_is_a_drift_with_its_size():
     ramp = np.linspace(0.99, 1.01, 60 * SIZE)[:, None] ** np.array([0, 0, 1, 1])
     found = told(damaged(machine(noise=0.02), lambda s: s * ramp))
     assert {(c.about, ", ".join(c.on), c.verdict) for c in found} == {
@@ -334,7 +332,7 @@ def test_a_slow_change_is_a_drift_with_its_size() -> None:
 
 
 @pytest.mark.parametrize(("grows", "name"), [(True, "drift"), (False, "speed")])
-def test_what_changes_the_line_of_the_rotation_alone(grows: bool, name: str) -> None:
+def test_what_changes_the_line_of_the_rotation_alone(grows, name):
     """A gain changes its size, a speed that is a little off its phase."""
     plain, time = machine(noise=0.02), np.arange(60 * SIZE) / RATE
     change = np.linspace(-0.01, 0.01, len(time))
@@ -346,7 +344,7 @@ def test_what_changes_the_line_of_the_rotation_alone(grows: bool, name: str) -> 
     assert {c.about for c in found if c.verdict == "warning"} == {name}
 
 
-def test_a_transient_of_sensors_takes_no_samples_from_a_force() -> None:
+def test_a_transient_of_sensors_takes_no_samples_from_a_force():
     """What the sensors show together looks like a shift by eleven samples, and is none."""
     (case,) = (c for c in CASES if c.what == "a transient at the start")
     found = case.run(7, leads=False)
@@ -354,7 +352,7 @@ def test_a_transient_of_sensors_takes_no_samples_from_a_force() -> None:
 
 
 @pytest.mark.parametrize("periods", [3, 4, 6, 7, 20])
-def test_a_transient_is_found_with_few_periods_too(periods: int) -> None:
+def test_a_transient_is_found_with_few_periods_too(periods):
     def start(samples: np.ndarray) -> np.ndarray:
         return samples + 3 * SCALE * np.exp(-np.arange(len(samples)) / 60.0)[:, None]
 
@@ -362,7 +360,7 @@ def test_a_transient_is_found_with_few_periods_too(periods: int) -> None:
     assert "skip" in found.found
 
 
-def test_two_periods_show_no_transient_and_it_is_said() -> None:
+def test_two_periods_show_no_transient_and_it_is_said():
     (found,) = [c for c in told(machine(2)) if c.about == "settled"]
     assert found.verdict == "note"
     assert "2 periods cannot show a transient" in found.found
@@ -377,7 +375,7 @@ def turning(frequency: float, given: float, periods: int = 100) -> Record:
 
 
 @pytest.mark.parametrize("speed", [93.37, 97.1, 140.0, 80.0])
-def test_the_right_speed_is_no_matter(speed: float) -> None:
+def test_the_right_speed_is_no_matter(speed):
     """Off the lines, on one that is excited, on one that is not."""
     assert not [c for c in told(turning(speed, speed)) if c.about == "speed"]
 
@@ -393,16 +391,14 @@ def test_the_right_speed_is_no_matter(speed: float) -> None:
         (93.37, 75.0, "where nothing stands: give the speed at which"),
     ],
 )
-def test_a_wrong_speed_is_named_with_the_one_that_the_record_shows(
-    true: float, given: float, words: str
-) -> None:
+def test_a_wrong_speed_is_named_with_the_one_that_the_record_shows(true, given, words):
     (found,) = [c for c in told(turning(true, given)) if c.about == "speed"]
     assert found.verdict == "warning"
     assert words in found.found
 
 
 @pytest.mark.parametrize("periods", [2, 3, 6])
-def test_a_record_that_does_not_repeat_is_told(periods: int) -> None:
+def test_a_record_that_does_not_repeat_is_told(periods):
     record = machine(periods)
     rough = np.random.default_rng(3).normal(size=(periods, 1, 4)) * SCALE * 3
     wave = np.cos(2 * np.pi * np.arange(SIZE) / SIZE)[:, None]
@@ -411,7 +407,7 @@ def test_a_record_that_does_not_repeat_is_told(periods: int) -> None:
 
 
 @pytest.mark.parametrize("start", [0.0, 100.0])
-def test_a_fundamental_that_is_twice_the_true_one(start: float) -> None:
+def test_a_fundamental_that_is_twice_the_true_one(start):
     """Excited at 20 Hz and its odd multiples, said to be 40 Hz."""
     record = replace(machine(60), start=start)
     (found,) = [c for c in told(record, fundamental=2 * F0) if c.about == "multiple period"]
@@ -419,7 +415,7 @@ def test_a_fundamental_that_is_twice_the_true_one(start: float) -> None:
     assert "the fundamental is 20 Hz, not 40; multiply the harmonics by 2" in found.found
 
 
-def test_a_rotation_half_way_between_the_lines_is_no_longer_period() -> None:
+def test_a_rotation_half_way_between_the_lines_is_no_longer_period():
     """It repeats after two periods, and the speed says so."""
     for given, expected in ((90.0, 0), (93.37, 1)):
         record = turning(90.0, given)
@@ -430,14 +426,14 @@ def test_a_rotation_half_way_between_the_lines_is_no_longer_period() -> None:
 
 
 @pytest.mark.parametrize("start", [0.0, 100.0])
-def test_a_tone_at_standstill_is_a_note(start: float) -> None:
+def test_a_tone_at_standstill_is_a_note(start):
     record = replace(turning(50.33, 0.0), start=start)
     (found,) = [c for c in told(record) if c.about == "speed"]
     assert found.verdict == "note"
     assert "a line at 50.33" in found.found
 
 
-def test_masked_samples_are_not_looked_at() -> None:
+def test_masked_samples_are_not_looked_at():
     record = damaged(machine(), clipped_at(0.8))
     masked = replace(
         record, valid=np.abs(record.samples[:, 2]) < np.abs(record.samples[:, 2]).max()
@@ -445,7 +441,7 @@ def test_masked_samples_are_not_looked_at() -> None:
     assert "clipped" not in [c.about for c in check_record(masked) if c.verdict != "ok"]
 
 
-def test_lines_that_nothing_excites_are_told() -> None:
+def test_lines_that_nothing_excites_are_told():
     (found,) = told(machine(), lines=[1, 2, 3, 4, 5])
     assert (found.about, found.verdict) == ("lines below noise", "note")
     assert found.found.startswith("40, 80 Hz hold no input")
@@ -455,7 +451,7 @@ def test_lines_that_nothing_excites_are_told() -> None:
 
 
 @pytest.mark.slow
-def test_random_machines_raise_no_alarm() -> None:
+def test_random_machines_raise_no_alarm():
     """At most 1 in 1000 of clean records may be called anything; of 300, then, none."""
     alarms = []
     for seed in range(300):
@@ -501,7 +497,7 @@ def stuck(record: Record) -> list[Note]:
     return [note for note in told(record) if note.about == "stuck"]
 
 
-def test_a_sensor_that_stops_is_refused() -> None:
+def test_a_sensor_that_stops_is_refused():
     found, *others = told(damaged(machine(), of(3, stopping(0.021))))
     assert [other.about for other in others] == ["knock"]
     assert (", ".join(found.on), found.verdict) == ("y", "refused")
@@ -512,7 +508,7 @@ def test_a_sensor_that_stops_is_refused() -> None:
         assert (check.about, ", ".join(check.on), check.verdict) == ("stuck", "F_x", verdict)
 
 
-def test_what_rests_before_it_is_used_or_at_every_step_is_not_stuck() -> None:
+def test_what_rests_before_it_is_used_or_at_every_step_is_not_stuck():
     idle = damaged(machine(), of(3, lambda v: np.where(np.arange(len(v)) < 1000, 0.0, v)))
     periods = average(idle, F0, harmonics=LINES.tolist(), skip=0.2)
     assert "stuck" not in [c.about for c in periods.checks if c.verdict != "ok"]
@@ -532,7 +528,7 @@ def rotating(hertz: float, y_phase: float, y_size: float = 1.0) -> Record:
 
 
 @pytest.mark.parametrize("hertz", [110.3, 120.0])
-def test_a_tone_that_goes_round_is_the_rotation(hertz: float) -> None:
+def test_a_tone_that_goes_round_is_the_rotation(hertz):
     """Square to one another in x and y: an orbit. In phase: hum."""
     assert (np.radians(20.0), 2.0) == (checks_rotation.SQUARE, checks_rotation.ROUND)
     for phase, size, verdict in (
@@ -548,7 +544,7 @@ def test_a_tone_that_goes_round_is_the_rotation(hertz: float) -> None:
         assert found.verdict == verdict, (phase, size)
 
 
-def test_a_light_mode_that_goes_round_is_no_rotation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_light_mode_that_goes_round_is_no_rotation(monkeypatch):
     """What stands out less than clearly stays a note."""
     record = rotating(110.3, np.pi / 2)
     monkeypatch.setattr(checks_rotation, "CLEAR", 1e9)
@@ -556,7 +552,7 @@ def test_a_light_mode_that_goes_round_is_no_rotation(monkeypatch: pytest.MonkeyP
     assert found.verdict == "note"
 
 
-def test_a_tone_without_noise_in_samples_of_any_size() -> None:
+def test_a_tone_without_noise_in_samples_of_any_size():
     """Its strength is a number, however large the samples are: warnings are errors here."""
     record = machine(noise=0.0)
     time = np.arange(len(record.samples)) / RATE
@@ -589,7 +585,7 @@ def wave_at(speed: float, drift: float = 0.0) -> PeriodicRecord:
     return average(record, SLOW_F0, harmonics=[1, 3, 5])
 
 
-def test_synchronous_rotation_gives_no_warning() -> None:
+def test_synchronous_rotation_gives_no_warning():
     assert rotation_warnings(wave_at(2 * np.pi * 30.0)) == ()
     assert rotation_warnings(wave_at(0.0)) == ()
     found = synchronism(wave_at(2 * np.pi * 30.0))
@@ -597,7 +593,7 @@ def test_synchronous_rotation_gives_no_warning() -> None:
     np.testing.assert_allclose(found.leakage, 0.0, atol=1e-9)
 
 
-def test_slip_is_said_with_its_leakage() -> None:
+def test_slip_is_said_with_its_leakage():
     periods = wave_at(2 * np.pi * 30.05)
     found = synchronism(periods)
     slip = np.pi * 0.05 * TIME[-1]
@@ -609,7 +605,7 @@ def test_slip_is_said_with_its_leakage() -> None:
     assert f"loses {100 * found.loss:.2g} %" in warning
 
 
-def test_leakage_is_the_spectrum_of_the_unbalance() -> None:
+def test_leakage_is_the_spectrum_of_the_unbalance():
     """Half way between two lines, the unbalance leaks into both as a window of that length."""
     periods = wave_at(2 * np.pi * 40.15)
     found = synchronism(periods)
@@ -618,7 +614,7 @@ def test_leakage_is_the_spectrum_of_the_unbalance() -> None:
     np.testing.assert_allclose(found.leakage, wave, rtol=1e-6)
 
 
-def test_drift_is_said() -> None:
+def test_drift_is_said():
     (warning,) = rotation_warnings(wave_at(2 * np.pi * 30.0, drift=0.5))
     assert "speed changing by 28.6 rpm" in warning
 
@@ -632,7 +628,7 @@ def noisy(transient: float, sigma: float, seed: int) -> PeriodicRecord:
     )
 
 
-def test_a_transient_is_found_and_twice_its_length_dropped() -> None:
+def test_a_transient_is_found_and_twice_its_length_dropped():
     for seed in range(10):
         found = detect_settling(noisy(1.0, 0.1, seed))
         assert 2 <= found.periods <= 9
@@ -641,24 +637,24 @@ def test_a_transient_is_found_and_twice_its_length_dropped() -> None:
 
 
 @pytest.mark.slow
-def test_no_transient_is_found_in_noise() -> None:
+def test_no_transient_is_found_in_noise():
     found = [detect_settling(noisy(0.0, 0.1, seed)).periods for seed in range(200)]
     assert np.count_nonzero(found) <= 2
 
 
-def test_without_noise_the_transient_is_followed_far_down() -> None:
+def test_without_noise_the_transient_is_followed_far_down():
     found = detect_settling(noisy(1.0, 0.0, 0))
     assert np.exp(-8.0 * found.periods / SLOW_F0) < 1e-7
     assert detect_settling(noisy(0.0, 0.0, 0)).periods == 0
 
 
-def test_a_drift_is_no_transient() -> None:
+def test_a_drift_is_no_transient():
     samples = WAVE * (1 + 0.1 * np.exp(-0.1 * TIME))
     record = Record([Channel("x", "m")], samples[:, None], SLOW_RATE)
     assert detect_settling(average(record, SLOW_F0, harmonics=[1, 3, 5])).periods == 0
 
 
-def test_a_transient_longer_than_half_the_record_is_told() -> None:
+def test_a_transient_longer_than_half_the_record_is_told():
     """It dies away by a factor of 40 in the first half, and stands a hundred times above noise."""
     start = np.exp(-1.25 * TIME) * np.cos(2 * np.pi * 11.0 * TIME)
     rng = np.random.default_rng(3)
@@ -669,7 +665,7 @@ def test_a_transient_longer_than_half_the_record_is_told() -> None:
     assert found.drop == pytest.approx(PERIODS // 2 / SLOW_F0)
 
 
-def test_another_level_in_the_first_half_is_no_transient() -> None:
+def test_another_level_in_the_first_half_is_no_transient():
     rng = np.random.default_rng(3)
     samples = WAVE * np.where(np.arange(len(TIME)) < 3120, 1.1, 1.0) + 0.01 * rng.normal(
         size=len(TIME)
@@ -678,7 +674,7 @@ def test_another_level_in_the_first_half_is_no_transient() -> None:
     assert detect_settling(average(record, SLOW_F0, harmonics=[1, 3, 5])).periods == 0
 
 
-def test_few_periods_tell_nothing() -> None:
+def test_few_periods_tell_nothing():
     record = Record([Channel("x")], WAVE[:700, None], SLOW_RATE)
     assert detect_settling(average(record, SLOW_F0, harmonics=[1])).periods == 0
 
@@ -690,7 +686,7 @@ def distorted(odd: float, even: float, sigma: float, seed: int = 0) -> Record:
 
 
 @pytest.mark.parametrize(("odd", "even"), [(0.01, 0.0), (0.0, 0.01), (0.01, 0.02)])
-def test_odd_and_even_distortion_are_told_apart(odd: float, even: float) -> None:
+def test_odd_and_even_distortion_are_told_apart(odd, even):
     found = detect_distortion(distorted(odd, even, 0.0), SLOW_F0, [1, 3, 5], highest=15)
     got_odd, got_even, noise = found.relative("F")
     assert (got_odd > 1e-3) == (odd > 0)
@@ -700,14 +696,14 @@ def test_odd_and_even_distortion_are_told_apart(odd: float, even: float) -> None
     np.testing.assert_array_equal(found.even, range(2, 16, 2))
 
 
-def test_distortion_has_its_size() -> None:
+def test_distortion_has_its_size():
     record = distorted(0.0, 0.02, 0.0)
     found = detect_distortion(record, SLOW_F0, [1, 3, 5], highest=10)
     square = np.abs(np.fft.rfft(0.02 * WAVE**2, norm="forward"))[::PERIODS][[2, 4, 6, 8, 10]]
     assert found.even_level[0] == pytest.approx(np.sqrt((square**2).mean()), rel=1e-9)
 
 
-def test_noise_is_neither() -> None:
+def test_noise_is_neither():
     excess = []
     for seed in range(30):
         found = detect_distortion(distorted(0.0, 0.0, 0.1, seed), SLOW_F0, [1, 3, 5], highest=15)
@@ -716,7 +712,7 @@ def test_noise_is_neither() -> None:
     np.testing.assert_allclose(np.mean(np.square(excess), axis=0), 1.0, atol=0.15)
 
 
-def test_the_rotation_is_left_aside() -> None:
+def test_the_rotation_is_left_aside():
     turning = Record(
         [Channel("F")], distorted(0.01, 0.0, 0.0).samples, SLOW_RATE, speed=2 * np.pi * 70.0
     )
@@ -725,7 +721,7 @@ def test_the_rotation_is_left_aside() -> None:
     assert 14 not in found.even
 
 
-def test_no_line_left_out_is_refused() -> None:
+def test_no_line_left_out_is_refused():
     with pytest.raises(InputError, match="every harmonic up to 3 excited"):
         detect_distortion(distorted(0, 0, 0), SLOW_F0, [1, 2, 3])
     found = detect_distortion(distorted(0, 0, 0), SLOW_F0, [1, 3])
@@ -779,7 +775,7 @@ def verdict(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> st
 
 
 @pytest.mark.parametrize("play", [0.0, PLAY])
-def test_a_sensor_stops_out_of_full_motion(play: np.ndarray | float) -> None:
+def test_a_sensor_stops_out_of_full_motion(play):
     """What comes to rest by and by may rest, where nothing has to repeat."""
     found = [verdict(stopped(slanted(steps), play)) for steps in (9, 12)]
     assert found == ["note", "refused"]
@@ -789,7 +785,7 @@ def test_a_sensor_stops_out_of_full_motion(play: np.ndarray | float) -> None:
     assert "use the part in which it moves" in check.found
 
 
-def test_the_last_digit_may_play() -> None:
+def test_the_last_digit_may_play():
     """Three levels are a last digit, four are none."""
     moving = slanted(30)
     assert verdict(stopped(moving, np.resize([0, 1, -1], 5))) == "refused"
@@ -813,7 +809,7 @@ def held(part: float, level: float) -> np.ndarray:
     return noise
 
 
-def test_a_drive_stops_where_it_does_not_belong() -> None:
+def test_a_drive_stops_where_it_does_not_belong():
     """It rests at its mean; and one of steps rests aside of that between them."""
     assert [verdict(held(1.0, level), "N") for level in (0.15, 0.25)] == ["note", "warning"]
     assert [verdict(held(part, 1.0), "N") for part in (0.45, 0.55)] == ["note", "warning"]
@@ -823,7 +819,7 @@ def test_a_drive_stops_where_it_does_not_belong() -> None:
 
 
 @pytest.mark.parametrize(("levels", "told"), [(3, "warning"), (4, "note")])
-def test_a_channel_whose_last_digit_is_all_that_moves(levels: int, told: str) -> None:
+def test_a_channel_whose_last_digit_is_all_that_moves(levels, told):
     samples = 4e-6 + 1e-7 * np.random.default_rng(3).integers(0, levels, COUNT)
     record = Record([Channel("x", "m")], samples[:, None], 1000.0)
     assert [check.verdict for check in of_check(check_record(record), "quantized")] == [told]
@@ -851,7 +847,7 @@ def resting(size: float, columns: tuple[int, ...] = (1, 2, 3, 4), count: int = 4
     return noise
 
 
-def test_how_large_a_jump_is() -> None:
+def test_how_large_a_jump_is():
     """What is usual is one: steps of a half, forth and back, differ by one from their neighbours.
 
     The jump is the other way than such a step.
@@ -864,7 +860,7 @@ def test_how_large_a_jump_is() -> None:
     )
 
 
-def test_it_takes_half_of_the_positions_and_two() -> None:
+def test_it_takes_half_of_the_positions_and_two():
     assert not found(resting(90.0, (1,)))
     assert found(resting(90.0, (1, 2)))
     more = [*PROBES, Channel("x4", "m")]
@@ -875,7 +871,7 @@ def test_it_takes_half_of_the_positions_and_two() -> None:
     assert not found(resting(90.0), [Channel(c.name, "N") for c in PROBES])
 
 
-def test_what_is_usual_is_told_by_what_lies_around() -> None:
+def test_what_is_usual_is_told_by_what_lies_around():
     """Of fifty samples on each side: what is loud farther away does not count."""
     for quiet, told in ((46, False), (54, True)):
         samples = resting(0.0, count=1000)
@@ -887,7 +883,7 @@ def test_what_is_usual_is_told_by_what_lies_around() -> None:
 
 
 @pytest.mark.slow
-def test_a_gap_in_a_whole_record_is_told() -> None:
+def test_a_gap_in_a_whole_record_is_told():
     record = levitated(1)
     samples = np.delete(record.samples, slice(12345, 12365), axis=0)
     torn = rid.Record(record.channels, samples, record.sample_rate, record.speed)
@@ -897,7 +893,7 @@ def test_a_gap_in_a_whole_record_is_told() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_whole_record_without_a_gap(seed: int) -> None:
+def test_a_whole_record_without_a_gap(seed):
     record = levitated(seed, 2.0)
     assert not found(record.samples, list(record.channels))
 
@@ -912,7 +908,7 @@ def probed(phasors: list[complex], std: float | None = None) -> list[tuple[str, 
     return [(c.about, c.verdict) for c in check_probes(["x"], column, deviation)]
 
 
-def test_a_probe_that_reads_nothing_or_ever_the_same() -> None:
+def test_a_probe_that_reads_nothing_or_ever_the_same():
     assert probed([0, 0]) == [("dead", "refused")]
     assert probed([0, 1]) == []
     assert probed([1j, 1j, 1j]) == [("dead", "refused")]
@@ -920,7 +916,7 @@ def test_a_probe_that_reads_nothing_or_ever_the_same() -> None:
 
 
 @pytest.mark.parametrize(("highest", "silent"), [(2.8, True), (3.2, False)])
-def test_a_probe_that_does_not_rise_above_its_noise(highest: float, silent: bool) -> None:
+def test_a_probe_that_does_not_rise_above_its_noise(highest, silent):
     assert probed([1, 1.1j, highest], 1.0) == ([("silent", "warning")] if silent else [])
     assert probed([1, 1.1j, highest]) == []
 
@@ -938,14 +934,9 @@ def test_a_probe_that_does_not_rise_above_its_noise(highest: float, silent: bool
         ([0.0, -12.7], False, ["refused"]),
     ],
 )
-def test_phases_that_are_hardly_in_their_unit(
-    phases: list[float], degrees: bool, verdicts: list[str]
-) -> None:
+def test_phases_that_are_hardly_in_their_unit(phases, degrees, verdicts):
     checks = check_phases("x", np.array(phases), degrees=degrees)
     assert [c.verdict for c in checks] == verdicts
-
-
-# What is added to a command moves the machine later, never earlier.
 
 
 # -------------------------------------------------------------------------------------------------
@@ -970,7 +961,7 @@ def wave(top: float, seed: int = 1) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("top", "samples", "late"), [(100, 14, False), (100, 17, True)])
-def test_how_late_a_reference_is_at_least(top: float, samples: int, late: bool) -> None:
+def test_how_late_a_reference_is_at_least(top, samples, late):
     """Of a band of 100 Hz one and a half widths are 15 ms, at a thousand samples a second 15."""
     told = held_against(wave(top), np.roll(wave(top), -samples))
     assert bool(told) == late
@@ -988,7 +979,7 @@ def test_how_late_a_reference_is_at_least(top: float, samples: int, late: bool) 
         (12.6, "nothing that was measured follows it"),
     ],
 )
-def test_what_follows_a_reference(noise: float, expected: str) -> None:
+def test_what_follows_a_reference(noise, expected):
     """One that hardly follows, in noise, tells no time; and one of noise alone does not follow."""
     rng = np.random.default_rng(7)
     channel = np.roll(wave(450.0), -40) + noise * rng.standard_normal(LENGTH)
@@ -996,7 +987,7 @@ def test_what_follows_a_reference(noise: float, expected: str) -> None:
     assert [check.found.startswith(expected) for check in told] == [True] * bool(expected)
 
 
-def test_axes_that_are_excited_in_turn() -> None:
+def test_axes_that_are_excited_in_turn():
     """The second axis follows the first one's reference by half a record, and its own at once."""
     half = np.arange(LENGTH) < LENGTH // 2
     first = wave(450.0) * half
@@ -1004,7 +995,7 @@ def test_axes_that_are_excited_in_turn() -> None:
     assert not held_against(np.array([first, second]), np.array([first, second]))
 
 
-def test_excitation_with_a_period() -> None:
+def test_excitation_with_a_period():
     """Any period may be the one that a channel follows: the nearest is taken."""
     period = np.tile(wave(450.0)[:800], 10)
     assert not held_against(period, np.roll(period, 30))
@@ -1020,7 +1011,7 @@ def test_excitation_with_a_period() -> None:
 
 
 @pytest.mark.parametrize(("lines", "told"), [(21, False), (23, True)])
-def test_a_reference_of_few_lines_tells_nothing(lines: int, told: bool) -> None:
+def test_a_reference_of_few_lines_tells_nothing(lines, told):
     excited = np.zeros(LENGTH // 2 + 1, dtype=complex)
     excited[500 : 500 + lines] = 1.0
     reference = np.fft.irfft(excited)
@@ -1029,7 +1020,7 @@ def test_a_reference_of_few_lines_tells_nothing(lines: int, told: bool) -> None:
 
 
 @pytest.mark.parametrize(("power", "told"), [(0.8e-2, True), (1.2e-2, False)])
-def test_lines_that_are_weak_do_not_count(power: float, told: bool) -> None:
+def test_lines_that_are_weak_do_not_count(power, told):
     """A channel that follows on the strong lines alone, and a reference that is weak elsewhere."""
     rng = np.random.default_rng(3)
     strong = np.arange(LENGTH // 2 + 1) < 60
@@ -1045,7 +1036,7 @@ def test_lines_that_are_weak_do_not_count(power: float, told: bool) -> None:
 
 
 @pytest.mark.slow
-def test_the_references_of_a_loop() -> None:
+def test_the_references_of_a_loop():
     record = levitated(1)
     late = record.samples.copy()
     late[:, 4:] = np.roll(late[:, 4:], 12, axis=0)
@@ -1091,7 +1082,7 @@ def rotation_of(record: DrivenMotion, quiet: DrivenMotion, other: float = SPEED)
     return [", ".join(check.on) for check in check_quiet(PAIR, record, quiet, (SPEED, other))]
 
 
-def test_the_size_of_the_rotation_and_its_deviation() -> None:
+def test_the_size_of_the_rotation_and_its_deviation():
     size, std = motion(100.0, driven=1e3).turning()
     assert size[1] == pytest.approx(100.0, abs=2.0)
     assert 0.5 < std[1] < 1.5
@@ -1101,7 +1092,7 @@ def test_the_size_of_the_rotation_and_its_deviation() -> None:
     assert motion(1.0, place=188.0).turning() is None
 
 
-def test_a_rotation_that_differs_is_told() -> None:
+def test_a_rotation_that_differs_is_told():
     assert not rotation_of(motion(1e4), motion(0.71e4))
     assert rotation_of(motion(1e4), motion(0.69e4)) == ["x"]
     assert rotation_of(motion(0.69e4), motion(1e4)) == ["x"]
@@ -1112,7 +1103,7 @@ def test_a_rotation_that_differs_is_told() -> None:
     assert rotation_of(motion(1.12 * sure), motion(0.1 * sure)) == ["x"]
 
 
-def test_speeds_that_are_stated_apart_are_told() -> None:
+def test_speeds_that_are_stated_apart_are_told():
     assert not rotation_of(motion(1e4), motion(1e4), 1.049 * SPEED)
     assert rotation_of(motion(1e4), motion(1e4), 1.051 * SPEED) == [""]
     assert rotation_of(motion(1e4), motion(1e4), 0.0) == [""]
@@ -1123,7 +1114,7 @@ def lines(quiet: rid.Record) -> rid.Lines:
 
 
 @pytest.mark.slow
-def test_a_quiet_record_at_standstill_that_is_said_to_turn() -> None:
+def test_a_quiet_record_at_standstill_that_is_said_to_turn():
     quiet = levitated(2, excitation=0.0)
     assert not lines(quiet).checks
     rng = np.random.default_rng(1)
@@ -1137,6 +1128,6 @@ def test_a_quiet_record_at_standstill_that_is_said_to_turn() -> None:
 
 
 @pytest.mark.slow
-def test_the_record_is_not_its_own_quiet_record() -> None:
+def test_the_record_is_not_its_own_quiet_record():
     with pytest.raises(rid.InputError, match="name the file that was recorded without excitation"):
         lines(levitated(1))

@@ -1,7 +1,5 @@
 """What is seen of a record at once, and where signals turn over."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -28,9 +26,6 @@ from rotorid.signals.checks.timing import _small_shifts, shifts_of
 from rotorid.signals.inspection import inspect_record
 from rotorid.signals.period_search import find_period
 
-# What is in a record before anything is identified.
-
-
 # -------------------------------------------------------------------------------------------------
 # What is in a record before anything is identified.
 
@@ -52,7 +47,7 @@ def record(
     return Record([Channel("F", "N"), Channel("x", "m")], samples, RATE, speed=speed)
 
 
-def test_period_and_lines_are_found() -> None:
+def test_period_and_lines_are_found():
     found = inspect_record(record())
     assert found.periods is not None
     assert (found.periods.samples, found.found) == (SIZE, True)
@@ -61,7 +56,7 @@ def test_period_and_lines_are_found() -> None:
     assert "suitable for identification" in found.sentence
 
 
-def test_the_period_of_a_robot_with_head_and_tail() -> None:
+def test_the_period_of_a_robot_with_head_and_tail():
     """Ten seconds of excitation, repeated; approach and return suggest 10.09 s."""
     rate = 100.0
     time = np.arange(4000) / rate
@@ -74,7 +69,7 @@ def test_the_period_of_a_robot_with_head_and_tail() -> None:
     assert found.periods.samples == 1000
 
 
-def test_signal_over_noise_is_that_of_one_period() -> None:
+def test_signal_over_noise_is_that_of_one_period():
     """Lines of amplitude 1/2, white noise s^2 / N on each: 10 log10 (N / (4 s^2))."""
     found = inspect_record(record(noise=0.05), period_samples=SIZE, harmonics=[1, 3, 5])
     expected = 10 * np.log10(SIZE / (4 * 0.05**2))
@@ -83,7 +78,7 @@ def test_signal_over_noise_is_that_of_one_period() -> None:
         assert channel.coherence == pytest.approx(1.0, abs=1e-3)
 
 
-def test_even_distortion_is_told_from_odd() -> None:
+def test_even_distortion_is_told_from_odd():
     found = inspect_record(record(square=0.05), period_samples=SIZE, harmonics=[1, 3, 5])
     force, x = found.channels
     assert force.even is not None
@@ -97,14 +92,14 @@ def test_even_distortion_is_told_from_odd() -> None:
     assert x.odd < 0.003
 
 
-def test_the_rotation_is_measured_by_the_angle() -> None:
+def test_the_rotation_is_measured_by_the_angle():
     speed = 2 * np.pi * 93.37
     found = inspect_record(record(speed=speed), period_samples=SIZE, harmonics=[1, 3, 5])
     assert found.channels[1].orders[0] == pytest.approx(3e-5, rel=0.02)
     assert found.channels[1].orders[1] < 1e-6
 
 
-def test_a_high_crest_factor_is_a_note() -> None:
+def test_a_high_crest_factor_is_a_note():
     steep = record(peak=True, noise=0.001)
     time = np.arange(SIZE * PERIODS) / RATE
     many = sum(np.cos(2 * np.pi * 20 * k * time) for k in range(1, 30, 2))
@@ -117,7 +112,7 @@ def test_a_high_crest_factor_is_a_note() -> None:
     assert (", ".join(note.on), note.verdict) == ("F", "note")
 
 
-def test_noise_that_goes_together_is_seen() -> None:
+def test_noise_that_goes_together_is_seen():
     rng = np.random.default_rng(1)
     base = record(noise=0.0)
     shared = rng.normal(size=len(base.samples))
@@ -130,7 +125,7 @@ def test_noise_that_goes_together_is_seen() -> None:
     assert found.noise_correlation[0, 1] == pytest.approx(0.64, abs=0.15)
 
 
-def test_a_record_without_a_period() -> None:
+def test_a_record_without_a_period():
     rough = np.random.default_rng(0).normal(size=(4000, 2)) * [1, 1e-4]
     found = inspect_record(Record([Channel("F", "N"), Channel("x", "m")], rough, RATE))
     assert found.periods is None
@@ -153,7 +148,7 @@ def robot(rng: np.random.Generator, period: int = 2000, periods: int = 4) -> np.
     return path + 0.02 * rng.normal(size=len(path))
 
 
-def test_a_robot_that_goes_to_its_place_and_back() -> None:
+def test_a_robot_that_goes_to_its_place_and_back():
     """10 s at 200 Hz, to a sample; ends that suggest a longer period do not matter."""
     for seed in range(5):
         found = find_period(robot(np.random.default_rng(seed)))
@@ -164,7 +159,7 @@ def test_a_robot_that_goes_to_its_place_and_back() -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.5])
 @pytest.mark.parametrize("harmonics", [(1, 3, 5, 7, 9, 11), (1, 2), (3, 5), (7, 8, 9), (1,)])
-def test_multisines(noise: float, harmonics: tuple[int, ...]) -> None:
+def test_multisines(noise, harmonics):
     rng = np.random.default_rng(5)
     angle = 2 * np.pi * np.arange(250 * 60) / 250
     wave = sum(np.cos(k * angle + k * k) for k in harmonics)
@@ -176,7 +171,7 @@ def test_multisines(noise: float, harmonics: tuple[int, ...]) -> None:
     assert found.correlation == pytest.approx(1 / (1 + noise**2), abs=0.1)
 
 
-def test_three_long_periods_and_a_start() -> None:
+def test_three_long_periods_and_a_start():
     rng = np.random.default_rng(2)
     one = np.cumsum(rng.normal(size=624))
     one -= np.linspace(one[0], one[-1], 624)
@@ -185,13 +180,13 @@ def test_three_long_periods_and_a_start() -> None:
     assert found.samples == pytest.approx(624, abs=0.6)
 
 
-def test_periods_of_no_whole_samples() -> None:
+def test_periods_of_no_whole_samples():
     found = find_period(np.sign(np.sin(2 * np.pi * np.arange(20000) / 333.3)))
     assert found is not None
     assert found.samples == pytest.approx(333.3, abs=found.accuracy)
 
 
-def test_signals_without_period() -> None:
+def test_signals_without_period():
     rng = np.random.default_rng(9)
     time = np.arange(8000) / 1000
     for wave in (
@@ -204,7 +199,7 @@ def test_signals_without_period() -> None:
         assert find_period(wave) is None
 
 
-def test_what_rings_has_no_period() -> None:
+def test_what_rings_has_no_period():
     """A sweep through a resonance, and noise through one, are like themselves one wave later."""
     time = np.arange(20000) / 5000
     rng = np.random.default_rng(4)
@@ -213,15 +208,12 @@ def test_what_rings_has_no_period() -> None:
         assert find_period(signal.lfilter(*resonance, drive)) is None
 
 
-# Where what is said of a signal turns over, and how closely it is looked at.
-
-
 # -------------------------------------------------------------------------------------------------
 # Where what is said of a signal turns over, and how closely it is looked at.
 
 
 @pytest.mark.parametrize(("lost", "taken"), [(9, True), (10, False)])
-def test_a_fifth_of_the_pulses_may_be_missing(lost: int, taken: bool) -> None:
+def test_a_fifth_of_the_pulses_may_be_missing(lost, taken):
     times = np.delete(0.01 + 0.02 * np.arange(50), 3 + 4 * np.arange(lost))
     if taken:
         assert keyphasor_angle(times, 1000, 1000.0).missing == lost
@@ -231,14 +223,14 @@ def test_a_fifth_of_the_pulses_may_be_missing(lost: int, taken: bool) -> None:
 
 
 @pytest.mark.parametrize(("lines", "left"), [(2.4, 2.4), (2.6, 0.0)])
-def test_a_counter_that_goes_off_and_comes_back(lines: float, left: float) -> None:
+def test_a_counter_that_goes_off_and_comes_back(lines, left):
     steady = np.arange(2000.0)
     off = lines * ((steady > 900) & (steady < 960))
     assert np.abs(_without_excursions(steady + off) - steady).max() == pytest.approx(left, abs=1e-9)
 
 
 @pytest.mark.parametrize("usual", [12, 13])
-def test_the_rhythm_is_that_of_the_first_pulses(usual: int) -> None:
+def test_the_rhythm_is_that_of_the_first_pulses(usual):
     """Of the first 25: neither that of more, nor of half of them."""
     few, slower = np.full(usual, 1.0), np.full(50, 1.3)
     assert _rhythm(np.concatenate([few, slower])) == (1.0 if usual == 13 else 1.3)
@@ -246,27 +238,27 @@ def test_the_rhythm_is_that_of_the_first_pulses(usual: int) -> None:
 
 
 @pytest.mark.parametrize(("low", "high", "half"), [(0.019, 0.97, 0.5), (0.021, 0.97, 0.0)])
-def test_a_sample_near_low_shows_no_flank(low: float, high: float, half: float) -> None:
+def test_a_sample_near_low_shows_no_flank(low, high, half):
     pulse = np.concatenate([np.zeros(40), [low, high], np.ones(40), [0.5]])
     _, open_ = pulse_edges(np.tile(pulse, 4), 1.0)
     np.testing.assert_allclose(open_, half)
 
 
 @pytest.mark.parametrize(("count", "looked"), [(16384, 16384), (16500, 3 * 5400)])
-def test_a_long_record_is_looked_at_in_parts(count: int, looked: int) -> None:
+def test_a_long_record_is_looked_at_in_parts(count, looked):
     record = Record([Channel("x", "m")], np.zeros((count, 1)), 1000.0)
     assert len(_excerpt(record, 0, 100).samples) == looked
 
 
 @pytest.mark.parametrize(("share", "flat"), [(0.49, 490), (0.51, 0)])
-def test_a_signal_of_two_levels_is_not_clipped(share: float, flat: int) -> None:
+def test_a_signal_of_two_levels_is_not_clipped(share, flat):
     samples = np.linspace(0.0, 0.9, 1000)
     samples[: round(1000 * share)] = 1.0
     assert _flat(samples, 1.0) == flat
 
 
 @pytest.mark.parametrize(("turns", "size"), [(10.0009, 1.0), (10.0011, 0.0)])
-def test_a_tone_on_the_grid_is_in_the_mean(turns: float, size: float) -> None:
+def test_a_tone_on_the_grid_is_in_the_mean(turns, size):
     wave = np.cos(2 * np.pi * 10 * np.arange(5000) / 1000)
     record = Record([Channel("x", "m")], wave[:, None], 1000.0)
     periods = average(record, 1.0, harmonics=[10])
@@ -285,7 +277,7 @@ def test_a_tone_on_the_grid_is_in_the_mean(turns: float, size: float) -> None:
         (1 / (2 * np.pi), "rad/s given as Hz"),
     ],
 )
-def test_a_speed_in_another_unit_is_named(shown: float, mistake: str) -> None:
+def test_a_speed_in_another_unit_is_named(shown, mistake):
     tone = checks_rotation.Tone(140.0, 1.0, "x")
     assert mistake in checks_rotation._wrong_speed([tone], 140.0 / shown, False).found
     tone = checks_rotation.Tone(140.0 * 1.006, 1.0, "x")
@@ -293,7 +285,7 @@ def test_a_speed_in_another_unit_is_named(shown: float, mistake: str) -> None:
 
 
 @pytest.mark.parametrize(("count", "looked"), [(3, 0), (4, 1)])
-def test_four_periods_tell_a_step_of_time(monkeypatch, count: int, looked: int) -> None:
+def test_four_periods_tell_a_step_of_time(monkeypatch, count, looked):
     wave = np.cos(2 * np.pi * np.arange(100 * count) / 100)
     periods = average(Record([Channel("x", "m")], wave[:, None], 100.0), 1.0, harmonics=[1])
     seen: list[object] = []
@@ -303,7 +295,7 @@ def test_four_periods_tell_a_step_of_time(monkeypatch, count: int, looked: int) 
 
 
 @pytest.mark.parametrize(("typed", "found"), [(12.34, 12.34), (12.345, None)])
-def test_a_frequency_that_somebody_typed_has_four_digits(typed: float, found: float) -> None:
+def test_a_frequency_that_somebody_typed_has_four_digits(typed, found):
     assert periodicity.Period(1000.0, 0.5, 1.0).fundamental(1000 * typed) == found
 
 
@@ -328,7 +320,7 @@ def periods_of(tau: np.ndarray, noise: float) -> rid.PeriodicRecord:
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.3])
-def test_all_channels_at_once_are_as_one_by_one(noise: float) -> None:
+def test_all_channels_at_once_are_as_one_by_one(noise):
     tau = 2e-4 * np.sin(np.arange(COUNT))
     periods = periods_of(tau, noise)
     found = _small_shifts(periods)
@@ -347,7 +339,7 @@ def test_all_channels_at_once_are_as_one_by_one(noise: float) -> None:
 
 
 @pytest.mark.parametrize(("turn", "small"), [(0.95, True), (1.05, False)])
-def test_where_phases_could_wrap_it_is_one_by_one(turn: float, small: bool) -> None:
+def test_where_phases_could_wrap_it_is_one_by_one(turn, small):
     """Two periods of 60 come late and early so that the third line turns by `turn`."""
     tau = np.zeros(COUNT)
     tau[[20, 40]] = np.array([1, -1]) * turn / (2 * np.pi * 3 * FUNDAMENTAL)
@@ -384,7 +376,7 @@ def off(found: MeasuredAngle, angle: np.ndarray) -> np.ndarray:
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("angle", [STEADY, RAMP])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_encoder_counts_leave_no_staircase(angle: np.ndarray, sign: int) -> None:
+def test_encoder_counts_leave_no_staircase(angle, sign):
     """Either direction of rotation: half a line is 0.18 degrees, a hundredth of it is left."""
     found = encoder_angle(counts(sign * angle), FAST_RATE, per_revolution=1024, lines=1024)
     error = off(found, sign * angle)
@@ -394,7 +386,7 @@ def test_encoder_counts_leave_no_staircase(angle: np.ndarray, sign: int) -> None
     assert found.angle_std < 0.1 * np.pi / 1024
 
 
-def test_what_a_speed_in_step_with_the_samples_leaves_open_is_stated() -> None:
+def test_what_a_speed_in_step_with_the_samples_leaves_open_is_stated():
     """Three turns in 200 samples: pulses fall at three places of a sample, a third of it apart."""
     rate, hz = 1e4, 150.0
     rises = np.floor((np.arange(1, 600) - 0.2837) / hz * rate) / rate
@@ -405,7 +397,7 @@ def test_what_a_speed_in_step_with_the_samples_leaves_open_is_stated() -> None:
 
 
 @pytest.mark.slow
-def test_what_a_whole_number_of_samples_leaves_open_is_stated() -> None:
+def test_what_a_whole_number_of_samples_leaves_open_is_stated():
     """At 100 Hz and 5 kHz every edge falls at the same place between two samples."""
     time = np.arange(25_000) / 5000.0
     stated, errors = [], []
@@ -422,7 +414,7 @@ def test_what_a_whole_number_of_samples_leaves_open_is_stated() -> None:
 
 
 @pytest.mark.slow
-def test_a_slow_variation_of_the_speed_is_followed() -> None:
+def test_a_slow_variation_of_the_speed_is_followed():
     """0.1 % at 0.5 Hz, 10 degrees a sample: the angle moves by 16 degrees."""
     time = np.arange(25_000) / 5000.0
     angle = 0.3 + SPEED * time + 1e-3 * SPEED / np.pi * np.sin(np.pi * time)
@@ -435,7 +427,7 @@ def test_a_slow_variation_of_the_speed_is_followed() -> None:
 
 
 @pytest.mark.slow
-def test_lost_and_double_lines_are_set_right() -> None:
+def test_lost_and_double_lines_are_set_right():
     total = np.floor(STEADY * 1024 / (2 * np.pi))
     total[5000:] -= 1
     total[12_000:] += 2
@@ -445,7 +437,7 @@ def test_lost_and_double_lines_are_set_right() -> None:
 
 
 @pytest.mark.slow
-def test_a_coarse_encoder_with_more_jitter_than_lines() -> None:
+def test_a_coarse_encoder_with_more_jitter_than_lines():
     jitter = np.radians(0.2) * np.random.default_rng(0).normal(size=len(TIME))
     found = encoder_angle(counts(STEADY + jitter, 8192), FAST_RATE, per_revolution=8192, lines=8192)
     assert found.jitter == pytest.approx(np.radians(0.2), rel=1.0)
@@ -453,14 +445,14 @@ def test_a_coarse_encoder_with_more_jitter_than_lines() -> None:
 
 
 @pytest.mark.slow
-def test_encoder_speed_and_drift() -> None:
+def test_encoder_speed_and_drift():
     found = encoder_angle(counts(RAMP), FAST_RATE, per_revolution=1024, lines=1024)
     assert found.speed == pytest.approx(SPEED + DRIFT * TIME.mean(), rel=1e-6)
     assert found.drift == pytest.approx(DRIFT, rel=1e-2)
 
 
 @pytest.mark.parametrize(("scale", "turn"), [(1.0, 2 * np.pi), (180 / np.pi, 360.0)])
-def test_an_angle_column_is_unwrapped(scale: float, turn: float) -> None:
+def test_an_angle_column_is_unwrapped(scale, turn):
     wrapped = (STEADY * scale) % turn
     found = encoder_angle(wrapped, FAST_RATE, per_revolution=turn)
     np.testing.assert_allclose(found.angle, STEADY, atol=1e-9)
@@ -481,13 +473,13 @@ def test_an_angle_column_is_unwrapped(scale: float, turn: float) -> None:
         (np.where(TIME == 0.5, np.nan, counts(STEADY)), "nan in sample 5000"),
     ],
 )
-def test_bad_encoders_are_refused(readings: np.ndarray, message: str) -> None:
+def test_bad_encoders_are_refused(readings, message):
     with pytest.raises(InputError, match=message):
         encoder_angle(readings, FAST_RATE, per_revolution=1024, lines=1024, source="run.h5")
 
 
 @pytest.mark.slow
-def test_one_line_of_flicker_is_no_turning_back() -> None:
+def test_one_line_of_flicker_is_no_turning_back():
     slow = 0.4 + 2 * np.pi * 0.3 * TIME
     jitter = 2 * np.pi / 1024 * 0.3 * np.random.default_rng(0).normal(size=len(TIME))
     found = encoder_angle(counts(slow + jitter), FAST_RATE, per_revolution=1024, lines=1024)
@@ -498,7 +490,7 @@ def true_pulses(angle_at_zero: float = 0.4) -> np.ndarray:
     return (2 * np.pi * np.arange(1, 280) - angle_at_zero) / SPEED
 
 
-def test_flanks_give_pulse_times_between_samples() -> None:
+def test_flanks_give_pulse_times_between_samples():
     times = true_pulses()
     found, half = pulse_edges(level(times, flank=3.0), FAST_RATE)
     np.testing.assert_allclose(found, times, atol=1e-12)
@@ -508,7 +500,7 @@ def test_flanks_give_pulse_times_between_samples() -> None:
     assert error.std() < 0.06 / FAST_RATE
 
 
-def test_logic_levels_give_pulse_times_without_bias() -> None:
+def test_logic_levels_give_pulse_times_without_bias():
     times = true_pulses()
     logic = (level(times, flank=1e-6) > 0.5).astype(float)
     error = pulse_edges(logic, FAST_RATE)[0] - times
@@ -516,7 +508,7 @@ def test_logic_levels_give_pulse_times_without_bias() -> None:
     assert abs(error.mean()) < 0.08 / FAST_RATE
 
 
-def test_a_negative_going_column_is_no_fault() -> None:
+def test_a_negative_going_column_is_no_fault():
     """The rising flank counts; the width of the mark then turns the angle, and nothing else."""
     times = true_pulses()
     found, _ = pulse_edges(3.0 - 5.0 * level(times, flank=3.0), FAST_RATE)
@@ -524,7 +516,7 @@ def test_a_negative_going_column_is_no_fault() -> None:
 
 
 @pytest.mark.parametrize("drift", [0.0, DRIFT])
-def test_keyphasor_angle(drift: float) -> None:
+def test_keyphasor_angle(drift):
     angle = STEADY + drift * TIME**2 / 2
     turns = np.arange(1, int(angle[-1] / (2 * np.pi)) + 1)
     rest = 2 * np.pi * turns - 0.4
@@ -552,15 +544,13 @@ def without(times: np.ndarray, index: int | slice) -> np.ndarray:
         (np.sort(np.append(true_pulses()[1:], 0.001)), 0, 1),
     ],
 )
-def test_missing_and_double_pulses_are_understood(
-    times: np.ndarray, missing: int, extra: int
-) -> None:
+def test_missing_and_double_pulses_are_understood(times, missing, extra):
     found = keyphasor_angle(times, len(TIME), FAST_RATE)
     assert (found.missing, found.extra) == (missing, extra)
     assert np.abs(off(found, STEADY)).max() < 1e-6
 
 
-def test_pulses_without_a_rhythm_are_refused() -> None:
+def test_pulses_without_a_rhythm_are_refused():
     times = np.sort(np.random.default_rng(0).uniform(0, 2, 200))
     with pytest.raises(InputError, match="pulses missing or too many, of 200"):
         keyphasor_angle(times, len(TIME), FAST_RATE, source="run.h5")
@@ -569,7 +559,7 @@ def test_pulses_without_a_rhythm_are_refused() -> None:
 
 
 @pytest.mark.parametrize("column", [np.zeros(100), np.zeros(0)])
-def test_a_column_without_pulses_is_refused(column: np.ndarray) -> None:
+def test_a_column_without_pulses_is_refused(column):
     with pytest.raises(InputError, match="a column without a pulse"):
         pulse_edges(column, FAST_RATE)
 

@@ -1,9 +1,5 @@
 """Line spectra, their covariance, and multisines."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -41,9 +37,6 @@ from rotorid.signals.spectrum import (
 )
 
 # Line spectra and their covariance.
-
-
-# Lines of signals: DFT, synthesis, derivatives, hold and delay, against closed forms.
 
 
 # -------------------------------------------------------------------------------------------------
@@ -229,7 +222,7 @@ N = np.arange(400)
 
 @pytest.mark.parametrize("steps", [0.5, -0.25, 3.7, -2.1, 2.0, -3.0, 0.0, 1e-12, -0.0001])
 @pytest.mark.parametrize("frequency", [0.02, 0.1, 0.3, 0.4, 0.45])
-def test_a_periodic_signal_is_shifted_to_its_ends(steps: float, frequency: float) -> None:
+def test_a_periodic_signal_is_shifted_to_its_ends(steps, frequency):
     wave = np.cos(2 * np.pi * frequency * N + 0.3)
     moved = np.cos(2 * np.pi * frequency * (N + steps) + 0.3)
     np.testing.assert_allclose(shifted(wave, steps, 100), moved, atol=3e-9)
@@ -240,12 +233,12 @@ def test_a_periodic_signal_is_shifted_to_its_ends(steps: float, frequency: float
 
 @pytest.mark.parametrize("steps", [0.5, -3.2, 30.0])
 @pytest.mark.parametrize("count", [2, 5, 17, 40])
-def test_short_signals_keep_their_length(steps: float, count: int) -> None:
+def test_short_signals_keep_their_length(steps, count):
     assert len(shifted(np.arange(float(count)), steps)) == count
     np.testing.assert_allclose(shifted(np.ones(count), steps), 1.0)
 
 
-def test_a_straight_line_stays_one_to_its_ends() -> None:
+def test_a_straight_line_stays_one_to_its_ends():
     line = 3.0 + 0.5 * N
     np.testing.assert_allclose(shifted(line, 0.4), line + 0.2)
 
@@ -282,7 +275,7 @@ def columns(dynamics, delay: float) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", DYNAMICS)
 @pytest.mark.parametrize("periods", [1, 4])
-def test_the_quantity_is_found_again(name: str, periods: int) -> None:
+def test_the_quantity_is_found_again(name, periods):
     """To rounding where the record is whole periods; a delay alone to 1e-9."""
     true, column = (np.tile(part, periods) for part in columns(DYNAMICS[name], 37e-6))
     channel = Channel("x", "m", delay=37e-6, dynamics=DYNAMICS[name])
@@ -292,7 +285,7 @@ def test_the_quantity_is_found_again(name: str, periods: int) -> None:
 
 
 @pytest.mark.parametrize("name", DYNAMICS)
-def test_a_record_that_begins_and_ends_somewhere_is_right_inside(name: str) -> None:
+def test_a_record_that_begins_and_ends_somewhere_is_right_inside(name):
     true, column = (np.tile(part, 5)[: 4 * SIZE + 77] for part in columns(DYNAMICS[name], 37e-6))
     channel = Channel("x", "m", delay=37e-6, dynamics=DYNAMICS[name])
     found = quantity(column, channel, RATE)
@@ -300,7 +293,7 @@ def test_a_record_that_begins_and_ends_somewhere_is_right_inside(name: str) -> N
     np.testing.assert_allclose(found[inside], true[inside], atol=2e-3 * np.abs(true).max())
 
 
-def test_what_hardly_passes_is_not_made_any_larger() -> None:
+def test_what_hardly_passes_is_not_made_any_larger():
     """Noise of a logger behind a sensor of 100 Hz: at most tenfold, where 1 / H is fifty."""
     slow = SecondOrder(
         bandwidth=Constant("bandwidth", "Hz", 100.0), damping=Constant("damping", "1", 0.7)
@@ -310,7 +303,7 @@ def test_what_hardly_passes_is_not_made_any_larger() -> None:
     assert 8 < found.std() / noise.std() < 10
 
 
-def test_a_table_goes_on_as_it_ends() -> None:
+def test_a_table_goes_on_as_it_ends():
     """A gain of 0.8 from 1 kHz on, at 2 kHz too."""
     time = np.arange(5 * SIZE) / RATE
     column = 0.8 * np.cos(2 * np.pi * 2000 * time - 0.5)
@@ -528,7 +521,7 @@ def test_impossible_neighbours(m):
 # Multisines against their definition; phases, lines, tables.
 
 
-def test_samples_are_the_sum_of_the_lines() -> None:
+def test_samples_are_the_sum_of_the_lines():
     rng = np.random.default_rng(0)
     lines = np.array([1, 4, 5])
     amplitudes = rng.normal(size=(3, 2)) + 1j * rng.normal(size=(3, 2))
@@ -539,7 +532,7 @@ def test_samples_are_the_sum_of_the_lines() -> None:
     np.testing.assert_allclose(signals.rms, signals.samples(100.0).std(axis=0))
 
 
-def test_the_seed_is_a_multisine_of_zero_phases() -> None:
+def test_the_seed_is_a_multisine_of_zero_phases():
     lines = [1, 3, 5, 7, 9, 11]
     signals = multisine(20.0, lines, {"F": 10 * np.sqrt(2)}, phases="zero").scaled(
         np.exp(-1j * np.pi / 4)
@@ -551,7 +544,7 @@ def test_the_seed_is_a_multisine_of_zero_phases() -> None:
 
 
 @given(st.integers(2, 40), st.integers(2, 6))
-def test_sets_of_lines(highest: int, group: int) -> None:
+def test_sets_of_lines(highest, group):
     odd, full = odd_harmonics(2 * highest), full_harmonics(highest)
     assert (odd % 2 == 1).all()
     assert odd[-1] == 2 * highest - 1
@@ -561,12 +554,12 @@ def test_sets_of_lines(highest: int, group: int) -> None:
     assert set(kept) <= set(odd)
 
 
-def test_schroeder_phases_of_a_flat_spectrum() -> None:
+def test_schroeder_phases_of_a_flat_spectrum():
     n = np.arange(8)
     np.testing.assert_allclose(schroeder_phases(np.ones(8)), -np.pi * n * (n + 1) / 8)
 
 
-def test_schroeder_beats_random_phases() -> None:
+def test_schroeder_beats_random_phases():
     lines = full_harmonics(60)
     sweep = multisine(1.0, lines, {"u": 1.0}).crest_factor[0]
     rng = np.random.default_rng(3)
@@ -579,7 +572,7 @@ def test_schroeder_beats_random_phases() -> None:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("lines", [odd_harmonics(11), odd_harmonics(79), full_harmonics(31)])
-def test_crest_factor_is_minimized_and_amplitudes_are_kept(lines) -> None:
+def test_crest_factor_is_minimized_and_amplitudes_are_kept(lines):
     start = multisine(20.0, lines, {"a": 2.0, "b": 3.0})
     better = minimize_crest(start)
     np.testing.assert_allclose(np.abs(better.amplitudes), np.abs(start.amplitudes))
@@ -587,18 +580,18 @@ def test_crest_factor_is_minimized_and_amplitudes_are_kept(lines) -> None:
     assert (better.crest_factor < 1.48).all()
 
 
-def test_minimizing_never_makes_it_worse() -> None:
+def test_minimizing_never_makes_it_worse():
     best = minimize_crest(multisine(1.0, full_harmonics(9), {"u": 1.0}))
     assert minimize_crest(best, steps=1).crest_factor[0] <= best.crest_factor[0] * (1 + 1e-12)
 
 
-def test_inputs_apart_by_lines() -> None:
+def test_inputs_apart_by_lines():
     signals = multisine(1.0, full_harmonics(12), {"a": 1.0, "b": 2.0, "c": 1.0}, apart=True)
     assert (np.count_nonzero(signals.amplitudes, axis=1) == 1).all()
     assert (np.count_nonzero(signals.amplitudes, axis=0) == 4).all()
 
 
-def test_orthogonal_runs_tell_inputs_apart_best() -> None:
+def test_orthogonal_runs_tell_inputs_apart_best():
     runs = orthogonal(multisine(1.0, [1, 2, 5], {n: 1.0 for n in "abcd"}))
     assert len(runs) == 4
     for line in range(3):
@@ -621,18 +614,18 @@ def test_orthogonal_runs_tell_inputs_apart_best() -> None:
         (lambda: leave_out([1, 3], 1, np.random.default_rng(0)), "2 or more"),
     ],
 )
-def test_bad_multisines_are_refused(build, message: str) -> None:
+def test_bad_multisines_are_refused(build, message):
     with pytest.raises(InputError, match=message):
         build()
 
 
 @pytest.fixture
-def played() -> Multisine:
+def played():
     return multisine(20.0, odd_harmonics(11), {"F_x1": 3.0, "F_y1": 1.0})
 
 
 @pytest.mark.parametrize("ending", ["csv", "h5"])
-def test_tables_are_read_back(tmp_path: Path, played: Multisine, ending: str) -> None:
+def test_tables_are_read_back(tmp_path, played, ending):
     file = tmp_path / f"table.{ending}"
     write_excitation(played, file, 5000.0)
     record = rid.read_record(file, columns=["F_x1", "F_y1"], time="t")
@@ -641,7 +634,7 @@ def test_tables_are_read_back(tmp_path: Path, played: Multisine, ending: str) ->
     assert [channel.unit for channel in record.channels] == ["N", "N"]
 
 
-def test_wav_is_in_parts_of_full_scale(tmp_path: Path, played: Multisine) -> None:
+def test_wav_is_in_parts_of_full_scale(tmp_path, played):
     write_excitation(played, tmp_path / "table.wav", 5000.0, full_scale=20.0)
     rate, samples = wavfile.read(tmp_path / "table.wav")
     assert rate == 5000
@@ -656,9 +649,7 @@ def test_wav_is_in_parts_of_full_scale(tmp_path: Path, played: Multisine) -> Non
         ("t.wav", {"full_scale": 1.0}, "at most the full scale of 1"),
     ],
 )
-def test_tables_that_cannot_be_written(
-    tmp_path: Path, played: Multisine, name: str, options: dict[str, float], message: str
-) -> None:
+def test_tables_that_cannot_be_written(tmp_path, played, name, options, message):
     with pytest.raises(InputError, match=message):
         write_excitation(played, tmp_path / name, 5000.0, **options)
     assert not list(tmp_path.iterdir())

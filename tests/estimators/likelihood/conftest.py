@@ -340,28 +340,28 @@ class Faults:
 
 
 @pytest.fixture(scope="session")
-def faults(demo) -> Faults:
+def faults(demo):
     return Faults(demo)
 
 
 @pytest.fixture(scope="session")
-def levitated(demo) -> Levitated:
+def levitated(demo):
     ki = dict.fromkeys(("F_x1", "F_y1", "F_x3", "F_y3"), 120.0)
     runout = {"x1": (5e-6, -3e-6), "y1": (2e-6, 4e-6), "x3": (-6e-6, 1e-6), "y3": (3e-6, 3e-6)}
     return Levitated(demo, ki, 2e5, runout)
 
 
 @pytest.fixture(scope="session")
-def demo() -> Machine:
+def demo():
     model = load_model("three-mass")
     return Machine(model, model.nominal)
 
 
 @pytest.fixture(scope="session")
-def bearings() -> tuple[str, ...]:
+def bearings():
     return BEARINGS
 
 
 @pytest.fixture(scope="session")
-def monte_carlo() -> MonteCarlo:
+def monte_carlo():
     return MonteCarlo()

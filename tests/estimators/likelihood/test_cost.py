@@ -1,7 +1,5 @@
 """The kernel: gradient, invariance, loads, indirect sensors, whitening, the expected cost."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from types import SimpleNamespace

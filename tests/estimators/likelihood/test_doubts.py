@@ -1,7 +1,5 @@
 """What the records cannot show, or show less well than is said."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -130,7 +128,7 @@ def found_after(edits: list[Edit]) -> tuple[Floats, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("check", ["runout", "gain"])
-def test_the_worst_unseen_error_is_what_refits_say(check: str) -> None:
+def test_the_worst_unseen_error_is_what_refits_say(check):
     """The estimates' shifts, and the quadratic form of the cost, by identifying again."""
     h = 0.02  # of the plausible size: in the linear range
     units: list[Callable[[float], Edit]] = [
@@ -168,7 +166,7 @@ def test_the_worst_unseen_error_is_what_refits_say(check: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(levitated) -> None:
+def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(levitated):
     (record,) = recorded(quieter(levitated, 1.0), 140.0)
     model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
     found = identify(model, record, estimator)
@@ -182,7 +180,7 @@ def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(l
 
 
 @pytest.mark.slow
-def test_a_rotor_angle_that_nobody_asked_for_is_told_where_it_decides_the_deviations() -> None:
+def test_a_rotor_angle_that_nobody_asked_for_is_told_where_it_decides_the_deviations():
     """A keyphasor's angle is known within a sample: that was most of the deviation of xi."""
 
     def told(std: float) -> list[str]:
@@ -195,7 +193,7 @@ def test_a_rotor_angle_that_nobody_asked_for_is_told_where_it_decides_the_deviat
     assert len(told(0.0011)) == 1  # .923
 
 
-def test_what_no_block_tells_does_not_scatter() -> None:
+def test_what_no_block_tells_does_not_scatter():
     """The angle of a rejected record is as known beforehand: by 1e-14 deviations it said."""
     record = louder("x", 0.2)(replace(disc(), phase_std=0.01))
     found = identify(load_model("jeffcott"), record, "ml")
@@ -206,7 +204,7 @@ def test_what_no_block_tells_does_not_scatter() -> None:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(("share", "told"), [(0.8, True), (1.25, False)])
-def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, share: float, told: bool) -> None:
+def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, share, told):
     model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
     (record,) = recorded(quieter(levitated, 1.0), 140.0)
     _, size = notes(identify(model, record, estimator))["rotor angle"]
@@ -215,7 +213,7 @@ def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, share: float, 
 
 
 @pytest.mark.slow
-def test_what_the_records_tell_is_not_unseen(levitated) -> None:
+def test_what_the_records_tell_is_not_unseen(levitated):
     """Runout is unbalance at one speed, whatever the noise; at two it is a misfit."""
     model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
     rig = quieter(levitated, 0.01)
@@ -228,7 +226,7 @@ def test_what_the_records_tell_is_not_unseen(levitated) -> None:
 
 
 @pytest.mark.slow
-def test_gains_beside_a_scale_that_is_told_differ(levitated) -> None:
+def test_gains_beside_a_scale_that_is_told_differ(levitated):
     """Where the scale of all forces has a note of its own, the gains' is of what goes beyond it."""
     model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
     rig = quieter(levitated, 0.01)
@@ -242,13 +240,13 @@ def test_gains_beside_a_scale_that_is_told_differ(levitated) -> None:
     assert size > 0.4 * 0.01 * abs(measured.value(name)) / measured.std(name) > 100
 
 
-def test_unseen_is_what_no_warning_tells() -> None:
+def test_unseen_is_what_no_warning_tells():
     expected = Expectation(mean=30.0, variance=70.0, dof=28)
     assert expected.p_value(expected.exceeded(1e-3)) == pytest.approx(1e-3, rel=1e-9)
     assert Expectation(0.0, 0.0, 0).exceeded(1e-3) == np.inf
 
 
-def test_the_sizes_are_what_is_written() -> None:
+def test_the_sizes_are_what_is_written():
     for kind in TAKEN_AS_EXACT:
         shown = re.fullmatch(r"assumed (?:zero|exact): (.*) of (?:it|error)", kind.text)
         assert shown is not None
@@ -372,7 +370,7 @@ def said(found: rid.Estimate) -> list[str]:
 
 
 @pytest.mark.slow
-def test_the_damping_of_a_short_record_under_control(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_damping_of_a_short_record_under_control(monkeypatch):
     monkeypatch.setitem(test_spectra.TRUTH, "c", 90.0)
     short, long = (
         rid.identify(
@@ -405,9 +403,7 @@ class Made:
         (9, 0.11, None, False),
     ],
 )
-def test_how_many_lines_are_few(
-    monkeypatch: pytest.MonkeyPatch, count: int, closed: float, parts: object, told: bool
-) -> None:
+def test_how_many_lines_are_few(monkeypatch, count, closed, parts, told):
     record = Made(np.arange(100.0), parts)
     shares = np.zeros((100, 2, 3))
     shares[5 : 5 + count] = 0.5
@@ -543,12 +539,12 @@ def test_no_answer_that_a_hidden_part_moves_comes_without_a_note():
 
 
 @pytest.mark.parametrize(("periods", "told"), [(11, 1), (12, 0)])
-def test_twelve_periods_for_each_sensor_tell_a_wrong_model(periods: int, told: int) -> None:
+def test_twelve_periods_for_each_sensor_tell_a_wrong_model(periods, told):
     assert len(list(verdict.few_periods(closed_loop(0.11, periods)))) == told
 
 
 @pytest.mark.parametrize(("coherence", "told"), [(0.09, 0), (0.11, 1)])
-def test_noise_that_forces_and_sensors_share_shows_a_loop(coherence: float, told: int) -> None:
+def test_noise_that_forces_and_sensors_share_shows_a_loop(coherence, told):
     assert len(list(verdict.few_periods(closed_loop(coherence, 11)))) == told
 
 
@@ -563,13 +559,13 @@ def closed_loop(coherence: float, periods: int) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize(("chance", "explained"), [(0.9e-6, False), (1.1e-6, True)])
-def test_a_cost_that_chance_does_not_give_is_looked_at_again(chance: float, explained: bool):
+def test_a_cost_that_chance_does_not_give_is_looked_at_again(chance, explained):
     expectation = SimpleNamespace(p_value=lambda cost: chance)
     assert Inference(np.eye(1), None, 1.0, expectation, ()).explained == explained
 
 
 @pytest.mark.parametrize(("share", "gone"), [(0.9e-9, True), (1.1e-9, False)])
-def test_an_unknown_that_comes_to_nothing_has_vanished(share: float, gone: bool) -> None:
+def test_an_unknown_that_comes_to_nothing_has_vanished(share, gone):
     problem = SimpleNamespace(layout=SimpleNamespace(free=np.array([0, 1])))
     point = SimpleNamespace(unknowns=np.array([5.0, 2.0 * share]))
     solution = SimpleNamespace(point=point, active=())
@@ -578,7 +574,7 @@ def test_an_unknown_that_comes_to_nothing_has_vanished(share: float, gone: bool)
     assert not search.vanished(problem, np.array([5.0, -2.0]), held)
 
 
-def test_further_starts_lie_about_the_given_one_and_are_the_same_ones_again() -> None:
+def test_further_starts_lie_about_the_given_one_and_are_the_same_ones_again():
     unknowns = [SimpleNamespace(nuisance=False)] * 200 + [SimpleNamespace(nuisance=True)]
     problem = SimpleNamespace(layout=SimpleNamespace(free=range(201), unknowns=unknowns))
     starts = np.array(list(search.further_starts(problem, np.ones(201))))
@@ -589,7 +585,7 @@ def test_further_starts_lie_about_the_given_one_and_are_the_same_ones_again() ->
     np.testing.assert_array_equal(starts, list(search.further_starts(problem, np.ones(201))))
 
 
-def test_a_finer_homotopy_is_tried_where_two_further_starts_failed() -> None:
+def test_a_finer_homotopy_is_tried_where_two_further_starts_failed():
     unknowns = [SimpleNamespace(nuisance=False)]
     layout = SimpleNamespace(free=range(1), unknowns=unknowns)
     ways = list(search._ways(SimpleNamespace(layout=layout, bounds=()), np.ones(1)))
@@ -599,7 +595,7 @@ def test_a_finer_homotopy_is_tried_where_two_further_starts_failed() -> None:
 
 
 @pytest.mark.parametrize(("distance", "held"), [(0.9e-9, (0,)), (1.1e-9, ())])
-def test_a_bound_holds_where_it_is_reached_but_for_rounding(distance, held) -> None:
+def test_a_bound_holds_where_it_is_reached_but_for_rounding(distance, held):
     bounds = SimpleNamespace(
         values=lambda x: np.array([5.0 * distance]), sizes=lambda x: np.array([5.0])
     )
@@ -610,9 +606,7 @@ def test_a_bound_holds_where_it_is_reached_but_for_rounding(distance, held) -> N
 
 
 @pytest.mark.parametrize(("deviations", "seen"), [(2.9, False), (3.1, True)])
-def test_what_stands_three_deviations_out_of_its_noise_is_a_signal(
-    deviations: float, seen: bool
-) -> None:
+def test_what_stands_three_deviations_out_of_its_noise_is_a_signal(deviations, seen):
     found = find_scales(
         np.full((6, 1, 1), 1e6 + 0j),
         np.zeros((6, 1), dtype=complex),
@@ -624,7 +618,7 @@ def test_what_stands_three_deviations_out_of_its_noise_is_a_signal(
     assert (found.coordinates == pytest.approx([7e-6])) == seen
 
 
-def test_scales_of_a_stiffness_beyond_squaring() -> None:
+def test_scales_of_a_stiffness_beyond_squaring():
     """A spring of 1e200 N/m: its square is no number, its scale is."""
     stiffness = np.array([[[1e200 + 0j]], [[2e200]]])
     tiny = np.full((2, 1), 1e-200 + 0j)
@@ -651,7 +645,7 @@ def errors(trial: adverse.Trial, estimate: rid.Estimate) -> float:
 
 
 @pytest.mark.parametrize("kind", ["rigid", "three"])
-def test_a_creep_is_told_with_the_speed_and_widens_the_deviations(kind: str) -> None:
+def test_a_creep_is_told_with_the_speed_and_widens_the_deviations(kind):
     """8400 rpm turn as 8399.75: a twentieth of a radian over 2 s."""
     trial = made(kind, 1, 1 - 3e-5)
     estimate = adverse.estimate_of(trial)
@@ -666,7 +660,7 @@ def test_a_creep_is_told_with_the_speed_and_widens_the_deviations(kind: str) -> 
     assert estimate.std("xi") > 2 * right.std("xi")
 
 
-def test_a_creep_that_costs_amplitude_is_rejected() -> None:
+def test_a_creep_that_costs_amplitude_is_rejected():
     estimate = adverse.estimate_of(made("rigid", 2, 1 - 2e-4))
     assert estimate.status == "rejected"
     assert [w for w in estimate.warnings if w.startswith("speed: the unbalance turns with 8398.")]
@@ -677,7 +671,7 @@ def creep(rate: float, std: float, step: float = 0.0, periods: int = 100) -> tur
     return turning.Creep(rate, std, step, 1.0, 1, periods, 0.0)
 
 
-def test_from_where_on_the_rotation_moves_against_its_angle() -> None:
+def test_from_where_on_the_rotation_moves_against_its_angle():
     assert [creep(-x, 1.0).creeps for x in (3.4, 3.6)] == [False, True]
     assert [creep(-x, 1.0).strays for x in (5.9, 6.1)] == [False, True]
     # .155 rad over the record cost a thousandth of the unbalance's line.
@@ -686,7 +680,7 @@ def test_from_where_on_the_rotation_moves_against_its_angle() -> None:
 
 
 @pytest.mark.parametrize(("periods", "asked"), [(7, False), (8, True)])
-def test_eight_periods_tell_a_slope_from_scatter(periods, asked) -> None:
+def test_eight_periods_tell_a_slope_from_scatter(periods, asked):
     seen = []
     at = SimpleNamespace(
         ends=None, loads=0, whitened_loads=lambda loads: seen.append(1) or np.zeros(4)
@@ -697,7 +691,7 @@ def test_eight_periods_tell_a_slope_from_scatter(periods, asked) -> None:
     assert bool(seen) == asked
 
 
-def test_a_step_between_mark_and_columns_is_rejected() -> None:
+def test_a_step_between_mark_and_columns_is_rejected():
     """A quarter of a sample lost in the angle's column only: 3 degrees from half-way on."""
     trial = made("rigid", 3)
     drifting = adverse.record_of(trial)
@@ -723,7 +717,7 @@ def test_a_step_between_mark_and_columns_is_rejected() -> None:
     assert "samples were lost between the mark and the columns" in said
 
 
-def test_slope_and_step_by_hand() -> None:
+def test_slope_and_step_by_hand():
     angles = 0.01 * np.arange(20.0) + np.where(np.arange(20) >= 12, 0.5, 0.0)
     creep = turning._fitted(angles - angles.mean(), 0.001, 10.0)
     assert creep.place == 12
@@ -735,7 +729,7 @@ def test_slope_and_step_by_hand() -> None:
     assert not straight.creeps
 
 
-def test_what_neither_slope_nor_step_explains_is_no_speed() -> None:
+def test_what_neither_slope_nor_step_explains_is_no_speed():
     """A tone between the lines turns the line of the rotation to and fro."""
     periodic = SimpleNamespace(time=np.zeros((40, 1)), speed=100.0, fundamental=10.0)
     drifting = SimpleNamespace(periodic=periodic)
@@ -749,7 +743,7 @@ def test_what_neither_slope_nor_step_explains_is_no_speed() -> None:
     assert straight.scatter == pytest.approx(1.0, rel=0.05)
 
 
-def test_no_creep_without_turning_or_with_few_periods() -> None:
+def test_no_creep_without_turning_or_with_few_periods():
     trial = made("rigid", 4)
     for name, samples in trial.columns.items():
         trial.columns[name] = samples[: 7 * trial.size]
@@ -758,7 +752,7 @@ def test_no_creep_without_turning_or_with_few_periods() -> None:
 
 
 @pytest.mark.slow
-def test_creeps_of_good_records_are_standard_normal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_creeps_of_good_records_are_standard_normal(monkeypatch):
     from good_records import good_record
 
     from rotorid.likelihood import fit
@@ -784,7 +778,7 @@ def test_creeps_of_good_records_are_standard_normal(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.fixture(scope="module")
-def drifting() -> rid.Record:
+def drifting():
     return levitated(3)
 
 
@@ -807,7 +801,7 @@ def strays(found: rid.Estimate) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_drift_that_the_halves_do_not_tell_is_told(drifting: rid.Record) -> None:
+def test_a_drift_that_the_halves_do_not_tell_is_told(drifting):
     right = answer(drifting)
     assert right.status == "ok"
     assert not strays(right)
@@ -824,7 +818,7 @@ def test_a_drift_that_the_halves_do_not_tell_is_told(drifting: rid.Record) -> No
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("order", [1, 2, 3])
-def test_each_shape_is_told(drifting: rid.Record, order: int) -> None:
+def test_each_shape_is_told(drifting, order):
     count = len(drifting.samples)
     shape = np.polynomial.Legendre.basis(order)(np.linspace(-1, 1, count))
     (told,) = strays(answer(drifting, SPEED * np.arange(count) / RATE + 0.02 * shape))
@@ -832,7 +826,7 @@ def test_each_shape_is_told(drifting: rid.Record, order: int) -> None:
     assert degrees == pytest.approx(np.degrees(0.02 * np.ptp(shape)), rel=0.2)
 
 
-def test_the_speeds_of_a_drift_are_told(drifting: rid.Record) -> None:
+def test_the_speeds_of_a_drift_are_told(drifting):
     """Stated is a constant speed; the rotation itself is moved, by the time that samples take."""
     time = np.arange(len(drifting.samples)) / RATE
     late = np.interp(time + 5e-5 * time * (time - time[-1]) / time[-1], time, np.arange(len(time)))
@@ -860,14 +854,7 @@ def test_the_speeds_of_a_drift_are_told(drifting: rid.Record) -> None:
         (1e-9, 9.0, 0.51, 0, 0),
     ],
 )
-def test_what_is_told_and_what_is_sure(
-    drifting: rid.Record,
-    chance: float,
-    moved: float,
-    size: float,
-    faults: int,
-    doubts: int,
-) -> None:
+def test_what_is_told_and_what_is_sure(drifting, chance, moved, size, faults, doubts):
     (bound,) = bind_all(MODEL, [rid.spectra(drifting, (2.0, 20.0), references=["r_x", "r_y"])])
     judged = list(_strays(bound, np.array([size, 0.0, 0.0]), chance, moved))
     assert (len(rejecting(judged)), len(doubting(judged))) == (faults, doubts)

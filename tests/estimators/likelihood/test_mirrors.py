@@ -1,7 +1,5 @@
 """Answers that fit as well by a symmetry of the equations: found, told, and no false alarm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import permutations, product
 from types import SimpleNamespace

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,12 +101,12 @@ def moved(known, x: np.ndarray, step: np.ndarray, relaxation: float, row: int, h
 
 class TestGradient:
     @pytest.mark.slow
-    def test_damped_chain_in_three_configurations(self) -> None:
+    def test_damped_chain_in_three_configurations(self):
         check_gradient(MODEL, {**TRUTH, "c": 300.0}, modes())
 
     @pytest.mark.slow
     @pytest.mark.parametrize("hertz", [0.0, 140.0])
-    def test_rotor_whose_modes_coincide_in_two_planes(self, hertz: float) -> None:
+    def test_rotor_whose_modes_coincide_in_two_planes(self, hertz):
         model = rid.load_model("three-mass")
         speed = 2 * np.pi * hertz
         given = [rid.Mode(100.0 * n, 1.0, (0.01, 0.01), speed) for n in (1, 2)]
@@ -115,14 +114,14 @@ class TestGradient:
 
 
 class TestAlone:
-    def test_exact_frequencies_give_exact_parameters(self) -> None:
+    def test_exact_frequencies_give_exact_parameters(self):
         estimate = alone(*modes())
         assert estimate.status == "ok"
         assert estimate.misfit.dof == 11 - 6
         for value in estimate.parameters:
             assert value.value == pytest.approx(TRUTH[value.name], rel=1e-9)
 
-    def test_deviations_follow_from_those_of_the_frequencies(self) -> None:
+    def test_deviations_follow_from_those_of_the_frequencies(self):
         """One spring: d k / k = 2 d f / f."""
         model = rid.parse_model(
             'title = "one"\nequations = ["m*x\'\' + k*x = F"]\ncoordinates = { x = "m" }\n'
@@ -135,7 +134,7 @@ class TestAlone:
         assert estimate.value("k") == pytest.approx(truth, rel=1e-9)
         assert estimate.std("k") == pytest.approx(truth * 2 * 0.002, rel=1e-6)
 
-    def test_the_scale_of_mass_and_stiffness_stays_open(self) -> None:
+    def test_the_scale_of_mass_and_stiffness_stays_open(self):
         known_mass = modes()[5:]  # hung on a mass that is known, it would not
         estimator = rid.MaximumLikelihood(modes=[m for m in modes() if m not in known_mass])
         estimate = rid.identify(MODEL, [], estimator)
@@ -145,7 +144,7 @@ class TestAlone:
         assert "weigh the rotor: a constraint on m1 + m2 + m3" in told
         assert estimate.value("k1/m1") == pytest.approx(5e5, rel=1e-9)
 
-    def test_which_of_two_planes_has_which_frequency_stays_open(self) -> None:
+    def test_which_of_two_planes_has_which_frequency_stays_open(self):
         model = rid.parse_model(
             'title = "planes"\nequations = ["m*x\'\' + kx*x = F", "m*y\'\' + ky*y = 0"]\n'
             'coordinates = { x = "m", y = "m" }\ninputs = { F = "N" }\n[parameters]\n'
@@ -163,7 +162,7 @@ class TestAlone:
             "kx may change places with ky" in w and "kx - ky" in w for w in estimate.warnings
         )
 
-    def test_table_and_file(self, tmp_path: Path) -> None:
+    def test_table_and_file(self, tmp_path):
         estimate = alone(*modes())
         assert "mode 1, k0 = 0" in str(estimate)
         assert "mode 2, damping ratio" in str(estimate)
@@ -174,7 +173,7 @@ class TestAlone:
         estimate.save(tmp_path / "out.json")
         assert rid.load_estimate(tmp_path / "out.json").modes == estimate.modes
 
-    def test_bound_says_what_modes_would_give(self) -> None:
+    def test_bound_says_what_modes_would_give(self):
         estimator = rid.MaximumLikelihood(fixed={"m1": 2.0}, modes=modes())
         bound = rid.predict_accuracy(MODEL, [], estimator, TRUTH)
         for value in alone(*modes()).parameters:
@@ -184,12 +183,12 @@ class TestAlone:
 class TestDecisions:
     """What was decided, each where it decides."""
 
-    def test_a_frequency_is_granted_an_error_while_records_lead(self) -> None:
+    def test_a_frequency_is_granted_an_error_while_records_lead(self):
         known, x = rows(MODEL, {**TRUTH, "k1": 1.2e6}, [rid.Mode(100.0, 0.5)])
         strict, loose = known.values(x)[0], known.values(x, 1.0)[0]
         assert loose == pytest.approx(strict * 0.5 / np.hypot(0.5, GRANTED * 100.0))
 
-    def test_a_mode_is_near_another_within_five_deviations(self) -> None:
+    def test_a_mode_is_near_another_within_five_deviations(self):
         at = eigenvalues()[1:].imag / (2 * np.pi)
         for share, told in ((0.98, False), (1.02, True)):
             given = modes()
@@ -197,7 +196,7 @@ class TestDecisions:
             del given[2]
             assert any("of the model lies at" in w for w in alone(*given).warnings) == told
 
-    def test_frequencies_coincide_where_they_do_so_in_general(self) -> None:
+    def test_frequencies_coincide_where_they_do_so_in_general(self):
         assert {"rad/s": 2 * np.pi, "cycles per minute": 60.0} == UNITS
         model = rid.load_model("three-mass")
         for speed, pattern in ((0.0, (2, 2)), (2 * np.pi * 140, (1, 1, 1, 1, 1))):
@@ -207,11 +206,11 @@ class TestDecisions:
 
 
 class TestMistakes:
-    def test_order_of_the_list_does_not_matter(self) -> None:
+    def test_order_of_the_list_does_not_matter(self):
         assert wrong(alone(*reversed(modes()))) < 1e-3
 
     @pytest.mark.slow
-    def test_a_mode_that_was_skipped_is_named(self) -> None:
+    def test_a_mode_that_was_skipped_is_named(self):
         given = modes()
         del given[1]
         estimate = alone(*given, m1=2.0, c=20.0)
@@ -221,7 +220,7 @@ class TestMistakes:
         assert wrong(alone(*given, m1=2.0, c=20.0)) < 1e-3
 
     @pytest.mark.slow
-    def test_a_frequency_that_contradicts_the_others_is_named(self) -> None:
+    def test_a_frequency_that_contradicts_the_others_is_named(self):
         given = modes()
         given[3] = replace(given[3], frequency=1.05 * given[3].frequency)
         estimate = alone(*given)
@@ -230,7 +229,7 @@ class TestMistakes:
         assert estimate.suspects[0].value == pytest.approx(modes()[3].frequency, rel=1e-3)
 
     @pytest.mark.slow
-    def test_radians_per_second_for_hertz(self) -> None:
+    def test_radians_per_second_for_hertz(self):
         given = [
             replace(m, frequency=2 * np.pi * m.frequency, std=2 * np.pi * m.std) for m in modes()
         ]
@@ -240,7 +239,7 @@ class TestMistakes:
         assert estimate.suspects[0].term == "unit[modes]"
         assert "in rad/s, not in Hz" in estimate.warnings[0]
 
-    def test_another_mode_nearby_is_said(self) -> None:
+    def test_another_mode_nearby_is_said(self):
         estimate = alone(*modes())
         assert not any("which of the two" in w for w in estimate.warnings)
         given = modes()
@@ -261,52 +260,52 @@ class TestMistakes:
             ({"speed": float("inf")}, "speed: found inf"),
         ],
     )
-    def test_refused(self, change: dict[str, object], told: str) -> None:
+    def test_refused(self, change, told):
         with pytest.raises(InputError, match=told):
             replace(rid.Mode(10.0, 0.1), **change)
 
-    def test_modes_that_the_model_does_not_have(self) -> None:
+    def test_modes_that_the_model_does_not_have(self):
         with pytest.raises(InputError, match=r"would be number 4.*at most 3: .* Hz at the start"):
             alone(*modes()[:3], rid.Mode(500.0, 1.0))
 
-    def test_a_parameter_that_the_model_does_not_have(self) -> None:
+    def test_a_parameter_that_the_model_does_not_have(self):
         with pytest.raises(InputError, match=r"'k_A' in the parameters of a mode"):
             alone(rid.Mode(10.0, 0.1, parameters={"k_A": 0.0}))
 
-    def test_base_parameters_know_no_other_configuration(self) -> None:
+    def test_base_parameters_know_no_other_configuration(self):
         estimator = rid.MaximumLikelihood(base=True, modes=modes(), start=TRUTH)
         with pytest.raises(InputError, match="estimate the physical parameters"):
             rid.identify(MODEL, [], estimator)
 
-    def test_neither_record_nor_mode(self) -> None:
+    def test_neither_record_nor_mode(self):
         with pytest.raises(InputError, match="found no record"):
             rid.identify(MODEL, [], rid.MaximumLikelihood())
 
 
 class TestNumbers:
-    def test_count_goes_on_from_what_is_said(self) -> None:
+    def test_count_goes_on_from_what_is_said(self):
         given = [rid.Mode(30.0, 0.1, mode=4), rid.Mode(40.0, 0.1), rid.Mode(10.0, 0.1)]
         (group,) = configurations(given)
         assert [(m.frequency, m.mode) for m in group] == [(10.0, 1), (30.0, 4), (40.0, 5)]
 
-    def test_every_configuration_counts_for_itself(self) -> None:
+    def test_every_configuration_counts_for_itself(self):
         turning = rid.Mode(30.0, 0.1, speed="100 rpm")
         free = rid.Mode(40.0, 0.1, parameters={"k": 0.0})
         groups = configurations([rid.Mode(50.0, 0.1), turning, free])
         assert [[m.mode for m in group] for group in groups] == [[1], [1], [1]]
 
-    def test_numbers_against_the_order_are_refused(self) -> None:
+    def test_numbers_against_the_order_are_refused(self):
         with pytest.raises(InputError, match=r"mode 2, 30 Hz, above mode 3, 20 Hz"):
             configurations([rid.Mode(30.0, 0.1, mode=2), rid.Mode(20.0, 0.1, mode=3)])
 
-    def test_the_same_mode_twice_is_a_repeated_measurement(self) -> None:
+    def test_the_same_mode_twice_is_a_repeated_measurement(self):
         (group,) = configurations([rid.Mode(30.0, 0.1, mode=1), rid.Mode(30.2, 0.1, mode=1)])
         assert [m.mode for m in group] == [1, 1]
 
 
 class TestBesideRecords:
     @pytest.fixture
-    def given(self) -> list[rid.Mode]:
+    def given(self):
         """Bending frequencies of the paper's rotor at its speed (theory, section 1).
 
         Forward and backward whirl coincide at 175.5 Hz, since its two halves are alike.
@@ -314,7 +313,7 @@ class TestBesideRecords:
         exact = {1: 36.84657934, 2: 175.5250378, 4: 340.32033744, 5: 569.29480039}
         return [rid.Mode(hz, 1e-4 * hz, speed="140 Hz", mode=n) for n, hz in exact.items()]
 
-    def test_they_add_what_they_know(self, demo, bearings, given) -> None:
+    def test_they_add_what_they_know(self, demo, bearings, given):
         record = demo.noisy(demo.record(bearings), np.random.default_rng(7))
         settings = {"fixed": {"L1": 0.3}, "start": {"k1": 9.5e5}}
         without = rid.identify(demo.model, record, rid.MaximumLikelihood(**settings))
@@ -328,7 +327,7 @@ class TestBesideRecords:
             assert abs(value.value - demo.truth[value.name]) <= 4 * value.std
 
     @pytest.mark.slow
-    def test_one_that_contradicts_the_record_is_named(self, demo, bearings, given) -> None:
+    def test_one_that_contradicts_the_record_is_named(self, demo, bearings, given):
         record = demo.noisy(demo.record(bearings), np.random.default_rng(7))
         off = [*given[:2], replace(given[2], frequency=335.0), given[3]]
         estimator = rid.MaximumLikelihood(fixed={"L1": 0.3}, modes=off)
@@ -340,7 +339,7 @@ class TestBesideRecords:
 
 
 @pytest.mark.slow
-def test_deviations_hold(monte_carlo) -> None:
+def test_deviations_hold(monte_carlo):
     """300 tests of the chain, frequencies to 0.1 %, from a start 10 to 20 % off."""
 
     def draw(rng):

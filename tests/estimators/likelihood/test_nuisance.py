@@ -1,7 +1,5 @@
 """Unknowns of the measurement by their effects: gains, lags, force laws read again."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -583,7 +581,7 @@ UNKNOWN_LAW = {"gap": 4.2e-4, "bias": 1.9, "K": 4.3e-6}
 
 
 @pytest.mark.parametrize("name", UNKNOWN_LAW)
-def test_an_unknown_constant_is_found(name: str) -> None:
+def test_an_unknown_constant_is_found(name):
     """From 5 % off, within its deviations, common to both axes; the mass gives the scale."""
     law = replace(MAGNET, **{name: UNKNOWN_LAW[name]}, std={name: np.inf})
     found = identify(
@@ -598,7 +596,7 @@ def test_an_unknown_constant_is_found(name: str) -> None:
     assert abs(found.value("c") - TRUTH["c"]) < 4 * found.std("c")
 
 
-def test_a_prior_widens_the_deviations_as_the_gain_does() -> None:
+def test_a_prior_widens_the_deviations_as_the_gain_does():
     """1 % of the gap is 2 % of k_i: of every force, and so of the mass.
 
     As long as the motion is so small that the bend of the law does not tell the gap.
@@ -613,7 +611,7 @@ def test_a_prior_widens_the_deviations_as_the_gain_does() -> None:
     assert own.std("m") == pytest.approx(0.02 * TRUTH["m"] / np.sqrt(2), rel=0.1)
 
 
-def test_a_wrong_gap_is_suspected_by_its_name() -> None:
+def test_a_wrong_gap_is_suspected_by_its_name():
     """With the stiffness known; beyond the lines of a linear law it is the iron, too."""
     found = identify(
         MODEL,
@@ -653,7 +651,7 @@ def derivatives_hold(observation: Observation, nuisances: Sequence[Unknown]) -> 
         assert gradient[j] * scale[j] == pytest.approx(found, rel=1e-5, abs=1e-6 * at.cost)
 
 
-def test_derivatives_of_constants_against_differences() -> None:
+def test_derivatives_of_constants_against_differences():
     law = replace(
         MAGNET,
         saturation=7000.0,
@@ -675,7 +673,7 @@ def test_derivatives_of_constants_against_differences() -> None:
         ({"delays": ("force",)}, "an unknown delay of the forces"),
     ],
 )
-def test_constants_of_forces_need_a_force(asked: dict[str, tuple[str, ...]], told: str) -> None:
+def test_constants_of_forces_need_a_force(asked, told):
     observation = bind(MODEL, periods(MAGNET))
     lines = observation.lines
     silent = observation.with_lines(replace(lines, mean=lines.mean * [0.0, 0.0, 1.0, 1.0]))
@@ -683,7 +681,7 @@ def test_constants_of_forces_need_a_force(asked: dict[str, tuple[str, ...]], tol
         unknowns_of([silent], Nuisances(**asked))
 
 
-def test_derivatives_of_bends_against_differences() -> None:
+def test_derivatives_of_bends_against_differences():
     observation = bind(MODEL, periods(MAGNET))
     bends = [*cubics([observation], None), *hystereses([observation], None)]
     assert {n.scalars[0].name for n in bends} == {
@@ -711,7 +709,7 @@ def first_suspects(record: PeriodicRecord) -> list[str]:
     return [s.term for s in found.suspects[:3]]
 
 
-def test_a_sensor_that_bends_is_named() -> None:
+def test_a_sensor_that_bends_is_named():
     def far_out(samples: np.ndarray) -> np.ndarray:
         return samples * (1 + 0.05 * (samples / np.abs(samples).max()) ** 2)
 
@@ -719,7 +717,7 @@ def test_a_sensor_that_bends_is_named() -> None:
     assert first_suspects(bent(far_out, [2, 3]))[0] == "nonlinear x ... y"
 
 
-def test_a_force_that_runs_through_a_loop_is_named() -> None:
+def test_a_force_that_runs_through_a_loop_is_named():
     def lagging(samples: np.ndarray) -> np.ndarray:
         held, out = np.zeros(samples.shape[1]), np.empty_like(samples)
         for _ in range(2):
@@ -732,7 +730,7 @@ def test_a_force_that_runs_through_a_loop_is_named() -> None:
     assert "hysteresis force" in first_suspects(bent(lambda s: 2 * s - lagging(s), [0, 1]))
 
 
-def test_the_lines_of_another_constant_are_those_of_another_law() -> None:
+def test_the_lines_of_another_constant_are_those_of_another_law():
     """Reading with the right gap, and reading with a wrong one that is put right, agree."""
     wrong = bind(MODEL, periods(replace(MAGNET, gap=4.2e-4, std={"gap": 1e-5}), {"gap": "g"}))
     right = periods(MAGNET)
@@ -747,7 +745,7 @@ def test_the_lines_of_another_constant_are_those_of_another_law() -> None:
 
 
 @pytest.mark.slow
-def test_records_without_periods_keep_their_samples_for_it() -> None:
+def test_records_without_periods_keep_their_samples_for_it():
     law = replace(MAGNET, gap=4.1e-4, std={"gap": np.inf})
     record = recorded(law, {"gap": "magnets"})
     lines = spectra(record, (5.0, 250.0), inputs=("F_x", "F_y"))
@@ -760,7 +758,7 @@ def test_records_without_periods_keep_their_samples_for_it() -> None:
     assert abs(gap.value - MAGNET.gap) < max(5 * gap.std, 2e-3 * MAGNET.gap)
 
 
-def test_what_is_shared_is_stated_alike() -> None:
+def test_what_is_shared_is_stated_alike():
     record = recorded(replace(MAGNET, std={"gap": 1e-5}), {"gap": "magnets"})
     channels = list(record.channels)
     channels[1] = replace(channels[1], law=replace(channels[1].law, gap=5e-4))
@@ -769,7 +767,7 @@ def test_what_is_shared_is_stated_alike() -> None:
         identify(MODEL, mixed, "ml")
 
 
-def test_what_every_law_may_have_wrong() -> None:
+def test_what_every_law_may_have_wrong():
     every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, periods(MAGNET))])}
     assert {"gap", "bias", "iron", "bias_difference", "saturation", "K"} <= every
     record = recorded(MAGNET)
@@ -815,9 +813,7 @@ def later(values: np.ndarray) -> None:
         (later, {"delay_std": 1e-4}, "delay[x]", 2e-5),
     ],
 )
-def test_what_a_sensor_reads_wrong_goes_through_the_law(
-    change: Callable[[np.ndarray], None], stated: dict[str, float], name: str, true: float
-) -> None:
+def test_what_a_sensor_reads_wrong_goes_through_the_law(change, stated, name, true):
     """Its gain and its lag are in the force too, which was read with it."""
     record = misread(change, Channel("x", "m", **stated))
     found = identify(MODEL, record, MaximumLikelihood(fixed=STILL))
@@ -829,9 +825,7 @@ def test_what_a_sensor_reads_wrong_goes_through_the_law(
 
 
 @pytest.mark.parametrize("columns", [[0, 1], [2, 3], [0, 1, 2, 3]])
-def test_the_law_takes_what_there_was_and_not_what_the_sensor_let_through(
-    columns: list[int],
-) -> None:
+def test_the_law_takes_what_there_was_and_not_what_the_sensor_let_through(columns):
     """A known bandwidth of 1 kHz: k_s times its lag would be half of the damping."""
     known = FirstOrder(bandwidth=Constant("bandwidth", "Hz", 1000.0))
 
@@ -879,9 +873,7 @@ def current_upside_down(values: np.ndarray) -> None:
         (current_upside_down, r"x upside down.* to \d\d\..* cannot tell it from sign"),
     ],
 )
-def test_a_mistaken_column_is_undone_before_the_law(
-    change: Callable[[np.ndarray], None], told: str
-) -> None:
+def test_a_mistaken_column_is_undone_before_the_law(change, told):
     """The law reads the force again, with the column as it should have been."""
     found = identify(
         MODEL, misread(change, Channel("x", "m")), MaximumLikelihood(fixed=STILL, start=TRUTH)
@@ -890,7 +882,7 @@ def test_a_mistaken_column_is_undone_before_the_law(
     assert any(re.search(told, warning) for warning in found.warnings), found.warnings
 
 
-def test_what_is_undone_of_a_late_sensor_is_the_record_without_the_mistake() -> None:
+def test_what_is_undone_of_a_late_sensor_is_the_record_without_the_mistake():
     """A delay that is known is taken out of what the law had read, and of what it reads again."""
 
     def late(values: np.ndarray) -> None:
@@ -909,7 +901,7 @@ def test_what_is_undone_of_a_late_sensor_is_the_record_without_the_mistake() -> 
 
 
 @pytest.mark.parametrize(("share", "read_again"), [(0.99, True), (1.01, False)])
-def test_no_magnet_reads_a_displacement_beyond_its_gap(share: float, read_again: bool) -> None:
+def test_no_magnet_reads_a_displacement_beyond_its_gap(share, read_again):
     """There forces fall to nothing, and records of nothing would agree with any machine."""
     record = bind(MODEL, periods(MAGNET))
     assert record.lines.samples is not None
@@ -948,7 +940,7 @@ def turning(line: int) -> PeriodicRecord:
     return average(forces(record, laws, period=SIZE), F0, harmonics=LINES)
 
 
-def test_runout_goes_through_the_law_of_the_magnet() -> None:
+def test_runout_goes_through_the_law_of_the_magnet():
     """The force is read k_s of the runout too large; two speeds tell it from the unbalance."""
     found = identify(MODEL, [turning(11), turning(23)], MaximumLikelihood(runout=True))
     assert found.status == "ok"

@@ -1,7 +1,5 @@
 """More than one answer, valleys, and what the noise of forces informs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -106,12 +104,12 @@ def doubted(monkeypatch, stated: float, predicted: float, *, loose: bool, about:
 @pytest.mark.parametrize("loose", [False, True])
 def test_deviations_much_smaller_than_predicted_are_noise(
     monkeypatch, stated, predicted, doubt, loose
-) -> None:
+):
     assert doubted(monkeypatch, stated, predicted, loose=loose, about=False) == doubt
 
 
 @pytest.mark.parametrize("loose", [False, True])
-def test_what_is_told_loosely_is_asked_about_the_start_too(monkeypatch, loose) -> None:
+def test_what_is_told_loosely_is_asked_about_the_start_too(monkeypatch, loose):
     assert doubted(monkeypatch, 0.05, 0.05, loose=loose, about=True) == loose
 
 
@@ -124,7 +122,7 @@ def test_what_is_told_loosely_is_asked_about_the_start_too(monkeypatch, loose) -
         (0.9, 0.89, [True, True]),
     ],
 )
-def test_of_whom_the_noise_of_forces_makes_the_information(power, share, told) -> None:
+def test_of_whom_the_noise_of_forces_makes_the_information(power, share, told):
     """Of .3 of the information along a direction, and of a tenth of an unknown's variance."""
     c, s = np.sqrt(share), np.sqrt(1 - share)
     root = np.array([[c, -s], [s, c]])
@@ -137,7 +135,7 @@ def test_of_whom_the_noise_of_forces_makes_the_information(power, share, told) -
     ("expected", "stated", "loose"),
     [(0.099, 0.0, False), (0.101, 0.0, True), (0.0, 0.099, False), (0.0, 0.101, True)],
 )
-def test_a_deviation_of_a_tenth_is_loose(monkeypatch, expected, stated, loose) -> None:
+def test_a_deviation_of_a_tenth_is_loose(monkeypatch, expected, stated, loose):
     """The one expected of the start, or the one stated."""
     expecting(monkeypatch, 2 * expected)
     asked = minimum_of(max(2 * stated, 1e-6), start=2.0, at=2.0)
@@ -146,7 +144,7 @@ def test_a_deviation_of_a_tenth_is_loose(monkeypatch, expected, stated, loose) -
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(2.9, True), (3.1, False), (1 / 2.9, True)])
-def test_a_start_that_is_off_by_three_is_no_machine(factor, kept) -> None:
+def test_a_start_that_is_off_by_three_is_no_machine(factor, kept):
     (start,) = minimum_of(1.0, start=factor).about(0)
     assert start[0] == (factor if kept else 1.0)
 
@@ -155,7 +153,7 @@ def test_a_start_that_is_off_by_three_is_no_machine(factor, kept) -> None:
     ("stated", "predicted", "taken"),
     [(0.0, 0.099, False), (0.0, 0.101, True), (0.02, 0.199, False), (0.02, 0.201, True)],
 )
-def test_what_no_machine_about_the_start_tells(monkeypatch, stated, predicted, taken) -> None:
+def test_what_no_machine_about_the_start_tells(monkeypatch, stated, predicted, taken):
     """Neither to a tenth of the value nor to ten stated deviations."""
     monkeypatch.setattr(information, "further_starts", lambda *at: [np.ones(1)])
     expecting(monkeypatch, predicted)
@@ -163,7 +161,7 @@ def test_what_no_machine_about_the_start_tells(monkeypatch, stated, predicted, t
 
 
 @pytest.mark.parametrize(("informed", "taken"), [(9, False), (10, True)])
-def test_eight_machines_about_the_start_are_asked(monkeypatch, informed, taken) -> None:
+def test_eight_machines_about_the_start_are_asked(monkeypatch, informed, taken):
     """Beside the start itself; here it is the one of this number that the forces inform."""
     deviations = [np.inf] * 20
     deviations[informed - 1] = 0.0
@@ -203,7 +201,7 @@ def ways(
     return gone
 
 
-def test_how_many_further_starts_are_tried(monkeypatch) -> None:
+def test_how_many_further_starts_are_tried(monkeypatch):
     """Three; eight on demand, or where one ended elsewhere at a cost that is not far above."""
     assert len(ways(monkeypatch)) == 3
     tried = ways(monkeypatch, loose=True)
@@ -219,7 +217,7 @@ def test_a_cost_that_chance_seldom_leaves_has_all_starts_tried(monkeypatch, chan
 
 
 @pytest.mark.parametrize(("wider", "loose", "bent"), [(7.9, 1, 0), (8.1, 1, 1), (8.1, 0, 0)])
-def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose, bent) -> None:
+def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose, bent):
     yes, one = np.ones(1, bool), np.ones(1)
     monkeypatch.setattr(information, "informed_by_noise", lambda at: (one, ~yes))
     monkeypatch.setattr(information._Minimum, "taken_about", lambda at: ~yes)
@@ -229,13 +227,13 @@ def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose
 
 
 @pytest.mark.parametrize(("below", "lower"), [(0.9, False), (1.1, True)])
-def test_a_minimum_is_lower_by_more_than_a_millionth(below, lower) -> None:
+def test_a_minimum_is_lower_by_more_than_a_millionth(below, lower):
     found = information._lower([solution_at([1.0], 1e6 - below)], solution_at([1.0], 1e6))
     assert (found is not None) == lower
 
 
 @pytest.mark.parametrize(("after", "cure"), [(0.32, "drive F against"), (0.34, "excite what")])
-def test_an_excitation_that_tells_three_times_as_much_is_a_cure(monkeypatch, after, cure) -> None:
+def test_an_excitation_that_tells_three_times_as_much_is_a_cure(monkeypatch, after, cure):
     problem = problem_of("m")
     problem.likelihoods = (SimpleNamespace(data=np.ones((1, 1))),)
     problem.layout.model = SimpleNamespace(inputs=("F",))

@@ -1,7 +1,5 @@
 """The runner of rival hypotheses, and what it names: channels, lines, speeds, bounds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -77,7 +75,7 @@ def catalogue(monkeypatch):
 @pytest.mark.parametrize(("cost", "freed", "asked"), [(299.0, 8, False), (301.0, 3, True)])
 def test_how_many_small_changes_are_freed_before_mistakes_are_thought_of(
     catalogue, cost, freed, asked
-) -> None:
+):
     """Three where the misfit is three times what noise leaves; then mistakes are tried."""
     gone: list[str] = []
     small = [rival(f"mass {k}", left=310.0, gone=gone, drop=200.0 - 15 * k) for k in range(12)]
@@ -88,7 +86,7 @@ def test_how_many_small_changes_are_freed_before_mistakes_are_thought_of(
     assert gone == [f"mass {k}" for k in range(freed)] + ["swap"] * asked
 
 
-def test_a_mistake_that_explains_the_data_leaves_small_changes_out(catalogue) -> None:
+def test_a_mistake_that_explains_the_data_leaves_small_changes_out(catalogue):
     catalogue("single", rival("swap", "mistake", left=100.0))
     catalogue("several", rival("sign", "mistake", left=90.0))
     small = [rival(f"m {k}", left=9e3, drop=9.0) for k in range(4)]
@@ -99,7 +97,7 @@ def test_a_mistake_that_explains_the_data_leaves_small_changes_out(catalogue) ->
 @pytest.mark.parametrize(
     ("best", "followed"), [(9.9, [9.9]), (10.1, [10.1, 100.0, 200.0, 300.0, 400.0])]
 )
-def test_which_mistakes_are_followed_after_the_screening(catalogue, best, followed) -> None:
+def test_which_mistakes_are_followed_after_the_screening(catalogue, best, followed):
     """One that leaves a hundredth, at once; where it explains the data the others stay. Else 5."""
     gone: list[str] = []
     costs = (500.0, 200.0, 100.0, 300.0, 600.0, best, 400.0)
@@ -111,7 +109,7 @@ def test_which_mistakes_are_followed_after_the_screening(catalogue, best, follow
     assert gone == [str(cost) for cost in followed]
 
 
-def test_what_was_tried_before_is_not_tried_again(catalogue) -> None:
+def test_what_was_tried_before_is_not_tried_again(catalogue):
     gone: list[str] = []
     catalogue("single", *(rival(t, "mistake", left=1e5, gone=gone) for t in ("a", "b")))
     list(rivals.RivalSearch(case_of(1e6), frozenset("a")).screened())
@@ -120,9 +118,7 @@ def test_what_was_tried_before_is_not_tried_again(catalogue) -> None:
 
 @pytest.mark.parametrize(("left", "line"), [(299.0, 0), (301.0, 1)])
 @pytest.mark.parametrize("kind", ["term", "unit"])
-def test_a_line_is_left_out_where_nothing_else_explains_the_data(
-    catalogue, left, line, kind
-) -> None:
+def test_a_line_is_left_out_where_nothing_else_explains_the_data(catalogue, left, line, kind):
     """Three times what noise leaves; another unit explains anything."""
     catalogue("trial", rival("other", kind, left=left))
     gone: list[str] = []
@@ -134,7 +130,7 @@ def test_a_line_is_left_out_where_nothing_else_explains_the_data(
 @pytest.mark.parametrize(
     ("left", "alike"), [((100.0, 114.9), 2), ((100.0, 115.1), 1), ((200.0, 229.9), 2)]
 )
-def test_rivals_that_the_data_cannot_tell_apart(left, alike) -> None:
+def test_rivals_that_the_data_cannot_tell_apart(left, alike):
     """Costs within 15, times what is left over what noise leaves."""
     found = [finding(f"mass {k}", cost) for k, cost in enumerate(left)]
     assert len(rivals.alike(found, 100.0)) == alike
@@ -154,7 +150,7 @@ def test_rivals_that_the_data_cannot_tell_apart(left, alike) -> None:
     ],
 )
 @pytest.mark.parametrize("turned", [False, True])
-def test_rivals_that_are_even_have_an_order_of_their_own(costs, order, turned) -> None:
+def test_rivals_that_are_even_have_an_order_of_their_own(costs, order, turned):
     names = ("force", "position")
     found = [finding(name, cost) for name, cost in zip(names, costs, strict=True)]
     ordered = rivals.ranked(
@@ -168,7 +164,7 @@ def test_rivals_that_are_even_have_an_order_of_their_own(costs, order, turned) -
     ("likely", "order"),
     [(True, ["bound", "unit", "prior", "mass"]), (False, ["unit", "prior", "mass", "bound"])],
 )
-def test_where_kinds_stand_that_cannot_be_told_apart(likely, order) -> None:
+def test_where_kinds_stand_that_cannot_be_told_apart(likely, order):
     found = [
         finding("bound", 25.0, "bound", likely=likely),
         finding("mass", 25.0),
@@ -180,13 +176,13 @@ def test_where_kinds_stand_that_cannot_be_told_apart(likely, order) -> None:
 
 
 @pytest.mark.parametrize(("value", "first"), [(0.9, "x"), (1.1, "y"), (-1.1, "y")])
-def test_a_channel_that_reads_too_little_comes_before_one_that_reads_too_much(value, first) -> None:
+def test_a_channel_that_reads_too_little_comes_before_one_that_reads_too_much(value, first):
     found = [finding("x", 25.0, "gain", value=value), finding("y", 25.0)]
     assert rivals.ranked(found, 20.0, {("x",): 0})[0].rival.term == first
 
 
 @pytest.mark.parametrize(("left", "enough"), [(875.0, True), (877.0, False)])
-def test_a_rival_that_is_not_enough_is_said_to_be_none(left, enough) -> None:
+def test_a_rival_that_is_not_enough_is_said_to_be_none(left, enough):
     """Two mistakes at once: the best of one leaves more than three times what noise does."""
     told = rivals.sentence(case_of(1e6, 292.0), [finding("mass at x", left)])
     assert told.endswith("add it") == enough
@@ -194,14 +190,14 @@ def test_a_rival_that_is_not_enough_is_said_to_be_none(left, enough) -> None:
 
 
 @pytest.mark.parametrize(("share", "lead"), [(0.19, False), (0.21, True)])
-def test_a_rival_that_explains_a_fifth_is_told(share, lead) -> None:
+def test_a_rival_that_explains_a_fifth_is_told(share, lead):
     told = rivals.sentence(case_of(1e6), [finding("mass at x", 200.0, share=share)])
     assert ("first suspect: mass at x" in told) == lead
     assert ("none of the 1 suspects explains" in told) != lead
 
 
 @pytest.mark.parametrize(("apart", "value"), [(0.9e-3, 100.0), (1.1e-3, None)])
-def test_speeds_that_fit_alike_are_no_speed(apart, value) -> None:
+def test_speeds_that_fit_alike_are_no_speed(apart, value):
     found = [
         finding("speed[2]", left, "speed", value=size, on=("record 3",))
         for size, left in ((100.0, 70.0), (100.0 * (1 - apart), 70.5), (50.0, 200.0))
@@ -216,7 +212,7 @@ def entered(stage: str, case: object) -> list[Rival]:
     return [each for entry in rivals.CATALOGUE[stage] for each in entry(case)]
 
 
-def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch) -> None:
+def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch):
     """From the angles that are tried, and from that of the mark itself."""
     later = [SimpleNamespace(lines=SimpleNamespace(clock=None))] * 2
     monkeypatch.setattr(
@@ -234,7 +230,7 @@ def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(("name", "factor"), channels.FACTORS.items())
-def test_factors_of_units_are_named(name, factor) -> None:
+def test_factors_of_units_are_named(name, factor):
     for exact in (factor, 1 / factor):
         for off in (0.992, 1.008):  # between 9.807 and ten, the one that is nearer
             assert channels.snap(-off * exact) == pytest.approx(-exact, rel=1e-6)
@@ -246,7 +242,7 @@ def test_factors_of_units_are_named(name, factor) -> None:
     ("gain", "exact"),
     [(-1.029, -1.0), (-1.031, None), (0.971, 1.0), (0.969, None), (26.15, 25.4), (26.17, None)],
 )
-def test_how_close_a_gain_is_to_that_of_a_unit(gain, exact) -> None:
+def test_how_close_a_gain_is_to_that_of_a_unit(gain, exact):
     assert channels.snap(gain) == (None if exact is None else pytest.approx(exact))
 
 
@@ -273,7 +269,7 @@ def speeds_of(case) -> list[Rival]:
     return [r for r in entered("single", case) if r.kind == "speed"]
 
 
-def test_speeds_that_were_mistaken() -> None:
+def test_speeds_that_were_mistaken():
     """Of a rotor that is said to turn at 100 rad/s: what is right instead, either way round."""
     right = {
         "rad/s taken for rpm": 954.930,
@@ -300,7 +296,7 @@ def estimated(case, costs=None):
     return case
 
 
-def test_the_speeds_of_all_records_and_of_single_ones() -> None:
+def test_the_speeds_of_all_records_and_of_single_ones():
     found = speeds_of(estimated(jeffcott((100.0, 200.0))))
     assert {r.term for r in found} == {"speed", "speed[0]", "speed[1]"}
     backwards = [r for r in found if r.says.endswith("turning the other way")]
@@ -312,13 +308,13 @@ def test_the_speeds_of_all_records_and_of_single_ones() -> None:
     assert {round(abs(r.value) / (2 * np.pi)) for r in shown} == {20, 30}
 
 
-def test_a_record_that_stood_still_may_have_turned() -> None:
+def test_a_record_that_stood_still_may_have_turned():
     found = speeds_of(estimated(jeffcott((0.0, 200.0), frequency=(10.0, 20.0, 30.0))))
     still = [r.value / (2 * np.pi) for r in found if r.term == "speed[0]"]
     assert still == pytest.approx([10, -10, 30, -30, 20, -20])
 
 
-def test_speeds_are_asked_of_the_four_records_that_fit_worst() -> None:
+def test_speeds_are_asked_of_the_four_records_that_fit_worst():
     case = estimated(jeffcott((100.0,) * 6), costs=(1.0, 6.0, 2.0, 5.0, 4.0, 3.0))
     asked = {r.term for r in speeds_of(case)} - {"speed"}
     assert asked == {f"speed[{k}]" for k in (1, 3, 4, 5)}
@@ -336,21 +332,21 @@ def with_sensors(case, names):
 
 
 @pytest.mark.parametrize(("channels", "swaps"), [(8, 28), (9, 8)])
-def test_swaps_of_many_like_channels_are_those_of_neighbours(channels, swaps) -> None:
+def test_swaps_of_many_like_channels_are_those_of_neighbours(channels, swaps):
     case = with_sensors(jeffcott(), tuple(f"x{k}" for k in range(channels)))
     found = [r for r in entered("single", case) if len(r.on) == 2]
     assert len(found) == swaps
 
 
 @pytest.mark.parametrize(("times", "unlike"), [(4.9, False), (5.1, True), (1 / 5.1, True)])
-def test_a_channel_unlike_the_others_of_its_kind(times, unlike) -> None:
+def test_a_channel_unlike_the_others_of_its_kind(times, unlike):
     case = with_sensors(jeffcott(sizes=(1.0, 1.0, times)), ("a", "b", "c"))
     starts = {r.on[0]: r.added.scalars[0].start for r in entered("factor", case)}
     assert starts == pytest.approx({"a": 1.0, "b": 1.0, "c": 1 / times if unlike else 1.0})
 
 
 @pytest.mark.parametrize(("harmonics", "held"), [((1, 7, 14), "2"), ((7, 21), "3"), ((1, 7), "")])
-def test_runout_is_suspected_where_a_line_holds_it(demo, harmonics, held) -> None:
+def test_runout_is_suspected_where_a_line_holds_it(demo, harmonics, held):
     """Of metres it would explain any misfit, by what leaks of it onto other lines."""
     lines = rid.Lines.of_periods(demo.record())
     assert lines.speed[0] == pytest.approx(2 * np.pi * 140)  # seven times 20 Hz

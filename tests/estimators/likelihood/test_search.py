@@ -1,7 +1,5 @@
 """The search: its steps and who watches them, few lines before many, plain mistakes first."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -43,7 +41,7 @@ def about(estimate: rid.Estimate, what: str) -> list[tuple[str, str]]:
     return [(note.severity, note.cure) for note in estimate.notes if note.about == what]
 
 
-def test_the_first_step_has_an_answer_and_says_that_it_is_not_the_last() -> None:
+def test_the_first_step_has_an_answer_and_says_that_it_is_not_the_last():
     search = ESTIMATOR.search(CASE.model, CASE.records)
     assert search.best is None
     step = next(search)
@@ -54,7 +52,7 @@ def test_the_first_step_has_an_answer_and_says_that_it_is_not_the_last() -> None
         assert abs(step.best.value(name) - true) < 6 * step.best.std(name) + 1e-12
 
 
-def test_the_last_step_is_the_estimate() -> None:
+def test_the_last_step_is_the_estimate():
     steps = list(ESTIMATOR.search(CASE.model, CASE.records))
     assert [step.say for step in steps][-2:] == ["asking what may be wrong", "done"]
     estimate = ESTIMATOR.estimate(CASE.model, CASE.records)
@@ -65,7 +63,7 @@ def test_the_last_step_is_the_estimate() -> None:
     assert search.finish().to_json() == estimate.to_json()
 
 
-def test_little_effort_ends_at_the_first_minimum_and_says_so() -> None:
+def test_little_effort_ends_at_the_first_minimum_and_says_so():
     first = next(ESTIMATOR.search(CASE.model, CASE.records)).best
     quick = QUICK.estimate(CASE.model, CASE.records)
     assert quick.parameters == first.parameters
@@ -76,7 +74,7 @@ def test_little_effort_ends_at_the_first_minimum_and_says_so() -> None:
     assert len(list(QUICK.search(CASE.model, CASE.records))) == 1
 
 
-def test_a_first_minimum_that_noise_does_not_explain_is_no_answer() -> None:
+def test_a_first_minimum_that_noise_does_not_explain_is_no_answer():
     quick = replace(WRONG, effort="quick").estimate(CASE.model, CASE.records)
     assert quick.misfit.p_value < 1e-6
     assert quick.status == "not_converged"
@@ -84,7 +82,7 @@ def test_a_first_minimum_that_noise_does_not_explain_is_no_answer() -> None:
     assert [severity for severity, _ in about(quick, "effort")] == ["unfinished"]
 
 
-def test_further_starts_are_steps_with_how_far_they_are() -> None:
+def test_further_starts_are_steps_with_how_far_they_are():
     steps = list(WRONG.search(CASE.model, CASE.records))
     ways = [step for step in steps if step.say == "trying further starts"]
     assert len(ways) > 1
@@ -97,7 +95,7 @@ def test_further_starts_are_steps_with_how_far_they_are() -> None:
     assert steps[-1].best.suspects
 
 
-def test_a_watch_changes_nothing_and_is_told_of_mistakes_that_are_tried() -> None:
+def test_a_watch_changes_nothing_and_is_told_of_mistakes_that_are_tried():
     told: list[tuple[str, int, int | None]] = []
     with watched(lambda say, done=0, of=None: told.append((say, done, of))):
         followed = rid.identify(CASE.model, CASE.records, WRONG)
@@ -110,7 +108,7 @@ def test_a_watch_changes_nothing_and_is_told_of_mistakes_that_are_tried() -> Non
     assert all(of is not None and 0 < done <= of for done, of in tried[:-1])
 
 
-def test_what_is_suspected_so_far_is_in_the_best_so_far() -> None:
+def test_what_is_suspected_so_far_is_in_the_best_so_far():
     steps = list(WRONG.search(CASE.model, CASE.records))
     tried = [step.best for step in steps if step.say == "trying possible mistakes"]
     drops = [max((s.drop for s in best.suspects), default=0.0) for best in tried]
@@ -119,14 +117,14 @@ def test_what_is_suspected_so_far_is_in_the_best_so_far() -> None:
     assert tried[-1].suspects == steps[-1].best.suspects
 
 
-def test_no_step_changes_how_numpy_treats_errors() -> None:
+def test_no_step_changes_how_numpy_treats_errors():
     with np.errstate(all="raise"):
         for _ in QUICK.search(CASE.model, CASE.records):
             assert set(np.geterr().values()) == {"raise"}
 
 
 @pytest.mark.parametrize("when", ["trying further starts", "trying possible mistakes"])
-def test_an_interrupt_passes_through_and_leaves_the_best_so_far(when: str) -> None:
+def test_an_interrupt_passes_through_and_leaves_the_best_so_far(when):
     search = WRONG.search(CASE.model, CASE.records)
     with watched(interrupting(when)), pytest.raises(KeyboardInterrupt):
         search.finish()
@@ -146,7 +144,7 @@ def interrupting(when: str) -> Callable[..., None]:
     return stop
 
 
-def test_any_other_effort_is_refused() -> None:
+def test_any_other_effort_is_refused():
     with pytest.raises(InputError, match="effort 'some'; expected one of full, quick"):
         rid.MaximumLikelihood(effort="some")
 
@@ -155,7 +153,7 @@ def test_any_other_effort_is_refused() -> None:
 
 
 @pytest.fixture(scope="module")
-def record() -> rid.Record:
+def record():
     return levitated(1)
 
 
@@ -165,9 +163,7 @@ def lines_of(record: rid.Record, count: int = 991) -> rid.Lines:
     return lines
 
 
-def test_the_answer_is_that_of_all_lines(
-    record: rid.Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_answer_is_that_of_all_lines(record, monkeypatch):
     lines = lines_of(record)
     by_few = rid.identify(MODEL, lines, KNOWN)
     monkeypatch.setattr(thinning, "FEW", 10**6)
@@ -181,7 +177,7 @@ def test_the_answer_is_that_of_all_lines(
 
 
 @pytest.mark.parametrize(("count", "fewer"), [(800, False), (801, True)])
-def test_which_records_are_thinned(record: rid.Record, count: int, fewer: bool) -> None:
+def test_which_records_are_thinned(record, count, fewer):
     seen = bind(MODEL, lines_of(record, count))
     found = thinned([seen])
     assert (found is not None) == fewer
@@ -190,7 +186,7 @@ def test_which_records_are_thinned(record: rid.Record, count: int, fewer: bool) 
         assert 200 < len(found[0].lines.frequency) <= FEW == 400
 
 
-def test_the_strongest_lines_lead_the_way(record: rid.Record) -> None:
+def test_the_strongest_lines_lead_the_way(record):
     """And all that goes with a line goes with it."""
     lines = lines_of(record)
     mean = lines.mean.copy()
@@ -213,9 +209,7 @@ def test_the_strongest_lines_lead_the_way(record: rid.Record) -> None:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(("gain", "few"), [(1.3, True), (1.014, True), (1.01, False)])
-def test_a_plain_mistake_is_looked_for_on_fewer_lines(
-    record: rid.Record, gain: float, few: bool
-) -> None:
+def test_a_plain_mistake_is_looked_for_on_fewer_lines(record, gain, few):
     samples = record.samples.copy()
     samples[:, record.names.index("x")] *= gain
     lines = lines_of(replace(record, samples=samples))
@@ -232,9 +226,7 @@ def test_a_plain_mistake_is_looked_for_on_fewer_lines(
     assert told[0].endswith("of the 991 lines)") == few
 
 
-def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(
-    record: rid.Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(record, monkeypatch):
     """A misfit is believed once two starts led to it; a whole record is solved once for that."""
     samples = record.samples.copy()
     samples[:, record.names.index("x")] *= 1.01
@@ -257,9 +249,7 @@ def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(
     assert not solver.joins(problem, start, ())
 
 
-def test_the_noise_of_a_record_is_factored_once(
-    record: rid.Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_noise_of_a_record_is_factored_once(record, monkeypatch):
     """On all lines, few and a hundred; what is set free to see what it does changes no noise.
 
     The halves of the record, which are held against each other, are records of their own.
@@ -278,7 +268,7 @@ def test_the_noise_of_a_record_is_factored_once(
     assert sorted(once)[1] <= FEW < max(once) == 991
 
 
-def test_a_rotor_that_floats_at_dc() -> None:
+def test_a_rotor_that_floats_at_dc():
     """Lines that are singular are solved by the least motion, the others exactly."""
     rng = np.random.default_rng(0)
     stiffness = rng.standard_normal((4, 3, 3)) + 1j * rng.standard_normal((4, 3, 3))
@@ -302,8 +292,8 @@ def test_a_rotor_that_floats_at_dc() -> None:
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(("gain", "hopeless"), [(-1.0, True), (1.01, False)])
 def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
-    record: rid.Record, monkeypatch: pytest.MonkeyPatch, gain: float, hopeless: bool
-) -> None:
+    record, monkeypatch, gain, hopeless
+):
     """With a sensor upside down a dozen ways are tried, none of which all lines could mend."""
     samples = record.samples.copy()
     samples[:, record.names.index("x")] *= gain
@@ -322,9 +312,7 @@ def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
     assert (len(lines.frequency) not in steps) == hopeless
 
 
-def test_from_near_the_minimum_few_lines_would_only_lead_away(
-    record: rid.Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_from_near_the_minimum_few_lines_would_only_lead_away(record, monkeypatch):
     solutions, steps = [], []
 
     def watched(*given: Any) -> Solution:
@@ -367,14 +355,12 @@ def mistaken(exchanged: bool, factor: float) -> rid.Lines:
 
 
 @pytest.fixture(params=["swap[x, y]", "sign[x]"])
-def term(request: pytest.FixtureRequest) -> str:
+def term(request):
     return str(request.param)
 
 
 @pytest.mark.slow
-def test_what_is_plain_is_told_before_anything_is_searched(
-    term: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_plain_is_told_before_anything_is_searched(term, monkeypatch):
     lines, steps = mistaken(term == "swap[x, y]", -1.0 if term == "sign[x]" else 1.0), []
 
     def counting(point: Point, *rest: object) -> Tangent:
@@ -396,9 +382,7 @@ def test_what_is_plain_is_told_before_anything_is_searched(
 
 
 @pytest.mark.slow
-def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(monkeypatch):
     """Here two: sensors exchanged, one of them a quarter short."""
     lines, asked = mistaken(True, 0.25), []
 
@@ -419,7 +403,7 @@ def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
     ("costs", "followed"),
     [((10.0, 19.9, 20.1), 2), ((10.0,) * 6, 4), ((10.0, 14.0, 16.0, 12.0, 11.0), 4)],
 )
-def test_which_mistakes_are_followed(costs: tuple[float, ...], followed: int) -> None:
+def test_which_mistakes_are_followed(costs, followed):
     """Four at the most, screened within twice the lowest cost; those that explain are kept."""
 
     def changed(cost: float) -> SimpleNamespace:

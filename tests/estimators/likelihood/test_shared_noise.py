@@ -61,7 +61,7 @@ def said(estimate: rid.Estimate) -> bool:
 
 
 @pytest.mark.slow
-def test_noise_of_a_force_that_all_sensors_share(tmp_path: Path) -> None:
+def test_noise_of_a_force_that_all_sensors_share(tmp_path):
     rng, off, truth = np.random.default_rng(4), [], rid.models.parse_model(MODEL).nominal
     for _ in range(8):
         found = answers(tmp_path, rng, 0.05, 0.005)
@@ -71,12 +71,12 @@ def test_noise_of_a_force_that_all_sensors_share(tmp_path: Path) -> None:
     assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.4  # 2.0 without
 
 
-def test_noise_of_each_sensor_is_its_own(tmp_path: Path) -> None:
+def test_noise_of_each_sensor_is_its_own(tmp_path):
     rng = np.random.default_rng(4)
     assert not any(said(answers(tmp_path, rng, 0.0, 0.05)) for _ in range(8))
 
 
-def test_a_model_that_is_wrong_is_no_noise_in_common(tmp_path: Path) -> None:
+def test_a_model_that_is_wrong_is_no_noise_in_common(tmp_path):
     answers(tmp_path, np.random.default_rng(4), 0.0, 0.05)
     text = (tmp_path / "model.toml").read_text()
     (tmp_path / "model.toml").write_text(text.replace("k*b*th + k*e*x", "k*b*th"))

@@ -1,7 +1,5 @@
 """The solver: from far starts, where it turns over, ways beside the records, its linear form."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -214,7 +212,7 @@ def walk_down(monkeypatch):
     return made
 
 
-def test_a_homotopy_grants_each_stage_a_tenth_of_the_last_and_none_in_the_end(walk_down) -> None:
+def test_a_homotopy_grants_each_stage_a_tenth_of_the_last_and_none_in_the_end(walk_down):
     problem = walk_down(0).problem
     found = solver._descended(problem, np.zeros(1), solver.STAGES, False)
     assert problem.granted == [10.0, 1.0, 0.1, 0.01, 0.0]
@@ -222,7 +220,7 @@ def test_a_homotopy_grants_each_stage_a_tenth_of_the_last_and_none_in_the_end(wa
 
 
 @pytest.mark.parametrize(("steps", "arrived"), [(199, True), (200, False)])
-def test_the_last_stage_has_two_hundred_steps(walk_down, steps: int, arrived: bool) -> None:
+def test_the_last_stage_has_two_hundred_steps(walk_down, steps, arrived):
     walk = walk_down(steps)
     point, converged = walk.ended(walk.problem, 0.0, brief=False, near=True)
     assert converged == arrived
@@ -230,7 +228,7 @@ def test_the_last_stage_has_two_hundred_steps(walk_down, steps: int, arrived: bo
 
 
 @pytest.mark.parametrize(("spent", "goes_on"), [(999, True), (1000, False)])
-def test_a_way_has_a_thousand_jacobians(walk_down, spent: int, goes_on: bool) -> None:
+def test_a_way_has_a_thousand_jacobians(walk_down, spent, goes_on):
     walk = walk_down(10)
     walk.iterations = spent
     walk.descend(0.0, tolerance=1e-10, limit=1)
@@ -238,9 +236,7 @@ def test_a_way_has_a_thousand_jacobians(walk_down, spent: int, goes_on: bool) ->
 
 
 @pytest.mark.parametrize(("each", "spent"), [(9.9, 101), (10.1, 61)])
-def test_a_brief_way_is_left_after_sixty_jacobians_where_it_is_hopeless(
-    walk_down, each, spent
-) -> None:
+def test_a_brief_way_is_left_after_sixty_jacobians_where_it_is_hopeless(walk_down, each, spent):
     """So many per residual; one that is not goes on, here to its minimum."""
     walk = walk_down(99, cost=100 * each, residuals=100)
     _, converged = walk.ended(walk.problem, 0.0, brief=True, near=True)
@@ -249,9 +245,7 @@ def test_a_brief_way_is_left_after_sixty_jacobians_where_it_is_hopeless(
 
 
 @pytest.mark.parametrize(("bends", "at_once"), [(4, True), (5, False)])
-def test_four_steps_lead_back_to_the_floor_of_a_valley(
-    walk_down, monkeypatch, bends, at_once
-) -> None:
+def test_four_steps_lead_back_to_the_floor_of_a_valley(walk_down, monkeypatch, bends, at_once):
     walk = walk_down(10)
     heights = [SimpleNamespace(cost=9.0 * 2.5**k) for k in range(bends + 1)]
     monkeypatch.setattr(solver, "_stepped", lambda *step: heights[-1])
@@ -282,7 +276,7 @@ def test_what_a_step_to_a_bound_of_zero_leaves_is_zero(effect, held):
 
 
 @pytest.mark.parametrize(("off", "same"), [(0.0099, True), (0.0101, False)])
-def test_ways_join_within_a_hundredth_of_each_unknown_but_what_is_linear(off, same) -> None:
+def test_ways_join_within_a_hundredth_of_each_unknown_but_what_is_linear(off, same):
     problem = SimpleNamespace(rigid=np.array([0, 1]))
     one = np.array([1.0, -200.0, 5.0])
     for place in (0, 1):
@@ -323,7 +317,7 @@ def test_gains_are_held_to_their_start_and_a_scale_that_nothing_tells_firmly(mon
 @pytest.mark.parametrize(
     ("stages", "joins"), [((10.0, 1.0, 0.1, 0.01, 0.0), True), ((0.1, 0.0), False)]
 )
-def test_only_a_way_of_the_same_stages_joins_another(monkeypatch, stages, joins) -> None:
+def test_only_a_way_of_the_same_stages_joins_another(monkeypatch, stages, joins):
     gone = []
     monkeypatch.setattr(solver, "_descended", lambda *way, brief: gone.append(way[4]))
     trail = (np.ones(1),)
@@ -469,18 +463,18 @@ class Random:
 
 
 @pytest.fixture(params=[(kind, seed) for kind in KINDS for seed in range(4)], ids=str)
-def made(request: pytest.FixtureRequest) -> Random:
+def made(request):
     return Random(*request.param)
 
 
-def test_leverage_sums_to_the_rank(made: Random) -> None:
+def test_leverage_sums_to_the_rank(made):
     assert made.linear.rank == made.expected_rank
     assert made.linear.leverage.sum() == pytest.approx(made.expected_rank, rel=1e-9)
     shares = made.linear.told_by().sum(axis=1)
     assert shares == pytest.approx(np.ones(FREE), rel=1e-9)
 
 
-def test_the_covariance_is_that_of_least_squares_along_the_relations(made: Random) -> None:
+def test_the_covariance_is_that_of_least_squares_along_the_relations(made):
     inner = made.jacobian @ made.along
     expected = made.along @ np.linalg.pinv(inner.T @ inner, rcond=1e-10) @ made.along.T
     found = made.linear.root @ made.linear.root.T
@@ -492,14 +486,14 @@ def test_the_covariance_is_that_of_least_squares_along_the_relations(made: Rando
     assert made.relations @ made.linear.root == pytest.approx(0.0, abs=1e-8)
 
 
-def test_open_directions_change_neither_the_residual_nor_the_relations(made: Random) -> None:
+def test_open_directions_change_neither_the_residual_nor_the_relations(made):
     null = made.linear.scale[:, None] * made.linear.null
     assert null.shape[1] == made.along.shape[1] - made.expected_rank
     for matrix in (made.jacobian, made.relations):
         assert matrix @ null == pytest.approx(0.0, abs=1e-8)
 
 
-def test_which_unknowns_are_not_determined() -> None:
+def test_which_unknowns_are_not_determined():
     """The first three make up one another's columns; with relations they need not."""
     assert Random("open", 0).linear.undetermined.tolist() == [True] * 3 + [False] * 3
     assert not Random("open and related", 0).linear.undetermined.any()
@@ -507,7 +501,7 @@ def test_which_unknowns_are_not_determined() -> None:
     assert not Random("plain", 0).linear.undetermined.any()
 
 
-def test_a_score_is_the_drop_of_the_cost_of_a_refit(made: Random) -> None:
+def test_a_score_is_the_drop_of_the_cost_of_a_refit(made):
     rows = len(made.residual)
     inside = made.jacobian @ made.along
     for count in (1, 3):
@@ -521,7 +515,7 @@ def test_a_score_is_the_drop_of_the_cost_of_a_refit(made: Random) -> None:
             assert change == pytest.approx(wide.steps(made.residual)[FREE:], rel=1e-6)
 
 
-def test_columns_that_the_unknowns_take_over_lower_no_cost(made: Random) -> None:
+def test_columns_that_the_unknowns_take_over_lower_no_cost(made):
     columns = made.jacobian @ made.along @ made.rng.standard_normal((made.along.shape[1], 2))
     drop, _ = made.linear.score(columns)
     assert drop == pytest.approx(0.0, abs=1e-12)
@@ -532,14 +526,14 @@ def test_columns_that_the_unknowns_take_over_lower_no_cost(made: Random) -> None
 
 
 @pytest.mark.parametrize(("share", "drop"), [(0.9e-5, 0.0), (1.1e-5, 4.0)])
-def test_a_column_that_is_taken_over_but_for_rounding_lowers_no_cost(share, drop) -> None:
+def test_a_column_that_is_taken_over_but_for_rounding_lowers_no_cost(share, drop):
     jacobian, none = np.eye(3)[:, :1], np.zeros((0, 1))
     linear = Linearized.of(jacobian, np.array([0.0, 2.0, 0.0]), none, np.ones(1), np.zeros(1, bool))
     column = 7.0 * np.array([[np.sqrt(1 - share**2)], [share], [0.0]])
     assert linear.score(column)[0] == pytest.approx(drop)
 
 
-def test_a_step_leads_to_the_least_squares(made: Random) -> None:
+def test_a_step_leads_to_the_least_squares(made):
     change = made.linear.steps(made.residual)
     left = made.residual + made.jacobian @ change
     assert left @ left == pytest.approx(made.refit(np.zeros((len(left), 0))), rel=1e-9, abs=1e-12)
@@ -547,7 +541,7 @@ def test_a_step_leads_to_the_least_squares(made: Random) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS[:-1])
-def test_without_rows_is_the_cost_of_a_refit_without_them(kind: str) -> None:
+def test_without_rows_is_the_cost_of_a_refit_without_them(kind):
     """At the minimum, where the residual is what the unknowns do not take over."""
     made = Random(kind, 7)
     made.residual = made.linear.rest(made.residual)
@@ -559,7 +553,7 @@ def test_without_rows_is_the_cost_of_a_refit_without_them(kind: str) -> None:
         assert linear.without(rows) == pytest.approx(gained, rel=1e-8)
 
 
-def test_a_row_that_alone_tells_an_unknown_fits_itself() -> None:
+def test_a_row_that_alone_tells_an_unknown_fits_itself():
     jacobian = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2.0]])
     residual = np.array([0.0, 2.0, -1.0])
     none = np.zeros((0, 2))
@@ -568,7 +562,7 @@ def test_a_row_that_alone_tells_an_unknown_fits_itself() -> None:
     assert linear.without(np.array([1])) == pytest.approx(5.0)  # the third row fits by itself
 
 
-def test_the_worst_of_what_is_unseen_is_found_by_brute_force(made: Random) -> None:
+def test_the_worst_of_what_is_unseen_is_found_by_brute_force(made):
     columns = 3 * made.rng.standard_normal((len(made.residual), 2))
     columns[:, 0] *= 0.02
     std, excess = made.scale * np.linspace(0.5, 2.0, FREE), 7.0
@@ -581,7 +575,7 @@ def test_the_worst_of_what_is_unseen_is_found_by_brute_force(made: Random) -> No
     assert worst[4] == 0.0
 
 
-def test_weighted_rows_are_those_of_a_weighted_jacobian(made: Random) -> None:
+def test_weighted_rows_are_those_of_a_weighted_jacobian(made):
     weights = made.rng.uniform(0.2, 1.0, len(made.residual))
     whole = made.of(weights[:, None] * made.jacobian, weights * made.residual)
     found = made.linear.determined.weighted(weights)
@@ -591,7 +585,7 @@ def test_weighted_rows_are_those_of_a_weighted_jacobian(made: Random) -> None:
     assert found.leverage == pytest.approx(whole.leverage, abs=1e-8)
 
 
-def test_what_counts_as_rounding() -> None:
+def test_what_counts_as_rounding():
     """A column by which nothing moves is none, unless it belongs to a shift."""
     jacobian = np.array([[1.0, 1e-13, 1e-13], [2.0, 1e-13, -1e-13], [0.0, 1e-13, 0.0]])
     shifts = np.array([False, False, True])
@@ -603,7 +597,7 @@ def test_what_counts_as_rounding() -> None:
     assert (coarse.rank, coarse.cut(0.5).rank) == (2, 1)
 
 
-def test_a_derivative_beyond_all_bounds_is_no_information() -> None:
+def test_a_derivative_beyond_all_bounds_is_no_information():
     with pytest.raises(np.linalg.LinAlgError, match="beyond all bounds"):
         Linearized.of(
             np.full((2, 1), 1e200), np.ones(2), np.zeros((0, 1)), np.ones(1), np.ones(1) > 0

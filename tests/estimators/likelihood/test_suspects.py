@@ -1,7 +1,5 @@
 """Where a model fails, and what the drawing of a rotor lacks: the right suspect first."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from dataclasses import replace
