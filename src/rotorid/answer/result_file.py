@@ -57,46 +57,42 @@ def load_estimate(path: str | Path) -> Estimate:
     >>> load_estimate(path).value("m")
     2.0
     """
-    file, cure = str(path), "write one with identify --json"
-    content = read_regular(path, RESULT_BYTES, "a result file", cure).removeprefix(BOM_UTF8)
-    if content.count(b",") > RESULT_VALUES or content.count(b"{") > RESULT_OBJECTS:
-        raise ReadError(f"more than {RESULT_VALUES} values", "a result file", cure, file=file)
-    try:
-        head = _Head.model_validate_json(content)
-        if head.schema_ not in READABLE:
-            found, expected = f"schema {head.schema_!r}", " or ".join(map(repr, READABLE))
-            raise ReadError(found, expected, cure, file=file)
-        estimate = adapter().validate_json(content)
+    cure = "write one with identify --json"
+    with naming(str(path)):
+        content = read_regular(path, RESULT_BYTES, "a result file", cure).removeprefix(BOM_UTF8)
+        if content.count(b",") > RESULT_VALUES or content.count(b"{") > RESULT_OBJECTS:
+            raise ReadError(f"more than {RESULT_VALUES} values", "a result file", cure)
+        try:
+            head = _Head.model_validate_json(content)
+            if head.schema_ not in READABLE:
+                expected = " or ".join(map(repr, READABLE))
+                raise ReadError(f"schema {head.schema_!r}", expected, cure)
+            estimate = adapter().validate_json(content)
+        except ValidationError as error:
+            if (count := error.error_count()) > _TOLD:
+                raise ReadError(f"{count} faults", "a result file", cure) from None
+            raise _refusal(error.errors(include_url=False)[0], cure) from None
         if not estimate.notes:
             estimate = estimate.with_(notes=head.notes())
-    except ValidationError as error:
-        if (count := error.error_count()) > _TOLD:
-            raise ReadError(f"{count} faults", "a result file", cure, file=file) from None
-        fault = error.errors(include_url=False)[0]
-        raise _refusal(fault, cure).at(file=file) from None
-    _check_names(estimate, file)
-    if (wrong := _contradiction(estimate)) is not None:
-        place, said = wrong
-        expected = "deviations of zero or more that are those of the covariance"
-        raise ReadError(said, expected, f"{cure}: this one was edited", file=file, place=place)
-    return estimate
+        _check_names(estimate)
+        if (wrong := _contradiction(estimate)) is not None:
+            place, said = wrong
+            expected = "deviations of zero or more that are those of the covariance"
+            raise ReadError(said, expected, f"{cure}: this one was edited", place=place)
+        return estimate
 
 
-def _check_names(estimate: Estimate, file: str) -> None:
+def _check_names(estimate: Estimate) -> None:
     """Refuse names and units that no estimate has: other programs read them from exports."""
+    expected = "the name of a quantity, in printable characters"
+    cure = "write the file with identify --json"
     for kind in ("parameters", "nuisance", "derived"):
         for number, value in enumerate(getattr(estimate, kind)):
             place = f"{kind}.{number}"
             if not value.name.strip() or not value.name.isprintable():
-                raise ReadError(
-                    f"the name {one_line(repr(value.name))}",
-                    "the name of a quantity, in printable characters",
-                    "write the file with identify --json",
-                    file=file,
-                    place=f"{place}.name",
-                )
-            with naming(file):
-                check_unit(value.unit, place=f"{place}.unit")
+                found = f"the name {one_line(repr(value.name))}"
+                raise ReadError(found, expected, cure, place=f"{place}.name")
+            check_unit(value.unit, place=f"{place}.unit")
 
 
 def _contradiction(estimate: Estimate) -> tuple[str, str] | None:

@@ -66,16 +66,13 @@ class Posed:
             raise InputError("every parameter fixed", "something to estimate", "free one")
         turning = any(symbol("phi") in signal.free_symbols for signal in reduced.signals)
         for record in records:
+            file = record.lines.source
             if record.own:
-                raise InputError(
-                    f"{', '.join(record.own)}, which differ between records",
-                    "the same parameters in every record",
-                    "use ml",
-                    file=record.lines.source,
-                    place="parameters",
-                )
+                found = f"{', '.join(record.own)}, which differ between records"
+                expected, place = "the same parameters in every record", "parameters"
+                raise InputError(found, expected, "use ml", file=file, place=place)
             if turning and not record.lines.phase_known:
-                found, file = "a rotor angle of unknown phase", record.lines.source
+                found = "a rotor angle of unknown phase"
                 raise InputError(found, "a known phase", "use ml", file=file)
         elimination = eliminate(reduced, constraints_in_si(constraints, model))
         if not elimination.kept:

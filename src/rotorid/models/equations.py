@@ -63,17 +63,14 @@ def split_equations(
     forced, work = frozenset(map(symbol, inputs)), Work()
     motion = frozenset(q + dots for q in coordinates for dots in DERIVATIVES)
     for row, text in enumerate(texts):
-        try:
+        with naming(place=f"equation {row + 1}"):
             products = _products(row, text, motion, forced, parameters, work)
-        except ModelError as error:
-            raise error.at(place=f"equation {row + 1}") from None
-        if len(left) + len(right) + len(products) > MAX_TERMS:
-            raise ModelError(
-                f"more than {MAX_TERMS} terms when expanded",
-                f"{MAX_TERMS} in all equations at most",
-                "simplify the model",
-                place=f"equation {row + 1}",
-            )
+            if len(left) + len(right) + len(products) > MAX_TERMS:
+                found, expected = (
+                    f"more than {MAX_TERMS} terms",
+                    f"{MAX_TERMS} in all equations at most",
+                )
+                raise ModelError(f"{found} when expanded", expected, "simplify the model")
         forces = [p for p in products if p.signal in forced]
         others = [p for p in products if p.signal not in forced]
         sign = _orientation(others, forces)

@@ -147,11 +147,7 @@ def constraint_polynomial(model: Model, expression: str) -> dict[tuple[int, ...]
 
 @frozen
 class Elimination:
-    """Base parameters written with fewer unknowns: ``base = origin + basis @ free``.
-
-    Each exact constraint eliminates one base parameter, so that the free unknowns are base
-    parameters themselves and equations keep what they do not share.
-    """
+    """Base parameters by fewer unknowns, some of them: ``base = origin + basis @ free``."""
 
     origin: Floats  # (base,)
     basis: Floats  # (base, free)
