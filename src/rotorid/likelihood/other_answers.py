@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import whole_svd
+from rotorid.core.linalg import covariance_root, whole_svd
 from rotorid.core.notes import Note
 from rotorid.core.values import Booleans, Floats
 from rotorid.core.watch import watch
@@ -65,13 +65,11 @@ def explore(point: Point, inference: Inference, told: Booleans) -> tuple[Floats,
     """
     free = point.problem.layout.free
     unit = np.where(told, inference.std, 1.0)
-    size, along = np.linalg.eigh(inference.covariance / np.outer(unit, unit) * np.outer(told, told))
+    root = covariance_root(inference.covariance * np.outer(told, told))
     wider, lowest = np.ones(len(free)), point
-    weakest = range(max(0, len(size) - WEAKEST), len(size))
-    for k, sign in product(weakest, (-STRIDE, STRIDE)):
-        change = sign * np.sqrt(max(size[k], 0.0)) * along[:, k] * unit
+    for column, stride in product(root.T[-WEAKEST:], (-STRIDE, STRIDE)):
         end = point
-        for at in _floor(point, change, unit):
+        for at in _floor(point, stride * column, unit):
             rise = at.cost - point.cost
             if rise > RISEN:
                 break
