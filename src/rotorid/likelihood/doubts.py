@@ -17,7 +17,7 @@ from rotorid.answer.judge import STATUSES, Status
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.units import dimension_of
-from rotorid.core.values import Booleans, Floats
+from rotorid.core.values import Floats
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
@@ -74,14 +74,6 @@ def no_machine(model: Model, estimate: Estimate, fit: Fit) -> list[Note]:
         covariance = fit.covariance[np.ix_(free, free)]
         estimate = estimate.with_(parameters=values, nuisance=(), derived=(), covariance=covariance)
     return machine_checks.physical(model, estimate)
-
-
-def _names(fit: Fit) -> list[str]:
-    return [fit.layout.unknowns[i].name for i in fit.layout.free]
-
-
-def _listed(fit: Fit, which: Booleans) -> str:
-    return ", ".join(np.array(_names(fit), dtype=object)[which])
 
 
 def _determined(fit: Fit) -> bool:
@@ -161,11 +153,11 @@ def _angle_notes(fit: Fit) -> Iterator[Note]:
     std = fit.inference.std
     unit = np.where((std > 0) & np.isfinite(std), std, np.inf)
     share = np.abs(fit.inference.covariance / unit / unit[:, None])[:, turned]
-    led = (free < layout.named) & (share.max(axis=1, initial=0.0) > LED)
-    if led.any():
+    most = (free < layout.named) & (share.max(axis=1, initial=0.0) > LED)
+    if led := ", ".join(layout.names(most)):
         worst = np.degrees(max(layout.unknowns[free[k]].std or 0.0 for k in turned))
         text = (
-            f"known to {worst:.2g} deg, which is most of the deviations of {_listed(fit, led)}: "
+            f"known to {worst:.2g} deg, which is most of the deviations of {led}: "
             "the delay between mark and columns is not stated, and one sample at most is taken: "
             "angle_lag_std states it better"
         )
@@ -185,9 +177,9 @@ def _scale_notes(fit: Fit, column: Floats) -> Iterator[Note]:
     value = point.unknowns[layout.free]
     share = np.abs(found) / np.where(value != 0, np.abs(value), np.inf)
     follows = (layout.free < layout.named) & (share > FOLLOWS)
-    if follows.any():
+    if named := ", ".join(layout.names(follows)):
         text = (
-            f"assumed exact: 1 % of error shifts {_listed(fit, follows)} by 1 %, more than their "
+            f"assumed exact: 1 % of error shifts {named} by 1 %, more than their "
             "std, without raising the misfit; set force_scale_std, or weigh the rotor"
         )
         yield Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))
@@ -204,7 +196,7 @@ def moved_unseen(fit: Fit, effect: Floats) -> tuple[str, float]:
     excess = expected.exceeded(DOUBTFUL) - expected.mean  # may be added before a warning tells
     moved = fit.solution.point.linear.unseen(effect, std, excess)
     worst = int(np.argmax(moved))
-    return _names(fit)[worst], float(moved[worst])
+    return fit.layout.names()[worst], float(moved[worst])
 
 
 TELLING = 1e-6
@@ -218,9 +210,9 @@ def halves_differ(fit: Fit) -> Iterable[Note]:
     halves = answers_of_parts(fit, 2)
     if halves is not None:
         turning = {fit.layout.unknowns[i].name for i in fit.problem.affine}
-        return machine_checks.agreement(_names(fit), halves, fit.inference.std, turning)
+        return machine_checks.agreement(fit.layout.names(), halves, fit.inference.std, turning)
     windows = answers_of_windows(fit)
-    return () if windows is None else machine_checks.agreement(_names(fit), *windows)
+    return () if windows is None else machine_checks.agreement(fit.layout.names(), *windows)
 
 
 def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
@@ -413,7 +405,7 @@ def told_by_few(fit: Fit) -> Iterator[Note]:
     kept = np.isin(layout.free, list({*layout.held.tolist()} - layout.load_only()))
     shares = [rows.sum(axis=1) for rows in point.by_line(point.linear.told_by().T)]
     hertz = np.concatenate([record.lines.frequency for record in records])
-    for name, held, each in zip(_names(fit), kept, np.concatenate(shares).T, strict=True):
+    for name, held, each in zip(fit.layout.names(), kept, np.concatenate(shares).T, strict=True):
         count = float(each.sum() ** 2 / (each**2).sum()) if held and each.any() else np.inf
         if count >= FEW:
             continue

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats, Integers
+from rotorid.core.values import Booleans, Floats, Integers
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import E, Effect, Reads, Replaces
 from rotorid.likelihood.unknowns import Scalar, Unknown
@@ -40,6 +40,10 @@ class Layout:
     @cached_property
     def free(self) -> Integers:
         return np.flatnonzero([not unknown.fixed for unknown in self.unknowns])
+
+    def names(self, which: Booleans | slice = slice(None)) -> tuple[str, ...]:
+        """Return the names of the free unknowns, or of some."""
+        return tuple(self.unknowns[i].name for i in self.free[which])
 
     def places(self) -> Iterator[tuple[Unknown, Integers]]:
         first = self.parameters

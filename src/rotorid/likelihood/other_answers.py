@@ -405,14 +405,11 @@ class _Minimum:
         # A resonance beside a line may well be seen sharper than from the measured forces alone.
         slight = self.rigid & (predicted < SLIGHT * self.value)
         taken = taken | (predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * self.inference.std)
+        names = self.problem.layout.names
         if not self.loose.any():
-            return self._names(self.told & taken), ()
+            return names(self.told & taken), ()
         noise = self.rigid & (taken | self.taken_about())
-        return self._names(noise), self._names(self.rigid & (self.valley[0] > ENDLESS))
-
-    def _names(self, which: Booleans) -> tuple[str, ...]:
-        layout = self.problem.layout
-        return tuple(layout.unknowns[i].name for i in layout.free[which])
+        return names(noise), names(self.rigid & (self.valley[0] > ENDLESS))
 
     def taken_about(self) -> Booleans:
         """Tell which deviations no plausible machine would give with these forces."""
@@ -474,7 +471,7 @@ def _cure(problem: Problem, doubtful: Container[str]) -> str:
             "([[modes]] parameters), a record with a measured force, a known value, or a bound"
         )
     layout = problem.layout
-    asked = [k for k, i in enumerate(layout.free) if layout.unknowns[i].name in doubtful]
+    asked = [k for k, name in enumerate(layout.names()) if name in doubtful]
     before = predicted_deviations(problem, layout.start)
     helped = []
     for j, name in enumerate(layout.model.inputs):

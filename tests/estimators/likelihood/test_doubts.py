@@ -408,10 +408,8 @@ def test_how_many_lines_are_few(monkeypatch, count, closed, parts, told):
     shares = np.zeros((100, 2, 3))
     shares[5 : 5 + count] = 0.5
     monkeypatch.setattr(few_lines, "coherence", lambda _: closed)
-    names = [SimpleNamespace(name=name) for name in ("c", "xi", "gain[x]")]
-    layout = SimpleNamespace(
-        free=np.arange(3), held=np.arange(2), load_only=lambda: {1}, unknowns=names
-    )
+    free, held, names = np.arange(3), np.arange(2), ("c", "xi", "gain[x]")
+    layout = SimpleNamespace(free=free, held=held, load_only=lambda: {1}, names=lambda: names)
     point = SimpleNamespace(
         linear=SimpleNamespace(told_by=lambda: shares.reshape(200, 3).T),
         by_line=lambda rows: [rows.reshape(100, 2, 3)],

@@ -44,6 +44,7 @@ def problem_of(*names: str) -> SimpleNamespace:
     unknowns = [SimpleNamespace(name=name, nuisance=False) for name in names]
     free = np.arange(len(names))
     layout = SimpleNamespace(free=free, unknowns=unknowns, start=np.ones(len(names)))
+    layout.names = lambda which=slice(None): tuple(names[i] for i in free[which])
     return SimpleNamespace(layout=layout, affine=free[:0], rigid=free, exact=())
 
 
