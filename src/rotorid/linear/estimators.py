@@ -101,8 +101,7 @@ class SampledProblem(Posed):
 
     def summarize(self, method: str, solved: Solver) -> Estimate:
         solution, scatter, values = self.fit(solved)
-        given = values, scatter.covariance, solution
-        estimate = self.estimate(method, *given, unknown=scatter.alone)
+        estimate = self.estimate(method, solution, scatter.covariance, unknown=scatter.alone)
         return estimate.with_notes(
             *self.told(scatter),
             *machine_checks.physical(self.full, estimate),

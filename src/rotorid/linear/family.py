@@ -159,9 +159,8 @@ class Posed:
     def estimate(
         self,
         method: str,
-        values: Floats,
-        covariance: Floats,
         solution: LeastSquaresSolution,
+        covariance: Floats,
         *,
         inflation: float = 1.0,
         unknown: Iterable[bool] = (),
@@ -170,11 +169,11 @@ class Posed:
     ) -> Estimate:
         """Return the base parameters as an `Estimate`, with the physical ones that follow.
 
-        `values` and `covariance` are of the free unknowns; `inflation` of the deviations, where
-        all of the misfit is taken for noise; of the `unknown` ones no deviation can be stated.
+        `covariance` is of the free unknowns; `inflation` of the deviations, where all of the misfit
+        is taken for noise; of the `unknown` ones no deviation can be stated.
         """
         model, basis = self.model, self.elimination.basis
-        base, covariance = self.base(values), basis @ covariance @ basis.T
+        base, covariance = self.base(self.reached(solution)), basis @ covariance @ basis.T
         found = np.isfinite(base)
         std = np.where(found, np.sqrt(np.diag(covariance).clip(0)), np.nan)
         stated = np.stack([std, std * inflation], axis=1).tolist()
@@ -374,11 +373,6 @@ class LeastSquaresProblem(Posed):
     kind = Regression
     variance = staticmethod(force_variance)
 
-    def halves(self) -> list[LeastSquaresProblem]:
-        """Return the problems of the halves of all records, whose answers have twice the bias."""
-        halves = [tuple(replace(r, half=half) for r in self.regressions) for half in (1, 2)]
-        return [replace(self, regressions=half) for half in halves]
-
     def summarize(self, method: str, solved: Solver) -> Estimate:
         solution, measured = solved(self), [r.record for r in self.regressions]
         values, fewest = self.reached(solution), min(r.periods for r in measured)
@@ -391,9 +385,8 @@ class LeastSquaresProblem(Posed):
         free = scatter_of_answers(records) if nonlinear else sandwich(records)
         estimate = self.estimate(
             method,
-            values,
-            free,
             solution,
+            free,
             inflation=inflation(records) if np.isfinite(values).all() else 1.0,
             lines_hz=tuple(sorted({float(f) for r in measured for f in r.frequency})),
             periods=fewest,
@@ -403,10 +396,12 @@ class LeastSquaresProblem(Posed):
         if judge(notes) == "ok":  # one reason is enough
             notes += machine_checks.residual(*misfit(records))
         if fewest >= LEAST_PERIODS:
-            halves = np.array([solved(half).values for half in self.halves()]) - values
+            each = [[replace(r, half=half) for r in self.regressions] for half in (1, 2)]
+            halves = [solved(replace(self, regressions=tuple(half))).values for half in each]
+            bias = np.mean(halves, axis=0) - values  # of half as many periods: twice as large
             spread = np.sqrt(np.diag(free).clip(0))
             if not any(not c.on for r in measured for c in check_identical(r)):
-                notes += machine_checks.noise_bias(self.names, halves.mean(axis=0), spread)
+                notes += machine_checks.noise_bias(self.names, bias, spread)
             if fewest >= 2 * LEAST_PERIODS:  # below, deviations are too rough to hold them against
                 notes += machine_checks.agreement(self.names, _parted(records), spread)
         return estimate.with_notes(*notes)
