@@ -332,18 +332,6 @@ def inflation(records: Sequence[Fitted]) -> float:
     return float(np.sqrt(max(1.0, misfit / noise / (1 - count / equations))))
 
 
-def _parted(records: Sequence[Fitted]) -> Floats:
-    """Return by how much the answers of both halves differ from that of all, to first order.
-
-    Of parameters that are hardly told the answers themselves differ by more than a change.
-    """
-    found = 0.0
-    for answers in (record.answers for record in records):
-        halves = np.split(answers, [len(answers) // 2])
-        found = found + answers.mean(axis=0) - [half.mean(axis=0) for half in halves]
-    return np.asarray(found)
-
-
 def _noise(records: Sequence[Fitted]) -> dict[str, float]:
     """Return the share of each input that the scatter of the residual explains."""
     model = records[0].regression.model
@@ -403,7 +391,12 @@ class LeastSquaresProblem(Posed):
             if not any(not c.on for r in measured for c in check_identical(r)):
                 notes += machine_checks.noise_bias(self.names, bias, spread)
             if fewest >= 2 * LEAST_PERIODS:  # below, deviations are too rough to hold them against
-                notes += machine_checks.agreement(self.names, _parted(records), spread)
+                # To first order: of what is hardly told the answers differ by more than a change.
+                parted = np.zeros((2, len(values)))
+                for answers in (record.answers for record in records):
+                    half = np.split(answers, [len(answers) // 2])
+                    parted += answers.mean(axis=0) - [part.mean(axis=0) for part in half]
+                notes += machine_checks.agreement(self.names, parted, spread)
         return estimate.with_notes(*notes)
 
 

@@ -96,10 +96,6 @@ def constraints_in_si(constraints: Sequence[Constraint], model: Model) -> tuple[
     )
 
 
-def bounds_in_si(bounds: Bounds, model: Model) -> dict[str, tuple[float | None, float | None]]:
-    return {text: _numbers(text, ends, model, "bounds of") for text, ends in bounds.items()}
-
-
 def _numbers(expression: str, given: tuple[Any, Any], model: Model, what: str) -> tuple[Any, Any]:
     place = f"{what} {expression[:60]!r}"
     if not any(isinstance(one, str) for one in given):
@@ -358,6 +354,6 @@ class Knowledge(Generic[Amount]):
             constraints_in_si(self.constraints, model),
             {name: (value, deviations[name]) for name, value in values.items()},
             in_si(self.start, model),
-            bounds_in_si(self.bounds, model),
+            {text: _numbers(text, ends, model, "bounds of") for text, ends in self.bounds.items()},
             tuple(in_units_of(model, mode) for mode in self.modes),
         )

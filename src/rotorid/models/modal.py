@@ -112,7 +112,9 @@ class _Scaled:
         matrices = [stiffness, damping, mass]
         if not all(np.abs(m).max(initial=0.0) < 1e150 for m in matrices):
             raise np.linalg.LinAlgError("a machine beyond all bounds")
-        unit = _frequency(mass, stiffness)
+        both = (mass != 0) & (stiffness != 0)
+        ratio = np.abs(stiffness[both] / mass[both])
+        unit = float(np.exp(0.5 * np.log(ratio).mean())) if both.any() else 1.0
         sizes = [np.abs(each) * unit**power for power, each in enumerate(matrices)]
         row, column = _scales(np.sum(sizes, axis=0))
         k, d, m = (row[:, None] * each * column * unit**p for p, each in enumerate(matrices))
@@ -178,13 +180,6 @@ def _free_motions(stiffness: Floats | Complexes, damping: Floats | Complexes) ->
     largest = (np.abs(rows).T @ np.abs(damping) @ np.abs(columns)).max(initial=0.0)
     held = np.linalg.svd(acting, compute_uv=False) > UNDAMPED * largest
     return int(free.sum()), int(held.sum())
-
-
-def _frequency(mass: Floats | Complexes, stiffness: Floats | Complexes) -> float:
-    both = (mass != 0) & (stiffness != 0)
-    if not both.any():
-        return 1.0
-    return float(np.exp(0.5 * np.log(np.abs(stiffness[both] / mass[both])).mean()))
 
 
 def _scales(size: Floats) -> tuple[Floats, Floats]:
