@@ -1,8 +1,4 @@
-"""Rival hypotheses where the data reject the model: tried, ranked, told.
-
-Small changes are all scored by a test of the derivative and the best freed in earnest; mistakes
-that are none - a sign, a swap, a unit, a speed - are screened, the cost taken after a few steps
-with errors granted to the equations, and the best followed to the minimum.
+"""Rival hypotheses where the data reject the model: tried, ranked, told (docs/rejected.md).
 
 With a gross mistake nothing fits, and thousands of lines would be gone through from a dozen starts,
 for minutes, to say so. Where a hundred lines of each record show one, single mistakes are tried on

@@ -53,12 +53,7 @@ K, K_SPEED, D, D_SPEED, M = (0, 0), (0, 1), (1, 0), (1, 1), (2, 0)
 def find_candidates(
     structure: Structure, units: Sequence[str], *, still: bool = False
 ) -> list[Unknown]:
-    """Return the terms that may be missing; `units`: of the coordinates.
-
-    Damping of each spring and each mass, of all springs together, the same in the rotating frame,
-    x/y asymmetry of each; and for each pair of coordinates stiffness and cross-coupling to ground,
-    mass, gyroscopic moment, and a load that turns with the rotor. `still`: no rotor turns.
-    """
+    """Return the terms that may be missing; `units`: of coordinates; `still`: no rotor turns."""
     bending = [_bending(structure, units)] if structure.pairs and not structure.springs else []
     return [
         *(_term(structure, *each) for each in _of_parts(structure, still)),

@@ -9,9 +9,8 @@ apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import field, replace
-from functools import partial
 from inspect import cleandoc
 from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
@@ -26,7 +25,6 @@ from rotorid.data.record import Channel
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
 from rotorid.force.laws import KNEE, KNEE_CONSTANT, Law
 from rotorid.likelihood.effects import Adds, Drives, Effect, Replaces, Rereads, Scales, Turns
-from rotorid.models import Parameter
 from rotorid.models.expressions import symbol
 from rotorid.models.knowledge import own_in_si
 
@@ -231,8 +229,7 @@ def gains(records: Records, wanted: Nuisances | None) -> list[Unknown]:
                 lambda values, omega: np.full(len(omega), 1 / values[0], dtype=np.complex128),
                 lambda values, omega: np.full((len(omega), 1), -1 / values[0], np.complex128),
             )
-            cure = "check the channel, or declare it unknown"
-            found.append(Unknown((scalar,), on, (scales,), cure=cure))
+            found.append(Unknown((scalar,), on, (scales,)))
     return found
 
 
@@ -441,18 +438,11 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     for ks, names in alike.items():
         together = "ks" if len(alike) == 1 else f"ks[{', '.join(names)}]"
         if "ks" in asked:
-            one = _driving("ks", together, "N/m", ks, names)
-            found.append(replace(one, rival="term", cure=_stated_or("ks")))
+            found.append(_driving("ks", together, "N/m", ks, names))
         if "ks*" in asked and not ("ks" in asked and len(names) == 1 < len(alike)):
-            each = [_driving("ks*", f"ks[{name}]", "N/m", ks, [name]) for name in names]
             other = together if len(names) > 1 else ""
-            cure = _stated_or("ks*")
-            found += [replace(one, rival="term", alternative_to=other, cure=cure) for one in each]
+            found += [_driving("ks*", f"ks[{n}]", "N/m", ks, [n], other) for n in names]
     return found
-
-
-def _stated_or(asked: str) -> str:
-    return f'check ks of the force laws, or have it estimated: gains = ["{asked}"]'
 
 
 def force_scale(records: Records, wanted: Nuisances | None) -> list[Unknown]:
@@ -464,11 +454,18 @@ def force_scale(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
 
 def _driving(
-    asked: Literal["ki", "ks", "ks*"], name: str, unit: str, start: float, inputs: Iterable[str]
+    asked: str, name: str, unit: str, start: float, inputs: Iterable[str], other: str = ""
 ) -> Unknown:
-    on, scalar = frozenset(inputs), Scalar(name, unit, start, anchored=True)
-    acts = Drives(on, "ki" if asked == "ki" else "ks")
-    return Unknown((scalar,), on, (acts,), held=f'leave "{asked}" out of gains')
+    on = frozenset(inputs)
+    return Unknown(
+        (Scalar(name, unit, start, anchored=True),),
+        on,
+        (Drives(on, "ki" if asked == "ki" else "ks"),),
+        rival="" if asked == "ki" else "term",  # a factor of the channel says the same as ki
+        alternative_to=other,
+        cure=f'check ks of the force laws, or have it estimated: gains = ["{asked}"]',
+        held=f'leave "{asked}" out of gains',
+    )
 
 
 def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
@@ -636,17 +633,23 @@ def harmonic_runouts(records: Records, orders: Sequence[int] = (2, 3)) -> list[U
     """Return ``cos * cos(n phi) + sin * sin(n phi)`` in each, of higher orders if lines hold it."""
     there = [n for n in orders if n == 1 or any(_holds(record, n) for record in records)]
     channels = {s.channel.name: s.channel for r in records for s in r.sensors if s.order == 0}
-    found = []
-    for name, channel in channels.items():
-        for order in there:
-            term = f"runout[{name}{'' if order == 1 else f', order {order}'}]"
-            parts = (f"{term}.{part}" for part in ("cos", "sin"))
-            scalars = tuple(Scalar(part, channel.unit, 0.0, additive=True) for part in parts)
-            adds = Adds(name, order)
-            held = "leave runout out of [estimator]"
-            more = Unknown(scalars, frozenset([name]), (adds,), term, rival="term", held=held)
-            found.append(more)
-    return found
+    return [_runout(name, channel.unit, n) for name, channel in channels.items() for n in there]
+
+
+def _runout(channel: str, unit: str, order: int) -> Unknown:
+    term = f"runout[{channel}{'' if order == 1 else f', order {order}'}]"
+    cure = "have it estimated: runout = true"
+    if order > 1:
+        cure = "true the track of that sensor, or leave lines of that order out of the harmonics"
+    return Unknown(
+        tuple(Scalar(f"{term}.{part}", unit, 0.0, additive=True) for part in ("cos", "sin")),
+        frozenset([channel]),
+        (Adds(channel, order),),
+        term,
+        rival="term",
+        cure=cure,
+        held="leave runout out of [estimator]",
+    )
 
 
 def _holds(record: Observation, order: int) -> bool:
@@ -658,25 +661,18 @@ def _holds(record: Observation, order: int) -> bool:
 # Parameters that are not the same in all records: a trial mass, an unbalance that was changed.
 
 
-def own_values(
-    index: int, parameter: Parameter, told: Mapping[int, tuple[float, float | None]], records: int
-) -> list[Unknown]:
-    """Return a parameter in those of the records that say it: `told` its (value, std) by record."""
-    name, effects = parameter.name, (Replaces(index, alone=len(told) == records),)
-    scalar = partial(Scalar, unit=parameter.unit, nuisance=False, positive=parameter.positive)
-    of = partial(Unknown, on=frozenset([name]), effects=effects, held="in [records.parameters]")
-    return [of((scalar(f"{name}[{k}]", start=v, std=s),), record=k) for k, (v, s) in told.items()]
-
-
 def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     if wanted is None or not records:
         return []
     given, found = [own_in_si(record) for record in records], []
     for index, parameter in enumerate(records[0].model.parameters):
-        name, unknown = parameter.name, (np.nan, None)
-        asked = (k for k, own in enumerate(given) if name in own or name in wanted.each)
-        told = {k: given[k].get(name, unknown) for k in asked}
-        found += own_values(index, parameter, told, len(records))
+        name, unit, positive = parameter.name, parameter.unit, parameter.positive
+        told = [k for k, own in enumerate(given) if name in own or name in wanted.each]
+        effects, held = (Replaces(index, len(told) == len(records)),), "in [records.parameters]"
+        for k in told:
+            value, std = given[k].get(name, (np.nan, None))
+            scalar = Scalar(f"{name}[{k}]", unit, value, std, nuisance=False, positive=positive)
+            found.append(Unknown((scalar,), frozenset([name]), effects, record=k, held=held))
     return found
 
 

@@ -10,15 +10,11 @@ import pytest
 import rotorid as rid
 from rotorid import Constraint, MaximumLikelihood, Plan, identify, predict_accuracy
 from rotorid.likelihood import symmetric_answers as mirrors
-from rotorid.likelihood import symmetric_answers as symmetry
 from rotorid.likelihood.fit import _problem
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.symmetric_answers import Link, Mirrors, Web, exchanged
 from rotorid.likelihood.unknowns import unknowns_of
 from rotorid.testing import add_noise, bind, line_record
-
-# Answers that fit as well by a symmetry of the equations: found, told, and no false alarm.
-
 
 OVERHUNG = """
 title = "A disc beside its shaft's end, which bends with it"
@@ -177,7 +173,6 @@ def test_a_bound_tells_a_sign(overhung):
 def test_two_signs_of_which_the_start_has_one_are_both_answers():
     # kd couples back to y what kc couples to theta: only their product is told.
     text = OVERHUNG.replace("- kc*y = 0", "- kd*y = 0").replace("+ kc*x = 0", "+ kd*x = 0")
-    text = text.replace("[coordinates]", "[coordinates]", 1)
     text += 'kd = { unit = "N", nominal = -1.5e4 }\n'
     model = rid.parse_model(text)
     record = record_of(model, ["x", "y"], SPEED)
@@ -586,7 +581,7 @@ def test_a_force_on_one_wing_tells_it():
 
 
 def test_what_takes_too_long_is_left(monkeypatch):
-    monkeypatch.setattr(symmetry, "EFFORT", 0)
+    monkeypatch.setattr(mirrors, "EFFORT", 0)
     assert list(wings_web().exchanges([0, 1, 2, 3])) == []
 
 

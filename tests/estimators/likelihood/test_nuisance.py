@@ -529,10 +529,6 @@ def test_constants_are_positive():
         Constant("bandwidth", "Hz", 0.0)
 
 
-def test_channels_carry_their_dynamics():
-    assert Channel("x").dynamics is None
-
-
 # What is no factor of a line, as unknowns: a mass on a spring between two magnets.
 
 
