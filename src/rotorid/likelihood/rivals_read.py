@@ -411,7 +411,8 @@ def _mistaken(given: Mapping[int, float], shown: Sequence[float], which: str) ->
         told = ", ".join(map(_rpm, values)) + " rpm"
         value, each = (values[0], "") if len(values) == 1 else (None, " one after the other")
         cure = f"correct speed{where} (or the lines of the encoder): {told}{each} would do"
-        yield _speed(said, cure, given, speeds, which, value)
+        term = f"speed[{next(iter(given))}]" if which else "speed"
+        yield _speed(term, said, cure, speeds, which, value)
 
 
 def _rpm(speed: float) -> str:
@@ -419,48 +420,34 @@ def _rpm(speed: float) -> str:
 
 
 def _speed(
-    said: str,
-    cure: str,
-    given: Mapping[int, float],
-    right: Mapping[int, float],
-    which: str,
-    value: float | None,
+    term: str, said: str, cure: str, right: Mapping[int, float], which: str, value: float | None
 ) -> Rival:
     def change(case: Case) -> Case:
-        records = list(case.records)
-        for k in given:
-            records[k] = turned(records[k], given[k], right[k])
-        return case.reading(records)
+        numbered = enumerate(case.records)
+        return case.reading([turned(r, right[k]) if k in right else r for k, r in numbered])
 
-    term = f"speed[{next(iter(given))}]" if which and len(given) == 1 else "speed"
     on, unit = (which,) if which else (), "" if value is None else "rad/s"
-    return Rival(term, said, cure, change, value, unit, on=on, kind="speed")
+    return Rival(term, said, cure, change, value, unit, on, "speed")
 
 
-def turned(record: Observation, now: float, speed: float) -> Observation:
+def turned(record: Observation, speed: float) -> Observation:
     """Let the rotor of a record turn at another speed, its phase kept as far as it is known."""
-    lines = record.lines
-    if not now:
-        return record.with_lines(lines.at_speed(speed))
-    speeds = np.unique(lines.speed)
-    if len(speeds) != 1:  # phasors: each line has a speed of its own
-        return record
-    moved = lines.at_speed(float(speeds[0]) * (speed / now))
-    return record.with_lines(replace(moved, phase_known=lines.phase_known))
+    lines, moved = record.lines, record.lines.at_speed(speed)
+    known = lines.phase_known or not lines.speed.any()
+    return record.with_lines(replace(moved, phase_known=known))
 
 
 def shown_speed(records: Records) -> Rival | None:
-    given = {k: float(record.lines.speed[0]) for k, record in enumerate(records)}
-    right = {k: records[k].lines.shown or v if v else v for k, v in given.items()}
-    others = [k for k in given if right[k] != given[k]]
-    if not others:
+    given = [(k, r.lines.shown, float(r.lines.speed[0])) for k, r in enumerate(records)]
+    right = {k: shown for k, shown, said in given if shown and said and shown != said}
+    if not right:
         return None
-    first = others[0]
-    speed = abs(given[first]) * right[first] / given[first]
-    which = f"record {first + 1}" if len(others) < len(records) else ""
+    first, shown = next(iter(right.items()))
+    speed = float(np.copysign(1.0, given[first][2])) * shown
+    which = f"record {first + 1}" if len(right) < len(records) else ""
     told = f"{_rpm(speed)} rpm ({speed / (2 * np.pi):.6g} Hz)"
     said = f"a speed{f' of {which}' if which else ''} of {told}, which its lines show"
-    return _speed(said, f"correct speed: {told}", given, right, which, speed)
+    return _speed("speed", said, f"correct speed: {told}", right, which, speed)
 
 
 BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).tolist())
