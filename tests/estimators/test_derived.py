@@ -146,7 +146,7 @@ def test_deviations_of_base_parameters_agree_with_scatter(problem):
     cov = covariance_of(values, rng, 1e-4)
     draws = values + rng.standard_normal((4000, len(values))) @ np.linalg.cholesky(cov).T
     scatter = np.std([model.base_values(draw) for draw in draws], axis=0)
-    found = base_from_physical(model, values, cov)
+    found = base_from_physical(model, values, cov, model.parameter_names)
     assert [v.name for v in found] == list(problem.base)
     np.testing.assert_allclose([v.value for v in found], model.base_values(values), rtol=1e-13)
     np.testing.assert_allclose([v.std for v in found], scatter, rtol=0.06)

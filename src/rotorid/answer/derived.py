@@ -43,12 +43,12 @@ def deviation(slopes: Floats, covariance: Floats) -> float:
 
 
 def base_from_physical(
-    model: Model, values: Floats, covariance: Floats, names: Sequence[str] | None = None
+    model: Model, values: Floats, covariance: Floats, names: Sequence[str]
 ) -> tuple[Value, ...]:
     jacobian = model.base_jacobian(values)
     std = np.sqrt(np.einsum("bi,ij,bj->b", jacobian, covariance, jacobian).clip(0))
-    own = names is None or tuple(names) == model.parameter_names
-    called = model.base.names if own or names is None else model.base_named(names)
+    own = tuple(names) == model.parameter_names
+    called = model.base.names if own else model.base_named(names)
     found = zip(called, model.base.units, model.base_values(values), std, strict=True)
     return tuple(Value(name, unit, float(value), float(s)) for name, unit, value, s in found)
 
