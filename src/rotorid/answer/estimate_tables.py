@@ -256,9 +256,7 @@ def _ends(value: Value) -> tuple[str, ...]:
     digits = max(int(np.floor(np.log10(largest))) - last + 1, 1)
     if last < 0 and largest < 1e6 and last > -9:
         return f"{value.value:.{-last}f}", f"{low:.{-last}f}", f"{high:.{-last}f}"
-    shown = (_plain(f"{number:#.{min(digits, 12)}g}") for number in (value.value, low, high))
-    first, second, third = shown
-    return first, second, third
+    return tuple(_plain(f"{number:#.{min(digits, 12)}g}") for number in (value.value, low, high))
 
 
 def figures(value: float, spread: float) -> str:

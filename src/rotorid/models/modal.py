@@ -17,6 +17,7 @@ import scipy.linalg
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 
+Matrix = Floats | Complexes
 FREE = 1e-14
 """Singular value of the stiffness, rows and columns brought to one size, below which a motion is
 free: rounding leaves some 1e-16. Bearings of 1e4 N/m under a shaft in elements of 2 mm leave 1e-12;
@@ -67,9 +68,7 @@ def distinct(values: Complexes) -> list[Integers]:
     return np.split(np.arange(len(values)), np.flatnonzero(~near) + 1) if len(values) else []
 
 
-def eigenmodes(
-    mass: Floats | Complexes, damping: Floats | Complexes, stiffness: Floats | Complexes
-) -> Eigenmodes:
+def eigenmodes(mass: Matrix, damping: Matrix, stiffness: Matrix) -> Eigenmodes:
     """Return the oscillating modes of ``M q'' + D q' + K q = 0``; D holds gyroscopic terms too.
 
     Structural damping makes K complex: it is that of positive frequencies, as the modes are.
@@ -86,9 +85,7 @@ def eigenmodes(
     )
 
 
-def eigenvalues(
-    mass: Floats | Complexes, damping: Floats | Complexes, stiffness: Floats | Complexes
-) -> Complexes:
+def eigenvalues(mass: Matrix, damping: Matrix, stiffness: Matrix) -> Complexes:
     """Return the eigenvalues of `eigenmodes` alone, in a third of its time."""
     pencil = _Scaled.of(mass, damping, stiffness)
     values, _, _ = pencil.poles(vectors=False)
@@ -98,17 +95,15 @@ def eigenvalues(
 
 @frozen
 class _Scaled:
-    stiffness: Floats | Complexes
-    damping: Floats | Complexes
-    mass: Floats | Complexes
+    stiffness: Matrix
+    damping: Matrix
+    mass: Matrix
     row: Floats
     column: Floats
     unit: float
 
     @classmethod
-    def of(
-        cls, mass: Floats | Complexes, damping: Floats | Complexes, stiffness: Floats | Complexes
-    ) -> _Scaled:
+    def of(cls, mass: Matrix, damping: Matrix, stiffness: Matrix) -> _Scaled:
         matrices = [stiffness, damping, mass]
         if not all(np.abs(m).max(initial=0.0) < 1e150 for m in matrices):
             raise np.linalg.LinAlgError("a machine beyond all bounds")
@@ -151,7 +146,19 @@ class _Scaled:
 
     @cached_property
     def free(self) -> tuple[int, int]:
-        return _free_motions(self.stiffness, self.damping)
+        """How many motions are free, and on how many of them damping acts.
+
+        By ranks: a double pole at zero comes out at the root of rounding. Of a free motion
+        ``lambda^2 M + lambda D`` remains: zero is a pole once, and twice where D does not act.
+        """
+        row, column = _scales(np.abs(self.stiffness))
+        left, sizes, right = np.linalg.svd(row[:, None] * self.stiffness * column)
+        free = sizes <= FREE * sizes.max(initial=0.0)
+        rows, columns = row[:, None] * left[:, free], column[:, None] * right[free].conj().T
+        acting = rows.conj().T @ self.damping @ columns
+        largest = (np.abs(rows).T @ np.abs(self.damping) @ np.abs(columns)).max(initial=0.0)
+        held = np.linalg.svd(acting, compute_uv=False) > UNDAMPED * largest
+        return int(free.sum()), int(held.sum())
 
     def told_apart(self, values: Complexes) -> tuple[Integers, Integers, int]:
         finite, size = np.isfinite(values), np.abs(values)
@@ -163,23 +170,6 @@ class _Scaled:
             real = moving & (np.abs(values.imag) <= OVERDAMPED * size)
         order = np.flatnonzero(kept)[np.argsort(values[kept].imag, kind="stable")]
         return order, np.flatnonzero(real), int((finite & ~moving).sum())
-
-
-def _free_motions(stiffness: Floats | Complexes, damping: Floats | Complexes) -> tuple[int, int]:
-    """Return how many motions are free, and on how many of them damping acts.
-
-    By ranks: a double pole at zero comes out at the root of rounding. Of a free motion
-    ``lambda^2 M + lambda D`` remains: zero is a pole once, and where D does not act on it either,
-    twice.
-    """
-    row, column = _scales(np.abs(stiffness))
-    left, sizes, right = np.linalg.svd(row[:, None] * stiffness * column)
-    free = sizes <= FREE * sizes.max(initial=0.0)
-    rows, columns = row[:, None] * left[:, free], column[:, None] * right[free].conj().T
-    acting = rows.conj().T @ damping @ columns
-    largest = (np.abs(rows).T @ np.abs(damping) @ np.abs(columns)).max(initial=0.0)
-    held = np.linalg.svd(acting, compute_uv=False) > UNDAMPED * largest
-    return int(free.sum()), int(held.sum())
 
 
 def _scales(size: Floats) -> tuple[Floats, Floats]:
