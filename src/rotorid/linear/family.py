@@ -98,10 +98,15 @@ class Posed:
         rows, left = driven_rows(self.model), set(range(structure.shape[1]))
         stages: list[Stage] = []
         while rows:
-            unknowns = holds[rows].any(axis=0) & ~known
-            while unknowns.any() and (more := _rows_that_help(structure, rows, unknowns, left)):
+            while (unknowns := holds[rows].any(axis=0) & ~known).any():
+                columns = structure[:, rows][:, :, unknowns].reshape(-1, int(unknowns.sum()))
+                _, singular, directions = whole_svd(columns)
+                rank = int((singular > 1e-12 * singular.max(initial=0.0)).sum())
+                tangled = np.flatnonzero(unknowns)[(np.abs(directions[rank:]) > 1e-9).any(axis=0)]
+                more = {r for r in left - {*rows} if structure[:, r][:, tangled].any()}
+                if not more:  # no other row tells the unknowns of these apart
+                    break
                 rows = sorted({*rows, *more})
-                unknowns = holds[rows].any(axis=0) & ~known
             if unknowns.any():
                 stages.append((rows, np.flatnonzero(unknowns).tolist()))
             left -= set(rows)
@@ -203,17 +208,6 @@ class Posed:
             notes=notes,
             condition_number=number if np.isfinite(number) else None,
         )
-
-
-def _rows_that_help(
-    structure: Floats, rows: Sequence[int], unknowns: Booleans, left: set[int]
-) -> list[int]:
-    """Return further rows with unknowns that the columns of these rows do not tell apart."""
-    columns = structure[:, list(rows)][:, :, unknowns].reshape(-1, int(unknowns.sum()))
-    _, singular, directions = whole_svd(columns)
-    rank = int((singular > 1e-12 * singular.max(initial=0.0)).sum())
-    tangled = np.flatnonzero(unknowns)[(np.abs(directions[rank:]) > 1e-9).any(axis=0)]
-    return sorted(r for r in left - set(rows) if structure[:, r][:, tangled].any())
 
 
 @frozen

@@ -219,21 +219,18 @@ class Regression(Equations):
         lines = np.empty((*coordinates.shape[:-1], len(model.signals)), dtype=np.complex128)
         for index, factor in enumerate(model.motion_factors):
             if factor is None:
-                lines[..., index] = self._sampled_lines(index, motion)
+                value = self._value(index, motion)
+                mean = value.mean(axis=0) if value.ndim >= coordinates.ndim else value
+                whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
+                own = line_spectra(whole[..., None], record.harmonics)[..., 0]
+                # What rounding leaves on a line is no signal: an unbalance whose line is not kept.
+                told = np.abs(own) > ROUNDING * np.abs(whole).max()
+                lines[..., index] = np.where(told, own, 0)
             else:
                 column, order, scale = factor
                 gain = speed_factor(scale, record.speed)
                 lines[..., index] = gain * derivatives[order][..., column]
         return lines
-
-    def _sampled_lines(self, index: int, motion: Motion) -> Complexes:
-        record, axes = self.record, motion.position.ndim - 1
-        value = self._value(index, motion)
-        mean = value.mean(axis=0) if value.ndim > axes else value
-        whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
-        lines = line_spectra(whole[..., None], record.harmonics)[..., 0]
-        # What rounding leaves on a line is no signal: an unbalance whose line is not kept.
-        return np.where(np.abs(lines) > ROUNDING * np.abs(whole).max(), lines, 0)
 
     @cached_property
     def signals(self) -> Complexes:

@@ -199,9 +199,16 @@ def scatter_of_blocks(
     its residual e and gains G, (free, equation); `numbers` are the blocks of the equations.
     Neighbours that depend on one another are merged.
     """
+    length = column_lengths(gains.T)
     while True:
-        count = int(numbers.max()) + 1
-        shifts, without, alone = _leave_out(matrix, residual, gains, numbers, count)
+        count, found = int(numbers.max()) + 1, []
+        edges = np.searchsorted(numbers, np.arange(count + 1))
+        for own in (slice(*pair) for pair in pairwise(edges)):
+            shift = gains[:, own] @ residual[own]
+            share = gains[:, own] @ matrix[own] * length / length[:, None]
+            change, untold = leave_out(share, shift / length, ALONE)
+            found.append((shift, change * length, (np.abs(untold) > TINY).any(axis=1)))
+        shifts, without, alone = (np.array(part) for part in zip(*found, strict=True))
         size, known = (shifts**2).sum(axis=0), shifts.any(axis=0)
         # Whether what a block adds resembles what the one before added, in any parameter.
         lagged = (shifts[1:] * shifts[:-1]).sum(axis=0)[known] / size[known]
@@ -213,19 +220,4 @@ def scatter_of_blocks(
     covariance = apart.T @ apart * ((count - 1) / count)
     # A variance from so few is itself uncertain: that of Student's t.
     spread = (count - 1) / max(count - 3, 1)
-    return Scatter(covariance * spread, shifts, memory, alone)
-
-
-def _leave_out(
-    matrix: Floats, residual: Floats, gains: Floats, numbers: Integers, count: int
-) -> tuple[Floats, Floats, Booleans]:
-    """Return what blocks add to the values, the change without each, and what one alone tells."""
-    length, found = column_lengths(gains.T), []
-    edges = np.searchsorted(numbers, np.arange(count + 1))
-    for own in (slice(*pair) for pair in pairwise(edges)):
-        shift = gains[:, own] @ residual[own]
-        share = gains[:, own] @ matrix[own] * length / length[:, None]
-        change, untold = leave_out(share, shift / length, ALONE)
-        found.append((shift, change * length, (np.abs(untold) > TINY).any(axis=1)))
-    shifts, without, alone = (np.array(part) for part in zip(*found, strict=True))
-    return shifts, without, np.asarray(alone.any(axis=0))
+    return Scatter(covariance * spread, shifts, memory, np.asarray(alone.any(axis=0)))

@@ -285,9 +285,14 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
         tuple((name, p[k]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[k]))
         for k in (0, 2)
     )
-    pairs = tuple(_oriented(model, values, _pairs(masses), balance, speed))
+    columns = linear.rotation_columns(speed or 1.0)
+    once = balance.forces(columns @ model.monomial_values(values))
+    pairs = []
+    for a, b in _pairs(masses):  # in the sense in which its unbalance turns; else as declared
+        backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
+        pairs.append((b, a) if backward else (a, b))
     lone = tuple(k for k in range(n) if not any(k in pair for pair in pairs))
-    return Structure(springs, masses, pairs, model.coordinates, balance, lone)
+    return Structure(springs, masses, tuple(pairs), model.coordinates, balance, lone)
 
 
 def _is_energy(matrix: Floats) -> bool:
@@ -307,20 +312,3 @@ def _pairs(masses: Sequence[tuple[str, Floats]]) -> list[tuple[int, int]]:
         if single and not any({*moved} & {*pair} for pair in pairs):
             pairs.append((moved[0], moved[1]))
     return pairs
-
-
-def _oriented(
-    model: Model,
-    values: Floats,
-    pairs: Sequence[tuple[int, int]],
-    balance: ForceBalance,
-    speed: float,
-) -> list[tuple[int, int]]:
-    """Order each pair by the sense in which its unbalance turns; else as declared."""
-    columns = model.require_linear().rotation_columns(speed or 1.0)
-    once = balance.forces(columns @ model.monomial_values(values))
-    found = []
-    for a, b in pairs:
-        backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
-        found.append((b, a) if backward else (a, b))
-    return found
