@@ -25,7 +25,6 @@ from rotorid.likelihood.case import Slopes
 from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
-from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import parts_between
@@ -207,12 +206,28 @@ LEAST_PERIODS = 4
 
 @doubt("ok", "rejected")
 def halves_differ(fit: Fit) -> Iterable[Note]:
-    halves = answers_of_parts(fit, 2)
-    if halves is not None:
+    names, point, records = fit.layout.names(), fit.solution.point, fit.records
+    if (parted := answers_of_parts(fit, 2)) is not None:
         turning = {fit.layout.unknowns[i].name for i in fit.problem.affine}
-        return machine_checks.agreement(fit.layout.names(), halves, fit.inference.std, turning)
-    windows = answers_of_windows(fit)
-    return () if windows is None else machine_checks.agreement(fit.layout.names(), *windows)
+        return machine_checks.agreement(names, parted, fit.inference.std, turning)
+    # Of whole records: a step of Gauss-Newton with the lines of each half alone.
+    cut = [record.lines.parts for record in records if record.lines.parts is not None]
+    if not cut or len(cut) < len(records):
+        return ()
+    linear = []
+    try:
+        for lines in zip(*(parts(2) for parts in cut), strict=True):
+            halves = [r.with_lines(half) for r, half in zip(records, lines, strict=True)]
+            if any(r.lines.names != h.lines.names for r, h in zip(records, halves, strict=True)):
+                return ()
+            there = point.problem.of(halves).at(point.unknowns)
+            linear.append(there.linear.cut(TELLING))
+    except (InputError, np.linalg.LinAlgError):  # too short
+        return ()
+    std = np.hypot(linear[0].std, linear[1].std) / 2
+    lost = linear[0].undetermined | linear[1].undetermined | ~np.isfinite(std)
+    steps = np.array([at.steps(at.residual) for at in linear])
+    return machine_checks.agreement(names, steps, np.where(lost, 0.0, std))
 
 
 def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
@@ -223,30 +238,6 @@ def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
     columns = [_changes(point, number, record, parts) for number, record in enumerate(records)]
     changes = np.concatenate([*columns, np.zeros((len(point.known), parts))])
     return point.linear.steps(changes).T
-
-
-def answers_of_windows(fit: Fit) -> tuple[Floats, Floats] | None:
-    """Return how the free unknowns of each half of whole records differ, and how they may.
-
-    Shapes (half, free) and (free,), zero where a half does not tell it. None where a record was not
-    taken whole, or a half of it is too short to be.
-    """
-    point, records, linear = fit.solution.point, fit.records, list[Linearized]()
-    cut = [record.lines.parts for record in records if record.lines.parts is not None]
-    if not cut or len(cut) < len(records):
-        return None
-    try:
-        for lines in zip(*(parts(2) for parts in cut), strict=True):
-            halves = [r.with_lines(half) for r, half in zip(records, lines, strict=True)]
-            if any(r.lines.names != h.lines.names for r, h in zip(records, halves, strict=True)):
-                return None
-            there = point.problem.of(halves).at(point.unknowns)
-            linear.append(there.linear.cut(TELLING))
-    except (InputError, np.linalg.LinAlgError):
-        return None
-    std = np.hypot(linear[0].std, linear[1].std) / 2
-    lost = linear[0].undetermined | linear[1].undetermined | ~np.isfinite(std)
-    return np.array([at.steps(at.residual) for at in linear]), np.where(lost, 0.0, std)
 
 
 def _changes(point: Point, number: int, record: Observation, parts: int) -> Floats:
