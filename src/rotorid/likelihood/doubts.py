@@ -50,19 +50,8 @@ def doubt(*when: Status) -> Callable[[Doubt], Doubt]:
 
 def doubted(model: Model, estimate: Estimate, fit: Fit, *, speed: bool = False) -> Estimate:
     """Return an answer with all doubts about it; `speed`: one is suspected to be wrong."""
-    notes = no_machine(model, estimate, fit)
-    for cast, when in CATALOGUE:
-        if estimate.status in when and not (speed and cast is straying):
-            notes += cast(fit)
-    estimate = estimate.with_notes(*notes)
-    # What the others have made of the answer may call for it.
-    return estimate.with_notes(*blocks_scatter(fit)) if estimate.status == "rejected" else estimate
-
-
-def no_machine(model: Model, estimate: Estimate, fit: Fit) -> list[Note]:
-    """Judge whether the values can be a machine's; where records have their own, the first's."""
-    whole = fit.layout
-    if whole.named > whole.parameters:
+    judged, whole = estimate, fit.layout
+    if whole.named > whole.parameters:  # where records have their own, the first's
         held = whole.of_record(0).held
         found = {v.name: v for v in estimate.parameters}
         values = tuple(
@@ -71,8 +60,14 @@ def no_machine(model: Model, estimate: Estimate, fit: Fit) -> list[Note]:
         )
         free = [int(i) for i in held if not whole.unknowns[i].fixed]
         covariance = fit.covariance[np.ix_(free, free)]
-        estimate = estimate.with_(parameters=values, nuisance=(), derived=(), covariance=covariance)
-    return machine_checks.physical(model, estimate)
+        judged = estimate.with_(parameters=values, nuisance=(), derived=(), covariance=covariance)
+    notes = machine_checks.physical(model, judged)
+    for cast, when in CATALOGUE:
+        if estimate.status in when and not (speed and cast is straying):
+            notes += cast(fit)
+    estimate = estimate.with_notes(*notes)
+    # What the others have made of the answer may call for it.
+    return estimate.with_notes(*blocks_scatter(fit)) if estimate.status == "rejected" else estimate
 
 
 def _determined(fit: Fit) -> bool:

@@ -45,35 +45,27 @@ def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note
     layout, std = point.problem.layout, point.linear.std
     held = np.isin(layout.free, layout.held) & (std > 0)
     for at, rows, record in zip(point.records, point.rows, records, strict=True):
-        columns = _turned(at, record)
-        if not columns.size:
+        lines, clock = record.lines, record.lines.clock
+        if lines.transient is None or not lines.speed.any() or not at.loads.any():
             continue
-        every = np.zeros((len(point.residual), columns.shape[1]))
-        every[rows] = columns
+        assert isinstance(clock, SampledClock)  # of a whole record
+        place, columns = np.linspace(-1.0, 1.0, len(clock.period)), list[Floats]()
+        for shape in np.polynomial.legendre.legvander(place, ORDERS).T:
+            turned = changed(clock, angle=clock.angle + STEP * shape)
+            ahead = at.problem.loads_on(replace(lines, clock=turned))
+            if ahead.shape != at.problem.load.shape:
+                break
+            change = np.tensordot(at.state.phase, (ahead - at.problem.load) / STEP, 1)
+            columns.append(at.whitened_loads(change @ at.load_factors))
+        if len(columns) <= ORDERS:
+            continue
+        every = np.zeros((len(point.residual), len(columns)))
+        every[rows] = np.transpose(columns)  # by a_0 and each a_n
         explained, angles = point.linear.score(every[:, 1:])
         chance = float(scipy.special.chdtrc(ORDERS, explained))
         whole = np.append(-np.polynomial.legendre.legval(-1.0, [0.0, *angles]), angles)
         moved = np.abs(point.linear.taken(every @ whole)[held] / std[held])
         yield from _strays(record, angles, chance, float(moved.max(initial=0.0)))
-
-
-def _turned(at: Evaluation, record: Observation) -> Floats:
-    """Return the derivative of a record's residual by a_0 and each a_n, (real equation, order)."""
-    lines, clock = record.lines, record.lines.clock
-    nothing = np.zeros((len(at.residual), 0))
-    if lines.transient is None or not lines.speed.any() or not at.loads.any():
-        return nothing
-    assert isinstance(clock, SampledClock)  # of a whole record
-    place = np.linspace(-1.0, 1.0, len(clock.period))
-    columns = []
-    for shape in np.polynomial.legendre.legvander(place, ORDERS).T:
-        turned = changed(clock, angle=clock.angle + STEP * shape)
-        ahead = at.problem.loads_on(replace(lines, clock=turned))
-        if ahead.shape != at.problem.load.shape:
-            return nothing
-        change = np.tensordot(at.state.phase, (ahead - at.problem.load) / STEP, 1) @ at.load_factors
-        columns.append(at.whitened_loads(change))
-    return np.stack(columns, axis=1)
 
 
 def _strays(record: Observation, angles: Floats, chance: float, moved: float) -> Iterator[Note]:

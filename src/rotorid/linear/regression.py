@@ -332,26 +332,22 @@ class SampledRegression(Equations):
 
         A rest lasts so long that a filtered sample lies within; one that merely turns does not.
         """
-        size, noise = self._sizes(argument)
-        small = size < np.maximum(NOISY * noise, SLOW * np.sqrt((size**2).mean()))
-        rest = small & (self._weight(self._weight(small) > 0.5) > SPILLED)
-        return np.asarray(((self._weight(rest) > SPILLED) | rest)[self._picked])
-
-    def _sizes(self, argument: Expression) -> tuple[Floats, Floats]:
-        """Return the size of an expression of the motion, (sample,), and the noise of it."""
-        model, inner, arrays = self.model, self.record.inner, self.model.arrays(self._motion)
-        variance = np.zeros(len(self._samples))
+        inner, arrays = self.record.inner, self.model.arrays(self._motion)
+        size, variance = np.abs(evaluate(argument, arrays)), np.zeros(len(self._samples))
         for order, dots in enumerate(DERIVATIVES):
             noise = self._each(partial(inner.noise_of, order=order), self._read)
             offs = np.sqrt(noise**2 @ self.sensed[1] ** 2)
-            for name, off in zip(model.coordinates, offs.T, strict=True):
+            for name, off in zip(self.model.coordinates, offs.T, strict=True):
                 if symbol(moving := name + dots) in argument.free_symbols:
                     above, below = (
                         evaluate(argument, {**arrays, moving: arrays[moving] + by})
                         for by in (off, -off)
                     )
                     variance += self._each(lambda part: (part**2).mean(), (above - below) / 2)
-        return np.abs(evaluate(argument, arrays)) * np.ones(len(variance)), np.sqrt(variance)
+        least = SLOW * np.sqrt((size**2).mean())
+        small = size < np.maximum(NOISY * np.sqrt(variance), least)
+        rest = small & (self._weight(self._weight(small) > 0.5) > SPILLED)
+        return np.asarray(((self._weight(rest) > SPILLED) | rest)[self._picked])
 
     def counting(self, rows: Any) -> Any:
         told = self.told[self.kept]
