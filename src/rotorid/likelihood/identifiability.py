@@ -23,7 +23,6 @@ from rotorid.data.record import Channel
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.response import simulated
-from rotorid.models import Model
 
 MEMBER = 1e-5
 """Least part in a direction, relative to the largest, that counts."""
@@ -162,14 +161,11 @@ def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> It
         factors = [(layout.unknowns[i].unit, int(powers[n])) for n, i in places.items()]
         unit = multiply_units([(own, 1), *factors]) if whole else ""
         value = float(unknowns[layout.index[name]]) * factor
-        text = _power_text({name: Fraction(1), **powers})
+        every = {name: Fraction(1), **powers}
+        above = [n if p == 1 else f"{n}^{p}" for n, p in every.items() if p > 0]
+        below = [n if p == -1 else f"{n}^{-p}" for n, p in every.items() if p < 0]
+        text = "/".join(["*".join(above), *below])
         yield Value(text, unit, value, spread * abs(factor))
-
-
-def _power_text(powers: dict[str, Fraction]) -> str:
-    above = [n if p == 1 else f"{n}^{p}" for n, p in powers.items() if p > 0]
-    below = [n if p == -1 else f"{n}^{-p}" for n, p in powers.items() if p < 0]
-    return "/".join(["*".join(above), *below])
 
 
 def _left_open(fit: Fit, record: Observation, number: int) -> int:
@@ -198,9 +194,9 @@ def find_cures(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     sensors: dict[int, list[str]] = {}
     for name, left in _sensors(fit):
         sensors.setdefault(left, []).append(name)
-    helped = [*_other_speeds(fit)]
-    helped += [(left, f"a sensor of {' or '.join(names)}") for left, names in sensors.items()]
-    best = sorted((pair for pair in helped if pair[0] < count), key=lambda pair: pair[0])
+    helped = [(left, f"a sensor of {' or '.join(names)}") for left, names in sensors.items()]
+    every = (*_other_speeds(fit), *helped)
+    best = sorted((pair for pair in every if pair[0] < count), key=lambda pair: pair[0])
     return [
         _fixing(fit.layout, combinations),
         *_further_modes(fit, combinations),
@@ -255,8 +251,12 @@ def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> Iterator[st
 
 def _total_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     """Try the sum of the masses, which a scale tells, as an exact constraint."""
-    unknowns, free = fit.layout.unknowns, fit.layout.free
-    weighed = _weighed(fit.layout.model)
+    unknowns, free, model = fit.layout.unknowns, fit.layout.free, fit.layout.model
+    table = model.require_linear().stiffness
+    lengths = np.array([model.units[name] == "m" for name in model.coordinates])
+    powers = model.monomials[table.monomial]  # those that stand alone before an acceleration
+    alone = (table.order == 2) & (powers.sum(axis=1) == 1) & lengths[table.column]
+    weighed = {model.parameter_names[i] for i in powers[alone].argmax(axis=1)}
     masses = [k for k, i in enumerate(free) if unknowns[i].name in weighed]
     if len(masses) < 2 or any(u.name in weighed and u.fixed for u in unknowns):
         return []
@@ -280,15 +280,6 @@ def _trial_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
         "a further run with a trial mass: write its unbalance into the equations beside the "
         "rotor's own, 0 kg m in [parameters] and its value in [records.parameters] of that run"
     ]
-
-
-def _weighed(model: Model) -> set[str]:
-    """Return the parameters that stand alone before the acceleration of a length: masses."""
-    table = model.require_linear().stiffness
-    lengths = np.array([model.units[name] == "m" for name in model.coordinates])
-    powers = model.monomials[table.monomial]
-    alone = (table.order == 2) & (powers.sum(axis=1) == 1) & lengths[table.column]
-    return {model.parameter_names[i] for i in powers[alone].argmax(axis=1)}
 
 
 def _other_speeds(fit: Fit) -> Iterator[tuple[int, str]]:

@@ -101,25 +101,20 @@ def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
     values = gains @ right
     unknown = (np.abs(open_directions) > 1e-6).any(axis=1)
     values[unknown] = np.nan
+    if unknown.any():  # each direction is to have a parameter of its own
+        _, _, order = scipy.linalg.qr(open_directions.T, mode="economic", pivoting=True)
+        own = open_directions[np.sort(order[: open_directions.shape[1]])]
+        open_directions = np.linalg.solve(own.T, open_directions.T).T
     split = np.split(gains, np.cumsum([len(r) for _, r in whitened])[:-1], axis=1)
     condition = singular[0] / singular[-1] if 0 < rank == len(values) else np.inf
     return LeastSquaresSolution(
         values,
         tuple(b.gains_of(g) for b, g in zip(blocks, split, strict=True)),
         float(condition),
-        _separated(open_directions),
+        open_directions,
         matrix,
         right,
     )
-
-
-def _separated(directions: Floats) -> Floats:
-    """Return a basis of the same directions in which each has a parameter of its own."""
-    if not directions.size:
-        return directions
-    _, _, order = scipy.linalg.qr(directions.T, mode="economic", pivoting=True)
-    own = directions[np.sort(order[: directions.shape[1]])]
-    return np.asarray(np.linalg.solve(own.T, directions.T).T)
 
 
 BLOCKS = 32

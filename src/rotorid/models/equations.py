@@ -73,7 +73,9 @@ def split_equations(
                 raise ModelError(f"{found} when expanded", expected, "simplify the model")
         forces = [p for p in products if p.signal in forced]
         others = [p for p in products if p.signal not in forced]
-        sign = _orientation(others, forces)
+        inertia = [p for p in others if any(str(s).endswith("''") for s in p.signal.free_symbols)]
+        right_way = not forces or forces[0].coefficient < 0
+        sign = 1 if (inertia[0].coefficient > 0 if inertia else right_way) else -1
         left += [replace(p, coefficient=sign * p.coefficient) for p in others]
         right += [replace(p, coefficient=-sign * p.coefficient) for p in forces]
     return (*left, *right)
@@ -119,13 +121,6 @@ def _declaration(monomial: Monomial) -> tuple[int, ...]:
 
 def sort_monomials(monomials: set[Monomial]) -> list[Monomial]:
     return sorted(monomials, key=_declaration)
-
-
-def _orientation(others: list[Product], forces: list[Product]) -> int:
-    inertia = [p for p in others if any(str(s).endswith("''") for s in p.signal.free_symbols)]
-    if inertia:
-        return 1 if inertia[0].coefficient > 0 else -1
-    return 1 if not forces or forces[0].coefficient < 0 else -1
 
 
 def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:

@@ -73,8 +73,11 @@ class ForceBalance:
                 )
 
 
-def equation_order(inertia: Floats) -> tuple[Integers, Floats]:
-    """Return the equation of each coordinate, by its inertia, and the sign it is written with."""
+def force_balance(model: Model, inertia: Floats) -> ForceBalance:
+    """Return equation and scale of each coordinate; `inertia`, M (row, coordinate), tells whose."""
+    if not model.typed.equations:  # matrices that no one typed: a drawing's
+        n = len(model.coordinates)
+        return ForceBalance(np.arange(n), np.ones(n), names=model.coordinates)
     n = len(inertia)
     size = np.abs(inertia) + 1e-9 * np.abs(inertia).max(initial=0.0) * np.eye(n)
     scale = np.sqrt(np.outer(size.max(axis=1), size.max(axis=0)))
@@ -83,16 +86,8 @@ def equation_order(inertia: Floats) -> tuple[Integers, Floats]:
     if (np.diag(share) < share.max(axis=1, initial=0.0)).any():  # else no other order has more
         rows, columns = scipy.optimize.linear_sum_assignment(-share)
         order[columns] = rows
-    return order, np.where(inertia[order, np.arange(n)] < 0, -1.0, 1.0)
-
-
-def force_balance(model: Model, inertia: Floats) -> ForceBalance:
-    """Return equation and scale of each coordinate; `inertia`, M (row, coordinate), tells whose."""
-    if not model.typed.equations:  # matrices that no one typed: a drawing's
-        n = len(model.coordinates)
-        return ForceBalance(np.arange(n), np.ones(n), names=model.coordinates)
-    rows, signs = equation_order(inertia)
-    return _balance(model.typed, tuple(rows.tolist()), tuple(signs.tolist()))
+    signs = np.where(inertia[order, np.arange(n)] < 0, -1.0, 1.0)
+    return _balance(model.typed, tuple(order.tolist()), tuple(signs.tolist()))
 
 
 @fact
