@@ -100,10 +100,15 @@ def _of_loads(end: Point, unit: Floats) -> Floats:
 
 def _floor(point: Point, change: Floats, unit: Floats) -> Iterator[Point]:
     """Yield points of the floor that begins with a change of the free unknowns."""
-    free, stride = point.problem.layout.free, float(np.linalg.norm(change / unit))
+    layout, affine = point.problem.layout, set(point.problem.affine.tolist())
+    free, stride = layout.free, float(np.linalg.norm(change / unit))
+    scaling = np.array([i not in affine and not layout.unknowns[i].additive for i in free], bool)
     at, step = point, change
     for _ in range(STRIDES):
-        step = _shortened(step, at)
+        # No unknown, other than a load or a shift, moves by too much of itself.
+        asked = scaling & (at.unknowns[free] != 0)
+        share = np.abs(step[asked] / at.unknowns[free][asked])
+        step = step * min(1.0, HALF / max(float(share.max(initial=0.0)), 1e-300))
         found = beside(at, step)
         if found is None or found.cost > at.cost + STEEP:
             step = step / 4
@@ -117,15 +122,6 @@ def _floor(point: Point, change: Floats, unit: Floats) -> Iterator[Point]:
             return
         step = onward / length * min(2 * float(np.linalg.norm(step / unit)), stride)
         at = found
-
-
-def _shortened(step: Floats, at: Point) -> Floats:
-    """Shorten a step that moves an unknown, other than a load or a shift, by too much of itself."""
-    layout, affine = at.problem.layout, set(at.problem.affine.tolist())
-    scaling = [i not in affine and not layout.unknowns[i].additive for i in layout.free]
-    asked = np.array(scaling, dtype=bool) & (at.unknowns[layout.free] != 0)
-    share = np.abs(step[asked] / at.unknowns[layout.free][asked])
-    return step * min(1.0, HALF / max(float(share.max(initial=0.0)), 1e-300))
 
 
 TAKEN = 3.0

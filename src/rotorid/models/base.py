@@ -242,28 +242,25 @@ def base_names(
 def _echelon(rows: Iterable[dict[int, Fraction]]) -> dict[int, dict[int, Fraction]]:
     """Return the reduced row echelon form of sparse rows, by the column of each pivot."""
     reduced: dict[int, dict[int, Fraction]] = {}
-    work = Work()
+    zero, work = Fraction(0), Work()
+
+    def without(row: dict[int, Fraction], column: int) -> dict[int, Fraction]:
+        if not (factor := row.get(column, zero)):
+            return row
+        pivot = reduced[column]
+        work.spend_exact(pivot.values(), factor)
+        left = {k: row.get(k, zero) - factor * pivot.get(k, zero) for k in row | pivot}
+        return {k: value for k, value in left.items() if value}
+
     for row in rows:
         for pivot in sorted(reduced.keys() & row.keys()):
-            row = _without(row, pivot, reduced[pivot], work)
+            row = without(row, pivot)
         if row:
             first = min(row)
             row = {column: value / row[first] for column, value in row.items()}
-            for pivot, above in reduced.items():
-                reduced[pivot] = _without(above, first, row, work)
-            reduced[first] = row
+            above, reduced[first] = dict(reduced), row
+            reduced |= {pivot: without(other, first) for pivot, other in above.items()}
     return dict(sorted(reduced.items()))
-
-
-def _without(
-    row: dict[int, Fraction], column: int, pivot: dict[int, Fraction], work: Work
-) -> dict[int, Fraction]:
-    factor = row.get(column, Fraction(0))
-    if not factor:
-        return row
-    work.spend_exact(pivot.values(), factor)
-    left = {k: row.get(k, Fraction(0)) - factor * pivot.get(k, Fraction(0)) for k in row | pivot}
-    return {k: value for k, value in left.items() if value}
 
 
 def monomial_name(monomial: Monomial, parameters: Sequence[str]) -> str:

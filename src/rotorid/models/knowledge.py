@@ -306,23 +306,22 @@ def configurations(modes: Sequence[Mode]) -> list[list[Mode]]:
     for mode in modes:
         key = mode.speed, frozenset(mode.parameters.items())
         groups.setdefault(key, []).append(mode)
-    return [_counted(group) for group in groups.values()]
-
-
-def _counted(group: Sequence[Mode]) -> list[Mode]:
-    found: list[Mode] = []
-    for mode in sorted(group, key=lambda m: m.in_si[0]):
-        last = number(found[-1]) if found else 0
-        own = last + 1 if mode.mode is None else mode.mode
-        if own < last:
-            raise InputError(
-                f"{mode}, above {found[-1]}",
-                "numbers that rise with the frequencies",
-                "correct mode, or a frequency",
-                place="modes",
-            )
-        found.append(replace(mode, mode=own))
-    return found
+    numbered: list[list[Mode]] = []
+    for group in groups.values():
+        found: list[Mode] = []
+        for mode in sorted(group, key=lambda m: m.in_si[0]):
+            last = number(found[-1]) if found else 0
+            own = last + 1 if mode.mode is None else mode.mode
+            if own < last:
+                raise InputError(
+                    f"{mode}, above {found[-1]}",
+                    "numbers that rise with the frequencies",
+                    "correct mode, or a frequency",
+                    place="modes",
+                )
+            found.append(replace(mode, mode=own))
+        numbered.append(found)
+    return numbered
 
 
 @frozen

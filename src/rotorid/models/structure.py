@@ -282,10 +282,14 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     )
     columns = linear.rotation_columns(speed or 1.0)
     once = balance.forces(columns @ model.monomial_values(values))
-    pairs = []
-    for a, b in _pairs(masses):  # in the sense in which its unbalance turns; else as declared
-        backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
-        pairs.append((b, a) if backward else (a, b))
+    pairs: list[tuple[int, int]] = []
+    for _, matrix in masses:
+        moved = np.flatnonzero(np.diag(matrix)).tolist()
+        single = len(moved) == np.count_nonzero(matrix) == 2
+        if single and not any({*moved} & {*pair} for pair in pairs):
+            a, b = moved  # in the sense in which its unbalance turns; else as declared
+            backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
+            pairs.append((b, a) if backward else (a, b))
     lone = tuple(k for k in range(n) if not any(k in pair for pair in pairs))
     return Structure(springs, masses, tuple(pairs), model.coordinates, balance, lone)
 
@@ -297,13 +301,3 @@ def _is_energy(matrix: Floats) -> bool:
     scale = np.sqrt(np.diag(matrix).clip(0))
     scale[scale == 0] = 1.0
     return bool(np.linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > -1e-9)
-
-
-def _pairs(masses: Sequence[tuple[str, Floats]]) -> list[tuple[int, int]]:
-    pairs: list[tuple[int, int]] = []
-    for _, matrix in masses:
-        moved = np.flatnonzero(np.diag(matrix)).tolist()
-        single = len(moved) == np.count_nonzero(matrix) == 2
-        if single and not any({*moved} & {*pair} for pair in pairs):
-            pairs.append((moved[0], moved[1]))
-    return pairs
