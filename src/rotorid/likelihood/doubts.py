@@ -26,7 +26,6 @@ from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.mode_rows import pencil_at
-from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import parts_between
 from rotorid.likelihood.rivals_read import SPEEDS, is_response, is_table
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Scalar, force_scale
@@ -230,31 +229,25 @@ def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
     point, records = fit.solution.point, fit.records
     if not records or any(r.lines.periods < parts * LEAST_PERIODS for r in records):
         return None
-    columns = [_changes(point, number, record, parts) for number, record in enumerate(records)]
-    changes = np.concatenate([*columns, np.zeros((len(point.known), parts))])
-    return point.linear.steps(changes).T
-
-
-def _changes(point: Point, number: int, record: Observation, parts: int) -> Floats:
-    """Return the change of the whitened residual in each part, (real equation, part).
-
-    Where the rotation is not synchronous with the periods its loads turn from part to part, as the
-    data do if the speed is the one stated.
-    """
-    at, scatter, clock = point.records[number], record.lines.scatter, record.lines.clock
-    assert scatter is not None
-    every = at.period_residual(scatter[:, :, at.problem.order])
-    mean = every.mean(axis=0)
-    means = [part.mean(axis=0) - mean for part in np.array_split(every, parts)]
-    changes = at.stacked(np.stack(means, axis=2))
-    if not isinstance(clock, SampledClock) or len(clock.grid(timed=False)[0]) == 1:
-        return changes
-    for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):
-        shorter = replace(clock, time=clock.time[part], angle=clock.angle[part])
-        other = record.with_lines(replace(record.lines, clock=shorter))
-        own = assemble(point.problem.layout, other, number).evaluate(at.unknowns, like=at)
-        changes[:, k] += own.residual - at.residual
-    return changes
+    columns = []
+    for number, (record, at) in enumerate(zip(records, point.records, strict=True)):
+        scatter, clock = record.lines.scatter, record.lines.clock
+        assert scatter is not None
+        every = at.period_residual(scatter[:, :, at.problem.order])
+        mean = every.mean(axis=0)
+        means = [part.mean(axis=0) - mean for part in np.array_split(every, parts)]
+        changes = at.stacked(np.stack(means, axis=2))
+        columns.append(changes)
+        if not isinstance(clock, SampledClock) or len(clock.grid(timed=False)[0]) == 1:
+            continue
+        # The rotation is not synchronous with the periods: its loads turn from part to part.
+        for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):
+            shorter = replace(clock, time=clock.time[part], angle=clock.angle[part])
+            other = record.with_lines(replace(record.lines, clock=shorter))
+            own = assemble(point.problem.layout, other, number).evaluate(at.unknowns, like=at)
+            changes[:, k] += own.residual - at.residual
+    known = np.zeros((len(point.known), parts))
+    return point.linear.steps(np.concatenate([*columns, known])).T
 
 
 FAR = 30.0

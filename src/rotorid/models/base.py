@@ -9,7 +9,7 @@ many digits a relation at more points than signals is an identity.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from itertools import islice
 
@@ -117,7 +117,13 @@ def _relations(
     rank = min(4, len(signals))
     if not signals:
         return {}, 0
-    nodes, samples = sum(map(_nodes, signals)), _samples(signals)
+    nodes, names = sum(map(_nodes, signals)), [str(name) for name in _names(signals)]
+    # Where all are real, at several sizes: functions may be alike at one.
+    points = (
+        {name: _coordinate(i, k) for i, name in enumerate(names)}
+        for k in range(8 * len(_SCALES) * (len(signals) + _SPARE))
+    )
+    samples = filter(None, (values_at(point, signals) for point in points))
     rows: list[list[Real]] = []
     while True:
         wanted = len(_SCALES) * (rank + _SPARE)
@@ -166,15 +172,6 @@ def _eliminated(
 def _near(value: Real) -> Fraction:
     simple = simple_fraction(value)
     return Fraction(repr(float(value))) if simple is None else simple
-
-
-def _samples(signals: Sequence[Expression]) -> Iterator[list[Real]]:
-    """Evaluate signals where all are real, at several sizes: functions may be alike at one."""
-    names, most = _names(signals), 8 * len(_SCALES) * (len(signals) + _SPARE)
-    for k in range(most):
-        point = {str(name): _coordinate(i, k) for i, name in enumerate(names)}
-        if (values := values_at(point, signals)) is not None:
-            yield values
 
 
 def _coordinate(i: int, k: int) -> Fraction:
