@@ -107,7 +107,8 @@ def test_unknown_gains_and_no_mass(levitated, rng):
     members = "m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1], ki[F_y1], ki[F_x3], ki[F_y3], ks"
     assert lines_of(estimate, "not identifiable: ") == [f"{members} scale together"]
     assert lines_of(estimate, "cure: ") == [
-        f"fix one of {members}",
+        f"fix one of {members} (ki[F_x1], ki[F_y1], ki[F_x3], ki[F_y3]: leave "
+        '"ki" out of gains; ks: leave "ks" out of gains)',
         "weigh the rotor: a constraint on m1 + m2 + m3",
     ]
     ratio = truth["m2"] / truth["m1"]
