@@ -199,6 +199,15 @@ class ChannelError:
     p_value: float | None = None
     deviations: float | None = None  # the relative error that the deviations of the values make
 
+    def __str__(self) -> str:
+        told = f"{self.name} is off by {100 * (self.relative_error or 0.0):.3g} %"
+        if self.noise is None:
+            return told
+        told += f", where noise makes {100 * self.noise:.2g} %"
+        if self.deviations is not None:
+            told += f" and the deviations of the values {100 * self.deviations:.2g} %"
+        return told if self.p_value is None else f"{told} (p = {self.p_value:.1g})"
+
     @property
     def tells(self) -> bool:
         if self.relative_error is None:
@@ -358,14 +367,11 @@ def _relative(power: float, whole: float) -> float | None:
 
 
 def _moved(estimate: Estimate, name: str, step: float) -> Estimate:
-    moved = {
-        kind: tuple(
-            replace(v, value=v.value + step) if v.name == name and not v.fixed else v
-            for v in getattr(estimate, kind)
-        )
-        for kind in ("parameters", "nuisance")
-    }
-    return estimate.with_(**moved)
+    parameters, nuisance = (
+        tuple(replace(v, value=v.value + step) if v.name == name and not v.fixed else v for v in of)
+        for of in (estimate.parameters, estimate.nuisance)
+    )
+    return estimate.with_(parameters=parameters, nuisance=nuisance)
 
 
 def _chance(
@@ -396,41 +402,30 @@ class Validated:
 
 
 def verdict_of(records: Sequence[Sequence[ChannelError]]) -> Validated:
-    every = [(k, channel) for k, record in enumerate(records) for channel in record]
-    failing = [pair for pair in every if pair[1].fails]
-    several = len(records) > 1
+    every = [channel for record in records for channel in record]
+    if len(records) > 1:
+        numbered = enumerate(records, 1)
+        every = [replace(c, name=f"{c.name} of record {k}") for k, each in numbered for c in each]
+    failing = [channel for channel in every if channel.fails]
     if failing:
-        worst = min(failing, key=lambda pair: (pair[1].p_value or 0.0, -(pair[1].noise or 0)))
-        told = f"the result does not predict the record: {_told(*worst, several)}"
-        return Validated("fails", told, CURES)
-    telling = [pair for pair in every if pair[1].tells]
+        worst = min(failing, key=lambda channel: (channel.p_value or 0.0, -(channel.noise or 0)))
+        return Validated("fails", f"the result does not predict the record: {worst}", CURES)
+    telling = [channel for channel in every if channel.tells]
     if not telling:
-        return Validated("fails", f"inconclusive: {_hidden(every, several)}", (LOUDER,))
-    worst = max(telling, key=lambda pair: pair[1].relative_error or 0.0)
+        return Validated("fails", f"inconclusive: {_hidden(every)}", (LOUDER,))
+    worst = max(telling, key=lambda channel: channel.relative_error or 0.0)
     how = "within its deviations and the noise"
-    if all(channel.p_value is None for _, channel in telling):
+    if all(channel.p_value is None for channel in telling):
         how = f"to better than {100 * UNEXPLAINED:g} %; nothing tells what noise makes"
-    told = f"the result predicts the record {how}: at worst {_told(*worst, several)}"
-    return Validated("predicts", told)
+    return Validated("predicts", f"the result predicts the record {how}: at worst {worst}")
 
 
-def _hidden(every: Sequence[tuple[int, ChannelError]], several: bool) -> str:
-    known = [pair for pair in every if pair[1].relative_error is not None]
+def _hidden(every: Sequence[ChannelError]) -> str:
+    known = [channel for channel in every if channel.relative_error is not None]
     if not known:
         return "every channel of the record is zero"
-    best = min(known, key=lambda pair: np.hypot(pair[1].noise or 0.0, pair[1].deviations or 0.0))
-    return f"{_told(*best, several)}, and of no channel less: any machine would pass"
-
-
-def _told(number: int, channel: ChannelError, several: bool) -> str:
-    where = f" of record {number + 1}" if several else ""
-    told = f"{channel.name}{where} is off by {100 * (channel.relative_error or 0.0):.3g} %"
-    if channel.noise is None:
-        return told
-    told += f", where noise makes {100 * channel.noise:.2g} %"
-    if channel.deviations is not None:
-        told += f" and the deviations of the values {100 * channel.deviations:.2g} %"
-    return told if channel.p_value is None else f"{told} (p = {channel.p_value:.1g})"
+    best = min(known, key=lambda channel: np.hypot(channel.noise or 0.0, channel.deviations or 0.0))
+    return f"{best}, and of no channel less: any machine would pass"
 
 
 CURES = (

@@ -198,10 +198,8 @@ SNAP = 0.03
 
 def factor_name(gain: float) -> str:
     name, _ = _nearest(abs(gain)) or ("", 1.0)
-    told = [name] if name else []
-    if gain < 0:
-        told.append("upside down")
-    return f" ({', '.join(told)})" if told else ""
+    told = ", ".join(filter(None, (name, "upside down" if gain < 0 else "")))
+    return f" ({told})" if told else ""
 
 
 def snap(gain: float) -> float | None:
@@ -267,10 +265,7 @@ def common_delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     kinds = channels if wanted is None else wanted.delays
     if wanted is not None and "force" in kinds:
         _require_forces(records, "an unknown delay of the forces", "delays")
-    found = [_late(kind, channels[kind], f'delays = ["{kind}"]') for kind in kinds]
-    return [
-        replace(u, held=f'leave "{k}" out of delays') for k, u in zip(kinds, found, strict=True)
-    ]
+    return [_late(kind, channels[kind], f'delays = ["{kind}"]') for kind in kinds]
 
 
 def _require_forces(records: Records, what: str, place: str) -> None:
@@ -307,6 +302,7 @@ def _late(
         (scales,),
         rival="term",
         cure=f"give delay or hold of the channels, or have it estimated: {asked}",
+        held="leave it out of delays",
         instead=instead,
     )
 

@@ -105,14 +105,14 @@ def test_which_mistakes_are_followed_after_the_screening(catalogue, best, follow
         "single",
         *(rival(str(c), "mistake", screened=c, left=100.0, gone=gone) for c in costs),
     )
-    list(rivals.RivalSearch(case_of(1e6)).screened())
+    named(case_of(1e6))
     assert gone == [str(cost) for cost in followed]
 
 
 def test_what_was_tried_before_is_not_tried_again(catalogue):
     gone: list[str] = []
     catalogue("single", *(rival(t, "mistake", left=1e5, gone=gone) for t in ("a", "b")))
-    list(rivals.RivalSearch(case_of(1e6), frozenset("a")).screened())
+    list(rivals.RivalSearch(case_of(1e6), frozenset("a")).trials())
     assert gone == ["b"]
 
 
