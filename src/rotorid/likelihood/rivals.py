@@ -128,14 +128,13 @@ class RivalSearch:
         # responses likewise, which are too far off for screening at the values that were found.
         yield from self.at("table")
         yield from self.one_by_one([each.rival for each in scored[:FIRST]])
-        yield from self.screened(["modes"], 1)
+        yield from self.likeliest("modes")
         yield from self.at("trial")
         if not self.case.gross or self.explained(lambda f: f.likely is not False):
             yield from self.one_by_one([each.rival for each in scored[FIRST:REFITTED]])
             rest = scored[REFITTED:]
         else:
-            if self.case.records:
-                yield from self.screened(LARGE, SCREENED, STANDS_OUT * self.case.screened())
+            yield from self.screened()
             rest = [] if self.explained() else scored[FIRST:]
         # Another unit may explain anything: it is as if there were more noise.
         if not self.explained(lambda f: f.rival.kind != "unit", rest):
@@ -211,26 +210,37 @@ class RivalSearch:
     def screen(self, rival: Rival) -> float:
         return rival.change(self.case).screened()
 
-    def screened(self, stages: Sequence[str], most: int, plain: float = 0.0) -> Tries:
-        """Screen mistakes; follow what costs less than is plain at once, then the likeliest.
+    def screened(self) -> Tries:
+        """Screen mistakes that are no small changes; follow what stands out at once, then the best.
 
         Where one explains the data the search ends with those of its kind: a sensor upside down
         may look like its actuator upside down.
         """
-        before, waiting = len(self.found), list[tuple[float, Rival]]()
-        for stage in stages:
-            entered = [r for r in self.entered(stage) if r.term not in self.known]
-            for number, rival in enumerate(entered, 1):
+        if not self.case.records:
+            return
+        before, level = len(self.found), self.case.screened()
+        waiting: list[tuple[float, Rival]] = []
+        for stage in LARGE:
+            stages = [r for r in self.entered(stage) if r.term not in self.known]
+            for number, rival in enumerate(stages, 1):
                 cost = self.screen(rival)
-                if cost < plain:
+                if cost < STANDS_OUT * level:
                     self.follow(rival)
                 else:
                     waiting.append((cost, rival))
-                yield self.told(self.found, number, len(entered))
+                yield self.told(self.found, number, len(stages))
             if any(map(self.explains, self.found[before:])):
                 return
-        likeliest = sorted(waiting, key=lambda pair: pair[0])[:most]
+        likeliest = sorted(waiting, key=lambda pair: pair[0])[:SCREENED]
         yield from self.one_by_one([rival for _, rival in likeliest])
+
+    def likeliest(self, stage: str) -> Tries:
+        entered, costs = self.entered(stage), list[float]()
+        for rival in entered:
+            costs.append(self.screen(rival))
+            yield self.told(self.found, len(costs), len(entered))
+        if entered:
+            self.follow(entered[costs.index(min(costs))])
 
 
 def ranked(found: Sequence[Finding], expected: float, places: Places) -> list[Finding]:
