@@ -475,8 +475,9 @@ class Format:
     commands: Sequence[tuple[int, tuple[str, ...], tuple[str, ...]]] = field(
         default_factory=lambda: _RECORD_COMMANDS
     )
-    # Of the files that are asked for: an answer of some takes long. What a child reads takes most,
-    # by whatever package, and is told in the same way: ten formats with a third each are one.
+    # Of the files that are asked for: an answer of some takes long. One reader reads delimited
+    # text of whatever format. What a child reads takes most, by whatever package, and is told in
+    # the same way: ten formats with a quarter each are two and a half.
     share: float = 1.0
 
     def files(self, damaged: bytes) -> dict[str, bytes]:
@@ -566,11 +567,11 @@ def _formats() -> list[Format]:
     text, record = mutations.reworded, _columns_of
     return [
         Format("csv", "run.csv", lambda: (good_csv(), _timed_csv(), _timed_csv(";", ",")), text,
-               commands=_drafted("run.csv")),
+               commands=_drafted("run.csv"), share=0.4),
         Format("txt", "run.txt", lambda: (_timed_csv("\t", preamble=PREAMBLE),
-               _timed_csv(";", ",", PREAMBLE)), text, commands=_drafted("run.txt")),
+               _timed_csv(";", ",", PREAMBLE)), text, commands=_drafted("run.txt"), share=0.4),
         Format("lvm", "run.lvm", lambda: (record(writers.write_lvm, "run.lvm"),), text,
-               commands=_drafted("run.lvm")),
+               commands=_drafted("run.lvm"), share=0.4),
         Format("experiment", "experiment.toml",
                lambda: (OF_CSV, LONGER), text,
                beside=lambda: {"run.csv": _timed_csv(units=False)},
@@ -595,29 +596,29 @@ def _formats() -> list[Format]:
         Format("hdf5", "run.h5", lambda: (_hdf5(), _hdf5(chunks=(16,), compression="gzip"),
                _hdf5(libver="latest", chunks=(16,), maxshape=(None,), shuffle=True),
                record(writers.write_hdf5, "run.h5")), odd=_odd_hdf5, commands=_drafted("run.h5"),
-               share=0.3),
+               share=0.25),
         Format("mat4", "run.mat", lambda: (_mat(format="4"),), odd=_odd_mat,
-               commands=_drafted("run.mat"), share=0.3),
+               commands=_drafted("run.mat"), share=0.25),
         Format("mat5", "run.mat", lambda: (_mat(), record(writers.write_mat5, "run.mat")),
-               odd=_odd_mat, commands=_drafted("run.mat"), share=0.3),
+               odd=_odd_mat, commands=_drafted("run.mat"), share=0.25),
         Format("mat5-packed", "run.mat", lambda: (_mat(do_compression=True),),
-               mutations.damaged_inside, odd=_odd_mat, commands=_drafted("run.mat"), share=0.3),
+               mutations.damaged_inside, odd=_odd_mat, commands=_drafted("run.mat"), share=0.25),
         Format("mat73", "run.mat", lambda: (record(writers.write_mat73, "run.mat"),),
-               commands=_drafted("run.mat"), share=0.3),
+               commands=_drafted("run.mat"), share=0.25),
         Format("parquet", "run.parquet", lambda: (record(writers.write_parquet, "run.parquet"),),
-               odd=_odd_parquet, commands=_drafted("run.parquet"), share=0.3),
+               odd=_odd_parquet, commands=_drafted("run.parquet"), share=0.25),
         Format("tdms", "run.tdms", lambda: (record(writers.write_tdms, "run.tdms"),),
-               odd=_odd_tdms, commands=_drafted("run.tdms"), share=0.3),
+               odd=_odd_tdms, commands=_drafted("run.tdms"), share=0.25),
         Format("uff", "run.uff", lambda: (_universal(0), _responses()), text,
-               commands=_drafted("run.uff"), share=0.3),
+               commands=_drafted("run.uff"), share=0.25),
         Format("uff-binary", "run.uff", lambda: (_universal(1), _responses(1)),
-               commands=_drafted("run.uff"), share=0.3),
+               commands=_drafted("run.uff"), share=0.25),
         Format("responses", "run.uff", lambda: (_responses(),), text, experiment=RESPONSES,
                commands=_EXPERIMENT_COMMANDS, share=0.2),
         Format("responses-binary", "run.uff", lambda: (_responses(1),), experiment=RESPONSES,
                commands=_EXPERIMENT_COMMANDS, share=0.2),
         Format("mdf", "run.mf4", lambda: (record(writers.write_mdf, "run.mf4"),), odd=_odd_mdf,
-               commands=_drafted("run.mf4"), share=0.3),
+               commands=_drafted("run.mf4"), share=0.25),
     ]  # fmt: skip
 
 

@@ -239,9 +239,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
     return Outcome(case.name, exit_code, seconds, more, told[-2000:], tuple(faults), status)
 
 
-def _serve(
-    builds: Sequence[Build], numbers: Sequence[int], pipe: int, warm: Sequence[Case]
-) -> None:
+def _serve(builds: Sequence[Build], numbers: Sequence[int], pipe: int) -> None:
     """Run cases in a child, and tell of each when it begins and what came of it."""
     os.setsid()
     faulthandler.disable()  # a signal is told by the parent
@@ -253,10 +251,6 @@ def _serve(
         warnings.simplefilter("ignore", kind)
     tell = lambda *what: os.write(pipe, (json.dumps(what) + "\n").encode())  # noqa: E731
     tell("folder", str(folder))
-    for case in warm:
-        run_case(case, folder)
-    gc.collect()
-    gc.freeze()
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + ADDRESSES
     resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
@@ -274,7 +268,7 @@ def _serve(
 class _Child:
     """A forked child, the cases it has left, and the one it is at."""
 
-    def __init__(self, builds: Sequence[Build], left: list[int], warm: Sequence[Case]) -> None:
+    def __init__(self, builds: Sequence[Build], left: list[int]) -> None:
         self.left, self.at, self.since, self.text = left, "", time.monotonic(), b""
         self.folder = ""
         self.pipe, end = os.pipe()
@@ -286,7 +280,7 @@ class _Child:
             os.close(self.pipe)
             code = 70
             try:
-                _serve(builds, left, end, warm)
+                _serve(builds, left, end)
                 code = 0
             except BaseException:
                 traceback.print_exc(file=sys.__stderr__)
@@ -334,12 +328,22 @@ class _Child:
 def run_cases(
     builds: Sequence[Build], *, workers: int = 2, warm: Sequence[Case] = ()
 ) -> Iterator[Outcome]:
-    """Run cases in children, as many at a time as there are workers, and yield their outcomes."""
+    """Run cases in children, as many at a time as there are workers, and yield their outcomes.
+
+    What a command loads and keeps is there before the children are made: by cases that warm up.
+    """
     for module in LOADED:
         with suppress(ImportError):
             importlib.import_module(module)
+    gc.collect()
+    gc.freeze()  # what is loaded is not looked through after every case
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        for case in warm:
+            run_case(case, Path(folder))
+    gc.collect()
+    gc.freeze()
     shares = [list(range(first, len(builds), workers)) for first in range(workers)]
-    children = [_Child(builds, share, warm) for share in shares if share]
+    children = [_Child(builds, share) for share in shares if share]
     while children:
         ready, _, _ = select.select([c.pipe for c in children], [], [], 0.5)
         for child in list(children):
@@ -350,4 +354,4 @@ def run_cases(
             if child.pipe < 0:
                 children.remove(child)
                 if child.left:
-                    children.append(_Child(builds, child.left, warm))
+                    children.append(_Child(builds, child.left))

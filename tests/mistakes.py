@@ -221,8 +221,13 @@ READ = {"0.2*theta": "L_a*theta", "0.25*theta": "L_b*theta"}
 SENSORS = ("s_xa", "s_ya", "s_xb", "s_yb")
 CURRENTS = {f"i{name[1:]}": f"F{name[1:]}" for name in SENSORS}
 PLANES = (SENSORS[:2], SENSORS[2:])
-LIKE_ANOTHER = "lever of sensor xa 250 mm, not 200"
-"""Where levers are parameters, it is a factor of one that is mistaken in one sensor."""
+ALSO = (
+    "512 lines of the encoder",
+    "gap of .4 mm instead of .5",
+    "L_a fixed to .25 m",
+    "currents .1 ms late",
+)
+"""Mistakes of the rigid rig that are made here too: the others are among those of one channel."""
 
 
 def levers(text: str) -> str:
@@ -260,7 +265,7 @@ def _in_levers() -> Iterator[Mistake]:
     down = both(*(scale(a, -1) for a in SENSORS))
     yield Mistake(LEVERS, "all sensors upside down", down, (f"sign[{', '.join(SENSORS)}]",))
     for mistake in MISTAKES:
-        if mistake.rig == RIGID and mistake.what != LIKE_ANOTHER:
+        if mistake.rig == RIGID and mistake.what in ALSO:
             yield replace(mistake, rig=LEVERS)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import scipy.linalg
@@ -40,6 +41,7 @@ OMEGA = 2 * np.pi * 20.0 * np.array(HARMONICS)
 PLANES = ["F_xa,F_ya", "F_xb,F_yb"]
 PERIODS = 100
 KS = 2e5
+Effort = Literal["full", "quick"]
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def in_planes(p: Mapping[str, float]) -> Complexes:
     return np.linalg.solve(matrix, np.array([force, moment]))
 
 
-def balanced(seed: int) -> Balanced:
+def balanced(seed: int, effort: Effort = "full") -> Balanced:
     """Identify and balance a random rigid rotor: four sensors with runout, unknown k_i, two speeds.
 
     Known are its mass, by weighing, and where its bearings are.
@@ -108,7 +110,11 @@ def balanced(seed: int) -> Balanced:
         records.append(noisy_record(channels, mean, noise, HARMONICS, rng, speed, PERIODS))
     start = {n: truth[n] * rng.uniform(0.8, 1.2) for n in ("I_t", "I_p")}
     estimator = rid.MaximumLikelihood(
-        fixed={n: truth[n] for n in ("m", "L_a", "L_b")}, start=start, runout=True, gains=("ki",)
+        fixed={n: truth[n] for n in ("m", "L_a", "L_b")},
+        start=start,
+        runout=True,
+        gains=("ki",),
+        effort=effort,
     )
     estimate = rid.identify(model, records, estimator)
     if estimate.status != "ok":
@@ -245,11 +251,11 @@ def errors_at_the_minimum(case: Case) -> dict[str, float]:
     return {name: (value - case.truth[name]) / deviation for name, value, deviation in rows}
 
 
-def identified(seed: int, speed: float = 800.0) -> Found:
+def identified(seed: int, speed: float = 800.0, effort: Effort = "full") -> Found:
     """Identify a random machine with two close modes, and hold its modes against the truth."""
     case = close_case(seed, speed)
     truth = case.truth
-    estimator = rid.MaximumLikelihood(fixed=case.known, start=case.start)
+    estimator = rid.MaximumLikelihood(fixed=case.known, start=case.start, effort=effort)
     estimate = rid.identify(case.model, [case.record], estimator)
     if estimate.status != "ok":
         return Found(estimate.status)

@@ -1,10 +1,9 @@
 """Deliberate mistakes in an experiment file are named by the first suspect, check or warning."""
 
 import pytest
-from mistakes import MISTAKES, MISTAKES_IN_LEVERS, judge, prepare
+from mistakes import MISTAKES, MISTAKES_IN_LEVERS, Mistake, judge, prepare
 
-NAMED = 0.9
-"""Share of the mistakes that must be named: 36 of 40."""
+pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")  # estimates astray overflow
 
 
 @pytest.fixture(scope="module")
@@ -14,29 +13,25 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # estimates astray overflow
-def test_mistakes_are_named(folder):
-    verdicts = [judge(mistake, folder) for mistake in MISTAKES]
-    missed = [v for v in verdicts if not v.named]
+def test_mistakes_are_many():
     assert len(MISTAKES) >= 40
-    assert len(missed) <= (1 - NAMED) * len(MISTAKES), missed
-    assert not [v.mistake.what for v in verdicts if v.status == "ok"]
+    assert len(MISTAKES_IN_LEVERS) >= 40
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_mistakes_are_named_first_where_sensors_read_parameters(folder):
-    """As in drafts: all of them by the first suspect, or by those that fit as well as it."""
-    verdicts = [judge(mistake, folder) for mistake in MISTAKES_IN_LEVERS]
-    assert len(verdicts) >= 40
-    first = ("first suspect", "told with the first")
-    assert not [verdict for verdict in verdicts if verdict.by not in first]
-    assert not [v.mistake.what for v in verdicts if v.status == "ok"]
-
-
-def test_a_mistake_is_named(folder):
-    (mistake,) = [m for m in MISTAKES if m.what == "3 % too much gain of x1"]
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.what)
+def test_a_mistake_is_named(mistake, folder):
     verdict = judge(mistake, folder)
     assert verdict.named, verdict
+    assert verdict.status != "ok"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mistake", MISTAKES_IN_LEVERS, ids=lambda mistake: mistake.what)
+def test_a_mistake_is_named_first_where_sensors_read_parameters(
+    mistake: Mistake, folder: Path
+) -> None:
+    """As in drafts: by the first suspect, or by those that fit as well as it."""
+    verdict = judge(mistake, folder)
+    assert verdict.by in ("first suspect", "told with the first"), verdict
     assert verdict.status != "ok"
