@@ -50,7 +50,9 @@ CASES: Mapping[str, tuple[str, tuple[tuple[str, str], ...], tuple[str, ...]]] = 
 }
 
 
-def errors(case: str, seed: int, duration: float) -> tuple[str, str, dict[str, float]]:
+def errors(
+    case: str, seed: int, duration: float, effort: str = "full"
+) -> tuple[str, str, dict[str, float]]:
     """Return the status and, for each parameter, its error in deviations, of one record."""
     name, changes, faults = CASES[case]
     plan = load_rig(name)
@@ -75,7 +77,7 @@ def errors(case: str, seed: int, duration: float) -> tuple[str, str, dict[str, f
         marked = "\nangle = " in told or "\nkeyphasor = " in told
         stated = '[[records]]\nangle_lag_std = "0 s"\n' if marked else "[[records]]\n"
         experiment.write_text(told.replace("[[records]]\n", stated), encoding="utf-8")
-        run(["identify", str(experiment), "--json", str(result)])
+        run(["identify", str(experiment), "--json", str(result), "--effort", effort])
         if not result.exists():
             return case, "refused", {}
         found = json.loads(result.read_text())
@@ -104,10 +106,10 @@ def _begun_anywhere(text: str, seed: int) -> str:
 
 
 def calibration(
-    cases: list[str], runs: int, duration: float, jobs: int
+    cases: list[str], runs: int, duration: float, jobs: int, effort: str = "full"
 ) -> dict[str, tuple[int, float, float, dict[str, float]]]:
     """Return, by case: records that are ok, cover in %, rms over all, and means by parameter."""
-    tasks = [(case, seed, duration) for case in cases for seed in range(1, runs + 1)]
+    tasks = [(case, seed, duration, effort) for case in cases for seed in range(1, runs + 1)]
     statuses: dict[str, list[str]] = {case: [] for case in cases}
     off: dict[str, list[dict[str, float]]] = {case: [] for case in cases}
     with ProcessPoolExecutor(jobs) as pool:

@@ -391,13 +391,13 @@ def by_periods(seed: int, noise: tuple[float, float] = (0.005, 0.03)) -> Graded:
     return Graded.of(on.peak, rid.sensitivity(record, {"e": "r"})[0])
 
 
-def by_noise(seed: int) -> list[Graded]:
+def by_noise(seed: int, samples: int = 20000) -> list[Graded]:
     """Grade two coupled loops by a whole record with noise added to both commands.
 
     Each S is 1 beside a resonance whose peak is known exactly.
     """
     rng = np.random.default_rng([seed, 14840])
-    samples, rate = 20000, 1000.0
+    rate = 1000.0
     r = rng.standard_normal((samples, 2))
     e, peaks = [], []
     for j in range(2):

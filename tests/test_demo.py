@@ -55,25 +55,35 @@ BOUND = (
 
 
 @pytest.fixture(scope="module")
-def shown():
-    """What ``rotorid demo`` runs."""
-    return run_demo(60, rng=np.random.default_rng(2026))
-
-
-@pytest.fixture(scope="module")
 def demo():
     """A few of its records."""
     return run_demo(6, rng=np.random.default_rng(2026))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", REFERENCE)
-def test_rms_errors_agree_with_the_reference(shown, estimator):
-    np.testing.assert_allclose(shown.rms(estimator), REFERENCE[estimator], rtol=0.35)
+def test_a_hundred_records():
+    """What ``rotorid demo`` runs; one test, so that the records are simulated once.
+
+    The scatter of one parameter is known to 7 %: deviations stated 30 % too small (a ratio of 1.43)
+    are found with 97 % for one, 15 % for all of an estimator always.
+    """
+    shown = run_demo(100, rng=np.random.default_rng(2026))
+    for estimator, expected in REFERENCE.items():
+        np.testing.assert_allclose(shown.rms(estimator), expected, rtol=0.35)
+    _bound_is_that_of_the_reference(shown)
+    _ls_is_nearly_all_bias(shown)
+    # The paper's 56 errors are likely draws: beyond a hundred others lies one in fifty.
+    paper = np.array([row.errors for row in TABLE])
+    errors = np.stack([np.abs(shown.errors(name)) for name in COLUMNS], axis=2)
+    assert paper.size == 56
+    assert ((paper < errors.min(axis=0)) | (paper > errors.max(axis=0))).sum() <= 4
+    for name in ("batch-100", "batch-10", "sequential"):
+        ratio = shown.scatter_over_stated(name)
+        assert (np.abs(ratio - 1) < 0.24).all(), (name, ratio)
+        assert np.sqrt((ratio**2).mean()) == pytest.approx(1, abs=0.12), name
 
 
-@pytest.mark.slow
-def test_bound_agrees_with_the_reference(shown):
+def _bound_is_that_of_the_reference(shown):
     np.testing.assert_allclose(shown.bound_percent, BOUND, rtol=0.015)
     assert (shown.rms("ml") < 1.35 * shown.bound_percent).all()
     for name in ("batch-100", "batch-10", "sequential", "ls"):
@@ -82,34 +92,12 @@ def test_bound_agrees_with_the_reference(shown):
     assert f"ml {ratio.min():.2f} to {ratio.max():.2f}" in findings(shown)[0]
 
 
-@pytest.mark.slow
-def test_ls_is_nearly_all_bias(shown):
+def _ls_is_nearly_all_bias(shown):
     assert (shown.bias("ls") < 0).all()
     assert np.median(shown.bias("ls")) == pytest.approx(-1.2, abs=0.2)
     assert np.median(bias_share(shown, "ls")) > 0.6
     for estimator in ("batch-100", "batch-10", "sequential"):
         assert np.median(bias_share(shown, estimator)) < 0.25
-
-
-@pytest.mark.slow
-def test_500_runs():
-    """The paper's 56 errors are likely draws, and the deviations stated are those of the scatter.
-
-    One test, so that the records are simulated once.
-    """
-    compared = {name: ESTIMATORS[name] for name in COLUMNS}
-    result = run_demo(500, rng=np.random.default_rng(2024), estimators=compared)
-    drawn = 0
-    for column, name in enumerate(COLUMNS):
-        low, high = np.percentile(np.abs(result.errors(name)), (1, 99), axis=0)
-        for i, row in enumerate(TABLE):
-            assert low[i] < row.errors[column] < high[i], (name, row.base)
-            drawn += 1
-    assert drawn == 56
-    for name in ("batch-100", "batch-10", "sequential"):
-        ratio = result.scatter_over_stated(name)
-        assert (ratio > 0.85).all(), (name, ratio)
-        assert (ratio < 1.2).all(), (name, ratio)
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

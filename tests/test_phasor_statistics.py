@@ -77,14 +77,18 @@ def derived(estimate: rid.Estimate) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 @pytest.mark.parametrize("table", [stated, repeated])
 def test_error_bars_of_a_coast_down(table):
-    ratios, chances = errors(table, 400)
+    """250 records: a scatter is known to 4.5 %, a coverage to 1.4 %.
+
+    A deviation that is stated 20 % too small (a scatter of 1.25) is found with 96 %.
+    """
+    ratios, chances = errors(table, 250)
     rms = np.sqrt((ratios**2).mean(axis=0))
-    assert (rms > 0.9).all()
+    assert (rms > 0.88).all()
     assert (rms < 1.15).all()
     covered = (np.abs(ratios) < 1.96).mean(axis=0)
-    assert (covered >= 0.93).all()
-    assert (covered <= 0.97).all()
-    assert 0.03 <= (chances < 0.05).mean() <= 0.08
+    assert (covered >= 0.92).all()
+    assert (covered <= 0.98).all()
+    assert 0.02 <= (chances < 0.05).mean() <= 0.08
 
 
 def test_the_example(capsys):

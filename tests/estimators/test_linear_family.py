@@ -646,42 +646,46 @@ def test_ls_is_biased_where_the_others_are_not():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("problem", [TRAIN, CHAIN, ODD, TABLE], ids=lambda p: p.name)
-@pytest.mark.parametrize("method", [Batch, Sequential], ids=lambda m: m.__name__)
-def test_stated_deviations_agree_with_scatter(problem, method):
-    """Over 240 records, on models other than the paper's; derived parameters too."""
+def test_stated_deviations_agree_with_scatter(problem):
+    """Over 160 records, on models other than the paper's; derived parameters too.
+
+    A scatter is known to 5.6 %: of one deviation that is stated 20 % too small 9 in 10 are found.
+    """
     clean = problem.record(periods=2)
     noise = dict(zip(clean.names, 0.002 * clean.samples.std(axis=0), strict=True))
     rng = np.random.default_rng(8)
     names = [*problem.base, *(n for n in problem.derived if n not in problem.base)]
-    values, stds = [], []
-    for _ in range(240):
-        record = problem.periodic(periods=40, noise=noise, rng=rng)
-        estimate = method(fixed=problem.known).estimate(problem.model, [record])
-        values.append([estimate.value(n) for n in names])
-        stds.append([estimate.std(n) for n in names])
-    scatter = np.std(values, axis=0, ddof=1)
-    ratio = scatter / np.sqrt(np.mean(np.square(stds), axis=0))
-    assert (ratio > 0.85).all(), dict(zip(names, ratio, strict=True))
-    assert (ratio < 1.15).all(), dict(zip(names, ratio, strict=True))
     truth = [combination(n, problem.truth) for n in names]
-    bias = np.abs(np.mean(values, axis=0) - truth)
-    assert (bias < np.maximum(3.5 * scatter / np.sqrt(240), 0.5 * scatter)).all()
+    found = estimates_of(problem, noise, (40, 160), rng)
+    for method, estimates in found.items():
+        values = [[estimate.value(n) for n in names] for estimate in estimates]
+        stds = [[estimate.std(n) for n in names] for estimate in estimates]
+        scatter = np.std(values, axis=0, ddof=1)
+        ratio = scatter / np.sqrt(np.mean(np.square(stds), axis=0))
+        assert (ratio > 0.85).all(), (method, dict(zip(names, ratio, strict=True)))
+        assert (ratio < 1.16).all(), (method, dict(zip(names, ratio, strict=True)))
+        bias = np.abs(np.mean(values, axis=0) - truth)
+        assert (bias < 0.5 * scatter).all()
+
+
+def estimates_of(problem, noise, size, rng):
+    """Return what batch and sequential make of the same records, of so many periods each."""
+    periods, count = size
+    records = [problem.periodic(periods=periods, noise=noise, rng=rng) for _ in range(count)]
+    return {
+        method: [method(fixed=problem.known).estimate(problem.model, [r]) for r in records]
+        for method in (Batch, Sequential)
+    }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", [Batch, Sequential], ids=lambda m: m.__name__)
-def test_deviations_of_the_seed_s_derived_lengths(method):
-    rng = np.random.default_rng(9)
-    found = [
-        method().estimate(
-            THREE_MASS.model, [THREE_MASS.periodic(periods=60, noise=SEED_NOISE, rng=rng)]
-        )
-        for _ in range(200)
-    ]
-    for name in ("L1", "L2", "xi", "zeta", "mu", "eta"):
-        scatter = np.std([e.value(name) for e in found], ddof=1)
-        stated = np.sqrt(np.mean([e.std(name) ** 2 for e in found]))
-        assert scatter / stated == pytest.approx(1.0, abs=0.17)
+def test_deviations_of_the_seed_s_derived_lengths():
+    found = estimates_of(THREE_MASS, SEED_NOISE, (60, 160), np.random.default_rng(9))
+    for estimates in found.values():
+        for name in ("L1", "L2", "xi", "zeta", "mu", "eta"):
+            scatter = np.std([e.value(name) for e in estimates], ddof=1)
+            stated = np.sqrt(np.mean([e.std(name) ** 2 for e in estimates]))
+            assert scatter / stated == pytest.approx(1.0, abs=0.17)
 
 
 def test_shipped_models_keep_their_units():

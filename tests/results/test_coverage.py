@@ -34,7 +34,7 @@ def test_deviations_hold_with_few_periods_and_where_few_lines_tell(periods):
 
 
 def test_modes_and_critical_speeds_that_come_close():
-    found = [identified(seed) for seed in range(1000, 1060)]
+    found = [identified(seed, effort="quick") for seed in range(1000, 1060)]
     assert all(each.status == "ok" for each in found)
     close = np.array([each.close for each in found])
     assert 0.3 < close[:, 1:3].mean() < 0.95  # the two bounce modes, in many records
@@ -47,8 +47,8 @@ def test_modes_and_critical_speeds_that_come_close():
 
 
 def test_a_balanced_rotor_has_less_left_than_stated():
-    found = [balanced(seed) for seed in range(1000, 1080)]
-    assert sum(each.status == "ok" for each in found) >= 78
+    found = [balanced(seed, "quick") for seed in range(1000, 1060)]
+    assert sum(each.status == "ok" for each in found) >= 58
     good = [each for each in found if each.status == "ok"]
     left, stated = (np.array([getattr(e, n) for e in good]) for n in ("left", "stated"))
     before = np.array([e.before for e in good])
@@ -56,24 +56,33 @@ def test_a_balanced_rotor_has_less_left_than_stated():
     assert np.median(left.sum(axis=1) / before.sum(axis=1)) < 0.02
 
 
-def test_peaks_of_sensitivity_and_their_zones():
+PEAKS = {  # records, and the least share of their intervals that hold, and dB
+    "by lines": (lambda: [by_periods(seed) for seed in range(1000, 1070)], 0.9, 0.05),
+    "whole": (lambda: [e for seed in range(1000, 1010) for e in by_noise(seed, 8000)], 0.83, 0.05),
+    "simulated": (lambda: [by_the_rig(seed) for seed in range(1000, 1010)], 0.7, 0.1),
+}
+
+
+@pytest.mark.parametrize("records", PEAKS)
+def test_peaks_of_sensitivity_and_their_zones(records):
     """Intervals half as wide as they should be hold two thirds of the peaks.
 
-    Of 120 records that is found always, of the 30 peaks of whole records with 96 %.
+    Of 70 records that is found always, of the 20 peaks of whole records with 94 %. S has noise of
+    up to 3 percent of 1 on every line, and some 2 percent in the rig.
     """
-    by_line = [by_periods(seed) for seed in range(1000, 1120)]
-    whole = [each for seed in range(1000, 1015) for each in by_noise(seed)]
-    simulated = [by_the_rig(seed) for seed in range(1000, 1010)]
-    # S has noise of up to 3 percent of 1 on every line, and some 2 percent in the rig.
-    for found, least, most in ((by_line, 0.9, 0.05), (whole, 0.83, 0.05), (simulated, 0.7, 0.1)):
-        assert np.mean([each.held for each in found]) >= least
-        assert np.mean([each.wrong for each in found]) <= 0.03
-        off = np.array([each.off_db for each in found])
-        assert np.sqrt((off**2).mean()) < most
-        assert abs(off.mean()) < most / 2
-    quiet = [by_periods(seed, (1e-4, 1e-3)) for seed in range(1000, 1050)]
-    assert np.mean([each.held for each in quiet]) >= 0.93
-    assert max(abs(each.off_db) for each in quiet) < 0.03
+    draw, least, most = PEAKS[records]
+    found = draw()
+    assert np.mean([each.held for each in found]) >= least
+    assert np.mean([each.wrong for each in found]) <= 0.03
+    off = np.array([each.off_db for each in found])
+    assert np.sqrt((off**2).mean()) < most
+    assert abs(off.mean()) < most / 2
+
+
+def test_peaks_of_sensitivity_without_much_noise():
+    found = [by_periods(seed, (1e-4, 1e-3)) for seed in range(1000, 1040)]
+    assert np.mean([each.held for each in found]) >= 0.93
+    assert max(abs(each.off_db) for each in found) < 0.03
 
 
 def test_peaks_of_sensitivity_in_short_records():

@@ -414,8 +414,9 @@ def test_currents_are_told_in_amperes(rng):
 # Another record is predicted within deviations and noise; that of another rotor is not.
 
 
-def identified(kind: str, seed: int) -> tuple[adverse.Trial, Estimate]:
+def identified(kind: str, seed: int, **options: str) -> tuple[adverse.Trial, Estimate]:
     trial = adverse.new_trial(kind, np.random.default_rng([seed, 51]))
+    trial.options.update(options)
     adverse.measure(trial)
     return trial, adverse.estimate_of(trial)
 
@@ -459,7 +460,7 @@ def test_chances_are_even(kind):
     """Of records of the machine identified, 5 % have a chance below 5 %."""
     low = []
     for seed in range(60):
-        trial, estimate = identified(kind, 100 + seed)
+        trial, estimate = identified(kind, 100 + seed, effort="quick")
         found = channel_errors(trial.machine.model, estimate, further(trial))
         low += [c.p_value < 0.05 for c in found if c.p_value is not None]
     assert 0.01 < np.mean(low) < 0.10

@@ -512,12 +512,13 @@ def test_the_page_is_what_a_run_gives(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("case", "seconds"), [("measured", 5.0), ("commanded", 5.0), ("flux", 10.0)]
-)
-def test_intervals_hold_the_truth(case, seconds):
-    """Five records: 35 errors or more, correlated in each record; 95 % give 80 to 100."""
-    ok, cover, rms, _ = script("calibration").calibration([case], 5, seconds, 1)[case]
+@pytest.mark.parametrize("case", ["measured", "commanded", "flux"])
+def test_intervals_hold_the_truth(case):
+    """Five records: 35 errors or more, correlated in each record; 95 % give 80 to 100.
+
+    Of the first minimum, which here is the one that full effort finds.
+    """
+    ok, cover, rms, _ = script("calibration").calibration([case], 5, 5.0, 1, "quick")[case]
     assert ok >= 4
     assert cover > 80.0
     assert 0.65 < rms < 1.4

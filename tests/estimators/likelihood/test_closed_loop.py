@@ -129,22 +129,22 @@ class Figures:
 
 @pytest.mark.slow
 def test_statistics_of_the_three_covariances(demo):
-    """240 records. What holds: cross terms, from neighbouring lines; what does not: the rest.
+    """140 records. What holds: cross terms, from neighbouring lines; what does not: the rest.
 
-    A deviation that is stated 20 % too small is found with 95 %, all of them together always. That
-    the rest does not hold shows in sixty records.
+    A deviation that is stated 25 % too small is found with 97 %, 10 % of all of them together
+    always. That the rest does not hold shows in forty records.
     """
     model = demo.model
     knowledge = Knowledge(start=demo.truth)
     found = {"correlated": Figures(), "white": Figures(), "diagonal": Figures()}
-    for seed in range(240):
-        record = run(seed)
-        for choice in ("auto", "white") if seed < 60 else ("auto",):
+    for seed in range(140):
+        record = run(seed, periods=130)
+        for choice in ("auto", "white") if seed < 40 else ("auto",):
             fitted = fit(model, [bind(model, record)], knowledge, Nuisances(), covariance=choice)
             name = "correlated" if choice == "auto" else choice
             assert fitted.records[0].lines.covariance.kind == name
             found[name].add(fitted.solution, fitted.inference, demo.values)
-        if seed >= 60:
+        if seed >= 40:
             continue
         whole = correlated_covariance(record.spectra)
         alone = LineCovariance(whole.matrices * np.eye(12), whole.dof, whole.kind)
@@ -156,11 +156,11 @@ def test_statistics_of_the_three_covariances(demo):
         print(f"{name:>10}: {figures}")
     right = found["correlated"]
     assert abs(right.cost_deviation) < 3
-    assert norm.ppf(right.p_values).std() == pytest.approx(1, abs=0.14)
+    assert norm.ppf(right.p_values).std() == pytest.approx(1, abs=0.18)
     assert abs(right.distance[0] - 13) < 3 * right.distance[1]
-    # Over 240 runs one standard error of a coverage is 1.4 %, of a scatter 4.6 %.
-    assert (np.abs(right.coverage - 0.95) < 0.045).all()
-    assert (np.abs(right.ratio - 1) < 0.15).all()
+    # Over 140 runs one standard error of a coverage is 1.8 %, of a scatter 6 %.
+    assert (np.abs(right.coverage - 0.95) < 0.06).all()
+    assert (np.abs(right.ratio - 1) < 0.19).all()
     white, diagonal = found["white"], found["diagonal"]
     assert white.cost_deviation < -5
     assert white.rejected < 0.02

@@ -11,7 +11,7 @@ from rotorid import Channel, Constraint, MaximumLikelihood, load_model, predict_
 
 pytestmark = pytest.mark.slow
 
-SEEDS = 250
+SEEDS = 160
 
 quick = partial(MaximumLikelihood, effort="quick")
 """The first minimum, in half the time: from near the truth it is the one that full effort finds.
@@ -23,21 +23,21 @@ quick = partial(MaximumLikelihood, effort="quick")
 def check(found, least=None, *, joint=True, asked=slice(None)):
     """Hold scatter, coverage and cost of `SEEDS` records against what is stated.
 
-    A scatter over what is stated has a standard error of 4.5 %: of one deviation that is stated
-    20 % too small (a scatter of 1.25) 19 in 20 are found. All of them together show in the distance
-    from the truth, whose mean is known to 2.6 % of a dozen: 6 % too small is found always. A 5 %
-    test that rejects 8 % has normal quantiles of 1.17 times their deviation, which is known to
-    4.5 %. `least` is the Cramer-Rao bound of each quantity.
+    A scatter over what is stated has a standard error of 5.6 %: of one deviation that is stated
+    20 % too small (a scatter of 1.25) 5 in 6 are found, of 25 % too small all but one in fifty.
+    All of them together show in the distance from the truth, whose mean is known to 3.2 % of a
+    dozen: 7 % too small is found always. A 5 % test that rejects 10 % has normal quantiles of 1.28
+    times their deviation, which is known to 5.6 %. `least` is the Cramer-Rao bound of each.
     """
     assert found.statuses.count("ok") == SEEDS
     scatter = (found.rms / found.stated)[asked]
-    assert (np.abs(scatter - 1) < 0.15).all()
-    assert (np.abs(found.coverage[asked] - 0.95) < 0.05).all()
+    assert (np.abs(scatter - 1) < 0.18).all()
+    assert (np.abs(found.coverage[asked] - 0.95) < 0.06).all()
     assert abs(found.cost_deviation) < 3
     assert not joint or abs(found.distance_deviation) < 3
     quantiles = norm.ppf(found.p_values)
     assert abs(quantiles.mean()) < 3 / np.sqrt(SEEDS)
-    assert quantiles.std() == pytest.approx(1, abs=0.14)
+    assert quantiles.std() == pytest.approx(1, abs=0.175)
     if least is not None:
         print("stated over bound:", np.round(found.stated / least, 3))
         assert (found.stated <= 1.06 * least).all()
@@ -107,16 +107,16 @@ def test_physical_parameters(demo, bearings, monte_carlo, other, read, joint):
 
 @pytest.mark.parametrize("amplitude", [1.0, 1000.0])
 def test_bearing_sensors_from_far_away(demo, bearings, monte_carlo, amplitude):
-    """300 of 300 from +-40 %, unbalance from zero: a search that loses 1 % passes with 5 %."""
+    """200 of 200 from +-40 %, unbalance from zero: a search that loses 1.5 % passes with 5 %."""
     clean = demo.record(bearings, amplitude=amplitude)
 
     def draw(rng):
         start = near(demo, rng, {"L1"}, 0.4)
         return [demo.noisy(clean, rng)], MaximumLikelihood(fixed={"L1": 0.3}, start=start)
 
-    found = monte_carlo(demo.model, demo.truth, draw, 150, seed=102)
+    found = monte_carlo(demo.model, demo.truth, draw, 100, seed=102)
     # Not one lies at another minimum: the cost is what noise leaves, and no estimate is far off.
-    assert found.statuses.count("ok") == 150
+    assert found.statuses.count("ok") == 100
     assert np.abs(np.array(found.errors) / np.array(found.stds)).max() < 5.5
     assert min(found.p_values) > 1e-5
 
