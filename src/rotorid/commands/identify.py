@@ -98,15 +98,7 @@ def _with_evidence(
 def provenance(plan: Experiment, command: str) -> Provenance:
     from rotorid import __version__  # its look-up takes its time
 
-    files = [path for path in dict.fromkeys(plan.files) if path.is_file()]
-    text = Path(plan.file).read_text(encoding="utf-8")
-    model = plan.model
-    return Provenance(
-        tuple(map(source_of, files)),
-        text,
-        __version__,
-        command,
-        model.file_text,
-        model.held,
-        environment(),
-    )
+    files = (path for path in dict.fromkeys(plan.files) if path.is_file())
+    text, model = Path(plan.file).read_text(encoding="utf-8"), plan.model
+    made_by = (__version__, command, model.file_text, model.held, environment())
+    return Provenance(tuple(map(source_of, files)), text, *made_by)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +29,10 @@ def run(experiment: Path, answer: Outputs) -> int:
         work = done(answer.given, named_files(experiment))
         return inspection_report(experiment.name, found, told, work)
 
-    answer.give(page, content_of(found), html)
-    return OK
-
-
-def content_of(found: Sequence[Inspection | LineInspection]) -> dict[str, Any]:
     parts = [_one(one) if isinstance(one, Inspection) else _table(one) for one in found]
-    first = dict(parts[0])
-    first["verdict"] = worst(check for one in found for check in one.checks)
-    return first if len(parts) == 1 else {**first, "records": parts}
+    whole = {**parts[0], "verdict": worst(check for one in found for check in one.checks)}
+    answer.give(page, whole if len(parts) == 1 else {**whole, "records": parts}, html)
+    return OK
 
 
 _LEVELS = ("name", "unit", "snr_db", "low", "high")

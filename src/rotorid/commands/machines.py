@@ -32,13 +32,7 @@ from rotorid.results.modes import (
 from rotorid.results.modes import modes as find_modes
 
 
-def modes(
-    source: str,
-    speed: str,
-    to: str | None,
-    record: int,
-    answer: Outputs,
-) -> int:
+def modes(source: str, speed: str, to: str | None, record: int, answer: Outputs) -> int:
     targets = answer.check()
     check_apart(targets, [Path(source)])
     read = source_of(source)

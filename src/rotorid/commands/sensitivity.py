@@ -25,11 +25,7 @@ _FIGURES = (
 )
 
 
-def run(
-    experiment: Path,
-    pair: Sequence[str],
-    answer: Outputs,
-) -> int:
+def run(experiment: Path, pair: Sequence[str], answer: Outputs) -> int:
     targets = answer.check()
     watch("reading")
     plan = load_experiment(experiment)

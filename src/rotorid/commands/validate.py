@@ -21,18 +21,20 @@ from rotorid.linear.family import information_of
 from rotorid.report.estimate_report import information_lines, validation_report, validation_table
 
 
-def run(
-    result: Path,
-    experiment: Path,
-    answer: Outputs,
-) -> int:
+def run(result: Path, experiment: Path, answer: Outputs) -> int:
     targets = answer.check()
     estimate = load_estimate(result)
     watch("reading")
     plan = load_experiment(experiment)
     plan.require_records()
     check_apart(targets, [result, *plan.files])
-    _check_model(estimate, plan.model.name, result)
+    if estimate.model != (name := plan.model.name):  # parameters may have the same names
+        raise InputError(
+            f"a result of the model {estimate.model[:60]!r}",
+            f"one of {name[:60]!r}, the model of the experiment",
+            "name the model of the result in the experiment, or identify with this one",
+            file=str(result),
+        )
     records = plan.records("ml" if estimate.method == "ml" else "batch")
     with naming(str(result)):
         turned = [at_best_phase(plan.model, estimate, r, k) for k, r in enumerate(records)]
@@ -64,17 +66,6 @@ def run(
     content = {"verdict": reached.verdict, "channels": rows}
     answer.give(page, content, html)
     return OK if reached.verdict == "predicts" else NO_ANSWER
-
-
-def _check_model(estimate: Estimate, name: str, result: Path) -> None:
-    """Refuse a result of another model, even where the names of its parameters are the same."""
-    if estimate.model != name:
-        raise InputError(
-            f"a result of the model {estimate.model[:60]!r}",
-            f"one of {name[:60]!r}, the model of the experiment",
-            "name the model of the result in the experiment, or identify with this one",
-            file=str(result),
-        )
 
 
 def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:

@@ -170,7 +170,15 @@ def _rotation(record: Record) -> Floats:
 
 
 def _cut(record: Record, angle: Floats, length: int) -> _Cut | None:
-    fits = [_segment(record, angle, part) for part in _parts(record, angle, length)]
+    turned = np.abs(angle - angle[0]) / (2 * np.pi)
+    whole, fits = int(turned[-1] // length) * length, []
+    starts = np.searchsorted(turned, np.arange(whole + 1) - 1e-9)
+    for begin in range(0, whole, length):
+        # The first samples of the revolutions of a segment, and that after the last.
+        edges = np.asarray(starts[begin : begin + length + 1], dtype=np.int64)
+        gap = record.valid is not None and not record.valid[edges[0] : edges[-1]].all()
+        if not gap and np.diff(edges).min() >= SAMPLES:
+            fits.append(_segment(record, angle, edges))
     group = _group(len(record.channels), length)
     if len(fits) < group:
         return None
@@ -187,18 +195,6 @@ def _cut(record: Record, angle: Floats, length: int) -> _Cut | None:
 
 def _group(channels: int, length: int) -> int:
     return int(np.ceil(FREEDOM * channels / (length - 2)))
-
-
-def _parts(record: Record, angle: Floats, length: int) -> Iterator[Integers]:
-    """Yield the first samples of the revolutions of each segment, and that after the last."""
-    turned = np.abs(angle - angle[0]) / (2 * np.pi)
-    whole = int(turned[-1] // length) * length
-    starts = np.searchsorted(turned, np.arange(whole + 1) - 1e-9)
-    for first in range(0, whole, length):
-        edges = np.asarray(starts[first : first + length + 1], dtype=np.int64)
-        gap = record.valid is not None and not record.valid[edges[0] : edges[-1]].all()
-        if not gap and np.diff(edges).min() >= SAMPLES:
-            yield edges
 
 
 def _segment(

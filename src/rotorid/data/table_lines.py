@@ -331,7 +331,14 @@ def response_lines(
     with naming(source):
         positive = "no negative frequency"
         _refuse_rows("response", found, "frequency", hertz, "sensor", sensors, hertz < 0, positive)
-        _refuse_twice(hertz)
+        apart = np.diff(np.sort(hertz[hertz > 0]))
+        if not len(apart) or not (apart > 0).all():
+            raise InputError(
+                "one frequency" if not len(apart) else "a frequency that stands there twice",
+                "two lines or more, each once",
+                "give every response its column, and every input a record or an input of its own",
+                place="frequency",
+            )
         order = np.argsort(hertz, kind="stable")
         order = order[hertz[order] > 0]
         told: tuple[str, ...] = ()
@@ -358,17 +365,6 @@ def response_lines(
         source=source,
         warnings=told,
     )
-
-
-def _refuse_twice(hertz: Floats) -> None:
-    apart = np.diff(np.sort(hertz[hertz > 0]))
-    if not len(apart) or not (apart > 0).all():
-        raise InputError(
-            "one frequency" if not len(apart) else "a frequency that stands there twice",
-            "two lines or more, each once",
-            "give every response its column, and every input a record or an input of its own",
-            place="frequency",
-        )
 
 
 def _refuse_repeated(

@@ -238,10 +238,7 @@ def spectra(
 
 
 def whole_lines(
-    record: Record,
-    band: tuple[float, float],
-    groups: Sequence[Sequence[str]],
-    skip: float = 0.0,
+    record: Record, band: tuple[float, float], groups: Sequence[Sequence[str]], skip: float = 0.0
 ) -> tuple[Floats, list[Complexes], Complexes]:
     """Return Hz, (line,); each group, (line, channel); exp(+-i phi), (line, 2 or, at rest, 0)."""
     with naming(record.source):

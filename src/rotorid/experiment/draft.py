@@ -25,7 +25,7 @@ from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
 from rotorid.io.columns import check_magnitude, largest_of
-from rotorid.io.table import Column, OneFile, Rate
+from rotorid.io.table import OneFile, Rate
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.signals.period_search import Period, find_period, only_rotation
@@ -372,7 +372,15 @@ def _columns(table: OneFile) -> list[Found]:
     """Return the columns of the length of the longest that are numbers."""
     found: list[Found] = []
     refused: list[InputError] = []
-    for name, column in _read(table):
+    keys, unfound = dict[str, str](), dict[str, InputError]()
+    for name in table.names:
+        try:
+            keys[name] = table.find(name)
+        except InputError as error:
+            unfound[name] = error
+    read = table.read_each(list(keys.values())) if keys else {}
+    for name in dict.fromkeys(table.names):
+        column = unfound[name] if name in unfound else read[keys[name]]
         if isinstance(column, InputError):
             refused.append(column)  # a column of words is no channel
             continue
@@ -387,17 +395,6 @@ def _columns(table: OneFile) -> list[Found]:
             raise refused[0]
         raise ReadError("no columns of numbers", "samples", "check the file", file=table.file)
     return [c for c in found if len(c.values) == longest]
-
-
-def _read(table: OneFile) -> list[tuple[str, Column | InputError]]:
-    keys, refused = dict[str, str](), dict[str, InputError]()
-    for name in table.names:
-        try:
-            keys[name] = table.find(name)
-        except InputError as error:
-            refused[name] = error
-    read = table.read_each(list(keys.values())) if keys else {}
-    return [(n, refused[n] if n in refused else read[keys[n]]) for n in dict.fromkeys(table.names)]
 
 
 def _run(files: tuple[Path, ...], columns: list[Found], table: OneFile) -> _Run:

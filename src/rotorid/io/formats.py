@@ -342,24 +342,19 @@ def _responses(sets: Sequence[Mapping[str, Any]]) -> dict[str, StoredResponse]:
                 "one of each pair of nodes and directions",
                 "export them into files of their own",
             )
-        found[name] = _response(name, one, coherence.get(name))
+        frequency = np.asarray(one["x"], dtype=np.float64)
+        values = np.asarray(one["data"], dtype=np.complex128)
+        if values.shape != frequency.shape or frequency.ndim != 1 or not len(values):
+            raise ValueError(f"{values.shape} values at {frequency.shape} frequencies")
+        beside, other = coherence.get(name), None
+        if beside is not None and np.array_equal(beside["x"], one["x"]):
+            other = np.asarray(np.real(beside["data"]), dtype=np.float64)
+        axes = ("ordinate", "orddenom")
+        over, under = (_text(one.get(f"{axis}_axis_units_lab")) for axis in axes)
+        unit = f"({over})/({under})" if over and under else None
+        quantity = _QUANTITIES.get(int(one.get("ordinate_spec_data_type") or 0))
+        found[name] = StoredResponse(name, frequency, values, unit, quantity, other)
     return found
-
-
-def _response(
-    name: str, found: Mapping[str, Any], coherence: Mapping[str, Any] | None
-) -> StoredResponse:
-    frequency = np.asarray(found["x"], dtype=np.float64)
-    values = np.asarray(found["data"], dtype=np.complex128)
-    if values.shape != frequency.shape or frequency.ndim != 1 or not len(values):
-        raise ValueError(f"{values.shape} values at {frequency.shape} frequencies")
-    other = None
-    if coherence is not None and np.array_equal(coherence["x"], found["x"]):
-        other = np.asarray(np.real(coherence["data"]), dtype=np.float64)
-    over, under = (_text(found.get(f"{axis}_axis_units_lab")) for axis in ("ordinate", "orddenom"))
-    unit = f"({over})/({under})" if over and under else None
-    quantity = int(found.get("ordinate_spec_data_type") or 0)
-    return StoredResponse(name, frequency, values, unit, _QUANTITIES.get(quantity), other)
 
 
 # Of an MDF file only numbers are taken. A conversion may also be a formula, which asammdf hands to

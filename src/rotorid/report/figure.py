@@ -114,7 +114,11 @@ def draw(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y.title)
     for axis, which in ((panel.x, "x"), (panel.y, "y")):
         if axis.log:
-            _logarithmic(axes, which)
+            (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+            drawn = axes.xaxis if which == "x" else axes.yaxis
+            drawn.set_major_locator(LogLocator(numticks=6))
+            drawn.set_major_formatter(FuncFormatter(_power_of_ten))
+            drawn.set_minor_formatter(NullFormatter())
         if axis.names:
             _named(axes, which, axis.names)
     for curve in panel.curves:
@@ -182,14 +186,6 @@ def _named(axes: Axes, which: str, names: Sequence[str]) -> None:
     else:
         axes.set_yticks(range(len(names)), texts)
         axes.set_ylim(len(names) - 0.5, -0.5)
-
-
-def _logarithmic(axes: Axes, which: str) -> None:
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    (axes.set_xscale if which == "x" else axes.set_yscale)("log")
-    axis.set_major_locator(LogLocator(numticks=6))
-    axis.set_major_formatter(FuncFormatter(_power_of_ten))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _power_of_ten(value: float, _: object = None) -> str:

@@ -48,27 +48,17 @@ def inspection_page(found: Inspection | LineInspection) -> Page:
 def _told(found: Inspection | LineInspection) -> tuple[str, Table, Sequence[str]]:
     if isinstance(found, Inspection):
         return _recorded(found), told_table(_HEADINGS, map(_row, found.channels)), _noise(found)
-    return _tabled(found), _amplitudes(found), found.lines.warnings
-
-
-def _tabled(found: LineInspection) -> str:
-    lines, count = found.lines, len(found.lines.frequency)
-    if not found.turning:
-        low, high = lines.frequency.min(), lines.frequency.max()
-        driven = lines.channels[0].name
-        return f"{count} lines of responses to {driven}, from {low:.6g} to {high:.6g} Hz"
-    rpm = RPM * lines.speed
-    return f"{count} rows of 1x phasors, from {rpm.min():.6g} to {rpm.max():.6g} rpm"
-
-
-def _amplitudes(found: LineInspection) -> Table:
-    rows = []
+    lines, rows = found.lines, []
+    what, over, unit_over = f"lines of responses to {lines.channels[0].name}", lines.frequency, "Hz"
+    if found.turning:
+        what, over, unit_over = "rows of 1x phasors", RPM * lines.speed, "rpm"
+    ends = f"from {over.min():.6g} to {over.max():.6g} {unit_over}"
     for facts in found.channels:
         unit, factor = by_hand(facts.unit)
         levels = (f"{factor * level:.4g}" for level in (facts.low, facts.high))
         rows.append((facts.name, unit, *levels, f"{facts.at:.6g}", _shown(facts.snr_db, 1, ".1f")))
-    place = "at rpm" if found.turning else "at Hz"
-    return table(("channel", "unit", "least", "largest", place, "S/N dB"), rows)
+    headings = ("channel", "unit", "least", "largest", f"at {unit_over}", "S/N dB")
+    return f"{len(over)} {what}, {ends}", table(headings, rows), lines.warnings
 
 
 def _recorded(found: Inspection) -> str:

@@ -17,7 +17,6 @@ from rotorid.answer.estimate import (
     Numbers,
     Prior,
     RecordEvidence,
-    RecordKind,
 )
 from rotorid.answer.identify import Estimator
 from rotorid.answer.predict import Forecast, missing_values
@@ -139,11 +138,13 @@ def _record(
     size = -(-len(lines.frequency) // max(FEWEST, min(most, MOST_LINES))) or 1
     speeds = (lines.speed.min(), lines.speed.max()) if len(lines.speed) else ()
     time = _times(record, max(FEWEST, min(most, MOST_SAMPLES)))
+    kinds = {PhasorClock: "phasors", SilentClock: "responses"}
+    kind: Any = "lines" if lines.transient is not None else kinds.get(type(lines.clock), "periods")
     seen = lines.clock.period if isinstance(lines.clock, SampledClock) else np.zeros(0)
     steps = np.diff(seen)
     return RecordEvidence(
         source=lines.source,
-        kind=_kind(record),
+        kind=kind,
         lines=len(lines.frequency),
         lines_per_point=size,
         periods=lines.periods if lines.scatter is not None else 0,
@@ -154,15 +155,6 @@ def _record(
         time_s=_rounded(time),
         channels=tuple(_channels(record, found, spread, size, time)),
     )
-
-
-def _kind(record: Observation) -> RecordKind:
-    if record.lines.transient is not None:
-        return "lines"
-    clock = record.lines.clock
-    if isinstance(clock, PhasorClock):
-        return "phasors"
-    return "responses" if isinstance(clock, SilentClock) else "periods"
 
 
 def _times(record: Observation, most: int) -> Floats:

@@ -102,11 +102,7 @@ def side_by_side(controllers: Sequence[Controller]) -> Controller:
 
 
 def pid(
-    proportional: float,
-    integral: float,
-    derivative: float,
-    filter_frequency: float,
-    period: float,
+    proportional: float, integral: float, derivative: float, filter_frequency: float, period: float
 ) -> Controller:
     """Return a sampled PID of one axis, fed back negatively: ``u = -(P y + I int y dt + d)``.
 
@@ -131,7 +127,7 @@ def pid(
 def as_controller(system: Any, period: float) -> Controller:
     """Return a controller from an object of python-control or scipy.signal."""
     if isinstance(system, Controller):
-        return _of_period(system, system.period, period)
+        return _of_period(system, period)
     dt = getattr(system, "dt", None)
     if dt is None or (dt == 0 and dt is not True):
         raise InputError(
@@ -142,13 +138,13 @@ def as_controller(system: Any, period: float) -> Controller:
     space = _state_space(system)
     matrices = {name: np.atleast_2d(getattr(space, name)) for name in "ABCD"}
     known = period if dt is True else float(dt)
-    return _of_period(Controller(**matrices, period=known), known, period)
+    return _of_period(Controller(**matrices, period=known), period)
 
 
-def _of_period(controller: Controller, found: float, period: float) -> Controller:
-    if abs(found - period) > 1e-9 * period:
+def _of_period(controller: Controller, period: float) -> Controller:
+    if abs(controller.period - period) > 1e-9 * period:
         raise InputError(
-            f"a controller sampled every {found:g} s",
+            f"a controller sampled every {controller.period:g} s",
             f"{period:g} s, the period of the controller's clock",
             "discretize it at that period",
         )

@@ -103,6 +103,10 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
         raise InputError(
             "a rig without excitation", "a multisine", "add [excitation]", place="excitation"
         )
+    lines = set(rig.excitation.harmonics.tolist())
+    turns = abs(rig.rotation.speed) / (2 * np.pi * rig.excitation.fundamental)
+    if round(turns) >= 1 and abs(turns - round(turns)) < 0.01:  # that of the rotation
+        lines.add(round(turns))
     text = tomlkit.document()
     text["model"] = plan.model
     records = tomlkit.aot()
@@ -111,7 +115,7 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
         "sample_rate": _quantity(rig.logger.sample_rate, "Hz"),
         **_rotation(rig),
         "fundamental": _quantity(rig.excitation.fundamental, "Hz"),
-        "harmonics": _harmonics(rig.excitation, rig.rotation.speed),
+        "harmonics": sorted(lines),
     }
     records.append(_table(record_entry))
     text["records"] = records
@@ -151,15 +155,6 @@ def _rotation(rig: Rig) -> dict[str, Any]:
     low, high = rig.rotation.range_until(0.0)
     phase = _quantity(rig.rotation.phase, "rad")
     return {"speed": _quantity((low + high) / 2, "rad/s"), "phase": phase}
-
-
-def _harmonics(played: Multisine, speed: float) -> list[int]:
-    """Return the excited lines and, where it is one of the fundamental, that of the rotation."""
-    lines = set(played.harmonics.tolist())
-    turns = abs(speed) / (2 * np.pi * played.fundamental)
-    if round(turns) >= 1 and abs(turns - round(turns)) < 0.01:
-        lines.add(round(turns))
-    return sorted(lines)
 
 
 def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
@@ -240,7 +235,10 @@ def write_excitation(
     samples = signals.samples(sample_rate)
     match path.suffix.lower():
         case ".csv":
-            write_whole(path, _csv(signals, samples, sample_rate))
+            time = np.arange(len(samples)) / sample_rate
+            heading = ",".join(["t [s]", *(f"{name} [{signals.unit}]" for name in signals.names)])
+            lines = (map(repr, row) for row in np.column_stack([time, samples]).tolist())
+            write_whole(path, "\n".join([heading, *map(",".join, lines), ""]).encode())
         case ".h5" | ".hdf5":
             named = zip(signals.names, samples.T, strict=True)
             columns = [LoggedColumn(name, signals.unit, column) for name, column in named]
@@ -251,13 +249,6 @@ def write_excitation(
             raise InputError(
                 f"the ending {ending!r}", ".csv, .h5, .hdf5 or .wav", "name it so", file=str(path)
             )
-
-
-def _csv(signals: Multisine, samples: np.ndarray, sample_rate: float) -> bytes:
-    time = np.arange(len(samples)) / sample_rate
-    heading = ",".join(["t [s]", *(f"{name} [{signals.unit}]" for name in signals.names)])
-    rows = "\n".join(",".join(map(repr, row)) for row in np.column_stack([time, samples]).tolist())
-    return f"{heading}\n{rows}\n".encode()
 
 
 def _wav(samples: np.ndarray, path: Path, sample_rate: float, full_scale: float | None) -> bytes:

@@ -183,7 +183,7 @@ def inspect_record(
     found = size is None
     if size is None and not whole:
         size = _period(record, skip)
-    periods = None
+    periods, correlation = None, None
     if size is not None:
         lines = None if harmonics is None else list(harmonics)
         if lines is None and band is None:
@@ -197,13 +197,18 @@ def inspect_record(
         checks: tuple[Note, ...] = (*check_record(record), none)
     else:
         checks = (*periods.checks, *_crests(periods))
+        z: Complexes = periods.spectra - periods.mean_spectrum
+        scale, level = np.sqrt((np.abs(z) ** 2).mean(axis=0)), np.abs(periods.mean_spectrum)
+        flat = z / np.where(scale > 1e-9 * level.max(axis=0), scale, np.inf)
+        flat = flat.reshape(-1, z.shape[2])
+        correlation = np.abs(flat.conj().T @ flat) / max(len(flat), 1)
     return Inspection(
         record=record,
         periods=periods,
         found=found,
         checks=checks,
         channels=tuple(_facts(record, periods, c) for c in range(len(record.channels))),
-        noise_correlation=None if periods is None else _correlation(periods),
+        noise_correlation=correlation,
     )
 
 
@@ -302,15 +307,6 @@ def _distortion(periods: PeriodicRecord, c: int) -> tuple[float | None, float | 
     excess = [max(float((power[at] - noise).sum()), 0.0) if at.any() else None for at in chosen]
     odd, even = (float(np.sqrt(e / kept)) if kept and e is not None else None for e in excess)
     return odd, even
-
-
-def _correlation(periods: PeriodicRecord) -> Floats | None:
-    z: Complexes = periods.spectra - periods.mean_spectrum
-    scale = np.sqrt((np.abs(z) ** 2).mean(axis=0))
-    level = np.abs(periods.mean_spectrum).max(axis=0)
-    unit = z / np.where(scale > 1e-9 * level, scale, np.inf)
-    flat = unit.reshape(-1, z.shape[2])
-    return np.asarray(np.abs(flat.conj().T @ flat) / max(len(flat), 1))
 
 
 @frozen

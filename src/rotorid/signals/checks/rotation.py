@@ -217,10 +217,7 @@ def _window(count: int) -> Floats:
 
 
 def _spectrum(rest: Floats) -> tuple[Floats, Floats]:
-    """Return the power of a windowed signal, and its floor around each line.
-
-    Of one channel at a time: they stay in the cache, and take no memory anew.
-    """
+    """Return the power of a windowed signal of one channel, and its floor around each line."""
     spectrum = np.fft.rfft(rest * _window(len(rest)))
     power = np.square(spectrum.real)
     power += np.square(spectrum.imag)

@@ -342,7 +342,13 @@ def _abrupt(tau: Floats, fit: StepFit) -> bool:
 def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts], *, stepped: bool) -> list[Note]:
     """Say where periods come ever later: the period given is not the true one, or two clocks."""
     length = periods.samples / periods.sample_rate
-    lines = {c: _line(s) for c, s in channels.items()}
+    lines = {}
+    for c, shifts in channels.items():
+        place = np.arange(len(shifts.tau)) - (len(shifts.tau) - 1) / 2
+        size = float(place @ place)
+        slope = float(place @ shifts.tau) / size
+        left = shifts.tau - shifts.tau.mean() - slope * place
+        lines[c] = slope, _long_run(left, 2, shifts.noise) / float(np.sqrt(size))
     least = LEAST_SHIFT / periods.sample_rate / periods.periods
     moving = {c: slope for c, (slope, std) in lines.items() if abs(slope) > max(SLOPE * std, least)}
     if not moving or not (stepped or _of_time(periods, list(moving))):
@@ -350,7 +356,17 @@ def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts], *, stepped: bo
     order = sorted(lines, key=lambda c: lines[c])
     low, high = lines[order[0]], lines[order[-1]]
     if high[0] - low[0] > max(SLOPE * float(np.hypot(low[1], high[1])), least):
-        return [_two_clocks(periods, order, [lines[c][0] / length for c in order])]
+        rates = [lines[c][0] / length for c in order]
+        cut = 1 + int(np.argmax(np.diff(rates)))
+        first, second = (
+            tuple(periods.names[c] for c in sorted(part)) for part in (order[:cut], order[cut:])
+        )
+        apart = 1e6 * float(np.median(rates[cut:]) - np.median(rates[:cut]))
+        text = (
+            f"{', '.join(first)} and {', '.join(second)} run on two clocks, {apart:.3g} ppm apart: "
+            "record all channels with one clock, or resample one group"
+        )
+        return [Note("clocks", "refuses", text, on=second)]
     weights = np.array([lines[c][1] ** -2 for c in order])
     slope = float(weights @ np.array([lines[c][0] for c in order]) / weights.sum())
     true = periods.fundamental / (1 + slope / length)
@@ -361,25 +377,3 @@ def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts], *, stepped: bo
         "excitation and logger"
     )
     return [Note("period", "warns", text)]
-
-
-def _two_clocks(periods: PeriodicRecord, order: list[int], rates: list[float]) -> Note:
-    cut = 1 + int(np.argmax(np.diff(rates)))
-    first, second = (
-        tuple(periods.names[c] for c in sorted(part)) for part in (order[:cut], order[cut:])
-    )
-    apart = 1e6 * float(np.median(rates[cut:]) - np.median(rates[:cut]))
-    text = (
-        f"{', '.join(first)} and {', '.join(second)} run on two clocks, {apart:.3g} ppm apart: "
-        "record all channels with one clock, or resample one group"
-    )
-    return Note("clocks", "refuses", text, on=second)
-
-
-def _line(shifts: Shifts) -> tuple[float, float]:
-    count = len(shifts.tau)
-    place = np.arange(count) - (count - 1) / 2
-    size = float(place @ place)
-    slope = float(place @ shifts.tau) / size
-    left = shifts.tau - shifts.tau.mean() - slope * place
-    return slope, _long_run(left, 2, shifts.noise) / float(np.sqrt(size))
