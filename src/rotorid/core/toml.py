@@ -11,11 +11,12 @@ from pathlib import Path
 from reprlib import Repr
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 from rotorid.core.errors import InputError, ReadError, nearest, shortened
 from rotorid.core.files import read_regular
+from rotorid.core.units import to_si
 
 TOML_BYTES = 1_000_000
 """Of a model, an experiment or a rig: people write them, a few kB at most."""
@@ -67,6 +68,11 @@ class _AsWritten(GenerateJsonSchema):
         if schema["schema"]["type"] == "model-fields":  # a whole table, looked at beforehand
             return made
         return {"anyOf": [made, {"type": ["string", "array", "object"]}]}
+
+
+def si(unit: str) -> BeforeValidator:
+    """Return what reads a quantity into SI."""
+    return BeforeValidator(lambda value: to_si(value, unit))
 
 
 def json_schema(schema: type[Schema]) -> dict[str, Any]:

@@ -1,16 +1,12 @@
 """A run-up or coast-down cut into a table of 1x phasors, by the measured rotor angle.
 
-Over segments of whole revolutions every channel is fitted with
+Over segments of whole revolutions every channel is fitted with (docs/signals.md)
 
     x = Re((X + X' tau) exp(i phi)) + 2x + 3x + a parabola in tau, tau = -1 .. 1,
 
-X the phasor in the middle, at the speed of the angle there. What the fit leaves of each single
-revolution, demodulated, is noise about the rotation's own line; its scatter is the covariance of X.
-
-A phasor may bend more than X' says: segments are made shorter until noise hides a term X'' tau^2.
-And a speed that changes at the rate a leaves the motion behind by ``(i / 2) a d^2 X / d Omega^2``
-to first order, a / sigma^2 of it at a resonance whose amplitude decays with sigma. No segment is
-short enough to mend that; it is told.
+X the phasor in the middle. Segments are made shorter until noise hides a term X'' tau^2. That a
+speed which changes at the rate a leaves the motion behind, by ``(i / 2) a d^2 X / d Omega^2``, no
+segment is short enough to mend: it is told.
 """
 
 from __future__ import annotations

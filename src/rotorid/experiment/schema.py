@@ -9,19 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin,
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, create_model, model_validator
 
 from rotorid.core.errors import InputError
-from rotorid.core.toml import Schema
+from rotorid.core.toml import Schema, si
 from rotorid.core.units import to_si
 from rotorid.force.channel_dynamics import Constant
 from rotorid.force.entry import LawEntry, LawName, law_keys, stated_constant
 from rotorid.likelihood.unknowns import Nuisances
 
-
-def _quantity(unit: str) -> BeforeValidator:
-    return BeforeValidator(lambda value: to_si(value, unit))
-
-
-Hertz = Annotated[float, _quantity("Hz"), Field(ge=1e-9, le=1e12)]
-Seconds = Annotated[float, _quantity("s"), Field(ge=0, le=1e9)]
+Hertz = Annotated[float, si("Hz"), Field(ge=1e-9, le=1e12)]
+Seconds = Annotated[float, si("s"), Field(ge=0, le=1e9)]
 Count = Annotated[StrictInt, Field(ge=0, le=10**9)]
 Method = Literal["ls", "batch", "sequential", "ml"]
 Effort = Literal["full", "quick"]
@@ -55,8 +50,8 @@ def _one_of(*kinds: str, beside: str = "", expected: str, cure: str) -> Any:
 class DelayEntry(Schema):
     """By how long a column lags the truth, and how well that is known (0: exactly)."""
 
-    value: Annotated[float, _quantity("s")] = 0.0
-    std: Annotated[float, _quantity("s"), Field(gt=0, allow_inf_nan=False)] | None = None
+    value: Annotated[float, si("s")] = 0.0
+    std: Annotated[float, si("s"), Field(gt=0, allow_inf_nan=False)] | None = None
 
 
 Delay = Annotated[DelayEntry, _short("value", str | int | float)]
@@ -274,7 +269,7 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
 class SpeedEntry(Schema):
     """The speed of a run in rad/s; of a table, the column of the speeds of its rows."""
 
-    value: Annotated[float, _quantity("rad/s"), Field(ge=-1e9, le=1e9)] = 0.0
+    value: Annotated[float, si("rad/s"), Field(ge=-1e9, le=1e9)] = 0.0
     column: str | None = None
     unit: str | None = None
 
@@ -377,7 +372,7 @@ class RecordKeys(Schema):
     harmonics: list[Count] | None = None
     band: Annotated[tuple[float, float] | None, BeforeValidator(_band)] = None
     skip: Seconds | None = None
-    until: Annotated[float | None, _quantity("s"), Field(gt=0, le=1e9)] = None
+    until: Annotated[float | None, si("s"), Field(gt=0, le=1e9)] = None
     mask: str | None = None
     revolutions: Annotated[StrictInt, Field(ge=4, le=10**6)] | None = None
     references: Annotated[list[str] | None, Field(min_length=1)] = None
@@ -533,10 +528,10 @@ class DampingEntry(Schema):
 class ModeEntry(Schema):
     """A measured natural frequency."""
 
-    frequency: Annotated[float, _quantity("Hz")]
-    std: Annotated[float, _quantity("Hz")]
+    frequency: Annotated[float, si("Hz")]
+    std: Annotated[float, si("Hz")]
     damping: DampingEntry | None = None
-    speed: Annotated[float, _quantity("rad/s"), Field(ge=-1e9, le=1e9)] = 0.0
+    speed: Annotated[float, si("rad/s"), Field(ge=-1e9, le=1e9)] = 0.0
     parameters: dict[str, Quantity] = Field(default_factory=dict)
     mode: Annotated[StrictInt | None, Field(ge=1, le=10**6)] = None
 

@@ -154,7 +154,16 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
             speed = rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
         found = _of_table(plan, model, rows, speed)
         phasors = np.column_stack([one.values for one in found])
-        std = _common(found)
+        stated = [one.std for one in found if one.std is not None]
+        lacking = [one.channel.name for one in found if one.std is None]
+        if stated and lacking:
+            raise InputError(
+                f"no std of {', '.join(lacking)}",
+                "the deviation of every channel, or of none where speeds were read twice",
+                "state it",
+                place=f"channels.{lacking[0]}.std",
+            )
+        std = np.column_stack(stated) if stated else None
         probes = [k for k, name in enumerate(entries) if name not in model.inputs]
         names, known = [list(entries)[k] for k in probes], None if std is None else std[:, probes]
         checks = list(check_probes(names, phasors[:, probes], known))
@@ -165,20 +174,6 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
                 checks += check_phases(name, turned / factor, degrees=factor < 1)
         channels, source = [one.channel for one in found], table.file
         return [phasor_lines(channels, found[0].axis, phasors, std, source=source, checks=checks)]
-
-
-def _common(found: Sequence[_Read]) -> Floats | None:
-    """Return the deviations of all channels, None where none is stated."""
-    std = [one.std for one in found if one.std is not None]
-    if std and len(std) < len(found):
-        lacking = [one.channel.name for one in found if one.std is None]
-        raise InputError(
-            f"no std of {', '.join(lacking)}",
-            "the deviation of every channel, or of none where speeds were read twice",
-            "state it",
-            place=f"channels.{lacking[0]}.std",
-        )
-    return np.column_stack(std) if std else None
 
 
 def read_responses(plan: Recording, model: Model) -> list[Lines]:

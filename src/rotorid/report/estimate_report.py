@@ -246,7 +246,12 @@ def _row(value: Value, prior: Prior | None) -> Row:
     row = Row(value.name, number, two_digits(half), two_digits(percent), unit)
     if prior is None:
         return row
-    return replace(row, before=_before(prior), moved=_moved(value, prior), bar=_bar(value, prior))
+    moved = ""
+    if prior.std > 0 and math.isfinite(value.value):
+        away = (value.value - prior.value) / prior.std
+        moved = "0 std" if abs(away) < ROUNDING else f"{away:+.2g} std"
+    moved = moved.replace("-", "\N{MINUS SIGN}")
+    return replace(row, before=_before(prior), moved=moved, bar=_bar(value, prior))
 
 
 def _before(prior: Prior) -> str:
@@ -254,15 +259,6 @@ def _before(prior: Prior) -> str:
     if not half > 0:
         return f"{prior.value:.6g} exactly"
     return f"{figures(prior.value, half)} {PM} {two_digits(half)}"
-
-
-def _moved(value: Value, prior: Prior) -> str:
-    if not prior.std > 0 or not math.isfinite(value.value):
-        return ""
-    moved = (value.value - prior.value) / prior.std
-    if abs(moved) < ROUNDING:
-        return "0 std"
-    return f"{moved:+.2g} std".replace("-", "\N{MINUS SIGN}")
 
 
 def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:

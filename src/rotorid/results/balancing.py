@@ -1,18 +1,10 @@
-"""The two ways to a quiet rotor: correction masses and what they leave, and inertial centring.
+"""The two ways to a quiet rotor (docs/balancing.md): correction masses, and inertial centring.
 
 Notation: ``H(Omega) = Z^-1`` without forces at the inputs, g the identified unbalance, P the
 planes, A what is weighed. The correction W minimizes the sum over the speeds of
 ``|A H (g + Omega^2 P W)|^2``. An unbalance U (kg m, complex) is a mass at the angle ``arg U``,
 counted in the rotor from x to y, from the direction that stands along x where the rotor angle phi
-is zero. What is left in the planes is ``W - W*`` with W* of the true values: it has the covariance
-that W* has by that of the estimate.
-
-Centring: without force on the rotation's line the rotor moves as ``x = Re(X exp(i phi))``, X of the
-unbalance alone. A magnet with ``F = k_i i + k_s x`` exerts none there with ``i = - (k_s / k_i) x``,
-which is fed forward in place of what the controller would answer with.
-
-Planes: the force of an unbalance U is ``Re(U Omega^2 exp(i phi))`` in x and
-``Re(-i U Omega^2 exp(i phi))`` in y.
+is zero: its force is ``Re(U Omega^2 exp(i phi))`` in x and ``Re(-i U Omega^2 exp(i phi))`` in y.
 """
 
 from __future__ import annotations

@@ -184,19 +184,16 @@ def _channels(
 ) -> Iterator[ChannelEvidence]:
     lines = record.lines
     own = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real.clip(0)
-    if found is not None:
-        if spread is None:
-            spread = own[:, [lines.names.index(name) for name in found.names]]
-        for j, name in enumerate(found.names):
-            noise = spread[:, j] if spread[:, j].any() else None
-            both = (found.measured[:, j], found.predicted[:, j])
-            yield _channel(record, name, found.units[j], both, noise, size, time)
     told = () if found is None else found.names
+    if found is not None:
+        noise = own[:, list(map(lines.names.index, told))] if spread is None else spread
+        for j, name in enumerate(told):
+            both = (found.measured[:, j], found.predicted[:, j])
+            yield _channel(record, name, found.units[j], both, noise[:, j], size, time)
     for c, channel in enumerate(lines.channels):
         if channel.name not in told:
-            noise = own[:, c] if own[:, c].any() else None
             alone = (lines.mean[:, c],)
-            yield _channel(record, channel.name, channel.unit, alone, noise, size, time[:0])
+            yield _channel(record, channel.name, channel.unit, alone, own[:, c], size, time[:0])
 
 
 def _channel(
@@ -204,12 +201,13 @@ def _channel(
     name: str,
     unit: str,
     both: tuple[Complexes, ...],
-    variance: Floats | None,
+    noise: Floats,
     size: int,
     time: Floats,
 ) -> ChannelEvidence:
     """Return one channel: its lines in groups of `size`, and what they make over time."""
     c, measured = record.lines.multiplicity, both[0]
+    variance = noise if noise.any() else None
     made = ChannelEvidence(name, unit, measured=_amplitude(measured, c, size))
     if variance is not None:
         made = replace(made, noise=_amplitude(np.sqrt(variance), c, size))
@@ -229,12 +227,12 @@ def _channel(
         return made
     turns = np.exp(2j * np.pi * np.outer(time, record.lines.frequency[told]))
     waves = (turns @ (c[told, None] * np.column_stack(both)[told])).real
-    noise = math.nan if variance is None else math.sqrt(float(c[told] @ variance[told]))
+    spread = math.nan if variance is None else math.sqrt(float(c[told] @ variance[told]))
     return replace(
         made,
         wave_measured=_rounded(waves[:, 0]),
         wave_predicted=_rounded(waves[:, 1]),
-        wave_noise=_rounded([noise])[0],
+        wave_noise=_rounded([spread])[0],
     )
 
 

@@ -1,14 +1,10 @@
-"""Predicted sensitivity and stability of control loops.
+"""Predicted sensitivity and stability of control loops (docs/sensitivity.md).
 
-The closed loop's poles are the zeros of ``D = det(I + L) prod (s - p)``, p those of the plant. From
-infinity, where all ``s - p`` point the same way and L is nothing, down to 0 the angle of D comes
-back to where it began if no zero lies on the right; each one there adds pi, and each pole of the
-controller at 0 (an integrator) takes pi/2: the slope of the size of D at the first lines tells how
-many there are. Of poles of the controller on the right nothing is known: it is taken as stable.
-
-``E = (I - C P)^-1 R`` with P from commands to readings, ``P = Y (Z - B k_s X)^-1 B k_i``: Z of the
-estimate at any speed, magnets by k_i and k_s, X the displacements in them. The sign of the feedback
-is in C, so that ``- C P`` is L, and ``det(I + L)`` says how near the loop is to its limit.
+The closed loop's poles are the zeros of ``D = det(I + L) prod (s - p)``, p those of the plant.
+From infinity down to 0 the angle of D comes back to where it began if no zero lies on the right;
+each one there adds pi, each pole of the controller at 0 (an integrator) takes pi/2, and the slope
+of the size of D at the first lines tells how many there are. The controller by itself is stable.
+``L = - C P``, ``P = Y (Z - B k_s X)^-1 B k_i`` from commands to readings, X the displacements.
 """
 
 from __future__ import annotations
@@ -67,7 +63,8 @@ def poles_on_the_right(omega: Floats, returned: Complexes, poles: Complexes) -> 
     if gain > QUIET:
         return "the loop still acts at its end: widen the band"
     difference = np.linalg.det(returned)
-    ratio = difference[1:] / difference[:-1] * np.prod(_unit(away[1:]) / _unit(away[:-1]), axis=1)
+    unit = away / np.abs(away)
+    ratio = difference[1:] / difference[:-1] * np.prod(unit[1:] / unit[:-1], axis=1)
     turns = np.angle(ratio)
     if np.abs(turns).max() > COARSE:
         return "the lines are too far apart: take them closer"
@@ -79,10 +76,6 @@ def poles_on_the_right(omega: Floats, returned: Complexes, poles: Complexes) -> 
     if abs(count - whole) > WHOLE or whole < 0:
         return "begin the band lower"
     return whole
-
-
-def _unit(values: Complexes) -> Complexes:
-    return np.asarray(values / np.abs(values))
 
 
 def _from_above(away: Complexes) -> Floats:

@@ -1,15 +1,12 @@
 """Sensitivity of the loops after ISO 14839-3, measured or predicted, with the zones of its peak.
 
-With r added at the output of the controller and e measured behind the sum, ``E = S R``: for the
-axis j the sensitivity is S_jj, with the other loops closed as they are. On lines of whole periods S
-follows from as many records, or from as many lines, as there are axes excited at once; on a whole
-record from a polynomial in a window of lines,
+For the axis j the sensitivity ``E = S R`` is S_jj, with the other loops closed as they are. On
+lines of whole periods it follows from as many records, or from as many lines, as there are axes
+excited at once; on a whole record from a polynomial in a window of lines (docs/sensitivity.md),
 
-    e_k = [ (G_0 + .. + G_s k^s) r_k + t_0 + .. + t_s k^s ] / A(k) + a W_k,    S = G_0
+    e_k = [ (G_0 + .. + G_s k^s) r_k + t_0 + .. + t_s k^s ] / A(k) + a W_k,    S = G_0,
 
-(Pintelon, Schoukens, Vandersteen, Barbe 2010), W the lines of exp(+-i phi), A a pair of poles where
-noise alone does not explain what they gain. The peak is that of
-`rotorid.results.sensitivity_peak`.
+W the lines of exp(+-i phi), A a pair of poles where noise alone does not explain what they gain.
 """
 
 from __future__ import annotations
@@ -265,9 +262,8 @@ def _not_excited(axis: str) -> InputError:
 def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> list[Raw]:
     lines: dict[float, list[tuple[PeriodicRecord, int]]] = {}
     for record in records:
-        fundamental = record.sample_rate / len(record.mean)
-        for k, harmonic in enumerate(record.harmonics.tolist()):
-            lines.setdefault(round(harmonic * fundamental, 9), []).append((record, k))
+        for k, hertz in enumerate(record.frequency.tolist()):
+            lines.setdefault(round(hertz, 9), []).append((record, k))
     loudest = max(
         float(np.abs(r.spectra[..., [r.names.index(n) for n in pairs.values()]].mean(axis=0)).max())
         for r in records
@@ -276,7 +272,13 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
     for hertz, places in sorted(lines.items()):
         if any(_rotates(record, hertz) for record, _ in places):
             continue
-        e, r = (_lines_of(places, list(names)) for names in (pairs, pairs.values()))
+        count = min(record.periods for record, _ in places)  # periods that all have
+        e, r = (
+            np.array(
+                [[r.spectra[:count, k, r.names.index(n)] for n in names] for r, k in places]
+            ).swapaxes(1, 2)
+            for names in (pairs, pairs.values())
+        )
         excitation = r.mean(axis=1)
         excitation[np.abs(excitation) < 1e-9 * loudest] = 0.0
         inverse = np.linalg.pinv(excitation, rcond=ALONE)
@@ -296,20 +298,8 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
 
 def _rotates(record: PeriodicRecord, hertz: float) -> bool:
     """Tell whether a line holds what the rotation does by itself."""
-    turns = abs(float(np.mean(record.speed))) / (2 * np.pi)
-    spacing = record.sample_rate / len(record.mean)
-    return any(turns and abs(hertz - n * turns) < spacing / 2 for n in range(1, ORDERS + 1))
-
-
-def _lines_of(places: Sequence[tuple[PeriodicRecord, int]], names: Sequence[str]) -> Complexes:
-    """Return one line of some channels, (record, period, channel); periods that all have."""
-    periods = min(len(record.spectra) for record, _ in places)
-    return np.array(
-        [
-            record.spectra[:periods, k][:, [record.names.index(name) for name in names]]
-            for record, k in places
-        ]
-    )
+    place = hertz / record.fundamental - record.turns * np.arange(1, ORDERS + 1)
+    return bool(record.turns) and bool((np.abs(place) < 0.5).any())
 
 
 def _noise(residual: Complexes, weights: Complexes) -> tuple[float, float]:

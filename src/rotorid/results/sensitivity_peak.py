@@ -12,6 +12,7 @@ periods, where S itself is known with its deviations, r is 1, and there is neith
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -124,26 +125,27 @@ class RationalCurve:
     def _below(self, place: Floats) -> Complexes:
         return 1 + (place[:, None] ** np.arange(1, self.poles + 1)) @ self.below
 
+    @cached_property
+    def columns(self) -> Complexes:
+        return self.part.columns(self.order, self._below(self.part.place))
+
     @property
     def driven(self) -> Complexes:
         """What r and the ends of the record make of e, without the rotation."""
-        turning = self.part.rotation.shape[1]
-        columns = self.part.columns(self.order, self._below(self.part.place))
-        count = columns.shape[1] - turning
-        return np.asarray(columns[:, :count] @ self.linear[:count])
+        count = self.columns.shape[1] - self.part.rotation.shape[1]
+        return np.asarray(self.columns[:, :count] @ self.linear[:count])
 
     @property
     def residual(self) -> Complexes:
         """What is left of e, unweighted."""
-        columns = self.part.columns(self.order, self._below(self.part.place))
-        return np.asarray(self.part.e - columns @ self.linear)
+        return np.asarray(self.part.e - self.columns @ self.linear)
 
     @property
     def slopes(self) -> Complexes:
         """Derivative of the lines by the linear factors and those of A, weighted."""
-        below = self._below(self.part.place)
-        turned = -self.part.powers(self.poles, 1) * (self.driven / below)[:, None]
-        matrix = np.concatenate([self.part.columns(self.order, below), turned], axis=1)
+        turned = self.driven / self._below(self.part.place)
+        turned = -self.part.powers(self.poles, 1) * turned[:, None]
+        matrix = np.concatenate([self.columns, turned], axis=1)
         return np.asarray(matrix * self.part.weight[:, None])
 
     def at(self, place: Floats) -> Complexes:

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, StrictInt
+from pydantic import Field, StrictInt
 from scipy import signal
 
 from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.toml import Schema, parse_toml, read_named, shipped
+from rotorid.core.toml import Schema, parse_toml, read_named, shipped, si
 from rotorid.core.units import to_si
 from rotorid.data.record import Channel
 from rotorid.force.entry import LawEntry, law_keys
@@ -51,16 +51,11 @@ from rotorid.signals.multisine import (
     odd_harmonics,
 )
 
-
-def _quantity(unit: str) -> BeforeValidator:
-    return BeforeValidator(lambda value: to_si(value, unit))
-
-
-Hertz = Annotated[float, _quantity("Hz")]
-Seconds = Annotated[float, _quantity("s")]
-Radians = Annotated[float, _quantity("rad")]
-Metres = Annotated[float, _quantity("m")]
-Speed = Annotated[float, _quantity("rad/s")]
+Hertz = Annotated[float, si("Hz")]
+Seconds = Annotated[float, si("s")]
+Radians = Annotated[float, si("rad")]
+Metres = Annotated[float, si("m")]
+Speed = Annotated[float, si("rad/s")]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Quantity = str | int | float  # in a unit that the model, or the actuator, knows
 LIBRARY = "rotorid.rig"
@@ -70,7 +65,7 @@ class RotationEntry(Schema):
     """How the rotor turns; the speed is that of the first sample."""
 
     speed: Speed = 0.0
-    acceleration: Annotated[float, _quantity("rad/s^2")] = 0.0
+    acceleration: Annotated[float, si("rad/s^2")] = 0.0
     drift: Speed = 0.0
     drift_period: Seconds = 10.0
     phase: Radians = 0.0
@@ -87,9 +82,9 @@ class ControllerEntry(Schema):
     rate: Hertz
     delay: Seconds = 0.0
     kind: Literal["pid", "transfer-function", "state-space"] = "pid"
-    stiffness: Annotated[float | None, _quantity("N/m")] = None
-    damping: Annotated[float | None, _quantity("N s/m")] = None
-    integral: Annotated[float, _quantity("N/(m s)")] = 0.0
+    stiffness: Annotated[float | None, si("N/m")] = None
+    damping: Annotated[float | None, si("N s/m")] = None
+    integral: Annotated[float, si("N/(m s)")] = 0.0
     filter: Hertz = 2000.0
     numerator: list[Number] | None = None
     denominator: list[Number] | None = None
@@ -168,9 +163,9 @@ class ControllerEntry(Schema):
 class FluxEntry(Schema):
     """Hall sensors under the poles; constants of the force law, and noise."""
 
-    area: Annotated[float, _quantity("m^2")]
+    area: Annotated[float, si("m^2")]
     poles: StrictInt = 2
-    noise: Annotated[float, _quantity("T")] = 0.0
+    noise: Annotated[float, si("T")] = 0.0
 
 
 ALL = "all"
@@ -182,8 +177,8 @@ class ActuatorEntry(LawEntry):
     law: Literal["force", "linear", "differential"] | None = None  # type: ignore[assignment]
     limit: Quantity | None = None
     bandwidth: Hertz | None = None
-    supply: Annotated[float | None, _quantity("V")] = None
-    inductance: Annotated[float | None, _quantity("H")] = None
+    supply: Annotated[float | None, si("V")] = None
+    inductance: Annotated[float | None, si("H")] = None
     noise: Quantity | None = None
     flux: FluxEntry | None = None
 
@@ -269,13 +264,15 @@ class SensorEntry(Schema):
             reads = linear_combination(self.reads, model.coordinates, place=f"{place}.reads")
         unit = sensor_unit(reads or [name], model.units)
 
-        def si(value: Quantity | None, key: str) -> float:
+        def number(value: Quantity | None, key: str) -> float:
             return 0.0 if value is None else to_si(value, unit, place=f"{place}.{key}")
 
-        noise, bias, quantum = (si(getattr(self, key), key) for key in ("noise", "bias", "quantum"))
+        noise, bias, quantum = (
+            number(getattr(self, key), key) for key in ("noise", "bias", "quantum")
+        )
         orders = [
-            (part.order, si(part.cos, f"runout.{i}.cos"), si(part.sin, f"runout.{i}.sin"))
-            for i, part in enumerate(self.runout)
+            (o.order, number(o.cos, f"runout.{i}.cos"), number(o.sin, f"runout.{i}.sin"))
+            for i, o in enumerate(self.runout)
         ]
         with naming(place=place):
             runout = tuple(SensorRunout(*part) for part in orders)

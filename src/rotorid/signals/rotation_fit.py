@@ -104,25 +104,14 @@ def fit_rotation(readings: AngleReadings) -> RotationFit:
     _, spline, noise, count = best
     offset = _offset(used, spline, noise)[0]
     spline = scipy.interpolate.BSpline(spline.t, spline.c + offset, spline.k)
-    return RotationFit(spline, _uncertainty(used, spline, noise, count), noise)
-
-
-def _uncertainty(readings: AngleReadings, spline: BSpline, noise: float, count: int) -> float:
-    """Return the deviation of the angle, taken as common to all times.
-
-    What the readings between two knots leave to a local offset, on average; and no less than what
-    independent errors, uniform within their intervals, leave to so many coefficients.
-    """
-    ends = np.linspace(readings.time[0], readings.time[-1], count + 2)[1:-1]
-    part = np.searchsorted(ends, readings.time)
-    squares = [
-        _offset(readings.at(part == j), spline, noise)[1] ** 2
-        for j in range(count + 1)
-        if (part == j).any()
-    ]
-    alone = float(np.sqrt((readings.half**2).mean() / 3 + noise**2))
-    least = alone * np.sqrt(len(spline.c) / min(len(readings.time), INDEPENDENT))
-    return float(max(np.sqrt(np.mean(squares)), least))
+    # What the readings between two knots leave to a local offset, on average; and no less than what
+    # independent errors, uniform within their intervals, leave to so many coefficients.
+    part = np.searchsorted(np.linspace(used.time[0], used.time[-1], count + 2)[1:-1], used.time)
+    parts = (used.at(part == j) for j in np.unique(part))
+    squares = [_offset(some, spline, noise)[1] ** 2 for some in parts]
+    alone = float(np.sqrt((used.half**2).mean() / 3 + noise**2))
+    least = alone * np.sqrt(len(spline.c) / min(len(used.time), INDEPENDENT))
+    return RotationFit(spline, float(max(np.sqrt(np.mean(squares)), least)), noise)
 
 
 def _fit(readings: AngleReadings, count: int, degree: int) -> tuple[BSpline, float, float]:

@@ -109,8 +109,7 @@ def quantum(samples: Floats) -> float:
     return step if (levels[-1] - levels[0]) / step < _MOST_LEVELS else 0.0
 
 
-@whole_check("dead")
-@record_check("dead", "every channel moves")
+@record_check("dead", "every channel moves", whole=True)
 def check_dead(seen: Seen) -> Iterator[Note]:
     """Refuse a still sensor where others scatter between periods: no sensor is without noise."""
     record, scatter = seen.part, seen.scatter
@@ -137,8 +136,7 @@ def check_dead(seen: Seen) -> Iterator[Note]:
         )
 
 
-@whole_check("clipped")
-@record_check("clipped", "no channel is cut at a limit")
+@record_check("clipped", "no channel is cut at a limit", whole=True)
 def check_clipped(seen: Seen) -> Iterator[Note]:
     """Find channels that are cut at a limit: flat tops that it meets at full slope."""
     record = seen.part
@@ -185,8 +183,7 @@ def _flat(samples: Floats, value: float) -> int:
     return int((after - first)[long].sum())
 
 
-@whole_check("quantized")
-@record_check("quantized", "no channel is too coarse")
+@record_check("quantized", "no channel is too coarse", whole=True)
 def check_quantized(seen: Seen) -> Iterator[Note]:
     record, scatter = seen.part, seen.scatter
     for c, channel in enumerate(record.channels):
@@ -218,8 +215,9 @@ def _last_digit(channel: Channel, level: float, step: float) -> Note:
     return Note("quantized", "warns", text, on=(channel.name,))
 
 
-@whole_check("copied")
-@record_check("copied", "no two channels are the same", needs=lambda seen: seen.periods is None)
+@record_check(
+    "copied", "no two channels are the same", needs=lambda seen: seen.periods is None, whole=True
+)
 def _copied(seen: Seen) -> Iterator[Note]:
     """Tell of copies; of what is fitted whole none is refused: without noise sensors are alike."""
     part = seen.part
@@ -313,8 +311,7 @@ class _Rest:
         return all((np.ptp(each, axis=1) > self.tolerance).all() for each in whole)
 
 
-@whole_check("stuck")
-@record_check("stuck", "no channel stops in the middle")
+@record_check("stuck", "no channel stops in the middle", whole=True)
 def check_stuck(seen: Seen) -> Iterator[Note]:
     """Find channels that stop in the middle: one value for a good part of the record.
 

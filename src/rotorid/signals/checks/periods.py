@@ -298,28 +298,20 @@ def check_settled(periods: PeriodicRecord) -> list[Note]:
     if periods.periods < 3:
         text = f"{periods.periods} periods cannot show a transient: record 8 or more"
         return [Note("settled", "says", text)]
-    worst, ratio = _first_against_rest(periods.spectra)
-    if worst is None:
+    count, lines, channels = periods.spectra.shape
+    rest = periods.spectra[1:]
+    level = (np.abs(rest.mean(axis=0)) ** 2).mean(axis=0)
+    within = np.maximum(rest.var(axis=0, ddof=1).mean(axis=0), NO_SCATTER**2 * level)
+    moved = np.abs(periods.spectra[0] - rest.mean(axis=0)) ** 2 / (1 + 1 / (count - 1))
+    ratio = moved.mean(axis=0) / np.maximum(within, 1e-300)
+    freedom, worst = 2 * min(lines, MOST_DIRECTIONS), int(np.argmax(ratio))
+    if ratio[worst] <= f_limit(UNSETTLED / channels, freedom, freedom * (count - 2)):
         return []
     text = (
-        f"the first of {periods.periods} periods differs from the others by {ratio:.3g} times "
-        f"their scatter: skip {1 / periods.fundamental:g} s more"
+        f"the first of {count} periods differs from the others by {np.sqrt(ratio[worst]):.3g} "
+        f"times their scatter: skip {1 / periods.fundamental:g} s more"
     )
     return [Note("settled", "warns", text, on=(periods.names[worst],))]
-
-
-def _first_against_rest(spectra: Complexes) -> tuple[int | None, float]:
-    count, lines, channels = spectra.shape
-    rest = spectra[1:]
-    within = rest.var(axis=0, ddof=1)
-    level = (np.abs(rest.mean(axis=0)) ** 2).mean(axis=0)
-    floor = np.maximum(NO_SCATTER**2 * level, 1e-300)
-    moved = np.abs(spectra[0] - rest.mean(axis=0)) ** 2 / (1 + 1 / (count - 1))
-    ratio = moved.mean(axis=0) / np.maximum(within.mean(axis=0), floor)
-    freedom = 2 * min(lines, MOST_DIRECTIONS)
-    worst = int(np.argmax(ratio))
-    limit = f_limit(UNSETTLED / channels, freedom, freedom * (count - 2))
-    return (worst if ratio[worst] > limit else None), float(np.sqrt(ratio[worst]))
 
 
 @period_check("knock", "no period stands out", *DISTURBED)

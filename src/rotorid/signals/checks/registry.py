@@ -47,9 +47,12 @@ def _entering(
     in_order: str = "",
     *unless: str,
     needs: Callable[[Any], bool] = lambda seen: True,
+    whole: bool = False,  # of records without periods too
 ) -> Callable[[F], F]:
     def entered(function: F) -> F:
         _ENTERED[of][name] = _Check(in_order, function, unless, needs)
+        if whole:
+            _ENTERED["whole"][name] = _Check("", function, (), lambda seen: True)
         return function
 
     return entered
