@@ -467,7 +467,7 @@ def test_a_second_peak_that_is_not_known_to_a_tenth_is_none(monkeypatch, unsure,
 
 
 def test_three_times_the_rotation_answers_no_excitation():
-    record = SimpleNamespace(speed=2 * np.pi * 50.0, sample_rate=1000.0, mean=np.zeros(200))
+    record = SimpleNamespace(turns=10.0, fundamental=5.0)
     assert [sensitivity._rotates(record, 50.0 * n) for n in range(1, 6)] == [True] * 3 + [False] * 2
     assert [sensitivity._rotates(record, hertz) for hertz in (102.4, 102.6)] == [True, False]
 
@@ -479,10 +479,10 @@ def periods(*excitation: float) -> SimpleNamespace:
     return SimpleNamespace(
         names=("e1", "e2", "r1", "r2"),
         spectra=lines,
-        harmonics=np.array([1]),
-        mean=np.zeros(100),
-        sample_rate=1000.0,
-        speed=0.0,
+        frequency=np.array([10.0]),
+        periods=len(lines),
+        fundamental=10.0,
+        turns=0.0,
     )
 
 
@@ -491,7 +491,7 @@ def test_a_millionth_of_another_axis_is_an_axis_own(records, alone):
     """Of one record the share of the other axis; of two, how far their directions are apart."""
     if records == 1:
         made, axes, told = [periods(1.0, alone), periods(0.0, 1.0)], 2, alone < 1e-6
-        made[1].harmonics = np.array([2])
+        made[1].frequency = np.array([20.0])
     else:
         made, axes, told = [periods(1.0, 1.0), periods(1.0, 1.0 + 4 * alone)], 2, alone > 1e-6
     pairs = {"e1": "r1", "e2": "r2"}

@@ -224,6 +224,15 @@ def fitted(part: LineWindow, poles: int) -> RationalCurve:
     return curve
 
 
+def _weighed(curve: RationalCurve) -> LineWindow:
+    """Weigh the lines by the noise that tells them best: a share has the poles of the loop."""
+    poles = 1 / np.abs(curve._below(curve.part.place)) ** 2
+    power, poles = np.abs(curve.residual) ** 2, poles / poles.mean()
+    sizes = [1 - share + share * poles for share in SHARES]
+    cost = [np.log(size).sum() + len(power) * np.log((power / size).sum()) for size in sizes]
+    return replace(curve.part, weight=1 / np.sqrt(sizes[int(np.argmin(cost))]))
+
+
 @frozen
 class Peak:
     value: complex  # complex
@@ -331,13 +340,7 @@ def best_curve(part: LineWindow) -> RationalCurve:
         held = tried
     if part.periodic:
         return held
-    # With the weights of the noise that tells them best: a share of it is alike on all lines, the
-    # rest has the poles of the loop.
-    poles_ = 1 / np.abs(held._below(part.place)) ** 2
-    poles_, power = poles_ / poles_.mean(), np.abs(held.residual) ** 2
-    sizes = [1 - share + share * poles_ for share in SHARES]
-    cost = [np.log(size).sum() + len(power) * np.log((power / size).sum()) for size in sizes]
-    again = fitted(replace(part, weight=1 / np.sqrt(sizes[int(np.argmin(cost))])), held.poles)
+    again = fitted(_weighed(held), held.poles)
     return again if again.decays else held
 
 
