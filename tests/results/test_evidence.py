@@ -13,7 +13,7 @@ from rotorid import Estimate, InputError, PeriodicRecord, load_rig, predict, wit
 from rotorid.answer import predict as validation
 from rotorid.answer.estimate import Evidence, Prior
 from rotorid.answer.predict import ChannelError, at_best_phase, channel_errors, verdict_of
-from rotorid.linear.family import information
+from rotorid.linear.family import information_of
 from rotorid.report.estimate_report import estimate_report
 from rotorid.report.estimate_report import verdict_of as shown_verdict
 from rotorid.results import evidence as gathering
@@ -385,9 +385,11 @@ def test_a_result_of_another_model_is_refused(three_mass, rng):
 
 
 def test_information_grows_with_the_square_of_the_forces(three_mass, rng):
-    weak = information(three_mass, record_of(three_mass, np.random.default_rng(1)))
+    plain = Estimate("three-mass", "batch", "ok", ())
+    weak = information_of(three_mass, plain, record_of(three_mass, np.random.default_rng(1)))
     shares = tuple(10 * s for s in (0.5, 1.0, 1.0, -0.5))
-    strong = information(three_mass, record_of(three_mass, np.random.default_rng(1), shares=shares))
+    louder = record_of(three_mass, np.random.default_rng(1), shares=shares)
+    strong = information_of(three_mass, plain, louder)
     masses = [weak.names.index("m1"), weak.names.index("k1")]
     ratio = np.diag(strong.matrix)[masses] / np.diag(weak.matrix)[masses]
     assert ratio == pytest.approx([100.0, 100.0], rel=0.2)

@@ -13,7 +13,7 @@ import numpy as np
 
 from rotorid.answer import machine_checks
 from rotorid.answer.estimate import DOUBTFUL, Estimate
-from rotorid.answer.judge import STATUSES, Status
+from rotorid.answer.judge import Status
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.units import dimension_of
@@ -34,14 +34,13 @@ from rotorid.models.modal import eigenmodes
 from rotorid.signals.covariance import lag_one_correlation
 
 Doubt = Callable[[Fit], Iterable[Note]]
-ANY: tuple[Status, ...] = ("ok", *STATUSES.values())
 CATALOGUE: list[tuple[Doubt, tuple[Status, ...]]] = []
-"""Each doubt, and the statuses of answers on which it is cast; as they are told."""
+"""Each doubt, and the statuses of answers on which it is cast, none for any; as they are told."""
 
 
 def doubt(*when: Status) -> Callable[[Doubt], Doubt]:
     def entered(function: Doubt) -> Doubt:
-        CATALOGUE.append((function, when or ANY))
+        CATALOGUE.append((function, when))
         return function
 
     return entered
@@ -62,7 +61,7 @@ def doubted(model: Model, estimate: Estimate, fit: Fit, *, speed: bool = False) 
         judged = estimate.with_(parameters=values, nuisance=(), derived=(), covariance=covariance)
     notes = machine_checks.physical(model, judged)
     for cast, when in CATALOGUE:
-        if estimate.status in when and not (speed and cast is straying):
+        if (not when or estimate.status in when) and not (speed and cast is straying):
             notes += cast(fit)
     estimate = estimate.with_notes(*notes)
     # What the others have made of the answer may call for it.

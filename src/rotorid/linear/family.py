@@ -24,7 +24,7 @@ from rotorid.core.linalg import column_lengths, whole_svd
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Booleans, Complexes, Floats
 from rotorid.data.observation import Data, Observation, bind
-from rotorid.linear.regression import Equations, Regression, driven_rows, relative_errors
+from rotorid.linear.regression import Equations, Regression, relative_errors
 from rotorid.linear.solve import POOLING_PERIODS, Block, LeastSquaresSolution, pooled
 from rotorid.models import Model
 from rotorid.models.expressions import symbol
@@ -95,7 +95,8 @@ class Posed:
         structure = self.structure
         holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
         known: Booleans = np.zeros(holds.shape[1], dtype=bool)
-        rows, left = driven_rows(self.model), set(range(structure.shape[1]))
+        driven = self.model.input_matrix.any(axis=1) | self.model.coefficients[1].any(axis=0)
+        rows, left = np.flatnonzero(driven).tolist(), set(range(structure.shape[1]))
         stages: list[Stage] = []
         while rows:
             while (unknowns := holds[rows].any(axis=0) & ~known).any():
@@ -406,29 +407,23 @@ class Information:
 
 
 def information_of(model: Model, estimate: Estimate, record: Data) -> Information | None:
-    """Return the information of a record about what an estimate left free.
+    """Return the information, the paper's (13), of a record about what an estimate left free.
 
-    ``None`` for ml, whose own covariance says all, and for samples, of unknown noise.
+    Rows without actuator have no variance, and are left out. ``None`` for ml, whose own covariance
+    says all, and for samples, of unknown noise.
     """
     seen = bind(model, record)
     if estimate.method == "ml" or seen.hidden or seen.filtered is not None:
         return None
-    held = {value.name: value.value for value in estimate.parameters if value.fixed}
-    return information(model.substitute(held), seen)
-
-
-def information(model: Model, data: Data) -> Information:
-    """Return the information matrix, the paper's (13), and the condition numbers of a record.
-
-    Rows without actuator have no variance, and are left out. It compares records; the deviations
-    of an estimate are in its own covariance.
-    """
-    regression = Regression(bind(model, data))
-    record, design, target = regression.record, regression.design, regression.target
-    plain, _ = Block(design, target, np.ones(len(model.texts)), record).whitened()
+    model = model.substitute(
+        {value.name: value.value for value in estimate.parameters if value.fixed}
+    )
+    regression = Regression(bind(model, seen))
+    periodic, design, target = regression.record, regression.design, regression.target
+    plain, _ = Block(design, target, np.ones(len(model.texts)), periodic).whitened()
     driven = list(np.flatnonzero((model.input_matrix != 0).any(axis=1)))
-    variance = force_variance(regression)[:, driven] / record.periods
-    weighted, _ = Block(design[:, driven], target[:, driven], variance, record).whitened()
+    variance = force_variance(regression)[:, driven] / periodic.periods
+    weighted, _ = Block(design[:, driven], target[:, driven], variance, periodic).whitened()
     return Information(
         names=model.base.names,
         matrix=weighted.T @ weighted,

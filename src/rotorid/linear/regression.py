@@ -32,12 +32,6 @@ from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 ROUNDING = 1e-12
 
 
-def driven_rows(model: Model) -> list[int]:
-    """Return the rows with a measured input or a term without parameters."""
-    forced = model.input_matrix.any(axis=1) | model.coefficients[1].any(axis=0)
-    return [int(row) for row in np.flatnonzero(forced)]
-
-
 @frozen
 class Predicted:
     """Lines of some channels of a record, measured and predicted."""

@@ -94,7 +94,15 @@ def force_balance(model: Model, inertia: Floats) -> ForceBalance:
 def _balance(typed: Model, rows: tuple[int, ...], signs: tuple[float, ...]) -> ForceBalance:
     equations = _equations(typed, rows)
     links, faults = _links(equations, signs)
-    scales = _spread(equations, links)
+    # Where need be by what couples it; NaN if not told.
+    scales = np.array([equation.told[0] for equation in equations])
+    waiting = np.flatnonzero(np.isfinite(scales)).tolist()
+    while waiting:
+        i = waiting.pop()
+        for (one, j), ratio in links.items():
+            if one == i and np.isnan(scales[j]) and not equations[j].told[1]:
+                scales[j] = scales[i] / ratio
+                waiting.append(j)
     for c, equation in enumerate(equations):
         wrong = equation.told[1] or ("" if np.isfinite(scales[c]) else equation.multiplied())
         if wrong:
@@ -211,19 +219,6 @@ def _links(
                         f"{equations[j].row + 1} does not, as sums of equations do"
                     )
     return links, faults
-
-
-def _spread(equations: Sequence[_Equation], links: Mapping[tuple[int, int], float]) -> Floats:
-    """Return the scale of each equation, where need be by what couples it; NaN if not told."""
-    scales = np.array([equation.told[0] for equation in equations])
-    waiting = np.flatnonzero(np.isfinite(scales)).tolist()
-    while waiting:
-        i = waiting.pop()
-        for (one, j), ratio in links.items():
-            if one == i and np.isnan(scales[j]) and not equations[j].told[1]:
-                scales[j] = scales[i] / ratio
-                waiting.append(j)
-    return scales
 
 
 @frozen
