@@ -22,7 +22,7 @@ from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.case import Slopes
-from rotorid.likelihood.doubts_angle import against_angle, creeping
+from rotorid.likelihood.doubts_angle import ANGLE, against_angle, told
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.mode_rows import pencil_at
@@ -99,12 +99,12 @@ def taken_as_exact(fit: Fit) -> Iterator[Note]:
     parts = parts_between(structure, units) if structure is not None and records else []
     every = (unknown for _, unknowns in exact for unknown in unknowns)
     slopes = Slopes.of(fit.case, [*scales, *every, *parts])
-    told = list(_scale_notes(fit, slopes.by(*(u.term for u in scales))[:, 0]))
-    yield from [*told, *_angle_notes(fit)]
+    scale = list(_scale_notes(fit, slopes.by(*(u.term for u in scales))[:, 0]))
+    yield from [*scale, *_angle_notes(fit)]
     for plausible, unknowns in exact:
         names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
         effect = slopes.by(*names) * plausible.size
-        if told and plausible.in_scale:  # beside a scale common to all inputs, or to all sensors
+        if scale and plausible.in_scale:  # beside a scale common to all inputs, or to all sensors
             inputs = {c.name for record in records for c in record.inputs}
             driven = np.array([bool(inputs & gain.on) for gain in unknowns])
             for group in (driven, ~driven):
@@ -311,7 +311,11 @@ def _of_time(unknown: Scalar, force: bool) -> float:
 
 @doubt()
 def creeping_angle(fit: Fit) -> Iterator[Note]:
-    return creeping(fit.records, fit.creeps)
+    for record, creep in zip(fit.records, fit.creeps, strict=True):
+        if creep is not None and (creep.strays or creep.jumps):
+            yield Note(ANGLE, "rejects", told(record, creep))
+        elif creep is not None and creep.creeps:
+            yield Note(ANGLE, "doubts", f"{told(record, creep)}; until then its angle is unsure")
 
 
 @doubt()

@@ -204,14 +204,6 @@ def _fitted(angles: Floats, std: float, middle: float) -> Creep:
     )
 
 
-def creeping(records: Sequence[Observation], found: Sequence[Creep | None]) -> Iterator[Note]:
-    for record, creep in zip(records, found, strict=True):
-        if creep is not None and (creep.strays or creep.jumps):
-            yield Note(ANGLE, "rejects", told(record, creep))
-        elif creep is not None and creep.creeps:
-            yield Note(ANGLE, "doubts", f"{told(record, creep)}; until then its angle is unsure")
-
-
 def told(record: Observation, creep: Creep) -> str:
     periodic = record.periodic
     assert periodic is not None

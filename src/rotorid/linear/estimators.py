@@ -144,7 +144,8 @@ class SampledProblem(Posed):
 
     def moved(self, scatter: Scatter, values: Floats, solved: Solver) -> Iterator[Note]:
         """Judge whether a lower cut-off moves a parameter by more than its deviations."""
-        lower = tuple(r.lowered(LOWER) for r in self.regressions)
+        seen = [(r.observation, r.record.lowered(LOWER)) for r in self.regressions]
+        lower = tuple(SampledRegression(replace(o, filtered=record)) for o, record in seen)
         _, spread, other = replace(self, regressions=lower).fit(solved)
         change = other - values
         clear = np.abs(change) > CLEAR * scatter.spread_of_change(spread)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -396,10 +395,6 @@ class SampledRegression(Equations):
             f"whose argument is at rest there, below {NOISY:g} deviations of its noise or "
             f"{100 * SLOW:g} % of its usual size: its sign is noise, and friction at rest is any"
         )
-
-    def lowered(self, share: float) -> SampledRegression:
-        lower = self.record.lowered(share)
-        return SampledRegression(replace(self.observation, filtered=lower))
 
 
 def _signs_of(value: Expression) -> Iterator[Expression]:
