@@ -23,7 +23,6 @@ from rotorid.core.values import Floats
 from rotorid.data.lazy_time import Steady, changed, unread
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
-from rotorid.data.record import PeriodicRecord
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.problem import Point
 
@@ -151,20 +150,10 @@ def _creep(at: Evaluation, record: Observation) -> Creep | None:
     moving = record.lines.frequency[:, None] > 0
     turned = at.whitened_loads(np.where(moving, 1j * at.loads, 0))  # by the phase: a quarter on
     size = float(turned @ turned)
-    given = _given(periodic) if size > 0 else None
-    if given is None:
+    if not size > 0:
         return None
-    every = at.period_residual(scatter[:, :, at.problem.order])
-    each = at.stacked(np.moveaxis(every - every.mean(axis=0), 0, 2))
-    angles = -(turned @ each) / size - given
-    middle = periodic.middle * periodic.fundamental
-    return _fitted(angles, float(np.sqrt(len(angles) / size)), middle)
-
-
-def _given(periodic: PeriodicRecord) -> Floats | None:
-    """Return the given angle less its line in each period, rad, less the mean; None off lines."""
     turns = periodic.speed / (2 * np.pi * periodic.fundamental)
-    if abs(turns - round(turns)) * periodic.periods > 1:
+    if abs(turns - round(turns)) * periodic.periods > 1:  # it stands on no line
         return None
     given = unread(periodic, "angle")
     if isinstance(given, Steady):
@@ -175,7 +164,11 @@ def _given(periodic: PeriodicRecord) -> Floats | None:
         within = ahead - ahead[:, :1]
         within -= 2 * np.pi * np.rint(within / (2 * np.pi))  # the angle may begin anew each turn
         phase = np.unwrap(ahead[:, 0] + within.mean(axis=1))
-    return np.asarray(phase - phase.mean())
+    every = at.period_residual(scatter[:, :, at.problem.order])
+    each = at.stacked(np.moveaxis(every - every.mean(axis=0), 0, 2))
+    angles = -(turned @ each) / size - (phase - phase.mean())
+    middle = periodic.middle * periodic.fundamental
+    return _fitted(angles, float(np.sqrt(len(angles) / size)), middle)
 
 
 def _fitted(angles: Floats, std: float, middle: float) -> Creep:

@@ -37,8 +37,6 @@ LEAST_PERIODS = 4
 
 
 Solver = Callable[[Any], LeastSquaresSolution]
-Stage = tuple[list[int], list[int]]
-"""Rows that are solved together, and the unknowns that they determine."""
 
 
 @frozen
@@ -90,14 +88,14 @@ class Posed:
         return self.model.coefficients[0] @ self.elimination.basis
 
     @cached_property
-    def stages(self) -> list[Stage]:
-        """Rows that are solved together, by which row holds which unknown, from those driven on."""
+    def stages(self) -> list[tuple[list[int], list[int]]]:
+        """Rows that are solved together, from those driven on, and the unknowns they determine."""
         structure = self.structure
         holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
         known: Booleans = np.zeros(holds.shape[1], dtype=bool)
         driven = self.model.input_matrix.any(axis=1) | self.model.coefficients[1].any(axis=0)
         rows, left = np.flatnonzero(driven).tolist(), set(range(structure.shape[1]))
-        stages: list[Stage] = []
+        stages = []
         while rows:
             while (unknowns := holds[rows].any(axis=0) & ~known).any():
                 columns = structure[:, rows][:, :, unknowns].reshape(-1, int(unknowns.sum()))

@@ -18,7 +18,6 @@ from rotorid.data.observation import Observation
 from rotorid.models import Model
 from rotorid.models.equations import polynomial
 
-Bounds = Mapping[str, tuple[float | str | None, float | str | None]]
 Amount = TypeVar("Amount", float, float | str)
 """In SI; before a model is known, perhaps a text with a unit."""
 
