@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from functools import cached_property
 from html import escape
 from typing import Any, ClassVar
 
@@ -61,6 +62,11 @@ class Arrays(ByContent):
             value = vars(self).get(each.name)
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, each.name, read_only(value))
+
+    @cached_property
+    def facts(self) -> dict[str, tuple[Any, Any]]:
+        """What was found of these arrays: see `rotorid.models.model.fact`."""
+        return {}
 
     def __repr__(self) -> str:
         """Return the fields, arrays by their shape, names for channels: what fits a screen."""

@@ -42,6 +42,9 @@ class Clock(Protocol):
 
     def at_speed(self, speed: float) -> Clock: ...
 
+    @property
+    def facts(self) -> dict[str, tuple[Any, Any]]: ...
+
 
 @frozen
 class SampledClock(Arrays):
@@ -246,11 +249,6 @@ class Lines(OfMachine):
     beside: Beside | None = None
     shown: float | None = None
     parts: Callable[[int], list[Lines]] | None = field(default=None, compare=False, repr=False)
-
-    @cached_property
-    def facts(self) -> dict[str, tuple[Any, Any]]:
-        """What was found of these lines: see `rotorid.models.model.fact`."""
-        return {}
 
     @classmethod
     def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:

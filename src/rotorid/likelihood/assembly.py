@@ -15,7 +15,7 @@ import numpy as np
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.lines import Lines, Signal
+from rotorid.data.lines import Clock, Lines, Signal
 from rotorid.data.observation import Observation, combined
 from rotorid.data.record import Channel
 from rotorid.likelihood.cost import Entries, EntrySlopes, Likelihood, Sensing
@@ -217,8 +217,10 @@ def load_lines(
     loads: Sequence[RowLoad], lines: Lines, rows: Floats, phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
     """Return the columns of g, (order, line, row, product), products ascending, and the orders."""
+    if not loads:
+        return np.zeros((1, len(lines.omega), len(rows), 0), dtype=np.complex128), np.zeros(1)
     place = {signal: k for k, signal in enumerate(dict.fromkeys(load.signal for load in loads))}
-    found, orders = _signal_lines(lines, tuple(place), phase_unknown)
+    found, orders = _signal_lines(lines.clock, tuple(place), phase_unknown)
     product = {factors: k for k, factors in enumerate(sorted({load.factors for load in loads}))}
     columns = np.zeros((len(found), len(lines.omega), len(rows), len(product)), np.complex128)
     for load in loads:
@@ -229,14 +231,12 @@ def load_lines(
 
 @fact
 def _signal_lines(
-    lines: Lines, signals: tuple[Expression, ...], phase_unknown: bool
+    clock: Clock, signals: tuple[Expression, ...], phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
     timed = any(symbol("t") in signal.free_symbols for signal in signals)
     steps = phase_steps(signals) if phase_unknown else 1
-    found = np.zeros((steps, len(lines.omega), len(signals)), dtype=np.complex128)
-    for step, shift in enumerate(2 * np.pi * np.arange(steps) / steps):
-        if signals:
-            found[step] = lines.clock.lines(_signal(signals, shift), timed=timed)
+    shifts = 2 * np.pi * np.arange(steps) / steps
+    found = np.stack([clock.lines(_signal(signals, shift), timed=timed) for shift in shifts])
     if not phase_unknown:
         return found, np.zeros(1)
     found = np.asarray(np.fft.fft(found, axis=0) / steps)

@@ -159,8 +159,7 @@ class Case:
     def _descended(self, start: Floats, stages: Sequence[float]) -> Point | None:
         """Return the minimum, found no better than a rival needs, or None where there is none."""
         try:
-            with np.errstate(all="ignore"):
-                point = solve(self.problem, start, stages, brief=True).point
+            point = solve(self.problem, start, stages, brief=True).point
         except np.linalg.LinAlgError:
             return None
         return point if np.isfinite(point.cost) else None

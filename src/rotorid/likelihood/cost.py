@@ -176,14 +176,21 @@ class Likelihood:
         return len(self.data)
 
     @cached_property
-    def loads(self) -> Monomials:
+    def unit_rows(self) -> Complexes:
+        """A one in each row, shape (line, row, row)."""
+        every = np.eye(self.all_rows, dtype=np.complex128)
+        return np.broadcast_to(every, (self.lines, *every.shape))
+
+    @cached_property
+    def load_monomials(self) -> Monomials:
         return replace(self.monomials, factors=self.monomials.factors[self.loading])
 
     @cached_property
     def loaded(self) -> slice:
         """The unknowns in the loads, and what stands between them."""
-        factors = self.loads.factors[self.loads.factors < self.monomials.unknowns]
-        return slice(*([factors.min(), factors.max() + 1] if factors.size else [0, 0]))
+        factors = self.load_monomials.factors
+        factors = factors[factors < self.monomials.unknowns]
+        return slice(factors.min(), factors.max() + 1) if factors.size else slice(0)
 
     def load_at(self, phase: Complexes) -> Complexes:
         """Return the loads of all orders of the rotor angle together, (line, row, load)."""
@@ -206,8 +213,8 @@ class Evaluation:
     """Residual and Jacobian of one record at one point; real parts over imaginary ones.
 
     By line are `stiffness`, `inputs`, `plain` and `columns`: P, B, the columns of the true channels
-    [B, P R], and L; `null_h`: N^H, None where no coordinate is hidden; `whitener`: U; `whitened`:
-    eps; `line_costs`. `cost` is J.
+    [B, P R], and L; `null_h`: N^H, None where no coordinate is hidden; `whitened`: eps;
+    `line_costs`. `cost` is J.
     """
 
     def __init__(
@@ -223,13 +230,12 @@ class Evaluation:
         self.state = problem.calibration.at(unknowns)
         self._set_columns()
         self._set_projection(like)
-        gain = self._projected(self.columns) @ problem.noise.factor
-        root = gain.conj().transpose(0, 2, 1)
-        if relaxation > 0:
-            root = np.concatenate([root, relaxation * self._granted()], axis=1)
-        self._gain = gain
-        self.whitener = triangle(root)
-        self.lower = self.whitener.conj().transpose(0, 2, 1)
+        basis_h = self._projected(problem.unit_rows)
+        root = basis_h @ self.columns @ problem.noise.factor
+        if relaxation > 0:  # and S^1/2 N, the errors granted to the equations
+            root = np.concatenate([root, relaxation * basis_h[:, :, : problem.rows]], axis=2)
+        lower = triangle(root.conj().transpose(0, 2, 1)).conj().transpose(0, 2, 1)
+        self._whitening = as_complex(np.linalg.solve(lower, basis_h))  # U^-H N^H
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
         self.ends: Ends | None = None
         self._set_rows(self._affine)
@@ -255,9 +261,7 @@ class Evaluation:
         self._loose = np.zeros((len(rows), count, rows.shape[2]), dtype=np.complex128)
         if transient is not None:
             if self.ends is None:
-                ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, :count]
-                unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
-                self._end_columns = transient.columns(self._white(unit))
+                self._end_columns = transient.columns(self._whitening[:, :, :count])
                 self.ends = Ends.of(self.stacked(self._end_columns))
             tau = self.ends.tau(self.stacked(whitened))
             self._loose = transient.rows(tau, count)
@@ -300,21 +304,13 @@ class Evaluation:
         return rows if self.null_h is None else as_complex(self.null_h @ rows)
 
     def _white(self, rows: Complexes) -> Complexes:
-        return as_complex(np.linalg.solve(self.lower, self._projected(rows)))
-
-    def _granted(self) -> Complexes:
-        """Return S^1/2 N, shape (line, row, equation): the errors granted to the equations."""
-        p = self.problem
-        if self.null_h is None:
-            every = np.eye(p.all_rows, dtype=np.complex128)[: p.rows]
-            return np.broadcast_to(every, (p.lines, p.rows, p.all_rows))
-        return as_complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
+        return as_complex(self._whitening @ rows)
 
     def _affine_directions(self, affine: Integers) -> Complexes:
         """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""
         p = self.problem
         columns = np.zeros((p.lines, p.all_rows, len(affine)), dtype=np.complex128)
-        columns[:, : p.rows] = self.load @ p.loads.jacobian(self.unknowns)[:, affine]
+        columns[:, : p.rows] = self.load @ p.load_monomials.jacobian(self.unknowns)[:, affine]
         for bound in p.calibration.rotating:
             mine, (_, added) = np.isin(bound.unknowns, affine), bound.slopes(self.unknowns)
             where = np.searchsorted(affine, bound.unknowns[mine])
@@ -416,18 +412,17 @@ class Evaluation:
         They satisfy the equations of motion exactly (with sigma = 0), and are what the
         likelihood takes for the truth behind the measured lines.
         """
-        p, sensing = self.problem, self.problem.sensing
-        multiplier = np.linalg.solve(self.whitener, self.whitened[:, :, None])
-        correction = p.noise.factor @ (self._gain.conj().transpose(0, 2, 1) @ multiplier)
+        p, factor = self.problem, self.problem.noise.factor
+        multiplier = (self.whitened[:, None] @ self._whitening.conj()).transpose(0, 2, 1)
+        noise = (self.columns @ factor).conj().transpose(0, 2, 1) @ multiplier
+        correction = factor @ noise
         data = p.data - correction[:, :, 0]
         true = self.state.factors * data
         reading = true - self.state.readings
-        motion = reading[:, p.inputs :] @ sensing.right.T
+        motion = reading[:, p.inputs :] @ p.sensing.right.T
         if self._projection is not None:
             left = self._rows[:, :, 0] - (self.columns @ correction)[:, :, 0]
-            if self._relaxation > 0:
-                granted = (self._granted() @ multiplier)[:, :, 0]
-                left[:, : p.rows] -= self._relaxation**2 * granted
+            left[:, : p.rows] -= self._relaxation**2 * multiplier[:, : p.rows, 0]
             motion = motion + self._projection.motion(left)
         return data, motion
 

@@ -33,10 +33,6 @@ TRYING = "trying possible mistakes"
 NOTHING_TRIED = Tried()
 
 
-def _no_answer() -> None:
-    """Make no answer: there is none yet."""
-
-
 @frozen
 class Progress:
     """A step of a search: what comes next, how far that is, and the best answer so far.
@@ -64,7 +60,7 @@ class Progress:
     done: int = 0
     of: int | None = None
     left: float | None = None
-    answer: Callable[[], Estimate | None] = field(default=_no_answer, repr=False, compare=False)
+    answer: Callable[[], Estimate | None] = field(default=lambda: None, repr=False, compare=False)
 
     @cached_property
     def best(self) -> Estimate | None:

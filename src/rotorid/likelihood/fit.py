@@ -120,15 +120,11 @@ class Rough:
         unknowns, index = fit.solution.point.unknowns, fit.layout.index
         if before is None:
             return cls(fit.problem.sketch or fit.problem, fit.solution, unknowns)
-        return replace(before, unknowns=unknowns[[index[name] for name in before.names]])
-
-    @property
-    def names(self) -> list[str]:
-        return [unknown.name for unknown in self.problem.layout.unknowns]
+        return replace(before, unknowns=unknowns[[index[n] for n in before.problem.layout.index]])
 
     @property
     def values(self) -> dict[str, float]:
-        return dict(zip(self.names, self.unknowns.tolist(), strict=True))
+        return dict(zip(self.problem.layout.index, self.unknowns.tolist(), strict=True))
 
 
 @frozen
@@ -312,7 +308,7 @@ def _globally(
         return Step(Fit(found, found.inference, tuple(records), plain=plain), *said)
 
     problem, ends = _problem(prepared, records), list[Solution]()
-    if rough is not None and rough.names == [u.name for u in prepared.layout.unknowns]:
+    if rough is not None and rough.problem.layout.index == prepared.layout.index:
         problem = replace(problem, sketch=rough.problem, lowest=rough.found.point)
         with suppress(np.linalg.LinAlgError):
             near = replace(settle(problem, rough.unknowns), trail=rough.found.trail)

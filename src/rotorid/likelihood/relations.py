@@ -142,11 +142,10 @@ class Relations:
         """The unknowns that one relation each holds by itself, and their values."""
         found: dict[int, list[float]] = {}
         for row in self.rows:
-            held = [(product, c) for product, c in row.polynomial.items() if product and c]
-            if len(held) == 1 and len(held[0][0]) == 1:
-                (product, size), *_ = held
-                value = 0.0 - row.polynomial.get((), 0.0) / size
-                found.setdefault(product[0], []).append(value)
+            held = {product: size for product, size in row.polynomial.items() if product and size}
+            if [len(product) for product in held] == [1]:
+                ((unknown,), size) = held.popitem()
+                found.setdefault(unknown, []).append(0.0 - row.polynomial.get((), 0.0) / size)
         alone = {unknown: values[0] for unknown, values in found.items() if len(values) == 1}
         return np.array([*alone], dtype=np.int64), np.array([*alone.values()])
 

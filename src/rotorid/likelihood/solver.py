@@ -211,6 +211,7 @@ def _hopeless(point: Point, above: Point | None = None) -> bool:
     return point.cost >= HOPELESS * (len(point.residual) + least)
 
 
+@np.errstate(all="ignore")  # what overflows on the way is refused there
 def solve(
     problem: Problem,
     start: Floats,
@@ -225,18 +226,17 @@ def solve(
     costs less than what the homotopy led to, the minimum nearest to it is looked for too. A
     `LinAlgError` says that no point on the way has a finite cost, or that none near is in bounds.
     """
-    with np.errstate(all="ignore"):  # what overflows on the way is refused there
-        ends = _ends(problem, start, stages, bounded, brief=brief)
-        there = evaluated(problem, start, stages[-1])
-        if there is not None and all(there.cost < end.point.cost for end in ends):
-            ends += _ends(problem, start, stages[-1:], bounded, brief=brief)
+    ends = _ends(problem, start, stages, bounded, brief=brief)
+    there = evaluated(problem, start, stages[-1])
+    if there is not None and all(there.cost < end.point.cost for end in ends):
+        ends += _ends(problem, start, stages[-1:], bounded, brief=brief)
     return _lowest(ends)
 
 
+@np.errstate(all="ignore")
 def settle(problem: Problem, near: Floats) -> Solution:
     """Return the minimum near a point, on all lines from the first step: few would lead away."""
-    with np.errstate(all="ignore"):
-        return _lowest(_ends(problem, near, STAGES[-1:], False, near=True))
+    return _lowest(_ends(problem, near, STAGES[-1:], False, near=True))
 
 
 def _lowest(ends: Sequence[Solution]) -> Solution:
@@ -298,6 +298,7 @@ def _descended(
     return Solution(*ended, walk.iterations, active, tuple(trail))
 
 
+@np.errstate(all="ignore")
 def few_steps(problem: Problem, start: Floats, stages: Sequence[float], steps: int) -> Point:
     walk = _Walk(problem, start, bounded=False)
     return [walk.descend(relaxation, limit=steps)[0] for relaxation in stages][-1]
@@ -319,6 +320,7 @@ def beside(point: Point, change: Floats) -> Point | None:
     return trial
 
 
+@np.errstate(all="ignore")
 def elsewhere(
     problem: Problem, start: Floats, solution: Solution, stages: Sequence[float] = STAGES
 ) -> Solution | None:
@@ -327,13 +329,12 @@ def elsewhere(
     In the first stage the cost is that of a regression: where the records inform all unknowns,
     every start ends there at the same point, and the rest of the way is known already.
     """
-    with np.errstate(all="ignore"):
-        known = solution.trail if stages == STAGES else ()
-        if problem.lowest is not None and _idle(problem, start, stages, known):
-            return None
-        found = _descended(problem, start, stages, False, known, brief=True)
-        if found is not None and len(outside(problem.bounds, found.point.unknowns)):
-            found = _descended(problem, start, stages, True, brief=True)
+    known = solution.trail if stages == STAGES else ()
+    if problem.lowest is not None and _idle(problem, start, stages, known):
+        return None
+    found = _descended(problem, start, stages, False, known, brief=True)
+    if found is not None and len(outside(problem.bounds, found.point.unknowns)):
+        found = _descended(problem, start, stages, True, brief=True)
     return found
 
 
@@ -351,11 +352,12 @@ def _idle(
     return near and _same(problem, found.point.unknowns, lowest.unknowns)
 
 
+@np.errstate(all="ignore")
 def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: bool = False) -> bool:
     """Tell whether a way joins a known one in its first stage; see `elsewhere` for the reason."""
     if not known or any(len(outside(problem.bounds, point)) for point in known):
         return False
-    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+    with suppress(np.linalg.LinAlgError):
         walk = _Walk(problem, start, bounded)
         walk.descend(STAGES[0], known=known[0])
         return _same(problem, walk.unknowns, known[0])

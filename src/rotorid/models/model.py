@@ -43,7 +43,7 @@ Found = TypeVar("Found")
 
 
 class HasFacts(Protocol):
-    """What keeps what is found of it: a model, the lines of a record."""
+    """What keeps what is found of it: a model, the clock of a record."""
 
     @property
     def facts(self) -> dict[str, tuple[Any, Any]]: ...
@@ -55,7 +55,7 @@ Kind = TypeVar("Kind", bound=HasFacts)
 def fact(
     work: Callable[Concatenate[Kind, Arguments], Found],
 ) -> Callable[Concatenate[Kind, Arguments], Found]:
-    """Keep what a function finds of a model or of lines there, for its last arguments: many ask."""
+    """Keep what a function finds of a model or a clock there, for its last arguments: many ask."""
     name = f"{work.__module__}.{work.__qualname__}"
 
     def found(model: Kind, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
