@@ -176,12 +176,6 @@ class Likelihood:
         return len(self.data)
 
     @cached_property
-    def unit_rows(self) -> Complexes:
-        """A one in each row, shape (line, row, row)."""
-        every = np.eye(self.all_rows, dtype=np.complex128)
-        return np.broadcast_to(every, (self.lines, *every.shape))
-
-    @cached_property
     def load_monomials(self) -> Monomials:
         return replace(self.monomials, factors=self.monomials.factors[self.loading])
 
@@ -213,8 +207,8 @@ class Evaluation:
     """Residual and Jacobian of one record at one point; real parts over imaginary ones.
 
     By line are `stiffness`, `inputs`, `plain` and `columns`: P, B, the columns of the true channels
-    [B, P R], and L; `null_h`: N^H, None where no coordinate is hidden; `whitened`: eps;
-    `line_costs`. `cost` is J.
+    [B, P R], and L; `null_h`: N^H, None where no coordinate is hidden; `whitener`: U; `whitened`:
+    eps; `line_costs`. `cost` is J.
     """
 
     def __init__(
@@ -230,12 +224,13 @@ class Evaluation:
         self.state = problem.calibration.at(unknowns)
         self._set_columns()
         self._set_projection(like)
-        basis_h = self._projected(problem.unit_rows)
-        root = basis_h @ self.columns @ problem.noise.factor
-        if relaxation > 0:  # and S^1/2 N, the errors granted to the equations
-            root = np.concatenate([root, relaxation * basis_h[:, :, : problem.rows]], axis=2)
-        lower = triangle(root.conj().transpose(0, 2, 1)).conj().transpose(0, 2, 1)
-        self._whitening = as_complex(np.linalg.solve(lower, basis_h))  # U^-H N^H
+        gain = self._projected(self.columns) @ problem.noise.factor
+        root = gain.conj().transpose(0, 2, 1)
+        if relaxation > 0:
+            root = np.concatenate([root, relaxation * self._granted()], axis=1)
+        self._gain = gain
+        self.whitener = triangle(root)
+        self.lower = self.whitener.conj().transpose(0, 2, 1)
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
         self.ends: Ends | None = None
         self._set_rows(self._affine)
@@ -261,7 +256,9 @@ class Evaluation:
         self._loose = np.zeros((len(rows), count, rows.shape[2]), dtype=np.complex128)
         if transient is not None:
             if self.ends is None:
-                self._end_columns = transient.columns(self._whitening[:, :, :count])
+                ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, :count]
+                unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
+                self._end_columns = transient.columns(self._white(unit))
                 self.ends = Ends.of(self.stacked(self._end_columns))
             tau = self.ends.tau(self.stacked(whitened))
             self._loose = transient.rows(tau, count)
@@ -304,7 +301,15 @@ class Evaluation:
         return rows if self.null_h is None else as_complex(self.null_h @ rows)
 
     def _white(self, rows: Complexes) -> Complexes:
-        return as_complex(self._whitening @ rows)
+        return as_complex(np.linalg.solve(self.lower, self._projected(rows)))
+
+    def _granted(self) -> Complexes:
+        """Return S^1/2 N, shape (line, row, equation): the errors granted to the equations."""
+        p = self.problem
+        if self.null_h is None:
+            every = np.eye(p.all_rows, dtype=np.complex128)[: p.rows]
+            return np.broadcast_to(every, (p.lines, p.rows, p.all_rows))
+        return as_complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
 
     def _affine_directions(self, affine: Integers) -> Complexes:
         """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""
@@ -412,17 +417,18 @@ class Evaluation:
         They satisfy the equations of motion exactly (with sigma = 0), and are what the
         likelihood takes for the truth behind the measured lines.
         """
-        p, factor = self.problem, self.problem.noise.factor
-        multiplier = (self.whitened[:, None] @ self._whitening.conj()).transpose(0, 2, 1)
-        noise = (self.columns @ factor).conj().transpose(0, 2, 1) @ multiplier
-        correction = factor @ noise
+        p, sensing = self.problem, self.problem.sensing
+        multiplier = np.linalg.solve(self.whitener, self.whitened[:, :, None])
+        correction = p.noise.factor @ (self._gain.conj().transpose(0, 2, 1) @ multiplier)
         data = p.data - correction[:, :, 0]
         true = self.state.factors * data
         reading = true - self.state.readings
-        motion = reading[:, p.inputs :] @ p.sensing.right.T
+        motion = reading[:, p.inputs :] @ sensing.right.T
         if self._projection is not None:
             left = self._rows[:, :, 0] - (self.columns @ correction)[:, :, 0]
-            left[:, : p.rows] -= self._relaxation**2 * multiplier[:, : p.rows, 0]
+            if self._relaxation > 0:
+                granted = (self._granted() @ multiplier)[:, :, 0]
+                left[:, : p.rows] -= self._relaxation**2 * granted
             motion = motion + self._projection.motion(left)
         return data, motion
 

@@ -7,9 +7,9 @@ relations and within bounds.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise, zip_longest
 from typing import TypeVar
 
@@ -151,15 +151,9 @@ class Problem:
         return np.setdiff1d(self.layout.free, self.affine)
 
     @cached_property
-    def _holding(self) -> dict[tuple[int, ...], Relations]:
-        return {(): self.exact}
-
-    def holding(self, bounds: Sequence[int]) -> Relations:
-        """Return the exact relations, and bounds that hold with equality."""
-        held = tuple(bounds)
-        if held not in self._holding:
-            self._holding[held] = self.exact.joined(self.bounds.rows[i] for i in held)
-        return self._holding[held]
+    def holding(self) -> Callable[[tuple[int, ...]], Relations]:
+        """The exact relations, and bounds that hold with equality: many points ask for the same."""
+        return cache(lambda held: self.exact.joined(self.bounds.rows[i] for i in held))
 
     @property
     def real_equations(self) -> int:
@@ -362,11 +356,7 @@ def tangent(point: Point, bounded: bool = False) -> Tangent:
 
 def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -> Floats | None:
     """Return the nearest point that satisfies the exact relations, or None where none is near."""
-    x, (pinned, values) = unknowns.copy(), exact.pinned
-    known = np.isin(pinned, free)
-    pinned, values = pinned[known], values[known]
-    if len(pinned) == len(exact):
-        x[pinned] = values
+    x = unknowns.copy()
     for _ in range(30):
         gap = exact.values(x)
         if (np.abs(gap) <= 1e-14 * exact.sizes(x)).all():
@@ -376,7 +366,6 @@ def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -
             return None
         change = scale * np.linalg.lstsq(derivative, gap, rcond=1e-12)[0]
         x[free] -= change
-        x[pinned] = values  # what rounding leaves of zero has no size to be held against
         if not np.isfinite(x).all():
             return None
         if (np.abs(change) <= 1e-15 * np.abs(x[free])).all():
@@ -390,7 +379,7 @@ def outside(bounds: Relations, unknowns: Floats, margin: float = OUTSIDE) -> Int
 
 def inside(problem: Problem, unknowns: Floats, scale: Floats) -> Floats | None:
     """Return the nearest point that keeps relations and bounds, or None where none is near."""
-    held: list[int] = []
+    held: tuple[int, ...] = ()
     x: Floats | None = unknowns
     for _ in range(len(problem.bounds) + 1):
         relations = problem.holding(held)
@@ -400,5 +389,5 @@ def inside(problem: Problem, unknowns: Floats, scale: Floats) -> Floats | None:
         fresh = [i for i in outside(problem.bounds, x).tolist() if i not in held]
         if not fresh:
             return None if len(outside(problem.bounds, x, 1e-9)) else x
-        held += fresh
+        held = (*held, *fresh)
     return None

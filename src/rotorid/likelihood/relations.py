@@ -137,18 +137,6 @@ class Relations:
         slopes, constants = self.monomials.jacobian(nowhere), self.monomials.values(nowhere)
         return self.matrix @ slopes, self.matrix @ constants
 
-    @cached_property
-    def pinned(self) -> tuple[Integers, Floats]:
-        """The unknowns that one relation each holds by itself, and their values."""
-        found: dict[int, list[float]] = {}
-        for row in self.rows:
-            held = {product: size for product, size in row.polynomial.items() if product and size}
-            if [len(product) for product in held] == [1]:
-                ((unknown,), size) = held.popitem()
-                found.setdefault(unknown, []).append(0.0 - row.polynomial.get((), 0.0) / size)
-        alone = {unknown: values[0] for unknown, values in found.items() if len(values) == 1}
-        return np.array([*alone], dtype=np.int64), np.array([*alone.values()])
-
     def values(self, x: Floats) -> Floats:
         if self._linear is None:
             return np.asarray(self.matrix @ self.monomials.values(x))
