@@ -133,12 +133,14 @@ def combination(name: str, truth: Mapping[str, float]) -> float:
     return total
 
 
-def table(title: str, equations: Sequence[str], **tables: Mapping[str, str]) -> str:
-    """Return the text of a model file; parameters are given by their unit."""
+def table(title: str, equations: Sequence[str], *tables: str | Mapping[str, str]) -> str:
+    """Return a model file of coordinates, inputs and parameters: "m kg, c N s/m", or by name."""
     lines = [f'title = "{title}"', "equations = [", *(f'  "{e}",' for e in equations), "]"]
-    for name in ("coordinates", "inputs", "parameters"):
+    for name, units in zip(("coordinates", "inputs", "parameters"), tables, strict=True):
         lines.append(f"[{name}]")
-        for key, unit in tables[name].items():
+        if isinstance(units, str):
+            units = dict(part.split(" ", 1) for part in units.split(", ") if part)
+        for key, unit in units.items():
             entry = f'{{ unit = "{unit}" }}' if name == "parameters" else f'"{unit}"'
             lines.append(f'"{key}" = {entry}')
     return "\n".join(lines)
@@ -383,9 +385,9 @@ PENDULUM = Problem(
     text=table(
         "pendulum with friction",
         ["(m*l^2 + J)*alpha'' = tau - c*alpha' - T_c*sign(alpha') - m*9.81*l*sin(alpha)"],
-        coordinates={"alpha": "rad"},
-        inputs={"tau": "N m"},
-        parameters={"m": "kg", "l": "m", "J": "kg m^2", "c": "N m s", "T_c": "N m"},
+        "alpha rad",
+        "tau N m",
+        "m kg, l m, J kg m^2, c N m s, T_c N m",
     ),
     truth={"m": 1.3, "l": 0.4, "J": 0.02, "c": 0.15, "T_c": 0.5},
     columns=pendulum_columns,
@@ -428,9 +430,9 @@ ARM = Problem(
             "(J2 + m2*r2^2)*(q1'' + q2'') + m2*l1*r2*(cos(q2)*q1'' + sin(q2)*q1'^2)"
             " + 9.81*m2*r2*(cos(q1)*cos(q2) - sin(q1)*sin(q2)) = tau2",
         ],
-        coordinates={"q1": "rad", "q2": "rad"},
-        inputs={"tau1": "N m", "tau2": "N m"},
-        parameters={
+        "q1 rad, q2 rad",
+        "tau1 N m, tau2 N m",
+        {
             **{name: "kg" for name in ("m1", "m2")},
             **{name: "m" for name in ("l1", "r1", "r2")},
             **{name: "kg m^2" for name in ("J1", "J2")},
@@ -475,9 +477,9 @@ DUFFING = Problem(
     text=table(
         "hardening spring under a rotating weight",
         ["P = m*(x'' + 9.81) + d*x' + (k + k_3*x**2)*x - m*e*Omega^2*cos(phi)"],
-        coordinates={"x": "m"},
-        inputs={"P": "N"},
-        parameters={"m": "kg", "d": "N s/m", "k": "N/m", "k_3": "N/m^3", "e": "m"},
+        "x m",
+        "P N",
+        "m kg, d N s/m, k N/m, k_3 N/m^3, e m",
     ),
     truth={"m": 2.0, "d": 11.0, "k": 4000.0, "k_3": 3e6, "e": 1e-4},
     columns=duffing_columns,
@@ -495,13 +497,7 @@ def hoist_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 HOIST = Problem(
     name="hoist",
-    text=table(
-        "a load on a rope",
-        ["m*z'' = F - c*z' - m*9.81"],
-        coordinates={"z": "m"},
-        inputs={"F": "N"},
-        parameters={"m": "kg", "c": "N s/m"},
-    ),
+    text=table("a load on a rope", ["m*z'' = F - c*z' - m*9.81"], "z m", "F N", "m kg, c N s/m"),
     truth={"m": 30.0, "c": 50.0},
     columns=hoist_columns,
     harmonics=(0, 1, 3),
@@ -531,9 +527,9 @@ TABLE = Problem(
             "J*theta'' + 1.5*c*theta' - 0.3*k_l*(y - 0.3*theta) + 0.4*k_r*(y + 0.4*theta)"
             " - 0.05*9.81*m*theta = -A/4 + B/2 + T",
         ],
-        coordinates={"y": "m", "theta": "rad"},
-        inputs={"A": "N", "B": "N", "T": "N m"},
-        parameters={"m": "kg", "J": "kg m^2", "c": "N s/m", "k_l": "N/m", "k_r": "N/m"},
+        "y m, theta rad",
+        "A N, B N, T N m",
+        "m kg, J kg m^2, c N s/m, k_l N/m, k_r N/m",
     ),
     truth={"m": 12.0, "J": 0.9, "c": 35.0, "k_l": 2.4e4, "k_r": 3.1e4},
     columns=table_columns,
@@ -557,16 +553,9 @@ ODD = Problem(
     text=table(
         "names that mean something elsewhere; a shaft that is not round",
         ["N = I*γ'' + (lambda + S*cos(2*phi))*γ + E*abs(γ')*γ' + β*tanh(2*γ') - Q*sin(phi)^2"],
-        coordinates={"γ": "m"},
-        inputs={"N": "N"},
-        parameters={
-            "S": "N/m",
-            "E": "N s^2/m^2",
-            "I": "kg",
-            "lambda": "N/m",
-            "β": "N",
-            "Q": "N",
-        },
+        "γ m",
+        "N N",
+        "S N/m, E N s^2/m^2, I kg, lambda N/m, β N, Q N",
     ),
     truth={"S": 40.0, "E": 7.0, "I": 3.0, "lambda": 900.0, "β": 5.0, "Q": 2.0},
     columns=odd_columns,
@@ -597,9 +586,9 @@ CHAIN = Problem(
             "m_1*x1'' + k*(x1 - x2) + k_3*(x1 - x2)^3 = F",
             "m_2*x2'' = k*(x1 - x2) + k_3*(x1 - x2)^3",
         ],
-        coordinates={"x1": "m", "x2": "m"},
-        inputs={"F": "N"},
-        parameters={"m_1": "kg", "m_2": "kg", "k": "N/m", "k_3": "N/m^3"},
+        "x1 m, x2 m",
+        "F N",
+        "m_1 kg, m_2 kg, k N/m, k_3 N/m^3",
     ),
     truth={"m_1": 1.5, "m_2": 0.8, "k": 5000.0, "k_3": 2e7},
     columns=chain_columns,
@@ -630,9 +619,9 @@ TRAIN = Problem(
             "b*y'' + k*(y - x) + h*(y - z) = 0",
             "a*x'' + k*(x - y) = u",
         ],
-        coordinates={"x": "m", "y": "m", "z": "m"},
-        inputs={"u": "N"},
-        parameters={"a": "kg", "b": "kg", "c": "kg", "k": "N/m", "h": "N/m", "d": "N s/m"},
+        "x m, y m, z m",
+        "u N",
+        "a kg, b kg, c kg, k N/m, h N/m, d N s/m",
     ),
     truth={"a": 1.0, "b": 2.0, "c": 1.5, "k": 3000.0, "h": 5000.0, "d": 20.0},
     columns=train_columns,

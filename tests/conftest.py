@@ -3,12 +3,17 @@
 import fcntl
 import gc
 import os
+import sys
 from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
+
+# Otherwise each worker, and each child that a test starts, would compile the package anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")

@@ -50,6 +50,7 @@ CONFINED = {
     "plotly": {"report"},
     "h5py": {"io", "rig"},
     "pint": set(),
+    "control": {"results"},
     "click": {"cli", "commands"},
     "rich": {"commands"},
     "tomlkit": {"core", "rig", "experiment"},

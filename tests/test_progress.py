@@ -14,7 +14,7 @@ from contextlib import contextmanager
 import pytest
 from rotor_files import CORED
 
-from rotorid import cli
+from rotorid import cli, load_rig
 
 pty = pytest.importorskip("pty", reason="no terminals of this kind here")
 HUNG, SPRUNG = (229.37, 632.02, 1250.0), (84.56, 109.2, 270.94)  # 1186.48 Hz would be right
@@ -167,7 +167,8 @@ def test_what_is_done_sooner_than_that_says_nothing(folder, monkeypatch, patienc
 
 def test_other_commands_say_how_far_they_are(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    rig = ("simulate", "three-mass", "--out", "run.h5")
+    (tmp_path / "rig.toml").write_text(load_rig("three-mass").text.replace('"13 s"', '"1 s"'))
+    rig = ("simulate", "rig.toml", "--out", "run.h5")
     assert re.search(r"simulating samples, \d+ of \d+", shown_in_process(monkeypatch, *rig))
     turning = ("modes", "three-mass", "--to", "9000 rpm")
     assert re.search(

@@ -7,7 +7,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from rotorid import cli
+from rotorid import cli, load_rig
 
 ROOT = Path(__file__).parents[1]
 LIBRARY = ROOT / "src" / "rotorid"
@@ -37,8 +37,9 @@ def test_a_shipped_file_fits_and_a_misspelt_key_does_not(kind, path, tmp_path):
 
 
 def test_the_experiment_file_of_a_rig_fits(tmp_path):
+    (tmp_path / "rig.toml").write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
     out = tmp_path / "run.h5"
-    assert cli.run(["simulate", "rigid", "--out", str(out)]) == 0
+    assert cli.run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
     table = tomllib.loads(out.with_suffix(".toml").read_text(encoding="utf-8"))
     schema = schema_of("experiment", tmp_path)
     jsonschema.validate(table, schema)

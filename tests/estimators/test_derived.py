@@ -66,13 +66,7 @@ def test_what_stays_open_does_not_pull_at_what_is_determined():
 
 
 def test_a_product_that_stays_open_leaves_the_correlated_mass_alone():
-    text = table(
-        "m",
-        ["m*x'' + a*b*x = F"],
-        coordinates={"x": "m"},
-        inputs={"F": "N"},
-        parameters={"m": "kg", "a": "N/m", "b": "1"},
-    )
+    text = table("m", ["m*x'' + a*b*x = F"], "x m", "F N", "m kg, a N/m, b 1")
     cov = np.array([[1e-2, 9e-3], [9e-3, 1e-2]])
     (mass,) = physical_from_base(parse_model(text), np.array([3.0, 50.0]), cov)
     assert (mass.name, mass.value, mass.std) == ("m", pytest.approx(3.0), pytest.approx(0.1))
@@ -83,9 +77,9 @@ def test_minimum_distance_where_there_are_more_base_than_physical_parameters():
     text = table(
         "lever",
         ["k*x + k*L*y = F", "k*L*x + k*L^2*y = T"],
-        coordinates={"x": "m", "y": "rad"},
-        inputs={"F": "N", "T": "N m"},
-        parameters={"k": "N/m", "L": "m"},
+        "x m, y rad",
+        "F N, T N m",
+        "k N/m, L m",
     )
     model = parse_model(text)
     assert model.base.names == ("k", "k*L", "k*L^2")

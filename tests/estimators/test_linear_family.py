@@ -217,13 +217,7 @@ def test_a_second_record_halves_the_variance(method):
 @family
 def test_two_speeds_tell_what_one_cannot(method):
     """Damping and gyroscopic term of one row: the same column at one speed."""
-    text = table(
-        "d",
-        ["m*x'' + c*x' + g*Omega*x' = F"],
-        coordinates={"x": "m"},
-        inputs={"F": "N"},
-        parameters={"m": "kg", "c": "N s/m", "g": "N s^2/m"},
-    )
+    text = table("d", ["m*x'' + c*x' + g*Omega*x' = F"], "x m", "F N", "m kg, c N s/m, g N s^2/m")
     model = parse_model(text)
 
     def record(turns):
@@ -296,9 +290,9 @@ def machines(draw):
     text = table(
         "drawn",
         draw(st.permutations(equations)),
-        coordinates={f"q{i}": "m" for i in range(size)},
-        inputs={f"u{i}": "N" for i in driven},
-        parameters=dict.fromkeys(truth, "1"),
+        {f"q{i}": "m" for i in range(size)},
+        {f"u{i}": "N" for i in driven},
+        dict.fromkeys(truth, "1"),
     )
     grid = Grid(turns=3, phase=0.7)
     harmonics = (1, 2, 3, 5, 6, 7)
@@ -411,11 +405,7 @@ def test_zeros_determine_nothing(method, still):
 def test_equations_that_nothing_drives(method):
     """A second mass on its own spring, without an input: its ratio only, no values."""
     text = table(
-        "two",
-        ["a*x'' + k*x = F", "b*y'' + h*y = 0"],
-        coordinates={"x": "m", "y": "m"},
-        inputs={"F": "N"},
-        parameters={"a": "kg", "b": "kg", "k": "N/m", "h": "N/m"},
+        "two", ["a*x'' + k*x = F", "b*y'' + h*y = 0"], "x m, y m", "F N", "a kg, b kg, k N/m, h N/m"
     )
     rng = np.random.default_rng(6)
     record = average(
@@ -434,9 +424,9 @@ def test_a_known_term_drives_as_well_as_an_input():
     text = table(
         "free vibration",
         ["x'' + c*x' + k*x + k_3*x^3 = 0"],
-        coordinates={"x": "m"},
-        inputs={},
-        parameters={"c": "1/s", "k": "1/s^2", "k_3": "1/(m^2 s^2)"},
+        "x m",
+        "",
+        "c 1/s, k 1/s^2, k_3 1/(m^2 s^2)",
     )
     grid = Grid()
     # x + k_3 x^3 with k, k_3 chosen so that x = cos(wt) fulfils x'' = -w^2 x
@@ -519,13 +509,7 @@ def test_an_unknown_phase_matters_only_where_the_angle_is_in_the_model(method):
 
 @family
 def test_signals_without_a_finite_value(method):
-    text = table(
-        "root",
-        ["m*x'' + k*sqrt(x) = F"],
-        coordinates={"x": "m"},
-        inputs={"F": "N"},
-        parameters={"m": "kg", "k": "N"},
-    )
+    text = table("root", ["m*x'' + k*sqrt(x) = F"], "x m", "F N", "m kg, k N")
     record = average(
         Record(
             [Channel("F"), Channel("x")], np.random.default_rng(7).standard_normal((60, 2)), 10.0
@@ -563,13 +547,7 @@ def test_rotation_that_is_not_synchronous_is_averaged_as_it_is():
         speed,
         speed * t + 0.5,
     )
-    text = table(
-        "u",
-        ["m*x'' = P + u*Omega^2*cos(phi)"],
-        coordinates={"x": "m"},
-        inputs={"P": "N"},
-        parameters={"m": "kg", "u": "kg m"},
-    )
+    text = table("u", ["m*x'' = P + u*Omega^2*cos(phi)"], "x m", "P N", "m kg, u kg m")
     periodic = average(record, period_samples=grid.samples, harmonics=[1, 2, 3])
     for method in FAMILY:
         estimate = method().estimate(parse_model(text), [periodic])
@@ -585,13 +563,7 @@ def test_time_in_the_equations():
     x = np.cos(grid.omega * t)
     force = -2.0 * grid.omega**2 * x + 4.0 * t + 0.7 * np.sin(37.0 * t)
     record = Record([Channel("P"), Channel("x")], np.column_stack([force, x]), grid.sample_rate)
-    text = table(
-        "t",
-        ["m*x'' + a*t + b*sin(37*t) = P"],
-        coordinates={"x": "m"},
-        inputs={"P": "N"},
-        parameters={"m": "kg", "a": "N/s", "b": "N"},
-    )
+    text = table("t", ["m*x'' + a*t + b*sin(37*t) = P"], "x m", "P N", "m kg, a N/s, b N")
     periodic = average(record, period_samples=grid.samples, harmonics=[0, 1, 2, 3])
     for method in FAMILY:
         estimate = method().estimate(parse_model(text), [periodic])

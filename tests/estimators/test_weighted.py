@@ -376,9 +376,9 @@ def test_a_stage_takes_in_the_rows_that_tell_its_unknowns_apart():
     text = table(
         "t",
         ["m*x'' + (a + b)*x = F", "n*y'' + a*y + b*x = 0"],
-        coordinates={"x": "m", "y": "m"},
-        inputs={"F": "N"},
-        parameters={"m": "kg", "n": "kg", "a": "N/m", "b": "N/m"},
+        "x m, y m",
+        "F N",
+        "m kg, n kg, a N/m, b N/m",
     )
     truth = {"m": 2.0, "n": 1.0, "a": 500.0, "b": 300.0}
 
@@ -403,9 +403,9 @@ def confounded(second):
     text = table(
         "t",
         ["a*x'' + c*x' + g*Omega*x' + k*(x - y) = u", f"b*y'' + {second} + k*(y - x) = 0"],
-        coordinates={"x": "m", "y": "m"},
-        inputs={"u": "N"},
-        parameters={"a": "kg", "b": "kg", "c": "N s/m", "g": "N s^2/m", "k": "N/m"},
+        "x m, y m",
+        "u N",
+        "a kg, b kg, c N s/m, g N s^2/m, k N/m",
     )
     truth = {"a": 1.0, "b": 2.0, "c": 7.0, "g": 0.2, "k": 900.0}
 
@@ -521,9 +521,9 @@ def test_a_driven_row_without_unknowns():
     text = table(
         "t",
         ["x'' + 3*x' + 50*x = u", "m*y'' + k*(y - x) + 3*y' = 0"],
-        coordinates={"x": "m", "y": "m"},
-        inputs={"u": "N"},
-        parameters={"m": "kg", "k": "N/m"},
+        "x m, y m",
+        "u N",
+        "m kg, k N/m",
     )
     truth = {"m": 2.0, "k": 700.0}
 
@@ -557,13 +557,7 @@ def test_standstill_record_beside_a_turning_one():
 
 def test_no_stage_at_all():
     """No input and no known term: nothing to start from."""
-    text = table(
-        "t",
-        ["m*x'' + k*x = 0"],
-        coordinates={"x": "m"},
-        inputs={},
-        parameters={"m": "kg", "k": "N/m"},
-    )
+    text = table("t", ["m*x'' + k*x = 0"], "x m", "", "m kg, k N/m")
     record = average(
         Record([Channel("x")], np.random.default_rng(4).standard_normal((60, 1)), 10.0),
         period_samples=20,

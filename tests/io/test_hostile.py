@@ -217,7 +217,7 @@ def test_made_files(case, tmp_path, capfd):
     assert peak() - before < BYTES
 
 
-def test_damaged_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_damaged_files(tmp_path, capfd):
     """Every file is refused, or is still one from which the columns can be read."""
     for package in PACKAGES.values():
         pytest.importorskip(package)

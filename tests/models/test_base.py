@@ -26,9 +26,9 @@ def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):
         table(
             "test",
             equations,
-            coordinates={q: "m" for q in coordinates if q in words},
-            inputs={u: "N" for u in inputs if u in words},
-            parameters={p: "kg" for p in parameters if p in words},
+            {q: "m" for q in coordinates if q in words},
+            {u: "N" for u in inputs if u in words},
+            {p: "kg" for p in parameters if p in words},
         )
     )
 

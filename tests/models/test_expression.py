@@ -306,9 +306,9 @@ def model_of(term: str, *more: str, names: int = 0) -> Model:
         table(
             "large",
             [f"m*x'' + c*x' + k*x + {term} = F", *more],
-            coordinates={"x": "m"},
-            inputs={"F": "N"},
-            parameters=dict.fromkeys(["m", "c", "k", *extra], "kg"),
+            "x m",
+            "F N",
+            dict.fromkeys(["m", "c", "k", *extra], "kg"),
         )
     )
 
@@ -414,11 +414,9 @@ def test_a_hundred_coordinates(more, on, spent):
         table(
             "chain",
             [f"{equation(i)}{more * (i < on)} = F{i}" for i in range(count)],
-            coordinates={f"x{i}": "m" for i in range(count)},
-            inputs={f"F{i}": "N" for i in range(count)},
-            parameters=dict.fromkeys(
-                ["g", *(p + str(i) for p in "mkcu" for i in range(count))], "kg"
-            ),
+            {f"x{i}": "m" for i in range(count)},
+            {f"F{i}": "N" for i in range(count)},
+            dict.fromkeys(["g", *(p + str(i) for p in "mkcu" for i in range(count))], "kg"),
         )
     )
     assert len(model.terms) == 1200 + on

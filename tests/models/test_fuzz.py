@@ -49,9 +49,9 @@ def test_an_answer_or_an_input_error(equations, turns, seed):
             table(
                 "random",
                 equations,
-                coordinates={q: "m" for q in "xy" if q in words},
-                inputs={u: "N" for u in "FG" if u in words},
-                parameters={p: "kg" for p in "abc" if p in words},
+                {q: "m" for q in "xy" if q in words},
+                {u: "N" for u in "FG" if u in words},
+                {p: "kg" for p in "abc" if p in words},
             )
         )
     except InputError:

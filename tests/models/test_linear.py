@@ -121,9 +121,9 @@ def test_what_depends_on_the_speed_otherwise_is_in_d_and_k():
                 "m*x'' + c*x' + Omega*h*y' + (k - s*Omega^2)*x + c*Omega*y + d*Omega^2*x' = F",
                 "m*y'' + c*y' - 2*Omega*h*x' + k*y - c*Omega*x = 0",
             ],
-            coordinates={"x": "m", "y": "m"},
-            inputs={"F": "N"},
-            parameters={n: "kg" for n in ("m", "c", "h", "k", "s", "d")},
+            "x m, y m",
+            "F N",
+            {n: "kg" for n in ("m", "c", "h", "k", "s", "d")},
         )
     )
     m, c, h, k, s, d = values = np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
@@ -170,15 +170,7 @@ def test_a_parameter_that_multiplies_an_input():
     ],
 )
 def test_equations_that_are_not_linear(equation, term):
-    model = parse_model(
-        table(
-            "n",
-            [equation],
-            coordinates={"x": "m"},
-            inputs={"F": "N"},
-            parameters={"m": "kg", "k": "N"},
-        )
-    )
+    model = parse_model(table("n", [equation], "x m", "F N", "m kg, k N"))
     assert model.linear is None
     with pytest.raises(ModelError, match=f"equation 1: found the term {term}; .*use ls"):
         model.require_linear()
@@ -189,9 +181,9 @@ def test_a_division_by_the_speed_needs_a_speed():
         table(
             "n",
             ["m*x'' + k/Omega*x' + d*x = F + m*cos(phi)/Omega"],
-            coordinates={"x": "m"},
-            inputs={"F": "N"},
-            parameters={"m": "kg", "k": "N", "d": "N/m"},
+            "x m",
+            "F N",
+            "m kg, k N, d N/m",
         )
     )
     linear = model.require_linear()

@@ -3,8 +3,6 @@
 import importlib.util
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from importlib.resources import files
@@ -469,16 +467,6 @@ def test_systems_of_other_packages(kind):
     np.testing.assert_allclose(found.response([50.0, 3000.0])[:, 0, 0], expected, rtol=1e-9)
 
 
-def test_python_control_is_not_imported_by_the_package():
-    code = (
-        "import sys, rotorid.rig.file, rotorid.cli; "
-        "from rotorid.rig.controller import as_controller; "
-        "from scipy import signal; as_controller(signal.dlti([1.0], [1.0, 0.5], dt=1e-4), 1e-4); "
-        "sys.exit('control' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 @pytest.mark.parametrize(
     ("build", "message"),
     [
@@ -538,7 +526,7 @@ FILES = {
 }
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_a_rigs_own_file_is_accepted(name, tmp_path):
     (tmp_path / "rig.toml").write_text(FILES[name])

@@ -172,9 +172,9 @@ def small(equation, **parameters):
         table(
             "small",
             [equation],
-            coordinates={"x": "m"},
-            inputs={"F": "N"},
-            parameters={"m": "kg", "k": "N/m", **dict.fromkeys(parameters, "N")},
+            "x m",
+            "F N",
+            {"m": "kg", "k": "N/m", **dict.fromkeys(parameters, "N")},
         )
     )
 
@@ -241,13 +241,7 @@ def test_models_that_are_not_linear_or_not_complete():
     emps = load_model("emps")
     with pytest.raises(ModelError, match=r"equation 1: found the term .*sign\(q'\)"):
         steady_state(emps, emps.values(emps.nominal), np.zeros((8, 1)), sample_rate=8.0)
-    text = table(
-        "t",
-        ["m*x'' + k*(x - y) = F"],
-        coordinates={"x": "m", "y": "m"},
-        inputs={"F": "N"},
-        parameters={"m": "kg", "k": "N/m"},
-    )
+    text = table("t", ["m*x'' + k*(x - y) = F"], "x m, y m", "F N", "m kg, k N/m")
     with pytest.raises(InputError, match="1 equations for 2 coordinates"):
         steady_state(parse_model(text), [1.0, 2.0], np.ones((8, 1)), sample_rate=8.0)
 

@@ -557,7 +557,7 @@ def test_six_frequencies_give_two_stiffnesses_a_mass_and_a_support():
         assert estimate.std(name) < 0.005 * value
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("kept", "told"),
     [
