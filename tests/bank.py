@@ -12,6 +12,7 @@ from functools import cached_property
 from types import SimpleNamespace
 
 import numpy as np
+from model_text import model_text
 
 from rotorid import Channel, Model, PeriodicRecord, Record, average, load_model, parse_model
 
@@ -131,19 +132,6 @@ def combination(name: str, truth: Mapping[str, float]) -> float:
             product *= number ** int(power or 1)
         total += product
     return total
-
-
-def table(title: str, equations: Sequence[str], *tables: str | Mapping[str, str]) -> str:
-    """Return a model file of coordinates, inputs and parameters: "m kg, c N s/m", or by name."""
-    lines = [f'title = "{title}"', "equations = [", *(f'  "{e}",' for e in equations), "]"]
-    for name, units in zip(("coordinates", "inputs", "parameters"), tables, strict=True):
-        lines.append(f"[{name}]")
-        if isinstance(units, str):
-            units = dict(part.split(" ", 1) for part in units.split(", ") if part)
-        for key, unit in units.items():
-            entry = f'{{ unit = "{unit}" }}' if name == "parameters" else f'"{unit}"'
-            lines.append(f'"{key}" = {entry}')
-    return "\n".join(lines)
 
 
 def line_response(
@@ -382,7 +370,7 @@ def pendulum_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 PENDULUM = Problem(
     name="pendulum",
-    text=table(
+    text=model_text(
         "pendulum with friction",
         ["(m*l^2 + J)*alpha'' = tau - c*alpha' - T_c*sign(alpha') - m*9.81*l*sin(alpha)"],
         "alpha rad",
@@ -420,7 +408,7 @@ def arm_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 ARM = Problem(
     name="arm",
-    text=table(
+    text=model_text(
         "robot arm of two links in a vertical plane",
         [
             "(J1 + m1*r1^2)*q1'' + m2*l1^2*(sin(q2)^2 + cos(q2)^2)*q1''"
@@ -474,7 +462,7 @@ def duffing_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 DUFFING = Problem(
     name="duffing",
-    text=table(
+    text=model_text(
         "hardening spring under a rotating weight",
         ["P = m*(x'' + 9.81) + d*x' + (k + k_3*x**2)*x - m*e*Omega^2*cos(phi)"],
         "x m",
@@ -497,7 +485,9 @@ def hoist_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 HOIST = Problem(
     name="hoist",
-    text=table("a load on a rope", ["m*z'' = F - c*z' - m*9.81"], "z m", "F N", "m kg, c N s/m"),
+    text=model_text(
+        "a load on a rope", ["m*z'' = F - c*z' - m*9.81"], "z m", "F N", "m kg, c N s/m"
+    ),
     truth={"m": 30.0, "c": 50.0},
     columns=hoist_columns,
     harmonics=(0, 1, 3),
@@ -520,7 +510,7 @@ def table_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 TABLE = Problem(
     name="table",
-    text=table(
+    text=model_text(
         "table on two springs; forces that enter several rows",
         [
             "m*y'' + c*y' + k_l*(y - 0.3*theta) + k_r*(y + 0.4*theta) = 2*(A + B)",
@@ -550,7 +540,7 @@ def odd_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 ODD = Problem(
     name="odd",
-    text=table(
+    text=model_text(
         "names that mean something elsewhere; a shaft that is not round",
         ["N = I*γ'' + (lambda + S*cos(2*phi))*γ + E*abs(γ')*γ' + β*tanh(2*γ') - Q*sin(phi)^2"],
         "γ m",
@@ -580,7 +570,7 @@ def chain_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 CHAIN = Problem(
     name="chain",
-    text=table(
+    text=model_text(
         "two masses on a hardening spring, one of them free",
         [
             "m_1*x1'' + k*(x1 - x2) + k_3*(x1 - x2)^3 = F",
@@ -612,7 +602,7 @@ def train_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 TRAIN = Problem(
     name="train",
-    text=table(
+    text=model_text(
         "three masses in a row, driven at one end: three stages",
         [
             "c*z'' + d*z' + h*(z - y) = 0",

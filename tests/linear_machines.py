@@ -3,36 +3,23 @@
 from collections.abc import Mapping
 
 import numpy as np
+from model_text import model_text
 
 import rotorid as rid
 
-SUPPORTED = """
-title = "A rigid rotor with a heavy disc on springs and dampers, softer across"
-equations = [
-  "m*x'' + c*x' + 2*k_x*x = m*Omega^2*(xi*cos(phi) - zeta*sin(phi))",
-  "m*y'' + c*y' + 2*k_y*y = m*Omega^2*(xi*sin(phi) + zeta*cos(phi))",
-  "I_t*theta_x'' + d*theta_x' + I_p*Omega*theta_y' + 2*L^2*k_y*theta_x = T",
-  "I_t*theta_y'' + d*theta_y' - I_p*Omega*theta_x' + 2*L^2*k_x*theta_y = 0",
-]
-[coordinates]
-x = "m"
-y = "m"
-theta_x = "rad"
-theta_y = "rad"
-[inputs]
-T = "N m"
-[parameters]
-m = { unit = "kg", nominal = 8.0 }
-I_t = { unit = "kg m^2", nominal = 0.2 }
-I_p = { unit = "kg m^2", nominal = 0.15 }
-k_x = { unit = "N/m", nominal = 4e5 }
-k_y = { unit = "N/m", nominal = 5e5 }
-c = { unit = "N s/m", nominal = 60.0 }
-d = { unit = "N m s", nominal = 1.5 }
-L = { unit = "m", nominal = 0.25 }
-xi = { unit = "m", nominal = 2e-5 }
-zeta = { unit = "m", nominal = -1e-5 }
-"""
+SUPPORTED = model_text(
+    "A rigid rotor with a heavy disc on springs and dampers, softer across",
+    [
+        "m*x'' + c*x' + 2*k_x*x = m*Omega^2*(xi*cos(phi) - zeta*sin(phi))",
+        "m*y'' + c*y' + 2*k_y*y = m*Omega^2*(xi*sin(phi) + zeta*cos(phi))",
+        "I_t*theta_x'' + d*theta_x' + I_p*Omega*theta_y' + 2*L^2*k_y*theta_x = T",
+        "I_t*theta_y'' + d*theta_y' - I_p*Omega*theta_x' + 2*L^2*k_x*theta_y = 0",
+    ],
+    "x m, y m, theta_x rad, theta_y rad",
+    "T N m",
+    "m 8.0 kg, I_t 0.2 kg m^2, I_p 0.15 kg m^2, k_x 4e5 N/m, k_y 5e5 N/m, c 60.0 N s/m, "
+    "d 1.5 N m s, L 0.25 m, xi 2e-5 m, zeta -1e-5 m",
+)
 
 
 def model_of(text: str, name: str = "machine") -> rid.Model:

@@ -298,15 +298,6 @@ def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "rotorid", *arguments]
 
 
-def test_a_closed_pipe_is_no_fault(folder):
-    reading, writing = os.pipe()
-    os.close(reading)
-    process = subprocess.run(command("models", "jeffcott"), stdout=writing, stderr=subprocess.PIPE)
-    os.close(writing)
-    assert process.returncode == 141
-    assert process.stderr == b""
-
-
 def test_an_interrupt_is_one_line_and_no_file(folder, monkeypatch, capsys):
     def interrupt(*_: object, **__: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)

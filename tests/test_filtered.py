@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from model_text import model_text
 from sampled_bank import (
     AXIS,
     AXIS_TRUE,
@@ -58,13 +59,9 @@ def test_without_noise_the_parameters_come_back(method, decimate):
 
 def test_linear_columns_are_exact():
     """A linear model loses nothing to the filter, however low."""
-    model = rid.parse_model("""
-    title = "a mass with a damper"
-    equations = ["m*x'' + d*x' = F"]
-    coordinates = { x = "m" }
-    inputs = { F = "N" }
-    parameters = { m = { unit = "kg" }, d = { unit = "N s/m" } }
-    """)
+    model = rid.parse_model(
+        model_text("a mass with a damper", ["m*x'' + d*x' = F"], "x m", "F N", "m kg, d N s/m")
+    )
     x, v, a = motion(np.random.default_rng(0), 20.0, 500.0, (0.3, 3.0), 0.02)
     record = measured(5.0 * a + 30.0 * v, x, ("F", "x"), 500.0)
     found = rid.identify(model, rid.filtered(record, 3.0), "ls")

@@ -122,7 +122,6 @@ def test_values_compare_by_content_are_read_only_and_fit_a_screen(kind):
     with pytest.raises(ValueError, match="read-only"):
         getattr(one, array)[0, 0] = 0.0
     assert len(repr(one)) < 1000
-    assert "<table" in one._repr_html_()
 
 
 def test_records_and_periods_draw_themselves():

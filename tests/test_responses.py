@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from io_writers import write_responses
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import InputError
@@ -12,24 +13,17 @@ from rotorid.cli import run
 from rotorid.data.lines import SilentClock
 from rotorid.data.table_lines import FAINT
 
-CHAIN = """
-title = "three masses in a row"
-equations = [
-  "m1*x1'' + c*(x1' - x2') + k1*(x1 - x2) + k0*x1 = F",
-  "m2*x2'' + c*(x2' - x1') + k1*(x2 - x1) + k2*(x2 - x3) = G",
-  "m3*x3'' + k2*(x3 - x2) = 0",
-]
-coordinates = { x1 = "m", x2 = "m", x3 = "m" }
-inputs = { F = "N", G = "N" }
-[parameters]
-m1 = { unit = "kg", nominal = 2.2, positive = true }
-m2 = { unit = "kg", nominal = 2.7, positive = true }
-m3 = { unit = "kg", nominal = 1.3, positive = true }
-k0 = { unit = "N/m", nominal = 4e5, positive = true }
-k1 = { unit = "N/m", nominal = 1.2e6, positive = true }
-k2 = { unit = "N/m", nominal = 1.8e6, positive = true }
-c = { unit = "N s/m", nominal = 30.0 }
-"""
+CHAIN = model_text(
+    "three masses in a row",
+    [
+        "m1*x1'' + c*(x1' - x2') + k1*(x1 - x2) + k0*x1 = F",
+        "m2*x2'' + c*(x2' - x1') + k1*(x2 - x1) + k2*(x2 - x3) = G",
+        "m3*x3'' + k2*(x3 - x2) = 0",
+    ],
+    "x1 m, x2 m, x3 m",
+    "F N, G N",
+    "m1 +2.2 kg, m2 +2.7 kg, m3 +1.3 kg, k0 +4e5 N/m, k1 +1.2e6 N/m, k2 +1.8e6 N/m, c 30.0 N s/m",
+)
 MODEL = rid.parse_model(CHAIN)
 TRUTH = {"m1": 2.0, "m2": 3.0, "m3": 1.5, "k0": 5e5, "k1": 1e6, "k2": 2e6, "c": 20.0}
 HERTZ = np.arange(5.0, 300.0, 2.5)
@@ -290,21 +284,16 @@ class TestBesideModes:
         assert result.suspects[0].value == pytest.approx(234.265, abs=0.1)
 
 
-TWO_MASSES = """
-title = "two masses, the first on a spring"
-equations = [
-    "m1*x1'' + c*x1' - c*x2' + k1*x1 + k2*x1 - k2*x2 = F",
-    "m2*x2'' + c*x2' - c*x1' + k2*x2 - k2*x1 = 0",
-]
-coordinates = { x1 = "m", x2 = "m" }
-inputs = { F = "N" }
-[parameters]
-m1 = { unit = "kg", nominal = 1.2, positive = true }
-m2 = { unit = "kg", nominal = 0.8, positive = true }
-c = { unit = "N s/m", nominal = 8, positive = true }
-k1 = { unit = "N/m", nominal = 1.2e4, positive = true }
-k2 = { unit = "N/m", nominal = 2.5e4, positive = true }
-"""
+TWO_MASSES = model_text(
+    "two masses, the first on a spring",
+    [
+        "m1*x1'' + c*x1' - c*x2' + k1*x1 + k2*x1 - k2*x2 = F",
+        "m2*x2'' + c*x2' - c*x1' + k2*x2 - k2*x1 = 0",
+    ],
+    "x1 m, x2 m",
+    "F N",
+    "m1 +1.2 kg, m2 +0.8 kg, c +8 N s/m, k1 +1.2e4 N/m, k2 +2.5e4 N/m",
+)
 FILE = """
 model = "chain.toml"
 

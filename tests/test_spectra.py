@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from model_text import model_text
 from scipy.linalg import expm
 
 import rotorid as rid
@@ -442,16 +443,13 @@ def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record):
 # Halves of whole records are held against each other: what changed meanwhile shows.
 
 
-HELD = """
-title = "a mass on a spring, held by a loop"
-equations = ["m*x'' + c*x' + k*x = F"]
-coordinates = { x = "m" }
-inputs = { F = "N" }
-[parameters]
-m = { unit = "kg", nominal = 2.0 }
-c = { unit = "N s/m", nominal = 60.0 }
-k = { unit = "N/m", nominal = 2e5 }
-"""
+HELD = model_text(
+    "a mass on a spring, held by a loop",
+    ["m*x'' + c*x' + k*x = F"],
+    "x m",
+    "F N",
+    "m 2.0 kg, c 60.0 N s/m, k 2e5 N/m",
+)
 SAMPLED, COUNT = 2000.0, 12000
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import InputError, response_lines
@@ -17,13 +18,13 @@ from rotorid.testing import phasor_lines
 # The same data twice: the same file, a copy of it, the same column for two channels.
 
 
-MODEL = """
-title = "a mass on a damper, shaken by two"
-equations = ["m*x'' + c*x' = F + G"]
-coordinates = { x = "m" }
-inputs = { F = "N", G = "N" }
-parameters = { m = { unit = "kg" }, c = { unit = "N s/m" } }
-"""
+MODEL = model_text(
+    "a mass on a damper, shaken by two",
+    ["m*x'' + c*x' = F + G"],
+    "x m",
+    "F N, G N",
+    "m kg, c N s/m",
+)
 HEAD = 'model = "model.toml"\nestimator = { method = "ls" }\n'
 RECORD = """
 [[records]]

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from bank import ARM, BANK, JEFFCOTT, THREE_MASS, combination, table
+from bank import ARM, BANK, JEFFCOTT, THREE_MASS, combination
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import parse_model
@@ -66,7 +67,7 @@ def test_what_stays_open_does_not_pull_at_what_is_determined():
 
 
 def test_a_product_that_stays_open_leaves_the_correlated_mass_alone():
-    text = table("m", ["m*x'' + a*b*x = F"], "x m", "F N", "m kg, a N/m, b 1")
+    text = model_text("m", ["m*x'' + a*b*x = F"], "x m", "F N", "m kg, a N/m, b 1")
     cov = np.array([[1e-2, 9e-3], [9e-3, 1e-2]])
     (mass,) = physical_from_base(parse_model(text), np.array([3.0, 50.0]), cov)
     assert (mass.name, mass.value, mass.std) == ("m", pytest.approx(3.0), pytest.approx(0.1))
@@ -74,7 +75,7 @@ def test_a_product_that_stays_open_leaves_the_correlated_mass_alone():
 
 def test_minimum_distance_where_there_are_more_base_than_physical_parameters():
     # k*L and k*L^2 beside k: two ways to L, weighed by their covariance.
-    text = table(
+    text = model_text(
         "lever",
         ["k*x + k*L*y = F", "k*L*x + k*L^2*y = T"],
         "x m, y rad",
@@ -249,15 +250,15 @@ def test_what_is_not_told_has_no_unbalance():
 
 
 def test_a_load_of_one_axis_stands_alone():
-    model = rid.parse_model("""
-title = "one axis"
-equations = ["m*x'' + k*x = F + u*Omega^2*sin(phi)"]
-coordinates = { x = "m" }
-inputs = { F = "N" }
-[parameters]
-m = { unit = "kg" }
-k = { unit = "N/m" }
-u = { unit = "kg m" }""")
+    model = rid.parse_model(
+        model_text(
+            "one axis",
+            ["m*x'' + k*x = F + u*Omega^2*sin(phi)"],
+            "x m",
+            "F N",
+            "m kg, k N/m, u kg m",
+        )
+    )
     values = [rid.Value("m", "kg", 2.0), rid.Value("k", "N/m", 1e4), rid.Value("u", "kg m", 3e-5)]
     (only,) = with_unbalance(model, rid.Estimate("m", "ml", "ok", tuple(values))).unbalance
     assert only.plane == "x"

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from model_text import model_text
 from severities import doubting, rejecting
 
 import rotorid as rid
@@ -94,19 +95,15 @@ def test_one_factor_in_all_values_is_a_unit(inertia, stiffness, doubted):
         assert "look the units up" in doubting(found)[0]
 
 
-TILTING = parse_model("""
-title = "a tilting disc"
-equations = [
-    "It*a'' + Ip*Omega*b' + k*a = Ma",
-    "It*b'' - Ip*Omega*a' + k*b = Mb",
-]
-coordinates = { a = "rad", b = "rad" }
-inputs = { Ma = "N m", Mb = "N m" }
-[parameters]
-It = { unit = "kg m^2", nominal = 0.01 }
-Ip = { unit = "kg m^2", nominal = 0.01 }
-k = { unit = "N m/rad", nominal = 1e3 }
-""")
+TILTING = parse_model(
+    model_text(
+        "a tilting disc",
+        ["It*a'' + Ip*Omega*b' + k*a = Ma", "It*b'' - Ip*Omega*a' + k*b = Mb"],
+        "a rad, b rad",
+        "Ma N m, Mb N m",
+        "It 0.01 kg m^2, Ip 0.01 kg m^2, k 1e3 N m/rad",
+    )
+)
 
 
 def tilting_estimate(ratio: float, std: float = 1e-3) -> Estimate:
@@ -210,17 +207,13 @@ def test_what_the_model_declares_positive_is_positive(name):
     assert any(f"{name} = -1" in fault for fault in rejecting(found))
 
 
-TOWER = """
-title = "two storeys, nothing declared"
-equations = ["m1*x1'' + k*(x1 - x2) = F", "m2*x2'' + k*(x2 - x1) + g*x2 = 0"]
-coordinates = { x1 = "m", x2 = "m" }
-inputs = { F = "N" }
-[parameters]
-m1 = { unit = "kg" }
-m2 = { unit = "kg" }
-k = { unit = "N/m" }
-g = { unit = "N/m" }
-"""
+TOWER = model_text(
+    "two storeys, nothing declared",
+    ["m1*x1'' + k*(x1 - x2) = F", "m2*x2'' + k*(x2 - x1) + g*x2 = 0"],
+    "x1 m, x2 m",
+    "F N",
+    "m1 kg, m2 kg, k N/m, g N/m",
+)
 
 
 def driven(model, values, rng=None, periods=8, harmonics=(1, 2, 3, 4), break_after=None):

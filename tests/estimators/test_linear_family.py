@@ -21,10 +21,10 @@ from bank import (
     Grid,
     combination,
     line_response,
-    table,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from model_text import model_text
 
 from rotorid import (
     Batch,
@@ -217,7 +217,9 @@ def test_a_second_record_halves_the_variance(method):
 @family
 def test_two_speeds_tell_what_one_cannot(method):
     """Damping and gyroscopic term of one row: the same column at one speed."""
-    text = table("d", ["m*x'' + c*x' + g*Omega*x' = F"], "x m", "F N", "m kg, c N s/m, g N s^2/m")
+    text = model_text(
+        "d", ["m*x'' + c*x' + g*Omega*x' = F"], "x m", "F N", "m kg, c N s/m, g N s^2/m"
+    )
     model = parse_model(text)
 
     def record(turns):
@@ -287,7 +289,7 @@ def machines(draw):
     equations = [
         f"{' + '.join(terms)} = {f'u{i}' if i in driven else 0}" for i, terms in enumerate(left)
     ]
-    text = table(
+    text = model_text(
         "drawn",
         draw(st.permutations(equations)),
         {f"q{i}": "m" for i in range(size)},
@@ -404,7 +406,7 @@ def test_zeros_determine_nothing(method, still):
 @family
 def test_equations_that_nothing_drives(method):
     """A second mass on its own spring, without an input: its ratio only, no values."""
-    text = table(
+    text = model_text(
         "two", ["a*x'' + k*x = F", "b*y'' + h*y = 0"], "x m, y m", "F N", "a kg, b kg, k N/m, h N/m"
     )
     rng = np.random.default_rng(6)
@@ -421,7 +423,7 @@ def test_equations_that_nothing_drives(method):
 
 def test_a_known_term_drives_as_well_as_an_input():
     """m = 1 by normalization: no input at all, and every parameter is determined."""
-    text = table(
+    text = model_text(
         "free vibration",
         ["x'' + c*x' + k*x + k_3*x^3 = 0"],
         "x m",
@@ -509,7 +511,7 @@ def test_an_unknown_phase_matters_only_where_the_angle_is_in_the_model(method):
 
 @family
 def test_signals_without_a_finite_value(method):
-    text = table("root", ["m*x'' + k*sqrt(x) = F"], "x m", "F N", "m kg, k N")
+    text = model_text("root", ["m*x'' + k*sqrt(x) = F"], "x m", "F N", "m kg, k N")
     record = average(
         Record(
             [Channel("F"), Channel("x")], np.random.default_rng(7).standard_normal((60, 2)), 10.0
@@ -547,7 +549,7 @@ def test_rotation_that_is_not_synchronous_is_averaged_as_it_is():
         speed,
         speed * t + 0.5,
     )
-    text = table("u", ["m*x'' = P + u*Omega^2*cos(phi)"], "x m", "P N", "m kg, u kg m")
+    text = model_text("u", ["m*x'' = P + u*Omega^2*cos(phi)"], "x m", "P N", "m kg, u kg m")
     periodic = average(record, period_samples=grid.samples, harmonics=[1, 2, 3])
     for method in FAMILY:
         estimate = method().estimate(parse_model(text), [periodic])
@@ -563,7 +565,7 @@ def test_time_in_the_equations():
     x = np.cos(grid.omega * t)
     force = -2.0 * grid.omega**2 * x + 4.0 * t + 0.7 * np.sin(37.0 * t)
     record = Record([Channel("P"), Channel("x")], np.column_stack([force, x]), grid.sample_rate)
-    text = table("t", ["m*x'' + a*t + b*sin(37*t) = P"], "x m", "P N", "m kg, a N/s, b N")
+    text = model_text("t", ["m*x'' + a*t + b*sin(37*t) = P"], "x m", "P N", "m kg, a N/s, b N")
     periodic = average(record, period_samples=grid.samples, harmonics=[0, 1, 2, 3])
     for method in FAMILY:
         estimate = method().estimate(parse_model(text), [periodic])

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bank import ARM, BANK, CHAIN, JEFFCOTT, RIGID, THREE_MASS, TRAIN, Grid, line_response, table
+from bank import ARM, BANK, CHAIN, JEFFCOTT, RIGID, THREE_MASS, TRAIN, Grid, line_response
+from model_text import model_text
 from sampled_bank import coloured
 from scipy.optimize import brentq
 from scipy.stats import t as student
@@ -373,7 +374,7 @@ def test_fixed_values_and_constraints_move_unknowns():
 
 def test_a_stage_takes_in_the_rows_that_tell_its_unknowns_apart():
     """a and b act through the same column of the driven row; the free row separates them."""
-    text = table(
+    text = model_text(
         "t",
         ["m*x'' + (a + b)*x = F", "n*y'' + a*y + b*x = 0"],
         "x m, y m",
@@ -400,7 +401,7 @@ def test_a_stage_takes_in_the_rows_that_tell_its_unknowns_apart():
 
 def confounded(second):
     """Return a model whose first stage cannot tell c from g at one speed; `second` is row 2."""
-    text = table(
+    text = model_text(
         "t",
         ["a*x'' + c*x' + g*Omega*x' + k*(x - y) = u", f"b*y'' + {second} + k*(y - x) = 0"],
         "x m, y m",
@@ -518,7 +519,7 @@ def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
 
 def test_a_driven_row_without_unknowns():
     """Row 1 is normalized and known altogether; the other starts from it all the same."""
-    text = table(
+    text = model_text(
         "t",
         ["x'' + 3*x' + 50*x = u", "m*y'' + k*(y - x) + 3*y' = 0"],
         "x m, y m",
@@ -557,7 +558,7 @@ def test_standstill_record_beside_a_turning_one():
 
 def test_no_stage_at_all():
     """No input and no known term: nothing to start from."""
-    text = table("t", ["m*x'' + k*x = 0"], "x m", "", "m kg, k N/m")
+    text = model_text("t", ["m*x'' + k*x = 0"], "x m", "", "m kg, k N/m")
     record = average(
         Record([Channel("x")], np.random.default_rng(4).standard_normal((60, 1)), 10.0),
         period_samples=20,

@@ -8,9 +8,10 @@ from math import prod
 
 import numpy as np
 import pytest
-from bank import ARM, BANK, THREE_MASS, combination, table
+from bank import ARM, BANK, THREE_MASS, combination
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from model_text import model_text
 
 from rotorid import InputError, load_model, parse_model
 from rotorid.models.base import _relations, independent_signals
@@ -23,7 +24,7 @@ def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):
     """Return a model with the names among these that the equations hold."""
     words = set(re.findall(r"\w+", " ".join(equations)))
     return parse_model(
-        table(
+        model_text(
             "test",
             equations,
             {q: "m" for q in coordinates if q in words},

@@ -11,9 +11,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from bank import table
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from model_text import model_text
 
 from rotorid import InputError, Model, ModelError, load_model, parse_model, shipped_models
 from rotorid.models import parser
@@ -303,7 +303,7 @@ def test_copies_are_equal_though_a_name_is_its_own_free_symbol():
 def model_of(term: str, *more: str, names: int = 0) -> Model:
     extra = [f"p{i}" for i in range(names)]
     return parse_model(
-        table(
+        model_text(
             "large",
             [f"m*x'' + c*x' + k*x + {term} = F", *more],
             "x m",
@@ -411,7 +411,7 @@ def test_a_hundred_coordinates(more, on, spent):
         )
 
     model = parse_model(
-        table(
+        model_text(
             "chain",
             [f"{equation(i)}{more * (i < on)} = F{i}" for i in range(count)],
             {f"x{i}": "m" for i in range(count)},
@@ -549,13 +549,7 @@ def test_equations_have_the_value_of_their_text(signal):
 # Units of equations: what was typed wrong is said, what may be right is not.
 
 
-MODEL = """
-title = "a mass on a spring"
-equations = ["EQUATION"]
-coordinates = { x = "m" }
-inputs = { F = "N" }
-parameters = { m = { unit = "kg" }, k = { unit = "N/m" }, l = { unit = "m" } }
-"""
+MODEL = model_text("a mass on a spring", ["EQUATION"], "x m", "F N", "m kg, k N/m, l m")
 
 
 @pytest.mark.parametrize("name", shipped_models())

@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from bank import table
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from model_text import model_text
 
 from rotorid import (
     Batch,
@@ -46,7 +46,7 @@ def test_an_answer_or_an_input_error(equations, turns, seed):
     words = set(re.findall("[A-Za-z]+", " ".join(equations)))
     try:
         model = parse_model(
-            table(
+            model_text(
                 "random",
                 equations,
                 {q: "m" for q in "xy" if q in words},

@@ -12,13 +12,13 @@ from bank import (
     TABLE,
     rigid_load,
     rigid_matrices,
-    table,
     three_mass_load,
     three_mass_matrices,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linear_machines import estimate_of
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import InputError, ModelError, load_model, parse_model
@@ -115,7 +115,7 @@ def test_regressor_form_is_the_dynamic_stiffness_on_random_lines(problem):
 
 def test_what_depends_on_the_speed_otherwise_is_in_d_and_k():
     model = parse_model(
-        table(
+        model_text(
             "rotating damping and a softening bearing",
             [
                 "m*x'' + c*x' + Omega*h*y' + (k - s*Omega^2)*x + c*Omega*y + d*Omega^2*x' = F",
@@ -170,7 +170,7 @@ def test_a_parameter_that_multiplies_an_input():
     ],
 )
 def test_equations_that_are_not_linear(equation, term):
-    model = parse_model(table("n", [equation], "x m", "F N", "m kg, k N"))
+    model = parse_model(model_text("n", [equation], "x m", "F N", "m kg, k N"))
     assert model.linear is None
     with pytest.raises(ModelError, match=f"equation 1: found the term {term}; .*use ls"):
         model.require_linear()
@@ -178,7 +178,7 @@ def test_equations_that_are_not_linear(equation, term):
 
 def test_a_division_by_the_speed_needs_a_speed():
     model = parse_model(
-        table(
+        model_text(
             "n",
             ["m*x'' + k/Omega*x' + d*x = F + m*cos(phi)/Omega"],
             "x m",
@@ -512,7 +512,7 @@ def one_of(*equations: str) -> rid.Model:
     """Return a model of what stands in some equations."""
     held = {name for text in equations for name in re.findall(r"\b[a-zA-Z]+", text)}
 
-    def table(names):
+    def model_text(names):
         return ", ".join(f'{n} = {{ unit = "{UNITS[n]}" }}' for n in names if n in held)
 
     inputs = ", ".join(f'{n} = "{UNITS[n]}"' for n in ("F", "i") if n in held)
@@ -522,7 +522,7 @@ title = "one"
 equations = {list(equations)}
 coordinates = {{ {places} }}
 inputs = {{ {inputs} }}
-parameters = {{ {table([*UNITS][2:])} }}""")
+parameters = {{ {model_text([*UNITS][2:])} }}""")
 
 
 TURNING = "Omega^2*cos(phi)"

@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 import plotly.graph_objects
 import pytest
+from model_text import model_text
 from report_pages import Page, check_self_contained, titles
 
 import rotorid as rid
@@ -428,16 +429,13 @@ def test_what_a_report_shows_of_a_machine(estimate):
 
 
 def test_of_a_machine_in_one_plane_and_one_that_does_not_turn(tmp_path):
-    text = """
-    title = "a mass on a spring"
-    equations = ["m*q'' + c*q' + k*q = F"]
-    coordinates = { q = "m" }
-    inputs = { F = "N" }
-    [parameters]
-    m = { unit = "kg", nominal = 2.0 }
-    c = { unit = "N s/m", nominal = 4.0 }
-    k = { unit = "N/m", nominal = 800.0 }
-    """
+    text = model_text(
+        "a mass on a spring",
+        ["m*q'' + c*q' + k*q = F"],
+        "q m",
+        "F N",
+        "m 2.0 kg, c 4.0 N s/m, k 800.0 N/m",
+    )
     model = rid.parse_model(text)
     page = Page(modes_report(model, modes(model), None, []))
     check_self_contained(page)

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 from linear_machines import SUPPORTED, estimate_of, model_of
+from model_text import model_text
 from scipy.optimize import brentq
 
 import rotorid as rid
@@ -215,21 +216,16 @@ def test_what_cannot_be_is_refused(estimate, planes, more, message):
         rid.balance(estimate, planes, speed, **more)
 
 
-ONE_AXIS = """
-title = "two masses that move along one axis"
-equations = [
-  "m*x1'' + c*x1' + k*x1 + k*(x1 - x2) = F + Omega^2*(ux*cos(phi) - uy*sin(phi))",
-  "m*x2'' + c*x2' + k*(x2 - x1) = 0",
-]
-coordinates = { x1 = "m", x2 = "m" }
-inputs = { F = "N" }
-[parameters]
-m = { unit = "kg", nominal = 2.0 }
-c = { unit = "N s/m", nominal = 30.0 }
-k = { unit = "N/m", nominal = 2e5 }
-ux = { unit = "kg m", nominal = 3e-5 }
-uy = { unit = "kg m", nominal = 2e-5 }
-"""
+ONE_AXIS = model_text(
+    "two masses that move along one axis",
+    [
+        "m*x1'' + c*x1' + k*x1 + k*(x1 - x2) = F + Omega^2*(ux*cos(phi) - uy*sin(phi))",
+        "m*x2'' + c*x2' + k*(x2 - x1) = 0",
+    ],
+    "x1 m, x2 m",
+    "F N",
+    "m 2.0 kg, c 30.0 N s/m, k 2e5 N/m, ux 3e-5 kg m, uy 2e-5 kg m",
+)
 
 
 def test_a_model_of_one_axis_has_planes_of_one_direction():
@@ -414,18 +410,16 @@ def test_a_pair_that_is_a_plane_is_taken(plane):
 
 def test_a_current_is_no_plane():
     """The mass would be too small by k_i, and with a negative one on the other side."""
-    text = """
-    title = "a mass in two magnets"
-    equations = ["m*x'' + k*x = ki*i_x + m*xi*Omega^2*cos(phi)",
-                 "m*y'' + k*y = ki*i_y + m*xi*Omega^2*sin(phi)"]
-    coordinates = { x = "m", y = "m" }
-    inputs = { i_x = "A", i_y = "A" }
-    [parameters]
-    m = { unit = "kg", nominal = 2.0 }
-    k = { unit = "N/m", nominal = 2e5 }
-    ki = { unit = "N/A", nominal = 50.0 }
-    xi = { unit = "m", nominal = 2e-5 }
-    """
+    text = model_text(
+        "a mass in two magnets",
+        [
+            "m*x'' + k*x = ki*i_x + m*xi*Omega^2*cos(phi)",
+            "m*y'' + k*y = ki*i_y + m*xi*Omega^2*sin(phi)",
+        ],
+        "x m, y m",
+        "i_x A, i_y A",
+        "m 2.0 kg, k 2e5 N/m, ki 50.0 N/A, xi 2e-5 m",
+    )
     estimate = estimate_of(model_of(text))
     assert rid.balance(estimate, ["x,y"], 900.0).corrections
     with pytest.raises(rid.InputError, match=r"the input i_x in A for a plane; .*such as x,y;"):
@@ -451,28 +445,17 @@ def known_rigid() -> rid.Estimate:
 # From two runs, one with a trial mass, to the correction: by the command line alone.
 
 
-MODEL = """
-title = "Jeffcott rotor with a trial plane"
-equations = [
-  "m*x'' + c*x' + k*x = ki*i_x + Omega^2*((u_x + t_x)*cos(phi) - (u_y + t_y)*sin(phi))",
-  "m*y'' + c*y' + k*y = ki*i_y + Omega^2*((u_x + t_x)*sin(phi) + (u_y + t_y)*cos(phi))",
-]
-[coordinates]
-x = "m"
-y = "m"
-[inputs]
-i_x = "A"
-i_y = "A"
-[parameters]
-ki = { unit = "N/A", nominal = 100.0, positive = true }
-m = { unit = "kg", nominal = 4.0, positive = true }
-c = { unit = "N s/m", nominal = 80.0, positive = true }
-k = { unit = "N/m", nominal = 8e5, positive = true }
-u_x = { unit = "kg m", nominal = 0 }
-u_y = { unit = "kg m", nominal = 0 }
-t_x = { unit = "kg m", nominal = 0 }
-t_y = { unit = "kg m", nominal = 0 }
-"""
+MODEL = model_text(
+    "Jeffcott rotor with a trial plane",
+    [
+        "m*x'' + c*x' + k*x = ki*i_x + Omega^2*((u_x + t_x)*cos(phi) - (u_y + t_y)*sin(phi))",
+        "m*y'' + c*y' + k*y = ki*i_y + Omega^2*((u_x + t_x)*sin(phi) + (u_y + t_y)*cos(phi))",
+    ],
+    "x m, y m",
+    "i_x A, i_y A",
+    "ki +100.0 N/A, m +4.0 kg, c +80.0 N s/m, k +8e5 N/m, u_x 0 kg m, u_y 0 kg m, "
+    "t_x 0 kg m, t_y 0 kg m",
+)
 EXPERIMENT = """
 model = "rotor.toml"
 [[records]]

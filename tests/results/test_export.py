@@ -8,6 +8,7 @@ import control
 import numpy as np
 import pytest
 from linear_machines import SUPPORTED, estimate_of, model_of
+from model_text import model_text
 from scipy.io import loadmat
 
 import rotorid as rid
@@ -118,18 +119,13 @@ def test_a_name_is_no_formula_of_a_spreadsheet(tmp_path):
 
 
 OMEGA = 2 * np.pi * np.array([0.7, 11.0, 36.0, 90.0, 333.0, 900.0])
-SENSOR = """
-title = "a mass, a massless joint and a sensor's dashpot"
-equations = ["m*x'' + k*(x - z) = F", "h*z + k*(z - x) = T", "c*s' + g*(s - z) = 0"]
-coordinates = { x = "m", z = "m", s = "m" }
-inputs = { F = "N", T = "N" }
-[parameters]
-m = { unit = "kg", nominal = 2.0 }
-k = { unit = "N/m", nominal = 3e5 }
-h = { unit = "N/m", nominal = 7e5 }
-c = { unit = "N s/m", nominal = 50.0 }
-g = { unit = "N/m", nominal = 2e4 }
-"""
+SENSOR = model_text(
+    "a mass, a massless joint and a sensor's dashpot",
+    ["m*x'' + k*(x - z) = F", "h*z + k*(z - x) = T", "c*s' + g*(s - z) = 0"],
+    "x m, z m, s m",
+    "F N, T N",
+    "m 2.0 kg, k 3e5 N/m, h 7e5 N/m, c 50.0 N s/m, g 2e4 N/m",
+)
 
 
 def direct(source: rid.Estimate | rid.Model, speed: float) -> np.ndarray:
@@ -161,15 +157,7 @@ def test_the_response_is_that_of_the_machine(name, speed):
 def test_a_machine_of_one_mode_or_none(k, count):
     """With deviations, of which pairs of modes are told."""
     text = SENSOR.replace(SENSOR[SENSOR.index("equations") : SENSOR.index("coord")], "E\n")
-    text = """
-    title = "a mass"
-    equations = ["m*s'' + k*s = F"]
-    coordinates = { s = "m" }
-    inputs = { F = "N" }
-    [parameters]
-    m = { unit = "kg", nominal = 2.0 }
-    k = { unit = "N/m", nominal = 2e5 }
-    """
+    text = model_text("a mass", ["m*s'' + k*s = F"], "s m", "F N", "m 2.0 kg, k 2e5 N/m")
     found = rid.modes(estimate_of(model_of(text), {"k": k}))
     assert len(found.modes) == count
 
@@ -250,17 +238,13 @@ def test_what_has_no_state_space(tmp_path, capsys):
 # A result holds its model: also when the files are gone, and where values were substituted.
 
 
-FREE = """
-title = "a mass between springs"
-equations = ["m*x'' + c*x' + (k + k2)*x = F"]
-coordinates = { x = "mm" }
-inputs = { F = "N" }
-[parameters]
-m = { unit = "kg", nominal = 3.1 }
-c = { unit = "N s/m", nominal = 4.0 }
-k = { unit = "N/mm", nominal = 4.0 }
-k2 = { unit = "N/m" }
-"""
+FREE = model_text(
+    "a mass between springs",
+    ["m*x'' + c*x' + (k + k2)*x = F"],
+    "x mm",
+    "F N",
+    "m 3.1 kg, c 4.0 N s/m, k 4.0 N/mm, k2 N/m",
+)
 
 
 def identified(model: rid.Model) -> rid.Estimate:

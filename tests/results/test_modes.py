@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from linear_machines import SUPPORTED, estimate_of, model_of
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import cli
@@ -123,17 +124,13 @@ def test_base_parameters_that_no_physical_ones_follow_from():
     assert one.damping_std == pytest.approx(0.01 * one.damping_ratio, rel=0.2)
 
 
-TWO = """
-title = "two planes that hardly touch"
-equations = ["x'' + c*x' + a*x + e*y = F", "y'' + c*y' + b*y + e*x = 0"]
-coordinates = { x = "1", y = "1" }
-inputs = { F = "1/s^2" }
-[parameters]
-a = { unit = "1/s^2", nominal = 1e6 }
-b = { unit = "1/s^2", nominal = 1.0001e6 }
-c = { unit = "1/s", nominal = 2.0 }
-e = { unit = "1/s^2", nominal = 0.0 }
-"""
+TWO = model_text(
+    "two planes that hardly touch",
+    ["x'' + c*x' + a*x + e*y = F", "y'' + c*y' + b*y + e*x = 0"],
+    "x 1, y 1",
+    "F 1/s^2",
+    "a 1e6 1/s^2, b 1.0001e6 1/s^2, c 2.0 1/s, e 0.0 1/s^2",
+)
 
 
 @pytest.mark.parametrize(
@@ -278,13 +275,9 @@ def test_models_that_have_no_modes_are_refused():
         rid.modes(bare)
     with pytest.raises(rid.InputError, match="a finite speed"):
         rid.modes(model_of(SUPPORTED), speed=np.inf)
-    fewer = """
-title = "a mass and its sensor"
-equations = ["m*x'' + k*(x - y) = F"]
-coordinates = { x = "m", y = "m" }
-inputs = { F = "N" }
-parameters = { m = { unit = "kg", nominal = 1.0 }, k = { unit = "N/m", nominal = 1.0 } }
-"""
+    fewer = model_text(
+        "a mass and its sensor", ["m*x'' + k*(x - y) = F"], "x m, y m", "F N", "m 1.0 kg, k 1.0 N/m"
+    )
     with pytest.raises(rid.InputError, match="1 equations for 2 coordinates"):
         rid.modes(model_of(fewer))
 

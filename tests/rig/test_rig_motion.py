@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from model_text import model_text
 from scipy import linalg, signal
 from scipy.integrate import solve_ivp
 
@@ -243,16 +244,13 @@ def test_growth_is_that_of_the_free_motion(quiet, change):
 def test_constant_loads_and_higher_orders_are_carried(run, tmp_path):
     """Gravity hangs the rotor where integral action is missing; a load of 2 phi shakes it."""
     (tmp_path / "model.toml").write_text(
-        """
-title = "a mass in a bearing"
-equations = ["m*x'' = F_x - m*g + a*Omega^2*sin(2*phi)"]
-coordinates = { x = "m" }
-inputs = { F_x = "N" }
-[parameters]
-m = { unit = "kg", nominal = 2.0 }
-g = { unit = "m/s^2", nominal = 9.81 }
-a = { unit = "kg m", nominal = 1e-4 }
-"""
+        model_text(
+            "a mass in a bearing",
+            ["m*x'' = F_x - m*g + a*Omega^2*sin(2*phi)"],
+            "x m",
+            "F_x N",
+            "m 2.0 kg, g 9.81 m/s^2, a 1e-4 kg m",
+        )
     )
     (tmp_path / "rig.toml").write_text(
         """
@@ -333,13 +331,7 @@ def test_noise_has_its_size(quiet, run):
 
 def test_process_noise_has_its_size(run, tmp_path):
     (tmp_path / "model.toml").write_text(
-        """
-title = "a mass"
-equations = ["m*x'' = F_x"]
-coordinates = { x = "m" }
-inputs = { F_x = "N" }
-parameters = { m = { unit = "kg", nominal = 2.0 } }
-"""
+        model_text("a mass", ["m*x'' = F_x"], "x m", "F_x N", "m 2.0 kg")
     )
     (tmp_path / "rig.toml").write_text(
         """

@@ -9,10 +9,10 @@ from bank import (
     THREE_MASS,
     Grid,
     line_response,
-    table,
     three_mass_load,
     three_mass_matrices,
 )
+from model_text import model_text
 from scipy.integrate import solve_ivp
 
 from rotorid import InputError, ModelError, load_model, parse_model, simulate, steady_state
@@ -169,7 +169,7 @@ def test_a_constant_force_on_a_free_rotor_is_refused():
 
 def small(equation, **parameters):
     return parse_model(
-        table(
+        model_text(
             "small",
             [equation],
             "x m",
@@ -241,7 +241,7 @@ def test_models_that_are_not_linear_or_not_complete():
     emps = load_model("emps")
     with pytest.raises(ModelError, match=r"equation 1: found the term .*sign\(q'\)"):
         steady_state(emps, emps.values(emps.nominal), np.zeros((8, 1)), sample_rate=8.0)
-    text = table("t", ["m*x'' + k*(x - y) = F"], "x m, y m", "F N", "m kg, k N/m")
+    text = model_text("t", ["m*x'' + k*(x - y) = F"], "x m, y m", "F N", "m kg, k N/m")
     with pytest.raises(InputError, match="1 equations for 2 coordinates"):
         steady_state(parse_model(text), [1.0, 2.0], np.ones((8, 1)), sample_rate=8.0)
 

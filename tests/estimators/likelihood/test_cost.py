@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from differences import gradient_holds
+from model_text import model_text
 from test_spectra import KNOWN, levitated, lines_of
 from test_spectra import MODEL as QUIET_MODEL
 
@@ -213,13 +214,13 @@ def test_a_rotor_as_stiff_is_projected_once(demo, bearings, monkeypatch):
 # Loads that depend on time alone: the columns of g are those of the regression.
 
 
-LOADED = """
-title = "a mass on a spring, shaken at a frequency of its own"
-equations = ["m*x'' + k*x = F + a*cos(2*pi*12.5*t)"]
-coordinates = { x = "m" }
-inputs = { F = "N" }
-parameters = { m = { unit = "kg" }, k = { unit = "N/m" }, a = { unit = "N" } }
-"""
+LOADED = model_text(
+    "a mass on a spring, shaken at a frequency of its own",
+    ["m*x'' + k*x = F + a*cos(2*pi*12.5*t)"],
+    "x m",
+    "F N",
+    "m kg, k N/m, a N",
+)
 
 
 def test_a_load_that_periods_do_not_repeat_is_averaged_over_all_of_them():
@@ -266,9 +267,7 @@ def test_as_many_angles_as_a_load_has_orders(signals, steps):
 )
 def test_a_phase_turns_a_load_of_any_order(load):
     """The columns by order, turned and added, are those of the rotor angle moved."""
-    text = LOADED.replace("cos(2*pi*12.5*t)", f"({load})").replace(
-        "parameters = {", 'parameters = { b = { unit = "s" },'
-    )
+    text = LOADED.replace("cos(2*pi*12.5*t)", f"({load})") + 'b = { unit = "s" }\n'
     model = rid.parse_model(text)
     loads = every_load(Layout(model, ()))
     channels = (rid.Channel("F"), rid.Channel("x"))

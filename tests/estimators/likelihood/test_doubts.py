@@ -12,6 +12,7 @@ import scipy.stats
 import test_spectra
 from adverse import LINES, WRONG, measure, new_trial
 from adverse_edits import between
+from model_text import model_text
 from result_cases import close_case, minimum_from_the_truth
 from scipy.stats import chi2
 from severities import doubting, rejecting
@@ -350,16 +351,13 @@ def test_what_follows_the_scale_by_half_is_named(held, follows):
     assert f" shifts {follows} by 1 %" in note.found
 
 
-HELD = """
-title = "a mass on a spring of which a part is known"
-equations = ["m*x'' + k*x - h*x = F"]
-coordinates = { x = "m" }
-inputs = { F = "N" }
-[parameters]
-m = { unit = "kg", nominal = 2.0 }
-k = { unit = "N/m", nominal = 2e5 }
-h = { unit = "N/m", nominal = 1e5 }
-"""
+HELD = model_text(
+    "a mass on a spring of which a part is known",
+    ["m*x'' + k*x - h*x = F"],
+    "x m",
+    "F N",
+    "m 2.0 kg, k 2e5 N/m, h 1e5 N/m",
+)
 
 
 # An unknown that a few lines of a closed loop tell has an unsure deviation.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from model_text import model_text
 
 from rotorid import (
     InputError,
@@ -166,17 +167,13 @@ def test_fewer_sensors_than_actuators(demo):
 def test_dc_line_holds_constants():
     """A weight on springs: real equations at DC, complex ones above."""
     model = parse_model(
-        """
-        title = "weight on a spring"
-        equations = ["m*x'' + c*x' + k*x + w = F"]
-        coordinates = { x = "m" }
-        inputs = { F = "N" }
-        [parameters]
-        m = { unit = "kg", nominal = 2.0, positive = true }
-        c = { unit = "N s/m", nominal = 5.0 }
-        k = { unit = "N/m", nominal = 900.0, positive = true }
-        w = { unit = "N", nominal = 3.0 }
-        """
+        model_text(
+            "weight on a spring",
+            ["m*x'' + c*x' + k*x + w = F"],
+            "x m",
+            "F N",
+            "m +2.0 kg, c 5.0 N s/m, k +900.0 N/m, w 3.0 N",
+        )
     )
     values = model.values(model.nominal)
     clean = line_record(

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import InputError
@@ -14,24 +15,17 @@ from rotorid.likelihood.rivals_model import UNITS
 from rotorid.models.knowledge import Knowledge, configurations
 from tests.differences import extrapolated
 
-CHAIN = """
-title = "three masses in a row"
-equations = [
-  "m1*x1'' + c*(x1' - x2') + k1*(x1 - x2) + k0*x1 = F",
-  "m2*x2'' + c*(x2' - x1') + k1*(x2 - x1) + k2*(x2 - x3) = 0",
-  "m3*x3'' + k2*(x3 - x2) = 0",
-]
-coordinates = { x1 = "m", x2 = "m", x3 = "m" }
-inputs = { F = "N" }
-[parameters]
-m1 = { unit = "kg", nominal = 2.2, positive = true }
-m2 = { unit = "kg", nominal = 2.7, positive = true }
-m3 = { unit = "kg", nominal = 1.3, positive = true }
-k0 = { unit = "N/m", nominal = 4e5, positive = true }
-k1 = { unit = "N/m", nominal = 1.2e6, positive = true }
-k2 = { unit = "N/m", nominal = 1.8e6, positive = true }
-c = { unit = "N s/m", nominal = 30.0 }
-"""
+CHAIN = model_text(
+    "three masses in a row",
+    [
+        "m1*x1'' + c*(x1' - x2') + k1*(x1 - x2) + k0*x1 = F",
+        "m2*x2'' + c*(x2' - x1') + k1*(x2 - x1) + k2*(x2 - x3) = 0",
+        "m3*x3'' + k2*(x3 - x2) = 0",
+    ],
+    "x1 m, x2 m, x3 m",
+    "F N",
+    "m1 +2.2 kg, m2 +2.7 kg, m3 +1.3 kg, k0 +4e5 N/m, k1 +1.2e6 N/m, k2 +1.8e6 N/m, c 30.0 N s/m",
+)
 MODEL = rid.parse_model(CHAIN)
 TRUTH = {"m1": 2.0, "m2": 3.0, "m3": 1.5, "k0": 5e5, "k1": 1e6, "k2": 2e6, "c": 20.0}
 TESTS = ({}, {"k0": 0.0}, {"m3": 3.0})  # as in service, hanging free, with a mass added

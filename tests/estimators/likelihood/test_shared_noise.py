@@ -4,22 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from model_text import model_text
 
 import rotorid as rid
 
-MODEL = """
-title = "a bar on a spring, shaken beside its centre"
-equations = ["m*x'' + c*x' + k*x + k*e*th = F", "J*th'' + c*b*th' + k*b*th + k*e*x = 0.1*F"]
-coordinates = { x = "m", th = "rad" }
-inputs = { F = "N" }
-[parameters]
-m = { unit = "kg", nominal = 2.2, positive = true }
-J = { unit = "kg m^2", nominal = 0.027, positive = true }
-c = { unit = "N s/m", nominal = 25.0, positive = true }
-k = { unit = "N/m", nominal = 2.3e4, positive = true }
-e = { unit = "m", nominal = 0.012 }
-b = { unit = "m^2", nominal = 0.022, positive = true }
-"""
+MODEL = model_text(
+    "a bar on a spring, shaken beside its centre",
+    ["m*x'' + c*x' + k*x + k*e*th = F", "J*th'' + c*b*th' + k*b*th + k*e*x = 0.1*F"],
+    "x m, th rad",
+    "F N",
+    "m +2.2 kg, J +0.027 kg m^2, c +25.0 N s/m, k +2.3e4 N/m, e 0.012 m, b +0.022 m^2",
+)
 PLACES = (-0.15, -0.09, 0.1, 0.16)
 NAMES = ("m", "J", "c", "k")
 

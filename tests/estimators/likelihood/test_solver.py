@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from model_text import model_text
 from result_cases import fit
 from rotor_bank import SETTINGS, Case, rotor_case
 
@@ -329,22 +330,16 @@ def test_only_a_way_of_the_same_stages_joins_another(monkeypatch, stages, joins)
 # A mass behind its spring: the way to a minimum where both vanish is no lack of the records.
 
 
-CHAIN = """
-title = "Two masses in a row, the force on one, the sensor on the other"
-equations = [
-  "m1*x1'' + c1*x1' + k1*x1 + c2*(x1' - x2') + k2*(x1 - x2) = F",
-  "m2*x2'' + c2*(x2' - x1') + k2*(x2 - x1) = 0",
-]
-coordinates = { x1 = "m", x2 = "m" }
-inputs = { F = "N" }
-[parameters]
-m1 = { unit = "kg", nominal = 2.5 }
-m2 = { unit = "kg", nominal = 1.3 }
-c1 = { unit = "N s/m", nominal = 20 }
-c2 = { unit = "N s/m", nominal = 4 }
-k1 = { unit = "N/m", nominal = 1.7e5 }
-k2 = { unit = "N/m", nominal = 0.8e5 }
-"""
+CHAIN = model_text(
+    "Two masses in a row, the force on one, the sensor on the other",
+    [
+        "m1*x1'' + c1*x1' + k1*x1 + c2*(x1' - x2') + k2*(x1 - x2) = F",
+        "m2*x2'' + c2*(x2' - x1') + k2*(x2 - x1) = 0",
+    ],
+    "x1 m, x2 m",
+    "F N",
+    "m1 2.5 kg, m2 1.3 kg, c1 20 N s/m, c2 4 N s/m, k1 1.7e5 N/m, k2 0.8e5 N/m",
+)
 MODEL = parse_model(CHAIN, name="chain")
 TRUTH = {"m1": 2.0, "m2": 1.0, "c1": 25.0, "c2": 5.0, "k1": 2e5, "k2": 1e5}
 

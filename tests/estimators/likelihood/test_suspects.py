@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+from model_text import model_text
 from rotor_files import CORED
 
 import rotorid as rid
@@ -184,29 +185,21 @@ def test_inflated_deviations_allow_for_the_misfit(demo, faults):
     assert ratio > 3
 
 
-BENDING = """
-title = "A rigid rotor with one bending mode"
-equations = [
-  "m*x'' = F_xa + F_xb",
-  "m*y'' = F_ya + F_yb",
-  "I_t*theta_x'' + I_p*Omega*theta_y' = L_a*F_ya - L_b*F_yb",
-  "I_t*theta_y'' - I_p*Omega*theta_x' = L_b*F_xb - L_a*F_xa",
-  "m_q*q_x'' + d*q_x' + k_q*q_x = s_a*F_xa + F_xb",
-  "m_q*q_y'' + d*q_y' + k_q*q_y = s_a*F_ya + F_yb",
-]
-coordinates = { x = "m", y = "m", theta_x = "rad", theta_y = "rad", q_x = "m", q_y = "m" }
-inputs = { F_xa = "N", F_ya = "N", F_xb = "N", F_yb = "N" }
-[parameters]
-m = { unit = "kg", nominal = 7.4 }
-I_t = { unit = "kg m^2", nominal = 0.118 }
-I_p = { unit = "kg m^2", nominal = 0.023 }
-L_a = { unit = "m", nominal = 0.17 }
-L_b = { unit = "m", nominal = 0.19 }
-m_q = { unit = "kg", nominal = 6.0 }
-d = { unit = "N s/m", nominal = 30.0 }
-k_q = { unit = "N/m", nominal = 4.4e7 }
-s_a = { unit = "1", nominal = 0.6 }
-"""  # 430 Hz, three times the highest line
+BENDING = model_text(
+    "A rigid rotor with one bending mode",
+    [
+        "m*x'' = F_xa + F_xb",
+        "m*y'' = F_ya + F_yb",
+        "I_t*theta_x'' + I_p*Omega*theta_y' = L_a*F_ya - L_b*F_yb",
+        "I_t*theta_y'' - I_p*Omega*theta_x' = L_b*F_xb - L_a*F_xa",
+        "m_q*q_x'' + d*q_x' + k_q*q_x = s_a*F_xa + F_xb",
+        "m_q*q_y'' + d*q_y' + k_q*q_y = s_a*F_ya + F_yb",
+    ],
+    "x m, y m, theta_x rad, theta_y rad, q_x m, q_y m",
+    "F_xa N, F_ya N, F_xb N, F_yb N",
+    "m 7.4 kg, I_t 0.118 kg m^2, I_p 0.023 kg m^2, L_a 0.17 m, L_b 0.19 m, m_q 6.0 kg, "
+    "d 30.0 N s/m, k_q 4.4e7 N/m, s_a 0.6 1",
+)  # 430 Hz, three times the highest line
 
 
 def bending_rotor(rng) -> rid.PeriodicRecord:
