@@ -130,7 +130,7 @@ CLOSE = (
     SUPPORTED.replace("m*x'' + c*x' + 2*k_x*x =", "m*x'' + c*x' + 2*k_x*x + e*y = F_x +")
     .replace("m*y'' + c*y' + 2*k_y*y =", "m*y'' + c*y' + 2*k_y*y + e*x = F_y +")
     .replace("2*L^2*k_x*theta_y = 0", "2*L^2*k_x*theta_y = T_y")
-    .replace('T = "N m"', 'F_x = "N"\nF_y = "N"\nT = "N m"\nT_y = "N m"')
+    .replace('T = "N m"', 'F_x = "N", F_y = "N", T = "N m", T_y = "N m"')
     .replace("L = {", 'e = { unit = "N/m", nominal = 500.0 }\nL = {')
 )
 """Two bounce modes that lie within some deviations of each other, and hardly touch."""
