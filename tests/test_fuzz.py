@@ -144,11 +144,11 @@ def test_what_is_done_is_judged(monkeypatch):
         elif what == "hang":
             os.read(os.pipe()[0], 1)
         elif what == "slow":
-            sum(range(50_000_000))
+            sum(range(30_000_000))
         elif what == "memory":
             bytearray(b"a") * (2 * harness.BYTES)
         elif what == "slow child":
-            Sandbox(work, "").ask("sum", 50_000_000)
+            Sandbox(work, "").ask("sum", 30_000_000)
         elif what == "memory of a child":
             Sandbox(work, "").ask("fill", 4 * harness.BYTES)
         elif what == "file":
