@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import Constraint, MaximumLikelihood, Plan, identify, predict_accuracy
@@ -16,56 +17,31 @@ from rotorid.likelihood.symmetric_answers import Link, Mirrors, Web, exchanged
 from rotorid.likelihood.unknowns import unknowns_of
 from rotorid.testing import add_noise, bind, line_record
 
-OVERHUNG = """
-title = "A disc beside its shaft's end, which bends with it"
-equations = [
-  "m*x'' + c*x' + k*x + kc*theta_y = F_x + Omega^2*(ux*cos(phi) - uy*sin(phi))",
-  "m*y'' + c*y' + k*y - kc*theta_x = Omega^2*(ux*sin(phi) + uy*cos(phi))",
-  "0.05*theta_x'' + ct*theta_x' + I_p*Omega*theta_y' + kt*theta_x - kc*y = 0",
-  "0.05*theta_y'' + ct*theta_y' - I_p*Omega*theta_x' + kt*theta_y + kc*x = 0",
-]
-[coordinates]
-x = "m"
-y = "m"
-theta_x = "rad"
-theta_y = "rad"
-[inputs]
-F_x = "N"
-[parameters]
-m = { unit = "kg", nominal = 5.0 }
-I_p = { unit = "kg m^2", nominal = 0.08 }
-c = { unit = "N s/m", nominal = 20.0 }
-ct = { unit = "N m s", nominal = 0.2 }
-k = { unit = "N/m", nominal = 2e5 }
-kt = { unit = "N m", nominal = 3000.0 }
-kc = { unit = "N", nominal = -1.5e4 }
-ux = { unit = "kg m", nominal = 4e-5 }
-uy = { unit = "kg m", nominal = 2e-5 }
-"""
-WINGS = """
-title = "A body between two wings"
-equations = [
-  "m1*x1'' + c1*x1' + k1*(x1 - x2) = 0",
-  "m2*x2'' + c2*x2' + k2*x2 + k1*(x2 - x1) + k3*(x2 - x3) = F",
-  "m3*x3'' + c3*x3' + k3*(x3 - x2) = 0",
-]
-[coordinates]
-x1 = "m"
-x2 = "m"
-x3 = "m"
-[inputs]
-F = "N"
-[parameters]
-m1 = { unit = "kg", nominal = 1.0, positive = true }
-c1 = { unit = "N s/m", nominal = 8.0, positive = true }
-k1 = { unit = "N/m", nominal = 2e5, positive = true }
-m2 = { unit = "kg", nominal = 3.0, positive = true }
-c2 = { unit = "N s/m", nominal = 20.0, positive = true }
-k2 = { unit = "N/m", nominal = 3e5, positive = true }
-m3 = { unit = "kg", nominal = 0.6, positive = true }
-c3 = { unit = "N s/m", nominal = 5.0, positive = true }
-k3 = { unit = "N/m", nominal = 3e5, positive = true }
-"""
+OVERHUNG = model_text(
+    "A disc beside its shaft's end, which bends with it",
+    [
+        "m*x'' + c*x' + k*x + kc*theta_y = F_x + Omega^2*(ux*cos(phi) - uy*sin(phi))",
+        "m*y'' + c*y' + k*y - kc*theta_x = Omega^2*(ux*sin(phi) + uy*cos(phi))",
+        "0.05*theta_x'' + ct*theta_x' + I_p*Omega*theta_y' + kt*theta_x - kc*y = 0",
+        "0.05*theta_y'' + ct*theta_y' - I_p*Omega*theta_x' + kt*theta_y + kc*x = 0",
+    ],
+    "x m, y m, theta_x rad, theta_y rad",
+    "F_x N",
+    "m 5.0 kg, I_p 0.08 kg m^2, c 20.0 N s/m, ct 0.2 N m s, k 2e5 N/m, kt 3000.0 N m, "
+    "kc -1.5e4 N, ux 4e-5 kg m, uy 2e-5 kg m",
+)
+WINGS = model_text(
+    "A body between two wings",
+    [
+        "m1*x1'' + c1*x1' + k1*(x1 - x2) = 0",
+        "m2*x2'' + c2*x2' + k2*x2 + k1*(x2 - x1) + k3*(x2 - x3) = F",
+        "m3*x3'' + c3*x3' + k3*(x3 - x2) = 0",
+    ],
+    "x1 m, x2 m, x3 m",
+    "F N",
+    "m1 +1.0 kg, c1 +8.0 N s/m, k1 +2e5 N/m, m2 +3.0 kg, c2 +20.0 N s/m, k2 +3e5 N/m, "
+    "m3 +0.6 kg, c3 +5.0 N s/m, k3 +3e5 N/m",
+)
 LINES = tuple(range(1, 30))
 SPEED = 2 * np.pi * 50
 
@@ -294,31 +270,19 @@ def test_fixed_wings_stay_where_they_are(wings):
     assert mirrors_of(model, [wings], one)[1].exchanges == ()
 
 
-FLYING = """
-title = "A shaft with a wheel at either end, seen at its middle"
-equations = [
-  "m1*x1'' + k1*(x1 - x + L1*theta) = 0",
-  "M*x'' + k1*(x - x1 - L1*theta) + k3*(x - x3 + L3*theta) = F",
-  "J*theta'' + k1*L1*(L1*theta + x1 - x) + k3*L3*(L3*theta + x - x3) = 0",
-  "m3*x3'' + k3*(x3 - x - L3*theta) = 0",
-]
-[coordinates]
-x1 = "m"
-x = "m"
-theta = "rad"
-x3 = "m"
-[inputs]
-F = "N"
-[parameters]
-m1 = { unit = "kg", nominal = 1.0, positive = true }
-k1 = { unit = "N/m", nominal = 2e5, positive = true }
-L1 = { unit = "m", nominal = 0.3, positive = true }
-M = { unit = "kg", nominal = 3.0, positive = true }
-J = { unit = "kg m^2", nominal = 0.05, positive = true }
-k3 = { unit = "N/m", nominal = 3e5, positive = true }
-L3 = { unit = "m", nominal = 0.2, positive = true }
-m3 = { unit = "kg", nominal = 0.6, positive = true }
-"""
+FLYING = model_text(
+    "A shaft with a wheel at either end, seen at its middle",
+    [
+        "m1*x1'' + k1*(x1 - x + L1*theta) = 0",
+        "M*x'' + k1*(x - x1 - L1*theta) + k3*(x - x3 + L3*theta) = F",
+        "J*theta'' + k1*L1*(L1*theta + x1 - x) + k3*L3*(L3*theta + x - x3) = 0",
+        "m3*x3'' + k3*(x3 - x - L3*theta) = 0",
+    ],
+    "x1 m, x m, theta rad, x3 m",
+    "F N",
+    "m1 +1.0 kg, k1 +2e5 N/m, L1 +0.3 m, M +3.0 kg, J +0.05 kg m^2, k3 +3e5 N/m, "
+    "L3 +0.2 m, m3 +0.6 kg",
+)
 
 
 @pytest.mark.parametrize(("text", "sensor"), [(WINGS, "x2"), (FLYING, "x")])
