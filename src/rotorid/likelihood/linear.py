@@ -73,13 +73,7 @@ class Linearized:
         seen = (effect > IDLE) & (effect > ROUNDING * effect.max(initial=0.0))
         seen |= shifts & (size > 0)
         scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
-        return cls.scaled(np.where(seen, jacobian, 0.0), residual, relations, scale)
-
-    @classmethod
-    def scaled(
-        cls, jacobian: Floats, residual: Floats, relations: Floats, scale: Floats
-    ) -> Linearized:
-        scaled, basis = jacobian * scale, None
+        scaled, basis = np.where(seen, jacobian, 0.0) * scale, None
         if len(relations):
             basis = tangent_basis(relations * scale)
             scaled = scaled @ basis

@@ -338,11 +338,10 @@ def tangent(point: Point, bounded: bool = False) -> Tangent:
     if not np.abs(rows).max(initial=0.0) < 1e150:  # LAPACK would print a line of its own
         raise np.linalg.LinAlgError("a residual or its derivative beyond all bounds")
     rows = triangle(rows)
-    size = np.sqrt((rows[:, :-1] ** 2).sum(axis=0))
     typical = np.maximum(np.abs(point.unknowns[free]), 1e-300)
-    scale = np.divide(1.0, size, out=typical, where=size > 1e-150)
     relations = problem.exact.jacobian(point.unknowns)[:, free]
-    linear = Linearized.scaled(rows[:, :-1], rows[:, -1], relations, scale)
+    moving = np.abs(rows[:, :-1]).max(axis=0, initial=0.0) > 1e-150
+    linear = Linearized.of(rows[:, :-1], rows[:, -1], relations, typical, moving)
     normals, distances = np.zeros((0, len(linear.values))), np.zeros(0)
     if bounded and len(problem.bounds):
         normals = problem.bounds.jacobian(point.unknowns)[:, free] * linear.scale
