@@ -33,9 +33,8 @@ def pytest_collection_finish() -> None:
 def _compile_once() -> None:
     """Let one of several workers compile the loop of a rig, and the others read what it made."""
     from rotorid import load_rig
-    from rotorid.rig import kernel
 
-    with Path(str(kernel.__file__)).open() as lock:
+    with Path(__file__).open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         load_rig("three-mass").rig.run(1e-3, np.random.default_rng(0))
 
