@@ -60,7 +60,7 @@ class Progress:
     done: int = 0
     of: int | None = None
     left: float | None = None
-    answer: Callable[[], Estimate | None] = field(default=lambda: None, repr=False, compare=False)
+    answer: Callable[[], Estimate | None] | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def best(self) -> Estimate | None:
@@ -69,7 +69,7 @@ class Progress:
         Before the last step it says that the search has not ended, and its status is
         ``not_converged``.
         """
-        return self.answer()
+        return self.answer and self.answer()
 
     def __repr__(self) -> str:
         return f"<Progress: {words(self.say, self.done, self.of, self.left)}>"
