@@ -35,6 +35,7 @@ from rotorid.likelihood.unknowns import (
     snap,
     unknowns_of,
 )
+from rotorid.models.rotor import RotorModel
 from rotorid.models.structure import Structure
 
 UNLIKE = 5.0
@@ -238,11 +239,15 @@ def _several(case: Case) -> Iterator[Rival]:
 
 @rivals("single")
 def _positions(case: Case) -> Iterator[Rival]:
+    model, places = case.model, set(case.model.coordinates)
+    if isinstance(model, RotorModel):  # those that the drawing names: nobody writes another
+        places &= {c for node in model.rotor.nodes if node.named for c in node.coordinates}
+    lengths = [name for name in model.coordinates if name in places and model.units[name] == "m"]
     for channel in case.records[0].inputs:
         if channel.drive is None or not channel.drive.ks:
             continue
-        for other in case.model.coordinates:
-            if case.model.units[other] == "m" and dict(channel.drive.position) != {other: 1.0}:
+        for other in lengths:
+            if dict(channel.drive.position) != {other: 1.0}:
                 yield Rival(
                     f"position[{channel.name}]",
                     f"the force law of {channel.name} at {other}",

@@ -208,6 +208,9 @@ def test_speeds_that_fit_alike_are_no_speed(apart, value):
     assert said == ("rotorid inspect" in first.rival.cure) == (value is None)
 
 
+PLACES = ("left_end", "A", "a", "wheel", "B", "b", "right_end")
+
+
 def entered(stage: str, case: object) -> list[Rival]:
     return [each for entry in rivals.CATALOGUE[stage] for each in entry(case)]
 
@@ -336,6 +339,22 @@ def test_swaps_of_many_like_channels_are_those_of_neighbours(channels, swaps):
     case = with_sensors(jeffcott(), tuple(f"x{k}" for k in range(channels)))
     found = [r for r in entered("single", case) if len(r.on) == 2]
     assert len(found) == swaps
+
+
+@pytest.mark.parametrize(
+    ("name", "own", "others"),
+    [
+        ("three-mass", "x1", {"x2", "x3", "y1", "y2", "y3"}),
+        ("flexible", "x_A", {f"{a}_{p}" for a in "xy" for p in PLACES} - {"x_A"}),
+    ],
+)
+def test_a_force_law_may_act_at_any_displacement_that_has_a_name(name, own, others):
+    """Nobody writes a node between two places of a drawing, and none of a mesh."""
+    drive = SimpleNamespace(ks=1e4, position={own: 1.0})
+    record = SimpleNamespace(inputs=[SimpleNamespace(name="F", drive=drive)])
+    case = SimpleNamespace(model=rid.load_model(name), records=[record])
+    cures = [r.cure for r in rivals.rivals_read._positions(case)]
+    assert sorted(cures) == sorted(f'set position = "{k}" of F in [channels]' for k in others)
 
 
 @pytest.mark.parametrize(("times", "unlike"), [(4.9, False), (5.1, True), (1 / 5.1, True)])
