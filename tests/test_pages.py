@@ -93,7 +93,7 @@ def test_the_example_of_every_help_runs(tmp_path, monkeypatch):
     table = np.column_stack([e, r, rng.standard_normal(r.shape)])
     np.savetxt("sweep.csv", table, delimiter=",", header="e1,e2,r1,r2,x,y", comments="")
     np.savetxt("run.csv", table, delimiter=",", header="a,b,c,d,x,y", comments="")
-    Path("sweep.toml").write_text(SWEEP)
+    Path("loop.toml").write_text(SWEEP)
     for arguments in examples():
         if arguments[0] == "validate":
             shutil.copy("run.toml", arguments[2])

@@ -244,7 +244,7 @@ def balance() -> None:
 
 @_command(
     "Sensitivity of the loops after ISO 14839-3, and its zone.",
-    "rotorid sensitivity loop.toml --pair F_x1=r_x1 --report sensitivity.html",
+    "rotorid sensitivity loop.toml --report sensitivity.html",
 )
 @_experiment
 @click.option(

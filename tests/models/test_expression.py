@@ -267,6 +267,7 @@ def test_a_divisor_that_vanishes_is_told_from_a_small_one(divisor, zero):
         ("tan(pi/3)*x", "sqrt(3)*x"),
         ("exp(0)*x + sin(pi) - abs(-1/3)", "x - 1/3"),
         ("(8*x)^(1/3)", "2*x^(1/3)"),
+        ("sqrt(y^2*x) + y*x", "abs(y)*sqrt(x) + x*y"),
     ],
 )
 def test_texts_that_mean_the_same_are_the_same(text, expected):

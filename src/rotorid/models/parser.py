@@ -274,7 +274,7 @@ class _Algebra:
             factors = [base for powers in inside for base, _ in powers]
             self.sizes[value] = 1 + sum(1 + self.sizes.get(base, 1) for base in factors)
             self.work.spend(EVALUATED + self.sizes[value])
-        if exponent is not None:
+        if exponent is not None and inside != _alone(value):  # no power of itself
             self.within[value] = inside
         found = _alone(value, 1 if exponent is None else exponent)
         if not value.free_symbols:
