@@ -61,26 +61,26 @@ def demo():
 
 
 @pytest.mark.slow
-def test_a_hundred_records():
+def test_250_records():
     """What ``rotorid demo`` runs; one test, so that the records are simulated once.
 
-    The scatter of one parameter is known to 7 %: deviations stated 30 % too small (a ratio of 1.43)
-    are found with 97 % for one, 15 % for all of an estimator always.
+    The scatter of one parameter is known to 4.5 %: deviations stated 25 % too small are found.
     """
-    shown = run_demo(100, rng=np.random.default_rng(2026))
+    shown = run_demo(250, rng=np.random.default_rng(2026))
     for estimator, expected in REFERENCE.items():
         np.testing.assert_allclose(shown.rms(estimator), expected, rtol=0.35)
     _bound_is_that_of_the_reference(shown)
     _ls_is_nearly_all_bias(shown)
-    # The paper's 56 errors are likely draws: beyond a hundred others lies one in fifty.
+    # The paper's 56 errors are likely draws, each of them.
     paper = np.array([row.errors for row in TABLE])
     errors = np.stack([np.abs(shown.errors(name)) for name in COLUMNS], axis=2)
+    low, high = np.percentile(errors, (1, 99), axis=0)
     assert paper.size == 56
-    assert ((paper < errors.min(axis=0)) | (paper > errors.max(axis=0))).sum() <= 4
+    assert ((paper > low) & (paper < high)).all()
     for name in ("batch-100", "batch-10", "sequential"):
         ratio = shown.scatter_over_stated(name)
-        assert (np.abs(ratio - 1) < 0.24).all(), (name, ratio)
-        assert np.sqrt((ratio**2).mean()) == pytest.approx(1, abs=0.12), name
+        assert (ratio > 0.85).all(), (name, ratio)
+        assert (ratio < 1.2).all(), (name, ratio)
 
 
 def _bound_is_that_of_the_reference(shown):
