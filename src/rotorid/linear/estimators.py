@@ -179,7 +179,8 @@ class SampledProblem(Posed):
             )
             yield Note("blocks", "doubts", text, "record longer")
         yield from dict.fromkeys(check for r in self.regressions for check in r.record.checks)
-        yield from (Note("at rest", "says", r.left_out) for r in self.regressions if r.left_out)
+        rests = dict.fromkeys(r.left_out for r in self.regressions if r.left_out)
+        yield from (Note("at rest", "says", rest) for rest in rests)
         text = (
             f"deviations from {count} blocks of {seconds / count:.3g} s, each left out in turn; "
             "they cover the scatter, not the bias that noise in the motion leaves"
