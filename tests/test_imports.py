@@ -14,7 +14,7 @@ from source_trees import SOURCE, tree_of
 # above it in this list. A part is a package, or a module where a package spans several.
 LAYERS = (
     ("core",),
-    ("data.lazy_time", "force.channel_dynamics", "force.laws"),
+    ("force.channel_dynamics", "force.laws"),
     ("data.record",),
     ("force",),
     ("signals",),

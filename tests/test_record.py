@@ -13,8 +13,8 @@ import rotorid as rid
 from rotorid import Channel, InputError, PeriodicRecord, Record, average
 from rotorid.answer.identify import by_name
 from rotorid.core.linalg import SENSORS, sensor_rank
-from rotorid.data.lazy_time import Steady, changed, unread
 from rotorid.data.lines import SampledClock
+from rotorid.data.record import Steady, changed, unread
 from rotorid.signals.checks.rotation import synchronism
 from rotorid.testing import bind
 

@@ -17,8 +17,17 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers
-from rotorid.data.lazy_time import Steady, WhenRead, changed, head_of, unread
-from rotorid.data.record import Channel, Known, OfMachine, PeriodicRecord
+from rotorid.data.record import (
+    Channel,
+    Known,
+    OfMachine,
+    PeriodicRecord,
+    Steady,
+    WhenRead,
+    changed,
+    head_of,
+    unread,
+)
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.spectrum import line_spectra, quantity
 

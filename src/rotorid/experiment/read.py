@@ -17,9 +17,8 @@ from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import check_unit, converts, multiply_units, si_factor
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.lazy_time import changed
 from rotorid.data.lines import Lines
-from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
+from rotorid.data.record import Channel, Drive, PeriodicRecord, Record, changed
 from rotorid.data.whole_record import spectra
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, Recorded, RecordEntry, RecordKeys
 from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder

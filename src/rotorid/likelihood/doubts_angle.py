@@ -20,9 +20,9 @@ from rotorid.answer.machine_checks import MOVED, REJECTED
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats
-from rotorid.data.lazy_time import Steady, changed, unread
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
+from rotorid.data.record import Steady, changed, unread
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.problem import Point
 

@@ -21,9 +21,9 @@ import numpy as np
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
-from rotorid.data.lazy_time import changed
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation, bind, combined
+from rotorid.data.record import changed
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, outside

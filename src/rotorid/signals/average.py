@@ -13,8 +13,7 @@ from rotorid.core.errors import InputError, naming, require_positive
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
-from rotorid.data.lazy_time import Steady, changed
-from rotorid.data.record import Channel, PeriodicRecord, Record, check_samples
+from rotorid.data.record import Channel, PeriodicRecord, Record, Steady, changed, check_samples
 from rotorid.signals.checks.periods import ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording

@@ -20,8 +20,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats, Integers
-from rotorid.data.lazy_time import Steady, unread
-from rotorid.data.record import PeriodicRecord, Record
+from rotorid.data.record import PeriodicRecord, Record, Steady, unread
 from rotorid.signals.checks.channels import sensors_of
 from rotorid.signals.checks.registry import NO_SCATTER, Seen, first_used, period_check, record_check
 from rotorid.signals.spectrum import top_of
