@@ -246,11 +246,7 @@ class Outputs(NamedTuple):
         return check_outputs((self.json, self.kind), *pages, force=self.force)
 
     def give(self, page: Page, data: Any, html: Callable[[], str]) -> None:
-        """Write the figures, show the page, and make the report last.
-
-        Each is done whatever becomes of the others: the work before may have taken hours, and a
-        report has pictures, fonts and settings that can fail.
-        """
+        """Write the figures, show the page, make the report, whatever becomes of the others."""
         faults: list[Exception] = []
         figures = data if callable(data) else as_json(data, self.kind)
         for step in (partial(write, (self.json, figures)), partial(show, page)):

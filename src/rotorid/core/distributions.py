@@ -1,8 +1,4 @@
-"""Medians, tails of gamma, F and t distributions, and what noise makes of a cost.
-
-scipy loads its parts where they are first used: a record that calls for none of these waits for
-none.
-"""
+"""Medians, tails of distributions, and what noise makes of a cost; scipy loads its parts late."""
 
 from __future__ import annotations
 
@@ -47,10 +43,7 @@ def t_limit(chance: float, freedom: Floats) -> Floats:
 
 
 def bound_of_length(mean: Floats, covariance: Floats, chance: float) -> float:
-    """Return what the length of a normal vector, (2,), stays below with a chance.
-
-    The density along the wider axis, times what the other leaves in the circle, is integrated.
-    """
+    """Return what the length of a normal vector, (2,), stays below with a chance."""
     size, axes = np.linalg.eigh(covariance)
     narrow, wide = np.sqrt(np.clip(size, 0.0, None))
     if wide == 0:
@@ -90,10 +83,7 @@ class Expectation:
 
     @property
     def _freedom(self) -> tuple[float, float]:
-        """The degrees of F; the second infinite where C is known, or holds part of what it weighs.
-
-        It is a gamma distribution there.
-        """
+        """The degrees of F; the second infinite, a gamma distribution, where C is known."""
         spread = self.variance / self.mean**2
         excess = spread * self.dof - 2
         if excess < 1e-9:

@@ -77,10 +77,7 @@ def coupled(matrix: NDArray[Any]) -> list[Integers]:
 
 
 def covariance_root(covariance: Floats) -> Floats:
-    """Return R with ``R R' = covariance``, shape (n, n), by the correlations.
-
-    Variances in N/m and in m lie twenty powers of ten apart: the small ones would be rounding.
-    """
+    """Return R with ``R R' = covariance``, by correlations: variances may be 1e20 apart."""
     size = np.sqrt(np.diag(covariance).clip(0))
     scale = np.where(size > 0, size, 1.0)
     values, along = np.linalg.eigh(covariance / np.outer(scale, scale))

@@ -1,8 +1,4 @@
-"""How far long work is: said where it is done, shown by whoever watches.
-
-Work goes through many layers, and each may have something to say: the watch belongs to the context,
-like a log, and not to every call on the way.
-"""
+"""How far long work is: said where it is done, shown by whoever watches, in a context as a log."""
 
 from __future__ import annotations
 

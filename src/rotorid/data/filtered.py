@@ -85,10 +85,7 @@ class LowPass:
         return np.asarray(found)
 
     def noise_of(self, samples: Floats, order: int) -> Floats:
-        """Return the deviation that white noise leaves on a filtered derivative, shape (signal,).
-
-        The noise is what the filter takes away; motion above the cut-off counts as noise too.
-        """
+        """Return what white noise, which is what the filter takes away, leaves on a derivative."""
         frequency = np.linspace(0, self.sample_rate / 2, 4097)
         gain = self.gain(frequency)
         taken = np.sqrt(((samples - self.apply(samples)) ** 2).mean(axis=0))

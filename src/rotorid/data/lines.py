@@ -111,10 +111,7 @@ class SampledClock(Arrays):
 
 @frozen
 class PhasorClock(Arrays):
-    """The clock of a table of 1x phasors: line k lies at ``omega_k = |Omega_k|``.
-
-    ``exp(i phi)`` is on it where the rotor turns forward, ``exp(-i phi)`` where it turns backward.
-    """
+    """The clock of 1x phasors: line k at ``|Omega_k|``, conjugate where it turns backward."""
 
     speed: Floats  # (line,): rad/s; negative backward, never 0
 

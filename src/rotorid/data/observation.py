@@ -1,8 +1,4 @@
-"""`Observation`: a record that has met a model. What every channel is, is decided here, once.
-
-Estimators, prediction, validation, suspects, cures, bound and report read it and decide nothing of
-the kind again.
-"""
+"""`Observation`: a record that has met a model. What every channel is, is decided here, once."""
 
 from __future__ import annotations
 

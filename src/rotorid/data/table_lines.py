@@ -223,10 +223,7 @@ def _repeated(
 
 
 def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
-    """Return b / a of a variance ``a + b |X|^2`` of readings; 0 where a alone will do.
-
-    By likelihood: the scatter of n readings of one speed is a sum of 2 (n - 1) squares.
-    """
+    """Return b / a of a variance ``a + b |X|^2``, by likelihood; 0 where a alone will do."""
     count, power = np.bincount(groups), np.bincount(groups, np.abs(scatter) ** 2)
     weight, size = count - 1.0, np.abs(mean) ** 2
     used = weight > 0

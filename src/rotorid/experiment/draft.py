@@ -150,11 +150,7 @@ def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, st
 def by_planes(
     model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
 ) -> dict[str, Found]:
-    """Return columns of bearing planes that the model calls otherwise.
-
-    A logger's "Pos A X" and "Pos B X" are x1 and x3 of a model whose inputs are in the planes 1
-    and 3: as many planes, in their order. Nothing is told where a plane or an axis is left over.
-    """
+    """Return columns of planes in their order: "Pos A X", "Pos B X" may be x1, x3 of a model."""
     planes = _planes(model.inputs)
     found: dict[str, Found] = {}
     free = [c for c in columns if c not in taken.values()]
@@ -328,10 +324,7 @@ _HEAD = f"""#:schema experiment.schema.json
 
 
 def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
-    """Return the text of an experiment file for some records, with paths relative to `folder`.
-
-    Files of one length that share no column are one record, others a record each.
-    """
+    """Return an experiment file; files of one length that share no column are one record."""
     loaded = None if model is None else load_model(model, folder=folder)
     runs = _runs(files)
     text = tomlkit.parse(_HEAD)
@@ -604,10 +597,7 @@ def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None,
 def _input(
     unit: str, column: Found | None, position: str, free: Sequence[Found]
 ) -> tuple[dict[str, Any], str]:
-    """Return the channel of an input without a column of forces, and what is said of it.
-
-    Where currents are there and nothing in the unit of the input, it is a force law's.
-    """
+    """Return the channel of an input without a column of forces, and what is said of it."""
     told = "F = ki i + ks x; docs/experiments.md has the other laws"
     if column is not None:
         return _law(_column(column), position), _and(told, column.assumed)

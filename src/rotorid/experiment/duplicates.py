@@ -156,10 +156,7 @@ _COMPARED = 60  # records of which each is held against each: 1800 pairs take a 
 
 
 def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -> None:
-    """Refuse what an experiment file says twice, or too little to tell records apart.
-
-    Two records may share a file where they take other times, lines, or sensors of it.
-    """
+    """Refuse data twice; records may share a file where they take other times, lines or sensors."""
     records = file.records
     by_file: dict[Path, list[int]] = {}
     for number, plan in enumerate(plans):
@@ -339,9 +336,7 @@ def _common(here: Floats, there: Floats) -> tuple[Integers, Integers]:
 def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
     """Say which records scatter from period to period as another does: noise does not repeat.
 
-    One measurement that was exported twice, in other units or with fewer digits, or begun some
-    periods later, shows by it. It is told, not refused: what decays from one start, or hum that
-    began alike, may repeat.
+    It is told, not refused: what decays from one start, or hum that began alike, may repeat.
     """
     told = {}
     periodic = [(i, one) for i, one in enumerate(found) if isinstance(one, PeriodicRecord)]
@@ -368,11 +363,7 @@ def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
 
 
 def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | None:
-    """Return how a sensor's scatter in two records correlates, the second begun ever later.
-
-    Scatter is what changes from one period to the next, so that slow drifts are no likeness. From
-    the lag at which the second's last change meets the first's first one; None without scatter.
-    """
+    """Correlate a sensor's changes between periods in two records, by lag; None without any."""
     if not np.array_equal(one.harmonics, other.harmonics):
         return None
     parts = []
@@ -442,11 +433,7 @@ class Wave:
 
 
 def check_told(records: Sequence[RecordEntry]) -> None:
-    """Refuse runout beside several records of which nothing says where their angle begins.
-
-    A wrong zero of one of them turns its unbalance; the unknown runout takes that up, and nothing
-    shows it: another unbalance fits as well.
-    """
+    """Refuse runout beside records whose angle begins anywhere: another unbalance fits as well."""
     untold = [k for k, record in enumerate(records) if turns_untold(record)]
     if len(untold) > 1:
         raise InputError(

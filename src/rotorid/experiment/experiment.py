@@ -350,10 +350,7 @@ def _read_table(plan: Recording, model: Model) -> Sequence[Lines]:
 
 
 def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], str]:
-    """Inspect every record of an experiment file; say why it was read as a draft, if it was.
-
-    Responses to several inputs are several inspections.
-    """
+    """Inspect every record of an experiment file; say why it was read as a draft, if it was."""
     try:
         plan = load_experiment(path)
     except InputError as error:

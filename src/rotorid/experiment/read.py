@@ -1,7 +1,4 @@
-"""From the entries of an experiment file to a record: columns, force laws, rotor angle.
-
-Names and units are checked against the model before any file is read.
-"""
+"""From the entries of an experiment file to a record, checked before any file is read."""
 
 from __future__ import annotations
 
@@ -69,10 +66,7 @@ _UNIT_OF = {
 
 
 def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source:
-    """Return where a channel without force law comes from; a table is looked for in `folder`.
-
-    `expected` is the SI unit of the channel; None for the one of its column.
-    """
+    """Return where a channel without force law comes from; a table is looked for in `folder`."""
     place, kind = f"channels.{name}", entry.kind
     quantities = (*model.inputs, *model.coordinates)
     if entry.input is not None:
@@ -206,10 +200,7 @@ def dynamics_of(
 
 
 def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, Complexes]:
-    """Return frequencies in Hz and the response, of two parts or of amplitude and phase.
-
-    The units are those in the head; without any, Hz, and parts.
-    """
+    """Return Hz and the response, of parts or amplitude and phase, by the units in the head."""
     units = [column.unit for column in columns]
     first, second = columns[1].values, columns[2].values
     hertz = columns[0].values * si_factor(units[0] or "Hz", "Hz")
@@ -355,10 +346,7 @@ def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
 def plan_record(
     record: RecordEntry, common: Entries, model: Model, folder: Path, place: str
 ) -> Recording:
-    """Return where the channels of a record come from, everything checked but the files.
-
-    Of the channels that all records share, those of another kind are not this record's.
-    """
+    """Return where the channels of a record come from, everything checked but the files."""
     kind, own = record.channel_kind, record.channels
     for name, entry in own.items():
         if entry.kind != kind:

@@ -74,10 +74,7 @@ def read_clock(time: Floats) -> FileClock:
 
 
 def error_as_they_are(time: Floats, rate: float, frequency: float) -> float:
-    """Return the most that a wave is off, relative, where samples count as taken on a grid.
-
-    A shift common to all is none; the rest, at most half the range, is an angle of the wave.
-    """
+    """Return the most that a wave is off, relative, where samples count as taken on a grid."""
     off = time - time[0] - np.arange(len(time)) / rate
     return float(np.pi * frequency * np.ptp(off))
 
@@ -316,10 +313,7 @@ def _check_rate(given: float, found: Rate, teller: str, cure: str) -> None:
 
 
 def _whole_multiple(rate: Rate, fundamental: float | None, *, exactly: bool) -> float:
-    """Return the whole multiple of the fundamental that the digits of a rate allow, or the rate.
-
-    Samples that go onto a grid anyway go onto one that fits the period (not `exactly`).
-    """
+    """Return the whole multiple of the fundamental that the digits of a rate allow, or the rate."""
     if fundamental is None or not 0 < fundamental < rate.hertz:
         return rate.hertz
     whole = round(rate.hertz / fundamental) * fundamental
@@ -330,10 +324,7 @@ def _whole_multiple(rate: Rate, fundamental: float | None, *, exactly: bool) -> 
 def on_grid(
     clock: RecordClock, samples: Floats, valid: Booleans | None, highest: float | None
 ) -> tuple[Floats, Booleans | None, tuple[str, ...]]:
-    """Put samples at uneven times onto a uniform grid; refuse where the lines cannot bear it.
-
-    Samples that are so near to it that the highest line does not tell are taken as they are.
-    """
+    """Put samples onto a uniform grid; those that are near enough to it are taken as they are."""
     stamps = np.zeros(0) if clock.stamps is None else clock.stamps
     if highest is not None and error_as_they_are(stamps, clock.rate, highest) <= NEGLIGIBLE:
         return samples, valid, ()

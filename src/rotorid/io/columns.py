@@ -246,10 +246,7 @@ def check_stated(declared: str, stated: str, place: str) -> None:
 
 
 def check_magnitude(largest: float, factor: float, place: str) -> None:
-    """Refuse samples whose squares leave what doubles hold: no machine has such, units do.
-
-    `largest` is of the column, which `factor` turns into SI; what is not finite is told elsewhere.
-    """
+    """Refuse samples whose squares leave what doubles hold: no machine has such, units do."""
     size = abs(largest * factor)
     if largest and math.isfinite(largest) and not 1 / MAGNITUDE <= size <= MAGNITUDE:
         raise InputError(

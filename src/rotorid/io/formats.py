@@ -240,11 +240,7 @@ _AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 @contextmanager
 def open_universal(file: str) -> Iterator[ArrayFile]:
-    """Open a universal file, text or binary.
-
-    A column has the name in the first line of its data set, or its node and direction, ``12+X``,
-    where that line does not tell the sets apart.
-    """
+    """Open a universal file; a column has the name of its set, or node and direction, ``12+X``."""
     found, types = _read_sets(file)
     over_time = ("abscissa_spec_data_type", _TIME_AXIS), ("func_type", _TIME_RESPONSE)
     sets = [one for one in found if any(one.get(key) == kind for key, kind in over_time)]
@@ -427,10 +423,7 @@ class _Channels:
         return self._values(group, index)
 
     def _unpacked(self, group: int) -> Any:
-        """Return the bytes of a group, once for all of its channels; None where they are many.
-
-        asammdf would unpack a group again for each channel, of which it may have thousands.
-        """
+        """Return the bytes of a group for all of its channels, maybe thousands; None if many."""
         if self._version == 4 and group not in self._pieces:
             pieces = list(islice(self._data._mdf._load_data(self._data.groups[group]), 2))
             self._pieces = {group: pieces[0] if len(pieces) == 1 else None}
@@ -459,10 +452,7 @@ class _Channels:
 
 
 def convert(samples: np.ndarray, block: Any, version: int) -> Floats:
-    """Return samples in the unit of their channel, by asammdf's ChannelConversion.
-
-    The same type number means another conversion in version 3 (and 2) of a file than in 4.
-    """
+    """Return samples in the unit of their channel; types of MDF 3 (and 2) mean others than of 4."""
     if samples.dtype.kind == "f":  # float32 would stay so, and lose digits
         samples = samples.astype(np.float64)
     if block is None:

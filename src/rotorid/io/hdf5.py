@@ -288,11 +288,7 @@ def _kind(dtype: Any) -> str | None:
 
 
 class _Contents(Mapping[str, tuple[int, ...]]):
-    """Shapes of the numeric arrays of a file by path.
-
-    One that is asked for by its path, which links may lead to, is looked at by itself; all are only
-    where names are searched.
-    """
+    """Shapes of the numeric arrays by path; all are looked at only where names are searched."""
 
     def __init__(self, data: h5py.File) -> None:
         self._data = data

@@ -228,10 +228,9 @@ class ArrayFile:
         return 8 * sum(max(self.shapes[place.path], default=0) for place in places.values())
 
     def place(self, name: str) -> ColumnPlace:
-        """Find an array by path or by the unique end of it, or a column of one by ``name[3]``.
+        """Find an array by its path or end, or a column of one: ``name[3]``, ``name[3,:]``.
 
-        The samples of a two-dimensional array lie along its longer axis, unless ``name[:,3]`` or
-        ``name[3,:]`` says along which.
+        Without a colon, the samples of a two-dimensional array lie along its longer axis.
         """
         indexed = _INDEXED.fullmatch(name) if name not in self.shapes else None
         of_array = indexed is not None and indexed["name"].strip("/") in self.shapes

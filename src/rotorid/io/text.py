@@ -67,11 +67,7 @@ _SECONDS = {"s": "s", "sec": "s", "ms": "ms", "msec": "ms", "us": "us", "µs": "
 
 
 def stated_rate(lines: Sequence[str], delimiter: str, mark: str) -> Rate | None:
-    """Return the sample rate that the lines before the numbers state, if beyond doubt.
-
-    They are often written with the table's delimiter, too, and with its decimal mark, which is
-    empty where all its numbers are whole.
-    """
+    """Return the sample rate that the lines before the numbers state, if beyond doubt."""
     for line in lines:
         for pattern, unit in ((_RATE, "Hz"), (_STEP, "s")):
             match = pattern.search(line[:PREAMBLE_CHARACTERS])
@@ -601,11 +597,7 @@ def seconds_of_day(texts: list[str]) -> Floats:
 
 
 def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTable:
-    """Open a text table: find its delimiter, its names and its units.
-
-    The names stand in line `header_row`, from 1; 0 where there are none. Without it, in the line
-    of text above the first row of values.
-    """
+    """Open a text table; its names are in line `header_row`, from 1, or above the values."""
     with open_regular(path, "a file of samples") as opened:
         encoding = _encoding(opened.read(65536))
     if encoding != "utf-16" and (found := content(path)) != "text":

@@ -74,11 +74,9 @@ def encoder_angle(
     lines: int | None = None,
     source: str = "",
 ) -> MeasuredAngle:
-    """Return the angle from readings of an encoder or a resolver, one per sample.
+    """Return the angle from readings of an encoder or a resolver, which start afresh every turn.
 
-    With `lines`, the steps of a revolution, each reading is an interval: a smooth rotation is
-    fitted, lines lost or counted twice are set right. Readings may start afresh every
-    `per_revolution`: 2 pi, 360, or the counts. Backwards the speed is negative.
+    With `lines`, the steps of a turn, a rotation is fitted, lines lost or too many set right.
     """
     raw = np.asarray(readings, dtype=float)
     bad = np.flatnonzero(~np.isfinite(raw))
@@ -163,11 +161,9 @@ def _require_steady(angle: Floats, sample_rate: float, step: float) -> None:
 def pulse_edges(
     samples: ArrayLike, sample_rate: float, *, source: str = ""
 ) -> tuple[Floats, Floats]:
-    """Return the times at which pulses rise, and half the time that each leaves open, in s.
+    """Return the times at which pulses rise half way, and half of what each leaves open, in s.
 
-    The threshold is half way between low and high. A flank with samples on it is known by
-    interpolation, and leaves nothing open; a logic level may have risen anywhere between two
-    samples, and is placed in the middle.
+    A logic level, without samples on its flank, is placed in the middle between two samples.
     """
     raw = np.asarray(samples, dtype=float)
     low, high = (np.percentile(raw, q) for q in (0.5, 99.5)) if len(raw) else (0.0, 0.0)
@@ -204,10 +200,7 @@ def keyphasor_angle(
     half: ArrayLike = 0.0,
     source: str = "",
 ) -> MeasuredAngle:
-    """Return the angle at each of `count` samples from the times of pulses, at which phi = 2 pi n.
-
-    The rhythm tells those missing or too many; `half` is half the time in s that each leaves open.
-    """
+    """Return the angle at `count` samples from pulses at phi = 2 pi n, each open by `half` s."""
     t = np.asarray(times, dtype=float)
     with naming(source):
         if len(t) < 4:
@@ -470,8 +463,7 @@ def _slopes(readings: AngleReadings, spline: BSpline, noise: float) -> tuple[Flo
 def _offset(readings: AngleReadings, spline: BSpline, noise: float) -> tuple[float, float]:
     """Return mean and deviation of the offset that the readings leave, whatever their noise.
 
-    Noises that explain the readings as well as the likeliest one cannot be told apart. They differ
-    in where they put the offset, and the least of them leaves the whole interval open.
+    Of noises that explain them as well, the least leaves the whole interval open.
     """
     used = readings.some(INDEPENDENT)
     left, width = used.middle - spline(used.time), float(used.half.max())

@@ -301,10 +301,7 @@ _LEAST = 8  # periods worked on at once, so that merging their means costs littl
 
 @dataclass
 class PeriodSums:
-    """Sums of periods less the mean of the first ones: no digits are lost to a large mean.
-
-    Chan, Golub and LeVeque 1983; sums of parts add in any order.
-    """
+    """Sums of periods less their first mean, for digits (Chan, Golub and LeVeque 1983)."""
 
     channels: tuple[Channel, ...]
     sample_rate: float

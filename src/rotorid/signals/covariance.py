@@ -53,10 +53,9 @@ class LineCovariance(Arrays):
 
 
 def white_covariance(spectra: Complexes) -> LineCovariance:
-    """Covariance of the mean from the scatter between periods, spectra (period, line, channel).
+    """Covariance of the mean from the scatter between independent periods (period, line, channel).
 
-    ``C_k = sum_p (z_kp - z_k)(z_kp - z_k)^H / (P (P - 1))``, right where the noise of one period
-    is independent of that of the next; P - 1 degrees of freedom.
+    ``C_k = sum_p (z_kp - z_k)(z_kp - z_k)^H / (P (P - 1))``; P - 1 degrees of freedom.
     """
     periods = _periods(spectra)
     scatter = np.moveaxis(spectra - spectra.mean(axis=0), 0, -1)
@@ -98,10 +97,7 @@ def lag_one_correlation(residual: Complexes) -> float:
 
 
 def is_correlated(residual: Complexes) -> bool:
-    """Tell whether the lag-one correlation is three deviations off the -1/P of independent periods.
-
-    The deviation is ``1 / sqrt(2 P lines)``, where a real line counts half.
-    """
+    """Tell whether the lag-one correlation is three deviations off that of independent periods."""
     periods, lines = residual.shape[:2]
     if periods < 8:
         return False

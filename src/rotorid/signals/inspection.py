@@ -173,11 +173,9 @@ def inspect_record(
     skip: float = 0.0,
     whole: bool = False,
 ) -> Inspection:
-    """Look at a record as a technician would, before identifying.
+    """Look at a record as a technician would; period and lines are found where they are not given.
 
-    Period and lines, those clear of their noise, are found where they are not given; `band` in Hz.
-    A `whole` record, such as a sweep, has no periods: what repeats in it is its rotation, and the
-    sweep is no noise beside that.
+    In a `whole` record, such as a sweep, what repeats is its rotation: it has no periods.
     """
     size = period_samples
     found = size is None

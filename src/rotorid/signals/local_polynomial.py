@@ -78,10 +78,7 @@ def local_covariance(
     rotation: Complexes,
     lines: Integers,
 ) -> Local:
-    """Return C of chosen lines by the least order that leaves no bend.
-
-    The other arguments hold all lines from DC on; `rotation` has no column at standstill.
-    """
+    """Return C of chosen lines, of all from DC on, by the least order that leaves no bend."""
     windows = [_Windows(channels, references, rotation, order) for order in ORDERS]
     fitting = [each for each in windows if 2 * each.half + 1 <= len(channels)]
     probed = lines[:: max(1, len(lines) // PROBED)]

@@ -139,10 +139,7 @@ def multisine(
     unit: str = "N",
     rng: np.random.Generator | None = None,
 ) -> Multisine:
-    """Build a multisine; `amplitude` is the peak of every line of a signal, or one for each line.
-
-    `apart` gives each line to one signal only, in turn: one run tells the inputs apart.
-    """
+    """Build a multisine of peaks `amplitude`; `apart` gives each line to one signal, in turn."""
     lines = _harmonics(harmonics)
     names = tuple(amplitude)
     try:
@@ -171,10 +168,7 @@ def multisine(
 
 
 def orthogonal(signals: Multisine) -> tuple[Multisine, ...]:
-    """Return as many runs as signals, in which the inputs are orthogonal on every line.
-
-    Run r adds 2 pi r s / n to the phases of signal s: amplitudes times a DFT matrix.
-    """
+    """Return as many runs as signals, orthogonal on every line: amplitudes times a DFT matrix."""
     turns = scipy.linalg.dft(len(signals.names)).conj()
     return tuple(replace(signals, amplitudes=signals.amplitudes * turn) for turn in turns)
 

@@ -236,10 +236,7 @@ def _copied_scatter(periods: PeriodicRecord) -> Iterator[Note]:
 
 
 def check_copied(channels: Sequence[Channel], deviations: Floats) -> Iterator[Note]:
-    """Find pairs of channels whose noise is the same; of several copies each is told of the first.
-
-    `deviations`, (value, channel): from the mean over periods, or of samples from their mean.
-    """
+    """Find channels of the same deviations, (value, channel); each copy is told of the first."""
     power = np.sqrt((deviations**2).sum(axis=0))
     alive = power > 0
     unit = deviations / np.where(alive, power, 1.0)

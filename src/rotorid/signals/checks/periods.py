@@ -61,10 +61,9 @@ NONE = Settling(0, 0.0, 0.0)
 
 
 def detect_settling(periods: PeriodicRecord) -> Settling:
-    """Find the periods at the start that are not like those of the second half.
+    """Find the periods at the start that are not like those of the second half, on the kept lines.
 
-    d of a period is the mean over lines and channels of |z - z_settled|^2 / s^2, with z_settled and
-    s of the second half. Only the kept lines count: elsewhere a transient does no harm.
+    d of a period is the mean over lines and channels of |z - z_settled|^2 / s^2.
     """
     count = periods.periods
     if count < LEAST_PERIODS:
@@ -113,9 +112,8 @@ def _without_drift(spectra: Complexes) -> Complexes:
 def _last_unsettled(d: Floats, terms: int) -> int:
     """Return the number of periods at the start that are beyond chance.
 
-    What chance explains: the median over the settled half and five times its spread, which is
-    known from the quartiles. The transient ends where two successive periods are settled. One
-    that begins below three times the scatter biases no mean by more than its deviation.
+    Chance explains the settled half's median and five times its spread, known from quartiles. What
+    begins below three times the scatter biases no mean by more than its deviation.
     """
     half = len(d) // 2
     settled = np.sort(d[half:])

@@ -129,11 +129,7 @@ class Seen:
 def check_record(
     record: Record, periods: PeriodicRecord | None = None, *, excerpt: Record | None = None
 ) -> tuple[Note, ...]:
-    """Return notes on the samples, one that passes for each check that finds nothing.
-
-    The scatter of `periods` tells rounding from noise; `excerpt` is the part of a long record in
-    which the channels are looked at one by one.
-    """
+    """Return notes on the samples; channels are looked at one by one in the `excerpt`."""
     return _told("record", Seen(record, periods, excerpt))
 
 

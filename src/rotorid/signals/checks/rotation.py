@@ -45,11 +45,9 @@ class Synchronism:
 
 
 def synchronism(periods: PeriodicRecord) -> Synchronism:
-    """Compare the rotor angle with the periods.
+    """Compare the rotor angle with the periods: it is averaged and filtered as the data are.
 
-    The columns of the unbalance are averaged and filtered as the data are, from the measured
-    angle, so they lose the same part. What remains is the answer of the rotor to the part that
-    leaks, which is not periodic: an error of about the leakage times the amplification there.
+    What leaks is not periodic: an error of about the leakage times the amplification there.
     """
     omega0, size = 2 * np.pi * periods.fundamental, periods.samples
     angle = unread(periods, "angle")
@@ -393,9 +391,7 @@ def shown_rotation(
 ) -> float | None:
     """Return where the lines show a rotation, in lines; None where that is as stated.
 
-    All of (line, column) from DC on: `motion` is what motion follows besides the rotation,
-    `rotation` what the rotation as stated puts there, without columns where none is taken out.
-    Noise does not explain the lines `standing_out`.
+    `motion` is what motion follows besides, `rotation` what the rotation as stated puts there.
     """
     distance = np.abs(standing_out - stated)
     near = standing_out[distance < NEAR * stated]
