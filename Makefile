@@ -6,15 +6,14 @@
 #   PYTEST_ARGS="..."   further arguments of pytest
 #   ONLY="..."          modules whose constants `make mutants` changes
 #   ONLY="rig/* bad/*", SAMPLE=8, JOBS=2   names of the cases of `make golden`, every n-th, processes
-#   FUZZ_SECONDS=60     how long `make fuzz` tries each of FUZZ_TARGETS="model toml result csv mat"
+#   FUZZ_ARGS="..."     what `make fuzz` is to damage: see tests/fuzz_run.py
 
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
-FUZZ_SECONDS ?= 60
+FUZZ_ARGS ?= --each 1000
 SAMPLE ?= 1
 JOBS ?= 2
 GOLDEN_ARGS ?=
-FUZZ_TARGETS ?= model toml result csv mat
 PYTHON ?= python3 python3.14 python3.13 python3.12 python3.11 python
 PYTEST_ARGS ?=
 BIN := $(VENV)/bin
@@ -38,7 +37,7 @@ help:
 	@echo "make golden-record   the record anew, of ONLY=\"rig/* bad/*\" or of all"
 	@echo "make census       lines and modules by package, and what else the source comes to"
 	@echo "make mutants ONLY=rotorid.units   which decision constants no fast test holds"
-	@echo "make fuzz         damaged files for as long as FUZZ_SECONDS says, guided by coverage"
+	@echo "make fuzz         a thousand damaged files of each format, drawn from the commit"
 	@echo "make test-lowest  the fast tests with the lowest versions that pyproject.toml allows;"
 	@echo "make test-newest  and with the newest there are"
 	@echo "make clean        remove the environment and what the tools leave behind"
@@ -77,10 +76,8 @@ census: $(VENV)/.ready-test
 mutants: $(VENV)/.ready-test
 	$(BIN)/python tests/mutants.py $(ONLY)
 
-fuzz: $(VENV)/.ready-fuzz
-	set -e; for target in $(FUZZ_TARGETS); do \
-	    $(BIN)/python tests/fuzz_atheris.py $$target --seconds $(FUZZ_SECONDS); \
-	done
+fuzz: $(VENV)/.ready-test
+	$(BIN)/python tests/fuzz_run.py $(FUZZ_ARGS)
 
 # Old packages use what others have deprecated since: that is theirs to mend.
 test-lowest:
@@ -93,7 +90,7 @@ test-newest:
 
 clean:
 	rm -rf $(VENV) .venv-lowest .venv-newest build dist src/*.egg-info
-	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .fuzz
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	rm -rf docs/_build docs/gallery docs/generated
 	rm -f $(REPORT) $(PAPER)
 
@@ -102,8 +99,7 @@ clean:
 # when they are first imported: most never are, and compiling all takes half of the set-up.
 $(VENV)/.ready-demo: EXTRAS :=
 $(VENV)/.ready-test: EXTRAS := [test]
-$(VENV)/.ready-fuzz: EXTRAS := [test,fuzz]
-$(VENV)/.ready-demo $(VENV)/.ready-test $(VENV)/.ready-fuzz: pyproject.toml constraints.txt
+$(VENV)/.ready-demo $(VENV)/.ready-test: pyproject.toml constraints.txt
 	@for python in $(PYTHON); do \
 	    "$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && break; \
 	    python=; \

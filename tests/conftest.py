@@ -18,9 +18,6 @@ sys.dont_write_bytecode = False
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
 
-collect_ignore = ["fuzz_atheris.py"]
-"""It instruments what it imports, with a package of its own: `make fuzz` runs it."""
-
 
 def pytest_collection_finish() -> None:
     """Leave what was collected alone: thousands of tests are not looked through at every turn."""

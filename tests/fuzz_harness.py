@@ -25,7 +25,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 SECONDS = 5.0  # of the processor, that a command may take
 PATIENCE = 60.0  # of the clock, after which a child is ended: much else may run on the machine
@@ -57,7 +56,6 @@ class Case:
     outputs: tuple[str, ...] = ()
     codes: tuple[int, ...] = CODES
     says: str = ""  # what the refusal must say, among others
-    check: Callable[[dict[str, Any]], str] | None = None  # of the result: what is wrong with it
 
 
 @dataclass(frozen=True)
@@ -144,8 +142,6 @@ def _result_faults(case: Case, folder: Path) -> tuple[str, list[str]]:
         found += [f"{status} with{key} not finite" for key in endless[:3]]
         missing = [v["name"] for v in result.get("parameters", ()) if v.get("value") is None]
         found += [f"{status} without a value of {name}" for name in missing[:3]]
-    if case.check is not None and (said := case.check(result)):
-        found.append(said)
     return status, found
 
 

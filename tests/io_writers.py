@@ -1,6 +1,7 @@
 """Files of samples, each written by the library of its format."""
 
 import gc
+import struct
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -64,6 +65,26 @@ def write_hdf5(path: Path, columns: Columns) -> None:
 
 def write_mat5(path: Path, columns: Columns) -> None:
     scipy.io.savemat(path, {name: values[:, None] for name, (values, _) in columns.items()})
+
+
+def element(kind: int, content: bytes, order: str = "<") -> bytes:
+    """Return an element of a MAT file of version 5, filled up to eight bytes."""
+    return struct.pack(order + "II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def matrix_of(
+    name: bytes, shape: tuple[int, ...], body: bytes, kind: int = 6, order: str = "<"
+) -> bytes:
+    """Return a matrix of version 5, its content as given."""
+    head = element(6, struct.pack(order + "II", kind, 0), order)
+    head += element(5, struct.pack(f"{order}{len(shape)}i", *shape), order)
+    return element(14, head + element(1, name, order) + body, order)
+
+
+def mat5(*elements: bytes, order: str = "<") -> bytes:
+    """Return a MAT file of version 5 of such elements."""
+    version = struct.pack(order + "HH", 256, 0x4D49)
+    return b"MATLAB 5.0 MAT-file".ljust(124) + version + b"".join(elements)
 
 
 def write_mat73(path: Path, columns: Columns) -> None:

@@ -44,15 +44,15 @@ def fuzz(*arguments: str) -> str:
     return done.stdout
 
 
-# Four hundred files of each kind that is read by itself, most of them the same in every run, so
-# that a run says what a change did; the others are the commit's own, so that the search goes on.
+# Three thousand files, 310 of each kind that is read by itself, most of them the same in every run,
+# so that a run says what a change did; the others are the commit's own, so that the search goes on.
 # Formats that are read by one piece of code share them: see `Format.share`. What one file in a
-# hundred does is found with 98 %. What those find was there before, more often than not: it is a
+# hundred does is found with 96 %. What those find was there before, more often than not: it is a
 # fault all the same, and the seed that is printed finds it again.
 @pytest.mark.slow
 @pytest.mark.parametrize("formats", GROUPS)
 def test_damaged_files_of_each_format(formats):
-    counts = ("--each", "300", "--seed", str(SEED), "--own", "100", "--workers", "1")
+    counts = ("--each", "230", "--seed", str(SEED), "--own", "80", "--workers", "1")
     assert "nothing found" in fuzz(*formats.split(), *counts)
 
 

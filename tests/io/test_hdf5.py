@@ -111,23 +111,6 @@ def test_files_that_are_no_hdf5(tmp_path, path):
         open_table(tmp_path / "none.h5")
 
 
-@pytest.mark.slow
-def test_damage_inside(path):
-    """Bytes that changed make a wrong number or a ReadError, nothing else."""
-    whole = path.read_bytes()
-    rng = np.random.default_rng(7)
-    for _ in range(60):
-        damaged = bytearray(whole)
-        for place in rng.integers(8, len(whole), size=4):
-            damaged[place] = rng.integers(256)
-        path.write_bytes(damaged)
-        try:
-            opened = open_table(path)
-            opened.read([opened.find(name) for name in opened.names])
-        except ReadError as error:
-            assert error.file == str(path)  # noqa: PT017
-
-
 @pytest.mark.parametrize("shape", [(5,), (1, 5), (5, 2)])
 def test_packed_numbers(shape, tmp_path):
     """As netCDF packs them; read as they are stored they would be other numbers, and ok."""
