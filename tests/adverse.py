@@ -2,7 +2,7 @@
 
 A case spoils the plant, its samples, or what is said of them. Nothing here uses the project's own
 response: samples come from matrices written down once more, so that a sign that is wrong in both
-places shows. The edits are in `adverse_edits`, the table of cases in `adverse_cases`.
+places shows. The edits and the table of cases are in `adverse_cases`.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,7 +11,15 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from rotor_bank import PAPER, Complexes, Floats
+from rotor_bank import (
+    PAPER,
+    UNBALANCE,
+    Complexes,
+    Floats,
+    jeffcott_rotor,
+    rigid_rotor,
+    three_mass_rotor,
+)
 
 import rotorid as rid
 from rotorid import Channel, Estimate, InputError, Model, Record, load_model
@@ -56,65 +64,32 @@ def _varied(values: Mapping[str, float], rng: np.random.Generator, signed: str) 
     return {n: v * (rng.choice([-1, 1]) if n in signed.split() else 1) for n, v in found.items()}
 
 
-def _turned(x: int, y: int, size: complex, count: int) -> Complexes:
-    load = np.zeros(count, dtype=complex)
-    load[[x, y]] = size, -1j * size
-    return load
-
-
 def jeffcott(rng: np.random.Generator) -> Machine:
     """A disc on an elastic shaft."""
     model = load_model("jeffcott")
     p = _varied({n: model.nominal[n] for n in model.parameter_names}, rng, "xi zeta")
     p["c"] *= 3
-    eye = np.eye(2)
-    load = _turned(0, 1, p["m"] * (p["xi"] + 1j * p["zeta"]), 2)
-    parts = (p["m"] * eye, p["c"] * eye, 0 * eye, p["k"] * eye, eye, load)
-    return Machine(model, p, *parts, {"x": {"x": 1.0}, "y": {"y": 1.0}})
+    return Machine(model, p, *jeffcott_rotor(p), {"x": {"x": 1.0}, "y": {"y": 1.0}})
 
 
 def rigid(rng: np.random.Generator) -> Machine:
     """A rigid rotor with a sensor and a force at each bearing and axis."""
     model = load_model("rigid")
     p = _varied({n: model.nominal[n] for n in model.parameter_names}, rng, "xi zeta mu eta")
-    gyro = np.zeros((4, 4))
-    gyro[2, 3], gyro[3, 2] = p["I_p"], -p["I_p"]
-    a, b = p["L_a"], p["L_b"]
-    forces = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [0, a, 0, -b], [-a, 0, b, 0]], dtype=float)
-    load = _turned(0, 1, p["m"] * (p["xi"] + 1j * p["zeta"]), 4)
-    load += _turned(2, 3, (p["I_t"] - p["I_p"]) * (p["mu"] + 1j * p["eta"]), 4)
-    heavy = np.diag([p["m"], p["m"], p["I_t"], p["I_t"]])
     sensors = {
         "s_xa": {"x": 1.0, "theta_y": -0.17}, "s_ya": {"y": 1.0, "theta_x": 0.17},
         "s_xb": {"x": 1.0, "theta_y": 0.21}, "s_yb": {"y": 1.0, "theta_x": -0.21},
     }  # fmt: skip
-    zero = np.zeros((4, 4))
-    return Machine(model, p, heavy, zero, gyro, zero, forces, load, sensors, ("L_a",))
+    return Machine(model, p, *rigid_rotor(p), sensors, ("L_a",))
 
 
 def three(rng: np.random.Generator, sensors: str = "x1 y1 x3 y3") -> Machine:
     """The paper's rotor, varied, with sensors at the bearings."""
-    model = load_model("three-mass")
     p = _varied(PAPER, rng, "xi zeta mu eta")
     p["I_p"] = min(p["I_p"], 1.9 * p["I_t"])
-    gyro, stiffness = np.zeros((8, 8)), np.zeros((8, 8))
-    gyro[4, 5], gyro[5, 4] = p["I_p"], -p["I_p"]
-    springs = (
-        ("k1", {0: 1.0, 2: -1.0, 5: p["L1"]}), ("k1", {1: 1.0, 3: -1.0, 4: -p["L1"]}),
-        ("k2", {2: 1.0, 6: -1.0, 5: p["L2"]}), ("k2", {3: 1.0, 7: -1.0, 4: -p["L2"]}),
-    )  # fmt: skip
-    for name, entries in springs:
-        row = np.zeros(8)
-        row[list(entries)] = list(entries.values())
-        stiffness += p[name] * np.outer(row, row)
-    heavy = np.diag([p[n] for n in ("m1", "m1", "m2", "m2", "I_t", "I_t", "m3", "m3")])
-    load = _turned(2, 3, p["m2"] * (p["xi"] + 1j * p["zeta"]), 8)
-    load += _turned(4, 5, (p["I_t"] - p["I_p"]) * (p["mu"] + 1j * p["eta"]), 8)
-    inputs = np.eye(8)[:, [0, 1, 6, 7]]
     read = {name: {name: 1.0} for name in sensors.split()}
     fixed = () if len(read) == 8 else ("L1",)
-    zero = np.zeros((8, 8))
-    return Machine(model, p, heavy, zero, gyro, stiffness, inputs, load, read, fixed)
+    return Machine(load_model("three-mass"), p, *three_mass_rotor(p), read, fixed)
 
 
 def three_eight(rng: np.random.Generator) -> Machine:
@@ -122,7 +97,6 @@ def three_eight(rng: np.random.Generator) -> Machine:
     return three(rng, "x1 y1 x2 y2 theta_x theta_y x3 y3")
 
 
-UNBALANCE = ("xi", "zeta", "mu", "eta")
 MACHINES = {"jeffcott": jeffcott, "rigid": rigid, "three": three, "eight": three_eight}
 NOISE = {"jeffcott": 1e-6, "rigid": 1e-6, "three": 5e-6, "eight": 5e-6}  # m or rad, per sample
 FUNDAMENTAL, RATE, LINES, ROTATION = 20.0, 4000.0, (1, 3, 5, 7, 9, 11), 7.0

@@ -1,8 +1,8 @@
 """A bank of problems with known truth, for every estimator.
 
 Each problem is a model as a user would type it, or a shipped one, and a periodic motion that
-fulfils its equations to rounding. The physics is written a second time here, by hand in numpy:
-nothing of the package computes the truth.
+fulfils its equations to rounding. The physics is written a second time here, by hand in numpy (of
+rotors in `rotor_bank`): nothing of the package computes the truth.
 """
 
 import re
@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from model_text import model_text
+from rotor_bank import Rotor, rigid_rotor, three_mass_rotor
 
 from rotorid import Channel, Model, PeriodicRecord, Record, average, load_model, parse_model
 
@@ -153,62 +154,25 @@ def line_response(
 
 
 # ---------------------------------------------------------------------------------------------
-# The paper's rotor, its matrices from the potential V and from the gyroscopic moment.
-
-
-def three_mass_matrices(p: SimpleNamespace) -> tuple[np.ndarray, ...]:
-    """Return M, D, G, K, B; coordinates x1 y1 x2 y2 tx ty x3 y3.
-
-    V = k1/2 [(x1 - x2 + L1 ty)^2 + (y1 - y2 - L1 tx)^2]
-      + k2/2 [(x2 - x3 + L2 ty)^2 + (y2 - y3 - L2 tx)^2], K its second derivatives.
-    """
-    M = np.diag([p.m1, p.m1, p.m2, p.m2, p.I_t, p.I_t, p.m3, p.m3])
-    K = np.zeros((8, 8))
-    for k, stretch in (
-        (p.k1, [1, 0, -1, 0, 0, p.L1, 0, 0]),
-        (p.k1, [0, 1, 0, -1, -p.L1, 0, 0, 0]),
-        (p.k2, [0, 0, 1, 0, 0, p.L2, -1, 0]),
-        (p.k2, [0, 0, 0, 1, -p.L2, 0, 0, -1]),
-    ):
-        K += k * np.outer(stretch, stretch)
-    G = np.zeros((8, 8))
-    G[4, 5], G[5, 4] = p.I_p, -p.I_p
-    B = np.zeros((8, 4))
-    B[0, 0] = B[1, 1] = B[6, 2] = B[7, 3] = 1
-    return M, np.zeros((8, 8)), G, K, B
-
-
-def three_mass_load(p: SimpleNamespace, speed: float, phi: np.ndarray) -> np.ndarray:
-    load = np.zeros((len(phi), 8))
-    s, c = np.sin(phi), np.cos(phi)
-    load[:, 2] = p.m2 * speed**2 * (p.xi * c - p.zeta * s)
-    load[:, 3] = p.m2 * speed**2 * (p.xi * s + p.zeta * c)
-    load[:, 4] = (p.I_t - p.I_p) * speed**2 * (p.mu * c - p.eta * s)
-    load[:, 5] = (p.I_t - p.I_p) * speed**2 * (p.mu * s + p.eta * c)
-    return load
+# The shipped models.
 
 
 def rotor_columns(
-    matrices: Callable[[SimpleNamespace], tuple[np.ndarray, ...]],
-    load: Callable[[SimpleNamespace, float, np.ndarray], np.ndarray],
-    names: Sequence[str],
-    harmonics: Sequence[int],
-    shares: Sequence[float],
+    rotor: Callable[[Mapping[str, float]], Rotor], names: str, harmonics: Sequence[int]
 ) -> Callable[[SimpleNamespace, Grid], Columns]:
+    """Return what makes the columns of a rotor under four multisines and its unbalance."""
+
     def columns(p: SimpleNamespace, grid: Grid) -> Columns:
-        M, D, G, K, B = matrices(p)
-        force = sum(
-            10 * (np.sin(h * grid.omega * grid.time) + np.cos(h * grid.omega * grid.time))
-            for h in harmonics
-        )
-        u = np.outer(force, shares)
-        right = u @ B.T + load(p, grid.speed, grid.angle)
+        M, D, G, K, B, _ = made = rotor(vars(p))
+        turns = np.outer(grid.omega * grid.time, harmonics)
+        u = np.outer(10 * (np.sin(turns) + np.cos(turns)).sum(axis=1), (0.5, 1.0, 1.0, -0.5))
+        right = u @ B.T + made.load(grid.speed, grid.angle)
 
         def stiffness(omega: float) -> np.ndarray:
             return -(omega**2) * M + 1j * omega * (D + grid.speed * G) + K
 
         q = line_response(grid, harmonics, stiffness, right)
-        return dict(zip(names, np.column_stack([u, q]).T, strict=True))
+        return dict(zip(names.split(), np.column_stack([u, q]).T, strict=True))
 
     return columns
 
@@ -232,11 +196,9 @@ THREE_MASS = Problem(
         "eta": -2.2767 / (2.5425e-2 - 4.8275e-2) / (2 * np.pi * 140) ** 2,
     },
     columns=rotor_columns(
-        three_mass_matrices,
-        three_mass_load,
-        ["F_x1", "F_y1", "F_x3", "F_y3", "x1", "y1", "x2", "y2", "theta_x", "theta_y", "x3", "y3"],
+        three_mass_rotor,
+        "F_x1 F_y1 F_x3 F_y3 x1 y1 x2 y2 theta_x theta_y x3 y3",
         (1, 3, 5, 7, 9, 11),
-        (0.5, 1.0, 1.0, -0.5),
     ),
     harmonics=(1, 3, 5, 7, 9, 11),
     grids=(Grid(250, 5000.0, turns=7),),
@@ -261,29 +223,6 @@ THREE_MASS = Problem(
 )
 
 
-def rigid_matrices(p: SimpleNamespace) -> tuple[np.ndarray, ...]:
-    M = np.diag([p.m, p.m, p.I_t, p.I_t])
-    G = np.zeros((4, 4))
-    G[2, 3], G[3, 2] = p.I_p, -p.I_p
-    B = np.array(
-        [[1, 0, 1, 0], [0, 1, 0, 1], [0, p.L_a, 0, -p.L_b], [-p.L_a, 0, p.L_b, 0]], dtype=float
-    )
-    return M, np.zeros((4, 4)), G, np.zeros((4, 4)), B
-
-
-def rigid_load(p: SimpleNamespace, speed: float, phi: np.ndarray) -> np.ndarray:
-    s, c = np.sin(phi), np.cos(phi)
-    static, dynamic = p.m * speed**2, (p.I_t - p.I_p) * speed**2
-    return np.column_stack(
-        [
-            static * (p.xi * c - p.zeta * s),
-            static * (p.xi * s + p.zeta * c),
-            dynamic * (p.mu * c - p.eta * s),
-            dynamic * (p.mu * s + p.eta * c),
-        ]
-    )
-
-
 RIGID = Problem(
     name="rigid",
     text="",
@@ -299,13 +238,7 @@ RIGID = Problem(
         "eta": 2e-5,
     },
     fixed=("L_a", "L_b"),
-    columns=rotor_columns(
-        rigid_matrices,
-        rigid_load,
-        ["F_xa", "F_ya", "F_xb", "F_yb", "x", "y", "theta_x", "theta_y"],
-        (1, 2, 3, 5, 8),
-        (0.5, 1.0, 1.0, -0.5),
-    ),
+    columns=rotor_columns(rigid_rotor, "F_xa F_ya F_xb F_yb x y theta_x theta_y", (1, 2, 3, 5, 8)),
     harmonics=(1, 2, 3, 5, 8),
     grids=(Grid(turns=5), Grid(turns=3, phase=0.4)),
     base=("m", "m*xi", "m*zeta", "I_t", "I_t*mu - I_p*mu", "I_t*eta - I_p*eta", "I_p"),

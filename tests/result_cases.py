@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 import scipy.signal
 from linear_machines import SUPPORTED
-from rotor_bank import RATE, noisy_record
+from rotor_bank import RATE, noisy_record, rigid_rotor
 
 import rotorid as rid
 from rotorid import Drive, Model, load_rig
@@ -54,21 +54,6 @@ class Balanced:
     stated: Floats = field(default_factory=lambda: np.zeros(0))
 
 
-def rigid_lines(p: Mapping[str, float], speed: float, force: Complexes) -> Complexes:
-    """Return x, y, theta_x, theta_y of a free rigid rotor on the lines."""
-    inertia = np.diag([p["m"], p["m"], p["I_t"], p["I_t"]])
-    gyro = np.zeros((4, 4))
-    gyro[2, 3], gyro[3, 2] = p["I_p"] * speed, -p["I_p"] * speed
-    a, b = p["L_a"], p["L_b"]
-    push = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [0, a, 0, -b], [-a, 0, b, 0]])
-    right = force @ push.T + 0j
-    static = p["m"] * speed**2 * (p["xi"] + 1j * p["zeta"]) / 2
-    dynamic = (p["I_t"] - p["I_p"]) * speed**2 * (p["mu"] + 1j * p["eta"]) / 2
-    right[np.isclose(OMEGA, speed)] += [static, -1j * static, dynamic, -1j * dynamic]
-    w = OMEGA[:, None, None]
-    return np.linalg.solve(-(w**2) * inertia + 1j * w * gyro, right[:, :, None])[..., 0]
-
-
 def in_planes(p: Mapping[str, float]) -> Complexes:
     """Return the unbalance of a rigid rotor in the planes of its bearings, kg m."""
     force = p["m"] * (p["xi"] + 1j * p["zeta"])
@@ -102,7 +87,7 @@ def balanced(seed: int, effort: Effort = "full") -> Balanced:
     for hertz in (140.0, 100.0):
         speed = 2 * np.pi * hertz
         force = 6.0 * np.exp(0.3 * rng.standard_normal(4) + 2j * np.pi * rng.random((6, 4)))
-        there = rigid_lines(truth, speed, force) @ reads.T
+        there = rigid_rotor(truth).lines(speed, OMEGA, force) @ reads.T
         seen = there + np.where(np.isclose(OMEGA, speed)[:, None], runout / 2, 0)
         current = (force - KS * there) / ki
         noise = np.array([5e-4] * 4 + [5e-7] * 4)

@@ -5,6 +5,7 @@ Nothing here uses the project's own response, so that a sign or a scale wrong in
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,26 +35,76 @@ def random_rotor(rng: np.random.Generator, spread: float = 0.3) -> dict[str, flo
     return {n: v * (rng.choice([-1, 1]) if n in UNBALANCE else 1) for n, v in values.items()}
 
 
+class Rotor(NamedTuple):
+    """Matrices of a rotor: M q'' + (D + Omega G) q' + K q = B u + Omega^2 Re(U exp(i phi))."""
+
+    M: Floats
+    D: Floats
+    G: Floats
+    K: Floats
+    B: Floats
+    U: Complexes
+
+    def load(self, speed: float, phi: Floats) -> Floats:
+        """Return the load of the unbalance, shape (sample, coordinate)."""
+        return speed**2 * np.outer(np.exp(1j * phi), self.U).real
+
+    def lines(self, speed: float, omega: Floats, force: Complexes) -> Complexes:
+        """Return all coordinates on lines, under forces and unbalance, shape (line, coordinate)."""
+        right = force @ self.B.T + 0j
+        right[np.isclose(omega, speed)] += speed**2 * self.U / 2
+        w = omega[:, None, None]
+        whole = -(w**2) * self.M + 1j * w * (self.D + speed * self.G) + self.K
+        return np.linalg.solve(whole, right[:, :, None])[..., 0]
+
+
+def _unbalance(p: Mapping[str, float], mass: str) -> Complexes:
+    static = p[mass] * (p["xi"] + 1j * p["zeta"])
+    dynamic = (p["I_t"] - p["I_p"]) * (p["mu"] + 1j * p["eta"])
+    return np.array([static, -1j * static, dynamic, -1j * dynamic])
+
+
+def jeffcott_rotor(p: Mapping[str, float]) -> Rotor:
+    """A disc on an elastic shaft: x, y."""
+    two, load = np.eye(2), p["m"] * (p["xi"] + 1j * p["zeta"])
+    return Rotor(
+        p["m"] * two, p["c"] * two, 0 * two, p["k"] * two, two, np.array([load, -1j * load])
+    )
+
+
+def rigid_rotor(p: Mapping[str, float]) -> Rotor:
+    """A rigid rotor with a force at each bearing and axis: x, y, theta_x, theta_y."""
+    M = np.diag([p["m"], p["m"], p["I_t"], p["I_t"]])
+    G, zero = np.zeros((4, 4)), np.zeros((4, 4))
+    G[2, 3], G[3, 2] = p["I_p"], -p["I_p"]
+    a, b = p["L_a"], p["L_b"]
+    B = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [0, a, 0, -b], [-a, 0, b, 0]], dtype=float)
+    return Rotor(M, zero, G, zero, B, _unbalance(p, "m"))
+
+
+def three_mass_rotor(p: Mapping[str, float]) -> Rotor:
+    """The paper's rotor: x1 y1 x2 y2 theta_x theta_y x3 y3.
+
+    V = k1/2 [(x1 - x2 + L1 ty)^2 + (y1 - y2 - L1 tx)^2]
+      + k2/2 [(x2 - x3 + L2 ty)^2 + (y2 - y3 - L2 tx)^2], K its second derivatives.
+    """
+    M = np.diag([p[n] for n in ("m1", "m1", "m2", "m2", "I_t", "I_t", "m3", "m3")])
+    K, G = np.zeros((8, 8)), np.zeros((8, 8))
+    for k, stretch in (
+        ("k1", [1, 0, -1, 0, 0, p["L1"], 0, 0]),
+        ("k1", [0, 1, 0, -1, -p["L1"], 0, 0, 0]),
+        ("k2", [0, 0, 1, 0, 0, p["L2"], -1, 0]),
+        ("k2", [0, 0, 0, 1, -p["L2"], 0, 0, -1]),
+    ):
+        K += p[k] * np.outer(stretch, stretch)
+    G[4, 5], G[5, 4] = p["I_p"], -p["I_p"]
+    B = np.eye(8)[:, [0, 1, 6, 7]]
+    return Rotor(M, np.zeros((8, 8)), G, K, B, np.pad(_unbalance(p, "m2"), 2))
+
+
 def rotor_lines(p: Mapping[str, float], speed: float, omega: Floats, force: Complexes) -> Complexes:
     """Return the eight coordinates of the three-mass rotor, shape (line, coordinate)."""
-    inertia = np.diag([p[n] for n in ("m1", "m1", "m2", "m2", "I_t", "I_t", "m3", "m3")])
-    gyro, stiffness = np.zeros((8, 8)), np.zeros((8, 8))
-    gyro[4, 5], gyro[5, 4] = p["I_p"] * speed, -p["I_p"] * speed
-    springs = (
-        ("k1", {0: 1.0, 2: -1.0, 5: p["L1"]}), ("k1", {1: 1.0, 3: -1.0, 4: -p["L1"]}),
-        ("k2", {2: 1.0, 6: -1.0, 5: p["L2"]}), ("k2", {3: 1.0, 7: -1.0, 4: -p["L2"]}),
-    )  # fmt: skip
-    for name, entries in springs:
-        row = np.zeros(8)
-        row[list(entries)] = list(entries.values())
-        stiffness += p[name] * np.outer(row, row)
-    right = np.zeros((len(omega), 8), dtype=complex)
-    right[:, [0, 1, 6, 7]] = force
-    static = p["m2"] * speed**2 * (p["xi"] + 1j * p["zeta"]) / 2
-    dynamic = (p["I_t"] - p["I_p"]) * speed**2 * (p["mu"] + 1j * p["eta"]) / 2
-    right[np.isclose(omega, speed), 2:6] += [static, -1j * static, dynamic, -1j * dynamic]
-    w = omega[:, None, None]
-    return np.linalg.solve(-(w**2) * inertia + 1j * w * gyro + stiffness, right[:, :, None])[..., 0]
+    return three_mass_rotor(p).lines(speed, omega, force)
 
 
 def noisy_record(

@@ -1,18 +1,10 @@
 """The periodic answer against time integration, direct formulas, and its own equations."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from bank import (
-    BANK,
-    THREE_MASS,
-    Grid,
-    line_response,
-    three_mass_load,
-    three_mass_matrices,
-)
+from bank import BANK, THREE_MASS, Grid, line_response
 from model_text import model_text
+from rotor_bank import three_mass_rotor
 from scipy.integrate import solve_ivp
 
 from rotorid import InputError, ModelError, load_model, parse_model, simulate, steady_state
@@ -94,14 +86,13 @@ def test_unbalance_alone_in_closed_form():
 
 def test_the_seed_s_rotor_by_hand():
     grid = THREE_MASS.grids[0]
-    p = SimpleNamespace(**THREE_MASS.truth)
-    M, _, G, K, B = three_mass_matrices(p)
+    rotor = three_mass_rotor(THREE_MASS.truth)
     forces = multisine(grid, THREE_MASS.harmonics, 4)
-    right = forces @ B.T + three_mass_load(p, grid.speed, grid.angle)
+    right = forces @ rotor.B.T + rotor.load(grid.speed, grid.angle)
     expected = line_response(
         grid,
         THREE_MASS.harmonics,
-        lambda w: -(w**2) * M + 1j * w * grid.speed * G + K,
+        lambda w: -(w**2) * rotor.M + 1j * w * grid.speed * rotor.G + rotor.K,
         right,
     )
     values = THREE_MASS.model.values(THREE_MASS.truth)

@@ -11,7 +11,7 @@ import pytest
 import scipy.stats
 import test_spectra
 from adverse import LINES, WRONG, measure, new_trial
-from adverse_edits import between
+from adverse_cases import between
 from model_text import model_text
 from result_cases import close_case, minimum_from_the_truth
 from scipy.stats import chi2
