@@ -1,8 +1,10 @@
-"""What the documentation says is there, is there; what it shows as code, runs."""
+"""What the documentation says is there, is there; code and commands that it shows run."""
 
 import importlib
 import importlib.util
 import re
+import shlex
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -11,14 +13,21 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid import cli
 from rotorid.core.units import quantity, si_factor
+from rotorid.force.laws import Linear
 from rotorid.models.parser import MAX_DEGREE, MAX_NESTING, MAX_TERMS
+from rotorid.rig.file import parse_rig
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")])
+MANUAL = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]+)[^)]*\)")
 NAME = re.compile(r"`(rotorid(?:\.\w+)+)`")
 BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```", re.MULTILINE | re.DOTALL)
+INDENTED = re.compile(r"^ {4}rotorid (\w.*)$", re.MULTILINE)
+IN_BLOCK = re.compile(r"^(?:\$ )?rotorid (\w.*)$", re.MULTILINE)
+INLINE = re.compile(r"`rotorid ([a-z]+ [^`]*)`")
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -105,15 +114,22 @@ def write(record: rid.Record, path: Path, channels: dict[str, dict[str, str]]) -
                 file[column] = samples
 
 
+SHOWN = {"README.md": "m2", "maximum-likelihood.md": "L1, I_t, I_p, L2, mu, eta scale together"}
+"""What the Python of a page prints."""
+WITH_PYTHON = [page for page in MANUAL if blocks(page, "python")]
+
+
 @pytest.mark.slow
-def test_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
+def test_python_of_every_page_runs(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (code,) = blocks(ROOT / "README.md", "python")
-    assert len([line for line in code.splitlines() if line]) <= 10
-    found: dict[str, object] = {}
-    exec(code, found)
-    assert "m2" in capsys.readouterr().out
-    assert rid.load_estimate("run.json").value("m2") == pytest.approx(11.322, rel=0.01)
+    names: dict[str, object] = {"__name__": "page"}
+    for code in blocks(page, "python"):
+        exec(compile(code, page.name, "exec"), names)
+    assert SHOWN.get(page.name, "") in capsys.readouterr().out
+    if page.name == "README.md":
+        assert len([line for line in code.splitlines() if line]) <= 10
+        assert rid.load_estimate("run.json").value("m2") == pytest.approx(11.322, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -129,6 +145,14 @@ def test_experiment_files_of_the_pages_identify(page, file, tmp_path):
     assert estimate.status == "ok"
 
 
+@pytest.mark.slow
+def test_rig_file_of_the_page_runs():
+    (text,) = blocks(ROOT / "docs" / "rig.md", "toml")
+    plan = parse_rig(text.replace('"13 s"', '"50 ms"'))
+    assert plan.run().names == ("F_x1", "F_y1", "F_x3", "F_y3", "x1", "y1", "s3", "y3")
+    assert plan.seed == 1
+
+
 def test_model_of_the_page_is_one():
     (text,) = blocks(ROOT / "docs" / "models.md", "toml")
     assert rid.parse_model(text).base.names == ("m", "k", "Fc")
@@ -138,19 +162,6 @@ def test_limits_of_the_models_page_are_those_of_the_code():
     text = " ".join((ROOT / "docs" / "models.md").read_text(encoding="utf-8").split())
     for limit in (f"{MAX_NESTING} levels", f"degree {MAX_DEGREE}", f"{MAX_TERMS:,} terms"):
         assert limit in text
-
-
-def test_python_of_the_models_page_runs():
-    for code in blocks(ROOT / "docs" / "models.md", "python"):
-        exec(code, {})
-
-
-def test_python_of_the_maximum_likelihood_page_runs(capsys):
-    for code in blocks(ROOT / "docs" / "maximum-likelihood.md", "python"):
-        exec(code, {})
-    shown = capsys.readouterr().out
-    assert shown.startswith("0.0128")
-    assert "L1, I_t, I_p, L2, mu, eta scale together" in shown
 
 
 def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path):
@@ -185,8 +196,76 @@ def test_the_drawing_is_that_of_its_script_and_of_the_models():
     along = loads @ rigid.monomial_values(rigid.values({**rigid.nominal, "zeta": 0.0}))
     assert along[0, 0] > 0
     assert along[1, 1] == pytest.approx(along[0, 0])
-    from rotorid.force.laws import Linear
-
     law = Linear(120.0, 2e5)
     assert law.force(np.array([1.0]), np.array([0.0]))[0] > 0
     assert law.force(np.array([0.0]), np.array([1e-6]))[0] > 0
+
+
+# Commands: of the pages, and of the help of each.
+
+
+SWEEP = """
+model = "jeffcott"
+[[records]]
+file = "sweep.csv"
+sample_rate = "1 kHz"
+speed = "0 rpm"
+band = ["20 Hz", "300 Hz"]
+references = ["r1", "r2"]
+[channels]
+F_x = { column = "e1", unit = "N" }
+F_y = { column = "e2", unit = "N" }
+x = { column = "x", unit = "um" }
+y = { column = "y", unit = "um" }
+"""
+
+
+def commands() -> list[str]:
+    """Return every command line that a page shows: in blocks, indented, and within sentences."""
+    found = []
+    for page in MANUAL:
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        for block in re.findall(r"^ *```[^\n]*\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL):
+            found += IN_BLOCK.findall(block)
+        found += INDENTED.findall(text)
+        found += [line.replace("\n", " ") for line in INLINE.findall(text)]
+    return sorted({line.partition("  #")[0].strip() for line in found})
+
+
+def test_commands_of_the_pages_are_ones_that_there_are():
+    """Names and options; the files that they name are the reader's."""
+    every = commands()
+    assert len(every) > 30
+    for line in every:
+        name, *arguments = shlex.split(line.replace("RIG", "rigid"), comments=True)
+        command = cli.cli.commands[name]
+        known = {text for parameter in command.params for text in parameter.opts}
+        asked = {word.partition("=")[0] for word in arguments if re.match(r"--?[a-z]", word)}
+        assert asked <= known | {"--help", "-h"}, line
+
+
+def examples() -> list[list[str]]:
+    """Return the examples of every help, in an order in which each has what it reads."""
+    order = ("simulate", "identify", "report", "inspect", "validate", "modes", "balance")
+    order = (*order, "export", "models", "new", "sensitivity", "schema")
+    assert {*order, "demo"} == {*cli.cli.commands}  # that of demo runs in test_cli
+    texts = [str(cli.cli.commands[name].epilog) for name in order]
+    return [shlex.split(text.partition("rotorid ")[2]) for text in texts]
+
+
+@pytest.mark.slow
+def test_the_example_of_every_help_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(5)
+    r = rng.standard_normal((10_000, 2))
+    e = 1.4 * r + 0.1 * rng.standard_normal(r.shape)
+    table = np.column_stack([e, r, rng.standard_normal(r.shape)])
+    np.savetxt("sweep.csv", table, delimiter=",", header="e1,e2,r1,r2,x,y", comments="")
+    np.savetxt("run.csv", table, delimiter=",", header="a,b,c,d,x,y", comments="")
+    Path("loop.toml").write_text(SWEEP)
+    for arguments in examples():
+        if arguments[0] == "validate":
+            shutil.copy("run.toml", arguments[2])
+        if arguments[0] == "new":
+            arguments[-1] = "draft.toml"  # which is not to take the place of what others read
+        assert cli.run(arguments) == 0, arguments
