@@ -348,10 +348,11 @@ def test_what_a_record_is_read_with_is_an_input(folder):
     text = text.replace('unit = "m" }', 'unit = "m", dynamics = { table = "sensor.csv" } }', 1)
     text = re.sub(r"fundamental = .*\n(harmonics = .*\n)?", 'band = ["5 Hz", "90 Hz"]\n', text)
     text = text.replace('file = "run.csv"', 'file = "run.csv"\nquiet = "quiet.csv"')
-    (folder / "all.toml").write_text(text)
+    (folder / "own.toml").write_text(rid.load_model("jeffcott").file_text)
+    (folder / "all.toml").write_text(text.replace('"jeffcott"', '"own.toml"'))
     plan = rid.load_experiment("all.toml")
     named = {path.name for path in plan.files}
-    assert {"run.csv", "quiet.csv", "force.csv", "sensor.csv"} <= named
+    assert {"own.toml", "run.csv", "quiet.csv", "force.csv", "sensor.csv"} <= named
     assert [path.name for path in plan.record_files] == ["run.csv"]
     kept = (folder / "quiet.csv").read_bytes()
     assert cli.run(["identify", "all.toml", "--json", "quiet.csv", "--force"]) == 2
