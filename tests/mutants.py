@@ -141,17 +141,7 @@ def is_killed(mutant: Mutant, copy: Path) -> bool:
         row[: mutant.column] + mutant.new.encode() + row[mutant.end :]
     ).decode()
     path.write_text("".join(lines), encoding="utf-8")
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-x",
-        "-m",
-        "not slow",
-        "-p",
-        "no:cacheprovider",
-    ]
+    command = [sys.executable, "-m", "pytest", "-qx", "-m", "not slow", "-p", "no:cacheprovider"]
     try:
         done = subprocess.run(
             [*command, *tests_of(mutant.module)],

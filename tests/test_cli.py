@@ -3,10 +3,7 @@
 import hashlib
 import io
 import json
-import os
 import re
-import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -284,43 +281,6 @@ def test_debug_shows_the_traceback(folder):
     for arguments in (["identify", "none.toml", "--debug"], ["--debug", "identify", "none.toml"]):
         with pytest.raises(rid.InputError, match=r"none\.toml"):
             cli.run(arguments)
-
-
-def test_a_fault_of_the_program_is_one_line(folder, monkeypatch, capsys):
-    monkeypatch.setattr(commands.identify, "identify", lambda *_: 1 / 0)
-    assert cli.run(["identify", "run.toml"]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "internal error, ZeroDivisionError" in line
-    assert "--debug" in line
-
-
-def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "rotorid", *arguments]
-
-
-def test_an_interrupt_is_one_line_and_no_file(folder, monkeypatch, capsys):
-    def interrupt(*_: object, **__: object) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr("rotorid.demo.run_machine", interrupt)
-    # A shell starts what runs in the background with the signal ignored, these tests included.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        assert cli.run(["demo", "--json", "demo.json"]) == 130
-    finally:
-        signal.signal(signal.SIGINT, before)
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.split() == ["rotorid:", "interrupted"]
-    assert not (folder / "demo.json").exists()
-
-
-@pytest.mark.slow
-def test_silent_in_a_pipe(folder):
-    process = subprocess.run(command("identify", "run.toml"), capture_output=True, check=True)
-    assert process.stderr == b""
-    assert b"\x1b" not in process.stdout
-    assert process.stdout.decode("ascii").startswith("jeffcott, ml: ok")
 
 
 def test_a_result_says_where_it_comes_from(folder):

@@ -1,7 +1,6 @@
 """`rotorid new`: a draft from records alone, refused until it is complete, then right."""
 
 import re
-import time
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import InputError
@@ -28,7 +28,6 @@ from rotorid.experiment.draft import (
     sensors_at_inputs,
 )
 from rotorid.signals.period_search import Period
-from rotorid.testing import open_table
 
 MODEL = rid.load_model("jeffcott")
 RATE, PERIOD = 2000.0, 200
@@ -399,21 +398,14 @@ def test_currents_that_no_name_tells_apart_leave_a_law_to_be_completed(tmp_path)
     assert [record.get("phase") for record in found["records"]] == [None, "unknown"]
 
 
-@pytest.mark.parametrize("name", ["Ref A X", "ref_x1", "ex1", "Exc", "Disturbance x"])
-def test_names_of_what_was_added(name):
-    assert is_excitation(Found(name, np.zeros(2), None, "channel"))
-
-
-@pytest.mark.parametrize("name", ["Distance A X", "Extension", "Force A X"])
-def test_names_of_what_was_measured(name):
-    assert not is_excitation(Found(name, np.zeros(2), None, "channel"))
-
-
-@pytest.mark.parametrize(
-    "name", ["Key", "Key phasor", "kp", "tacho1", "Marke", "Puls", "zero_mark"]
-)
-def test_names_of_a_mark(name):
-    assert role_of(name, "V") == "keyphasor"
+def test_names_of_what_was_added_and_of_marks():
+    for names, added in (
+        (["Ref A X", "ref_x1", "ex1", "Exc", "Disturbance x"], True),
+        (["Distance A X", "Extension", "Force A X"], False),
+    ):
+        assert {is_excitation(Found(n, np.zeros(2), None, "channel")) for n in names} == {added}
+    marks = ["Key", "Key phasor", "kp", "tacho1", "Marke", "Puls", "zero_mark"]
+    assert {role_of(name, "V") for name in marks} == {"keyphasor"}
 
 
 def test_a_record_in_place_of_the_experiment_is_told(tmp_path, capfd):
@@ -444,29 +436,6 @@ def test_a_record_at_rest_has_no_band(tmp_path):
     assert "is large" not in draft([tmp_path / "run.csv"], None, tmp_path)
 
 
-def test_a_file_of_many_columns_is_read_once(tmp_path):
-    """Also where some are words: halves are tried, not one column after the other."""
-    names = [f"c{i}" for i in range(1000)]
-    row = ["1.5"] * 1000
-    row[7] = row[900] = "words"
-    rows = [",".join(names), *[",".join(row)] * 20]
-    (tmp_path / "run.csv").write_text("\n".join(rows) + "\n")
-    started = time.process_time()
-    columns = draft_module._columns(open_table(tmp_path / "run.csv"))
-    assert time.process_time() - started < 5
-    assert [c.name for c in columns] == [n for i, n in enumerate(names) if i not in (7, 900)]
-
-
-@pytest.mark.slow
-def test_a_file_that_stands_for_too_much(tmp_path, capfd):
-    path = tmp_path / "run.h5"
-    with h5py.File(path, "w") as data:
-        for i in range(20):
-            data.create_dataset(f"x{i}", data=np.zeros(500_000), chunks=True, compression="gzip")
-    assert run(["new", str(path), "--model", "jeffcott", "--out", str(tmp_path / "e.toml")]) == 2
-    assert "bytes of numbers declared" in capfd.readouterr().err
-
-
 def test_a_file_without_a_column_of_numbers(tmp_path):
     with h5py.File(tmp_path / "run.h5", "w") as data:
         data["title"] = "words"
@@ -482,15 +451,9 @@ def test_a_wide_table_is_read_in_time(monkeypatch):
         columns_module, "_alike", lambda *names: looked_at.append(1) or alike(*names)
     )
     places = [f"x{i}" for i in range(100)]
-    model = rid.parse_model(
-        'title = "many"\nequations = ['
-        + ", ".join(f"\"m*{x}'' + k*{x} = F_{x}\"" for x in places)
-        + "]\n[coordinates]\n"
-        + "".join(f'{x} = "m"\n' for x in places)
-        + "[inputs]\n"
-        + "".join(f'F_{x} = "N"\n' for x in places)
-        + '[parameters]\nm = { unit = "kg" }\nk = { unit = "N/m" }\n'
-    )
+    coordinates, inputs = dict.fromkeys(places, "m"), {f"F_{x}": "N" for x in places}
+    equations = [f"m*{x}'' + k*{x} = F_{x}" for x in places]
+    model = rid.parse_model(model_text("many", equations, coordinates, inputs, "m kg, k N/m"))
     names = [f"{kind} x{i}" for i in range(1000) for kind in ("force", "pos")]
     found = assign(model, [Found(n, np.zeros(0), None, "channel") for n in names])
     assert found["F_x77"].name == "force x77"

@@ -1,8 +1,6 @@
 """Experiment files, on exact records of the Jeffcott rotor written in odd units."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -436,26 +434,6 @@ def test_a_record_is_read_once_whatever_method_takes_it(folder):
     (first,) = experiment.records("ml")
     (second,) = experiment.records("batch")
     assert second is first
-
-
-def test_a_sample_is_looked_over_for_gaps_once(folder, monkeypatch):
-    """From the file to every method: what was read in blocks, and what was cut, is not again."""
-    from rotorid.data import record
-    from rotorid.signals import average as block_average
-
-    looked_over = []
-
-    def counting(names: Sequence[str], samples: np.ndarray, *rest: Any, **more: Any) -> None:
-        looked_over.append(samples.size)
-        check_samples(names, samples, *rest, **more)
-
-    check_samples = record.check_samples
-    monkeypatch.setattr(record, "check_samples", counting)
-    monkeypatch.setattr(block_average, "check_samples", counting)
-    experiment = load(folder)
-    for method in ("ml", "batch", "sequential"):
-        experiment.records(method)
-    assert 0 < sum(looked_over) <= 4 * PERIOD * 4  # four periods of four channels
 
 
 @pytest.mark.parametrize(

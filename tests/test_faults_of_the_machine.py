@@ -5,7 +5,6 @@ import os
 import random
 import resource
 import signal
-import stat
 import subprocess
 import sys
 import time
@@ -220,18 +219,6 @@ def test_arguments_out_of_all_bounds(here, capsys, arguments):
     assert sorted(here.iterdir()) == before
 
 
-def test_outputs_in_a_loop_of_links(here, capsys):
-    (here / "loop.json").symlink_to("loop.json")
-    (here / "loop.html").symlink_to("loop.json")
-    for option, name in (("--json", "loop.json"), ("--report", "loop.html")):
-        assert cli.run(["identify", "run.toml", option, name]) == 2
-        assert "symbolic links" in capsys.readouterr().err
-    assert cli.run(["report", "loop.json"]) == 2
-    capsys.readouterr()
-    (here / "loop.json").unlink()
-    (here / "loop.html").unlink()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [150, 250, 350, 450, 600, 800])
 def test_little_memory(here, megabytes):
@@ -293,14 +280,6 @@ def test_random_kills(here, command, count):
     assert hit > count // 3
     for path in here.glob("kill.*"):
         path.unlink()
-
-
-def test_a_file_that_only_its_owner_reads_stays_so(here):
-    assert cli.run(["identify", "run.toml", "--json", "own.json", "-q"]) == 0
-    (here / "own.json").chmod(0o600)
-    assert cli.run(["identify", "run.toml", "--json", "own.json", "-q"]) == 0
-    assert stat.S_IMODE((here / "own.json").stat().st_mode) == 0o600
-    (here / "own.json").unlink()
 
 
 @pytest.mark.parametrize("arguments", [("new", "run.csv"), ("inspect", "run.toml")])

@@ -19,7 +19,6 @@ from rotorid.core.files import (
     Kind,
     check_apart,
     check_beside,
-    check_regular,
     check_target,
     open_regular,
     read_regular,
@@ -224,15 +223,6 @@ def test_files_that_a_record_names(tmp_path):
         check_beside("gone.h5", record)
     with pytest.raises(InputError, match=r"run\.h5: found samples in|links"):
         check_beside("circle.h5", record)
-
-
-def test_regular_files_are_taken(tmp_path):
-    path = tmp_path / "run.csv"
-    path.write_text("x")
-    (tmp_path / "link.csv").symlink_to(path)
-    assert check_regular(tmp_path / "link.csv").st_size == 1
-    with open_regular(tmp_path / "link.csv") as stream:
-        assert stream.read() == b"x"
 
 
 # -------------------------------------------------------------------------------------------------

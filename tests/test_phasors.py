@@ -468,12 +468,6 @@ y = { column = "y", unit = "m" }
     assert estimate.value("xi") == pytest.approx(TRUTH["u_x"] / 5.0, rel=1e-3)
 
 
-def test_a_probe_that_is_turned_about(folder):
-    write(folder / "run.csv", RPM, coast(RPM) * [1, -1])
-    text = EXPERIMENT.replace('phase = "py"', 'phase = "py", scale = -1')
-    assert identify(folder, text).value("u_x") == pytest.approx(TRUTH["u_x"], rel=1e-9)
-
-
 def test_phasors_that_no_machine_has(folder):
     write(folder / "run.csv", RPM, 1e70 * coast(RPM))
     with pytest.raises(

@@ -130,16 +130,6 @@ def test_records_and_periods_draw_themselves():
     assert len(rid.average(one, 2.0, harmonics=[1]).plot().axes) >= 12
 
 
-def test_quantities_may_be_texts():
-    model = rid.load_model("jeffcott")
-    told = rid.MaximumLikelihood(fixed={"k": "0.4 kN/mm"}, known={"m": ("5000 g", "0.1 kg")})
-    knowledge = told.knowledge(model)
-    assert knowledge.fixed == {"k": pytest.approx(4e5)}
-    assert knowledge.known == {"m": (pytest.approx(5.0), pytest.approx(0.1))}
-    with pytest.raises(rid.InputError, match="k"):
-        rid.MaximumLikelihood(fixed={"k": "0.4 kg"}).knowledge(model)
-
-
 # Times and angles are made when they are first read.
 
 WAVE = np.random.default_rng(3).standard_normal((200, 1))

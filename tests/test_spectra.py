@@ -14,7 +14,7 @@ import rotorid as rid
 from rotorid import Channel, InputError, MaximumLikelihood, Record, cli, identify, spectra
 from rotorid.answer.judge import of_data
 from rotorid.data.whole_record import TRANSIENT
-from rotorid.experiment.duplicates import ALIKE, LARGE, SAME_SPEED, TURNED, Wave, check_rotation
+from rotorid.experiment.duplicates import Wave, check_rotation
 from rotorid.likelihood import fit
 from rotorid.likelihood.unknowns import Nuisances, phases
 from rotorid.signals import local_polynomial
@@ -76,24 +76,6 @@ def record():
 
 def lines_of(record, **more):
     return spectra(record, (2.0, 200.0), references=["r_x", "r_y"], **more)
-
-
-@pytest.mark.slow
-def test_closed_loop_with_references(record):
-    """The rotation fits no line, the ends are loose, the loop feeds noise into the forces."""
-    estimate = identify(MODEL, lines_of(record), KNOWN)
-    assert estimate.status == "ok"
-    assert estimate.misfit.dof == 2 * 2 * 991 - 5 - 6  # three transient terms an equation
-    assert 1e-3 < estimate.misfit.p_value < 1 - 1e-3
-    assert np.abs(deviations(estimate)).max() < 3.5
-    assert estimate.std("k") < 2e-3 * TRUTH["k"]
-
-
-@pytest.mark.slow
-def test_a_quiet_record_tells_the_noise(record):
-    estimate = identify(MODEL, lines_of(record, quiet=levitated(2, excitation=0.0)), KNOWN)
-    assert estimate.status == "ok"
-    assert np.abs(deviations(estimate)).max() < 3.5
 
 
 @pytest.mark.slow
@@ -561,11 +543,6 @@ def test_a_record_without_periods_is_identified(folder, noise):
         assert abs(row["value"] - TRUTH[row["name"]]) < 4 * row["std"], row
 
 
-@pytest.mark.slow
-def test_what_was_assumed_of_the_noise_is_said(folder):
-    assert any("free of noise" in warning for warning in identify_whole(folder, "")["warnings"])
-
-
 @pytest.mark.parametrize(
     ("noise", "message"),
     [
@@ -699,7 +676,6 @@ def test_a_wave_that_is_another_as_a_whole():
     assert factor(wave.phasors * turn, 300.2) == pytest.approx(turn)
     assert factor(wave.phasors * [turn, 1.0]) is None  # another machine
     assert wave.over(Wave(1, 300.0, ("x", "y"), np.zeros(2) + 0j)) is None
-    assert (SAME_SPEED, ALIKE, round(np.rad2deg(TURNED), 9), LARGE) == (1e-3, 0.1, 10.0, 100.0)
 
 
 @pytest.mark.parametrize("factor", [1.2 * np.exp(0.5j), 90.0, np.exp(0.15j)])

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import fuzz_files as good
 import h5py
-import numpy as np
 from fuzz_harness import Case
 from io_writers import element, mat5, matrix_of
 
@@ -82,15 +81,6 @@ def only_odd_names(data: h5py.File) -> None:
         h5py.h5d.create(data.id, name, h5py.h5t.NATIVE_DOUBLE, space)
 
 
-def odd_attributes(data: h5py.File) -> None:
-    """State units and rates that are none."""
-    samples(data)
-    data["fx"].attrs["units"] = np.bytes_(b"\xff\xfe\x1b[2J")
-    data["px"].attrs["units"] = "m" * 30_000
-    data["px"].attrs["sample_rate"] = 1e308
-    data.attrs["sample_rate"] = np.arange(10.0)
-
-
 # MATLAB files, element by element.
 
 
@@ -161,7 +151,6 @@ FORMAT_CASES: dict[str, Callable[[], Case]] = {
     "hdf5: odd names": case("run.h5", hdf5(odd_names), (0, 2)),
     "hdf5: only odd names": case("run.h5", hdf5(only_odd_names)),
     "hdf5: odd names, drafted": case("run.h5", hdf5(odd_names), (0, 2), "", ("new", "run.h5")),
-    "hdf5: odd attributes": case("run.h5", hdf5(odd_attributes), (0, 2)),
     **{f"mat: {name}": case("run.mat", data, (0, 1, 2)) for name, data in MAT.items()},
     **{f"mat: {p.stem}": case("run.mat", p.read_bytes(), (0, 1, 2)) for p in KILLERS},
 }

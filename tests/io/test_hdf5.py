@@ -230,6 +230,7 @@ def test_numbers_are_those_written(kind, shape, tmp_path):
         for name in asked:
             np.testing.assert_array_equal(found[name].values, expected[name])
             parts = [block[name].values for block in blocks]
+            assert {found[name].values.dtype, *(p.dtype for p in parts)} == {np.dtype(float)}
             assert [len(p) for p in parts] == [*[5] * (len(expected[name]) // 5), len(parts[-1])]
             np.testing.assert_array_equal(np.concatenate(parts), expected[name])
 
@@ -245,16 +246,6 @@ def test_numbers_that_hdf5_converts(tmp_path):
         made = h5py.h5d.create(data.id, b"x", stored, h5py.h5s.create_simple((5,)))
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
     assert open_table(path).read(["x"])["x"].values.tolist() == values.tolist()
-
-
-def test_blocks_of_single_precision_are_those_of_the_whole(tmp_path):
-    """Whatever they are multiplied by afterwards: a block is in double precision, as all is."""
-    with h5py.File(tmp_path / "run.h5", "w") as data:
-        data["x"] = np.random.default_rng(1).standard_normal(1000).astype(np.float32)
-    opened = open_table(tmp_path / "run.h5")
-    whole = opened.read(["x"])["x"].values * 1e-6
-    parts = [block["x"].values * 1e-6 for block in opened.blocks(["x"], 300)]
-    np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
 def test_what_nobody_wrote_is_known_by_a_few_questions(tmp_path, monkeypatch, capsys):

@@ -25,7 +25,7 @@ from rotorid.io.clock import (
 )
 from rotorid.io.columns import open_blocks
 from rotorid.signals.average import PeriodSums, average_blocks
-from rotorid.testing import Source, open_table
+from rotorid.testing import Source
 
 # -------------------------------------------------------------------------------------------------
 # From files to records in SI units.
@@ -74,10 +74,6 @@ def test_units_of_the_file(tmp_path):
     assert record.angle is None
 
 
-def test_time_is_no_channel(tmp_path):
-    assert rid.read_record(write(tmp_path, ".mat"), time="t").names == ("x", "f")
-
-
 def test_columns_of_another_length_are_left_out(tmp_path):
     path = tmp_path / "run.mat"
     scipy.io.savemat(path, {"x": X, "short": X[:3]})
@@ -121,12 +117,6 @@ def test_refused_channels(tmp_path, source, message):
     assert caught.value.file == str(path)
 
 
-def test_a_stated_unit_can_be_overruled(tmp_path):
-    channels = {"q": Source("x", unit="mm", scale=1)}
-    record = rid.read_record(write(tmp_path, ".h5"), columns=channels, sample_rate=1e3)
-    np.testing.assert_allclose(record.column("q"), 1e-3 * X)
-
-
 def test_one_source_of_time(tmp_path):
     path = write(tmp_path, ".h5")
     with pytest.raises(InputError, match="one of sample_rate and time"):
@@ -149,14 +139,6 @@ def test_time_in_its_unit(tmp_path):
     path.write_text("t,x\n0,1\n2,1\n4,1\n")
     assert rid.read_record(path, time="t").sample_rate == pytest.approx(0.5)
     assert rid.read_record(path, time=Source("t", unit="us")).sample_rate == pytest.approx(5e5)
-
-
-def test_jitter_of_the_time_stamps_does_not_matter():
-    rng = np.random.default_rng(1)
-    time = np.arange(1001) / 1000.0
-    time[1:-1] += rng.uniform(-2e-4, 2e-4, 999)
-    assert read_clock(time).rate.hertz == pytest.approx(1000.0, rel=1e-12)
-    assert read_clock(np.round(np.arange(1001) / 400.0, 3)).rate.hertz == pytest.approx(400.0)  # ms
 
 
 @pytest.mark.parametrize(
@@ -274,15 +256,6 @@ def test_samples_that_some_machine_might_have(size, tmp_path):
     assert np.abs(record.samples).max() == pytest.approx(size, rel=1e-12)
 
 
-def test_a_scale_beyond_numbers(tmp_path):
-    path = write(tmp_path, ".csv")
-    for scale in (1e308, 1e-308):
-        with pytest.raises(InputError, match=r"channels\.x\.unit: found samples up to"):
-            rid.read_record(
-                path, columns={"x": Source("x", scale=scale, unit="km")}, sample_rate=1000.0
-            )
-
-
 # -------------------------------------------------------------------------------------------------
 # Sample times: even, rounded, jittered, late, missing.
 
@@ -308,6 +281,7 @@ def test_even_and_rounded_times_are_left_alone():
         assert clock.even
     assert read_clock(np.round(np.arange(4001) / 400.0, 3)).rate.hertz == pytest.approx(400.0)
     assert not read_clock(JITTER).even
+    assert read_clock(JITTER).rate.hertz == pytest.approx(1000.0, rel=1e-12)
 
 
 def test_times_whose_error_does_not_tell_are_left_alone(tmp_path):
@@ -543,7 +517,6 @@ def test_small_records_and_jittered_ones_are_read_at_once(tmp_path, monkeypatch)
     assert open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE) is not None
     jittered = open_blocks([tmp_path / "run.h5"], columns=SOURCES, time=Source("t", "s"))
     assert jittered is None
-    assert not isinstance(open_table(tmp_path / "run.h5"), type(None))
 
 
 @pytest.mark.parametrize("scale", [1e-162, 1e155])
