@@ -25,9 +25,10 @@ from result_cases import (
 
 import rotorid as rid
 from rotorid import InputError, cli, load_rig
+from rotorid.models.modal import poles_of
 from rotorid.results import sensitivity
 from rotorid.results import sensitivity_peak as peak
-from rotorid.results.loops import _from_above, plant_poles, poles_on_the_right
+from rotorid.results.loops import _from_above, poles_on_the_right
 from rotorid.results.sensitivity import (
     LIMITS,
     AxisSensitivity,
@@ -570,7 +571,7 @@ def test_random_loops_are_counted_as_their_eigenvalues_are():
         poles = loop.poles()
         if ((np.abs(poles.real) < 0.1) & (np.abs(poles) > 1e-2)).any():
             continue  # neither stable nor not, to the digits of the lines
-        plant = plant_poles(loop.stiffness, loop.damping, loop.mass)
+        plant = poles_of(loop.mass, loop.damping, loop.stiffness)
         found = poles_on_the_right(GRID, loop.returned(GRID), plant)
         if isinstance(found, str):
             untold += 1
@@ -585,7 +586,7 @@ def single(kp: float, kd: float, delay: float, omega, k: float = 0.0):
     """Return 1 + L and the plant's poles of 1 kg on a spring with a controller and a delay."""
     s = 1j * omega
     returned = 1 + (kp + kd * s) * np.exp(-s * delay) / (s**2 + k)
-    return returned[:, None, None], plant_poles(np.array([[k]]), np.zeros((1, 1)), np.eye(1))
+    return returned[:, None, None], poles_of(np.eye(1), np.zeros((1, 1)), np.array([[k]]))
 
 
 def test_a_delay_and_a_negative_stiffness():

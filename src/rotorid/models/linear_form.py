@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Array, Booleans, Complexes, Floats, Integers
 from rotorid.models.equations import DERIVATIVES
 from rotorid.models.expressions import (
     FUNCTIONS,
@@ -250,7 +250,7 @@ class LinearForm:
         """Solve ``Z(omega_k) q_k = right_k`` for the coordinates, shape (line, coordinate)."""
         stiffness = self.dynamic_stiffness(omega, values, speed)
         self.require_square()
-        return solved(stiffness, right, np.asarray(omega, dtype=float))
+        return solved(stiffness, right[..., None], np.asarray(omega, dtype=float))[..., 0]
 
     def load_columns(self, time: ArrayLike, angle: ArrayLike, speed: float) -> Floats:
         """Return the columns of g: ``g = load_columns @ mu``."""
@@ -280,10 +280,8 @@ SINGULAR = 1e12
 """Condition number of a scaled dynamic stiffness from which on it is singular to rounding."""
 
 
-def solved(
-    stiffness: Complexes, right: Complexes, omega: Floats, size: Floats | None = None
-) -> Complexes:
-    """Solve ``Z_k q_k = right_k``, (line, coordinate); `size`: of Z's parts, which may cancel."""
+def solved(stiffness: Array, right: Array, omega: Floats, size: Floats | None = None) -> Array:
+    """Solve ``Z_k q_k = right_k``, (line, row, several); `size`: of Z's parts, which may cancel."""
     # Rows and columns in units of their own size, so that the condition means something.
     size = np.abs(stiffness) if size is None else size
     row = 1 / np.maximum(size.max(axis=2), 1e-300)
@@ -297,8 +295,7 @@ def solved(
             "lines away from undamped resonances and free motion",
             "leave that line out or give the model damping or support",
         )
-    found = np.linalg.solve(scaled, (right * row)[..., None])[..., 0]
-    return np.asarray(found * column)
+    return np.asarray(np.linalg.solve(scaled, right * row[..., None]) * column[..., None])
 
 
 def speed_factor(factor: Expression, speed: float) -> float:

@@ -93,6 +93,13 @@ def eigenvalues(mass: Matrix, damping: Matrix, stiffness: Matrix) -> Complexes:
     return np.asarray(values[order] * pencil.unit, dtype=np.complex128)
 
 
+def poles_of(mass: Matrix, damping: Matrix, stiffness: Matrix) -> Complexes:
+    """Return the finite roots of ``det(lambda^2 M + lambda D + K)``."""
+    pencil = _Scaled.of(mass, damping, stiffness)
+    values, _, _ = pencil.poles(vectors=False)
+    return np.asarray(values[np.isfinite(values)] * pencil.unit)
+
+
 @frozen
 class _Scaled:
     stiffness: Matrix

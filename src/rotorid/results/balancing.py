@@ -23,7 +23,6 @@ from rotorid.core.frozen import frozen
 from rotorid.core.linalg import rank_of_columns
 from rotorid.core.units import quantity
 from rotorid.core.values import ByContent, Complexes, Floats
-from rotorid.models.linear_form import solved
 from rotorid.models.rotor import RotorModel
 from rotorid.results.machine import (
     Machine,
@@ -390,11 +389,7 @@ class _Task:
         effects, loads = [], []
         for speed in self.speeds.tolist():
             load, _ = machine.load(speed)
-            right = np.column_stack([load, speed**2 * self.columns])
-            count = right.shape[1]
-            stiffness = np.repeat(machine.dynamic_stiffness(speed, speed)[None], count, 0)
-            sizes = np.repeat(machine.sizes(speed)[None], count, 0)
-            moved = solved(stiffness, right.T, np.full(count, speed), sizes).T
+            moved = machine.answer(speed, np.column_stack([load, speed**2 * self.columns]))
             scale = 1 / speed**2 if len(self.speeds) == 1 else 1.0
             loads.append(scale * weights @ moved[:, 0])
             effects.append(scale * weights @ moved[:, 1:])

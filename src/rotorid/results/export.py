@@ -22,11 +22,9 @@ from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.values import ByContent, Floats
 from rotorid.models import Model
+from rotorid.models.linear_form import solved
 from rotorid.results.machine import Machine, machine_of, require_shares
 from rotorid.results.modes import finite_speed
-
-SINGULAR = 1e-12
-"""Reciprocal condition of a scaled matrix below which it is singular to rounding."""
 
 
 @frozen
@@ -179,21 +177,16 @@ def _spaces(
 
 
 def _solved(machine: Machine, matrix: Floats, right: Floats) -> Floats:
-    """Solve with a matrix scaled to entries of one size."""
-    size = np.abs(matrix)
-    row = 1 / np.maximum(size.max(axis=1), 1e-300)
-    column = 1 / np.maximum((size * row[:, None]).max(axis=0), 1e-300)
-    scaled = matrix * row[:, None] * column
-    values = np.linalg.svd(scaled, compute_uv=False)
-    if values[-1] <= SINGULAR * values[0]:
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = np.real(solved(matrix[None], right[None], np.zeros(1))[0])
+    except InputError:
         raise InputError(
             "an inertia, or a damping of what has none, that is singular",
             "coordinates that each have their own",
             "give the massless coordinates a little inertia",
             file=machine.model.name,
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = column[:, None] * np.linalg.solve(scaled, right * row[:, None])
+        ) from None
     if not np.isfinite(found).all():
         raise InputError(
             "a machine beyond all bounds",

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-import scipy
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import HALF_WIDTH
@@ -21,6 +20,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.models import Model
+from rotorid.models.modal import poles_of
 from rotorid.results.machine import Machine, directions_of, laws_of, machine_of, require_shares
 from rotorid.results.modes import finite_speed
 from rotorid.results.sensitivity import AxisSensitivity
@@ -34,19 +34,6 @@ WHOLE = 0.3
 """Distance from a whole number of poles above which the first line lies too high to tell."""
 AXIS = 1e-9
 """Share of its size by which a plant's pole left or right of the axis is on it: rounding."""
-
-
-def plant_poles(
-    stiffness: Floats | Complexes, damping: Floats | Complexes, mass: Floats | Complexes
-) -> Complexes:
-    """Return the finite roots of ``det(s^2 M + s D + K)``."""
-    n = len(mass)
-    zero, one = np.zeros((n, n)), np.eye(n)
-    left = np.block([[zero, one], [-stiffness, -damping]])
-    right = np.block([[one, zero], [zero, mass]])
-    alpha, beta = scipy.linalg.eigvals(left, right, homogeneous_eigvals=True)
-    finite = np.abs(beta) > 1e-12 * np.hypot(np.abs(alpha), np.abs(beta))
-    return np.asarray(alpha[finite] / beta[finite])
 
 
 def poles_on_the_right(omega: Floats, returned: Complexes, poles: Complexes) -> int | str:
@@ -179,7 +166,8 @@ def loop_sensitivity(
     deviations = np.linalg.norm(changes, axis=0)
     axes = []
     top, where, _ = np.array([peak_of(hertz, column) for column in here.T]).T
-    right = poles_on_the_right(omega, returned, plant_poles(*_plant(machine, turning, known)[:3]))
+    stiffness, damping, mass, _ = _plant(machine, turning, known)
+    right = poles_on_the_right(omega, returned, poles_of(mass, damping, stiffness))
     caveat = f"{UNTOLD}, {right}" if isinstance(right, str) else UNSTABLE if right else ""
     if caveat == UNSTABLE:
         top = np.full(len(top), np.inf)

@@ -140,36 +140,18 @@ class Machine:
         slopes: Floats | Complexes = (above - below) / (2 * step)
         return slopes
 
-    def dynamic_stiffness(self, omega: float, speed: float) -> Complexes:
-        """Return Z, shape (row, coordinate)."""
-        s = 1j * omega
-        stiffness, damping, mass = self.matrices(speed)
-        if omega < 0:  # structural damping lags there too
-            stiffness = stiffness.conj()
-        return np.asarray(s**2 * mass + s * damping + stiffness)
-
-    def sizes(self, speed: float) -> Floats:
-        """Return the size of the parts that Z at the rotation is a sum of, (row, coordinate)."""
-        return np.asarray(
-            np.einsum("p,pij->ij", abs(speed) ** np.arange(3), np.abs(self.matrices(speed)))
-        )
-
-    def load_columns(self, speed: float) -> Complexes:
-        """Return the columns of g, of ``Re(g exp(i phi))``; shape (row, monomial)."""
-        return np.asarray(self.linear.rotation_columns(speed) * self.used)
-
     def load(self, speed: float) -> tuple[Complexes, Complexes]:
-        """Return g, shape (row,), and its derivative by the unknowns, shape (row, unknown)."""
-        columns = self.load_columns(speed)
+        """Return g, of ``Re(g exp(i phi))``, (row,), and its derivative, (row, unknown)."""
+        columns = self.linear.rotation_columns(speed) * self.used
         mu, slopes = self.monomials.values(self.values), self.monomials.jacobian(self.values)
         return np.asarray(columns @ mu), np.asarray(columns @ slopes)
 
-    def stiffness_slopes(self, omega: float, speed: float, motion: Complexes) -> Complexes:
+    def stiffness_slopes(self, speed: float, motion: Complexes) -> Complexes:
         """Return d (Z q) by the unknowns at a motion q, shape (row, unknown)."""
         pencil = self.pencil(speed)
-        weight = pencil.weight.conj() if omega < 0 else pencil.weight
+        weight = pencil.weight.conj() if speed < 0 else pencil.weight
         table, by_monomial = self._terms, np.zeros((len(motion), len(self.used)), np.complex128)
-        terms = weight * (1j * omega) ** table.order * motion[table.column]
+        terms = weight * (1j * speed) ** table.order * motion[table.column]
         np.add.at(by_monomial, (table.row, table.monomial), terms)
         return np.asarray(by_monomial @ self.monomials.jacobian(self.values))
 
@@ -179,15 +161,17 @@ class Machine:
         ``q = Re(Q exp(i phi))``. Refused at an undamped critical speed.
         """
         load, by_load = self.load(speed)
-        stiffness = self.dynamic_stiffness(speed, speed)[None]
-        omega = np.array([speed])
-        size = self.sizes(speed)[None]
-        motion = solved(stiffness, load[None], omega, size)[0]
-        right = (by_load - self.stiffness_slopes(speed, speed, motion)).T
-        count = len(right)
-        several = (np.repeat(each, count, 0) for each in (omega, size))
-        slopes = solved(np.repeat(stiffness, count, 0), right, *several)
-        return motion, np.asarray(slopes.T)
+        motion = self.answer(speed, load[:, None])[:, 0]
+        return motion, self.answer(speed, by_load - self.stiffness_slopes(speed, motion))
+
+    def answer(self, speed: float, loads: Complexes) -> Complexes:
+        """Return the motion that loads on the rotation's line make, (coordinate, load)."""
+        stiffness, damping, mass = parts = self.matrices(speed)
+        if speed < 0:  # structural damping lags there too
+            stiffness = stiffness.conj()
+        size = np.einsum("p,pij->ij", abs(speed) ** np.arange(3), np.abs(parts))  # they may cancel
+        matrix = (1j * speed) ** 2 * mass + 1j * speed * damping + stiffness
+        return np.asarray(solved(matrix[None], loads[None], np.array([speed]), size[None])[0])
 
     def input_matrix(self) -> Floats:
         """B, shape (row, input)."""

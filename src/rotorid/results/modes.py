@@ -20,7 +20,6 @@ from itertools import pairwise
 from typing import Literal, TypeVar, cast
 
 import numpy as np
-import scipy.linalg
 import scipy.optimize
 
 from rotorid.answer.estimate import Estimate
@@ -31,7 +30,7 @@ from rotorid.core.units import quantity
 from rotorid.core.values import ByContent, Complexes, Floats, Integers
 from rotorid.core.watch import counting
 from rotorid.models import Model
-from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, parted
+from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, parted, poles_of
 from rotorid.results.machine import Machine, machine_of
 
 Whirl = Literal["forward", "backward", "planar", "mixed"]
@@ -581,16 +580,7 @@ def _seeds(machine: Machine, to: float) -> Floats:
     half = to / 2
     stiffness, damping, mass = machine.matrices(half)
     gyroscopic = machine.matrices_by_speed(half)[1]
-    constant = damping - half * gyroscopic
-    n = len(mass)
-    pencil = np.zeros((2, 2 * n, 2 * n), dtype=np.complex128)
-    heavy, stiff = np.abs(mass).max(initial=0.0), np.abs(stiffness).max(initial=0.0)
-    scale = float(np.sqrt(stiff / heavy)) if heavy > 0 and stiff > 0 else max(abs(half), 1.0)
-    pencil[0, :n, n:] = pencil[1, :n, :n] = np.eye(n)
-    pencil[0, n:, :n], pencil[0, n:, n:] = -stiffness, -1j * scale * constant
-    pencil[1, n:, n:] = scale**2 * (1j * gyroscopic - mass)
-    values = scipy.linalg.eigvals(*pencil)
-    values = scale * values[np.isfinite(values)]
+    values = poles_of(1j * gyroscopic - mass, 1j * (damping - half * gyroscopic), stiffness)
     real = np.abs(values.real)[np.abs(values.imag) < np.abs(values.real)]
     return np.sort(real[(real > 0) & (real < 2 * abs(to))])
 
