@@ -202,7 +202,7 @@ def lost(name: str) -> rid.Estimate:
         (None, ["x,y"], {"radius": "3 cm", "holes": 0}, "0 holes"),
         (None, ["x,y"], {"radius": "3 cm", "holes": 2.5}, r"2.5 holes.*whole number"),
         (None, ["x,y"], {"radius": "3 cm", "holes": 2}, "reach every direction"),
-        (None, ["x,y"], {"radius": "3 cm", "masses": ["0 g"]}, "a number above 0"),
+        (None, ["x,y"], {"radius": "3 cm", "masses": ["0 g"]}, "more than 0 kg"),
         (lost("mu"), ENDS, {}, "leaves mu undetermined.*second speed"),
         (lost("I_t"), ENDS, {}, "leaves I_t undetermined"),
         (dict.fromkeys(UNBALANCE, 0.0), ENDS, {}, "without unbalance"),

@@ -15,6 +15,7 @@ from rotorid.commands.console import Outputs, done
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
 from rotorid.core.toml import table_within
+from rotorid.core.units import finite_speed
 from rotorid.core.watch import watch
 from rotorid.models import Model, load_model
 from rotorid.report.machines import balance_page, balance_report, modes_page, modes_report
@@ -26,7 +27,6 @@ from rotorid.results.modes import (
     CriticalSpeed,
     Modes,
     campbell,
-    finite_speed,
     response_of,
 )
 from rotorid.results.modes import modes as find_modes

@@ -364,6 +364,14 @@ def quantity(value: float | str, expected: str, *, place: str = "") -> float:
     return value
 
 
+def finite_speed(speed: float | str, place: str = "speed") -> float:
+    """Return a speed in rad/s, of a number or a text with its unit."""
+    found = quantity(speed, "rad/s", place=place)
+    if not math.isfinite(found):
+        raise InputError(f"{speed}", "a finite speed", "give 0 at standstill", place=place)
+    return float(found)
+
+
 def to_si(value: object, expected: str, *, place: str = "") -> float:
     """Return a quantity, number and unit, in the expected SI unit; a bare one where that is 1."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):

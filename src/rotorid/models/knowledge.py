@@ -12,7 +12,7 @@ import scipy
 
 from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.units import multiply_units, quantity, to_si
+from rotorid.core.units import finite_speed, multiply_units, quantity, to_si
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.models import Model
@@ -240,15 +240,11 @@ class Mode:
     mode: int | None = None
 
     def __post_init__(self) -> None:
-        for name, unit in (("frequency", "Hz"), ("std", "Hz"), ("speed", "rad/s")):
-            number = quantity(getattr(self, name), unit, place=name)
-            object.__setattr__(self, name, float(number))
         for name in ("frequency", "std"):
-            _positive(getattr(self, name), "Hz", name)
-        if not np.isfinite(self.in_si[2]):
-            raise InputError(
-                f"{self.speed}", "a finite speed", "give 0 at standstill", place="speed"
-            )
+            number = float(quantity(getattr(self, name), "Hz", place=name))
+            _positive(number, "Hz", name)
+            object.__setattr__(self, name, number)
+        object.__setattr__(self, "speed", finite_speed(self.speed))
         if self.damping is not None:
             value, std = map(float, self.damping)
             object.__setattr__(self, "damping", (value, std))

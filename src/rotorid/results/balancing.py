@@ -18,10 +18,10 @@ import numpy as np
 
 from rotorid.answer.estimate import Estimate
 from rotorid.core.distributions import bound_of_length
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_positive
 from rotorid.core.frozen import frozen
 from rotorid.core.linalg import rank_of_columns
-from rotorid.core.units import quantity
+from rotorid.core.units import finite_speed, quantity
 from rotorid.core.values import ByContent, Complexes, Floats
 from rotorid.models.rotor import RotorModel
 from rotorid.results.machine import (
@@ -32,7 +32,7 @@ from rotorid.results.machine import (
     own_model,
     shares_of,
 )
-from rotorid.results.modes import amplitude_std, finite_speed, partners
+from rotorid.results.modes import amplitude_std, partners
 
 FREE = 360
 """Angles that are tried where masses may be mounted anywhere: one degree is what hands can do."""
@@ -68,7 +68,7 @@ class Masses:
             raise InputError(
                 f"{holes} holes", "a whole number, 1 or more", "count them", place="holes"
             )
-        sizes = tuple(_positive(mass, "kg", "masses") for mass in masses)
+        sizes = tuple(_above_zero(mass, "kg", "masses") for mass in masses)
         if len(sizes) * (holes or FREE) > MOST:
             raise InputError(
                 f"{len(sizes)} masses in {holes or FREE} places",
@@ -76,14 +76,13 @@ class Masses:
                 "leave out masses that hardly differ",
                 place="masses",
             )
-        return cls(None if radius is None else _positive(radius, "m", "radius"), sizes, holes)
+        return cls(None if radius is None else _above_zero(radius, "m", "radius"), sizes, holes)
 
 
-def _positive(value: float | str, unit: str, place: str) -> float:
-    found = quantity(value, unit, place=place)
-    if not 0 < found < np.inf:
-        raise InputError(f"{value}", "a number above 0", f"give it in {unit}", place=place)
-    return float(found)
+def _above_zero(value: float | str, unit: str, place: str) -> float:
+    found = float(quantity(value, unit, place=place))
+    require_positive(found, unit, f"give it in {unit}", place=place)
+    return found
 
 
 def chosen(
@@ -101,14 +100,13 @@ def chosen(
         return np.array([complex(sum(each)) for each in moments]), split
     ways = [_nearest(kit, complex(w)) for w in ideal]
     effects, load = weighed
-    best, cost = None, np.inf
     if len(ideal) > 3:  # more planes than can be tried together: each by itself
         ways = [each[:1] for each in ways]
-    for way in product(*ways):
-        left = float(np.linalg.norm(load + effects @ np.array([value for value, _ in way])))
-        if left < cost:
-            best, cost = way, left
-    assert best is not None
+
+    def left(way: Sequence[tuple[complex, Mounted]]) -> float:
+        return float(np.linalg.norm(load + effects @ np.array([value for value, _ in way])))
+
+    best = min(product(*ways), key=left)
     return np.array([value for value, _ in best]), [mounted for _, mounted in best]
 
 
@@ -362,17 +360,13 @@ def _said_of(estimate: Estimate) -> list[str]:
 def _too_coarse(
     planes: Sequence[str], applied: Complexes, ideal: Complexes, kit: Masses
 ) -> list[str]:
-    if kit.radius is None:
-        return []
-    found = []
-    for plane, got, wanted in zip(planes, applied, ideal, strict=True):
-        if abs(got - wanted) > COARSE * abs(wanted):
-            found.append(
-                f"warning: plane {plane} needs {1e3 * abs(wanted) / kit.radius:.4g} g at "
-                f"{1e3 * kit.radius:g} mm; the masses given leave "
-                f"{100 * abs(got - wanted) / abs(wanted):.0f} % of it"
-            )
-    return found
+    return [
+        f"warning: plane {plane} needs {1e3 * abs(wanted) / kit.radius:.4g} g at "
+        f"{1e3 * kit.radius:g} mm; the masses given leave "
+        f"{100 * abs(got - wanted) / abs(wanted):.0f} % of it"
+        for plane, got, wanted in zip(planes, applied, ideal, strict=True)
+        if kit.radius is not None and abs(got - wanted) > COARSE * abs(wanted)
+    ]
 
 
 @frozen

@@ -9,7 +9,6 @@ from pathlib import PurePath
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from rotorid.answer.derived import physical_fit
 from rotorid.answer.estimate import Estimate, check_units
@@ -146,15 +145,6 @@ class Machine:
         mu, slopes = self.monomials.values(self.values), self.monomials.jacobian(self.values)
         return np.asarray(columns @ mu), np.asarray(columns @ slopes)
 
-    def stiffness_slopes(self, speed: float, motion: Complexes) -> Complexes:
-        """Return d (Z q) by the unknowns at a motion q, shape (row, unknown)."""
-        pencil = self.pencil(speed)
-        weight = pencil.weight.conj() if speed < 0 else pencil.weight
-        table, by_monomial = self._terms, np.zeros((len(motion), len(self.used)), np.complex128)
-        terms = weight * (1j * speed) ** table.order * motion[table.column]
-        np.add.at(by_monomial, (table.row, table.monomial), terms)
-        return np.asarray(by_monomial @ self.monomials.jacobian(self.values))
-
     def response(self, speed: float) -> tuple[Complexes, Complexes]:
         """Return the motion Q that the unbalance makes, (coordinate,), and its derivative.
 
@@ -162,7 +152,14 @@ class Machine:
         """
         load, by_load = self.load(speed)
         motion = self.answer(speed, load[:, None])[:, 0]
-        return motion, self.answer(speed, by_load - self.stiffness_slopes(speed, motion))
+        pencil, table = self.pencil(speed), self._terms
+        weight = pencil.weight.conj() if speed < 0 else pencil.weight
+        # d (Z q) by the monomials, at the motion q
+        by_monomial = np.zeros((len(motion), len(self.used)), dtype=np.complex128)
+        terms = weight * (1j * speed) ** table.order * motion[table.column]
+        np.add.at(by_monomial, (table.row, table.monomial), terms)
+        by_stiffness = by_monomial @ self.monomials.jacobian(self.values)
+        return motion, self.answer(speed, by_load - by_stiffness)
 
     def answer(self, speed: float, loads: Complexes) -> Complexes:
         """Return the motion that loads on the rotation's line make, (coordinate, load)."""
@@ -443,9 +440,8 @@ def laws_of(estimate: Estimate) -> dict[str, tuple[float, float]]:
         if not isinstance(entry, dict) or entry.get("law") not in ("linear", "differential"):
             continue
         try:
-            law = LawEntry.model_validate({k: entry[k] for k in law_keys() if k in entry})
-            built = law.build()
-        except (ValidationError, ValueError):
+            built = LawEntry.model_validate({k: entry[k] for k in law_keys() if k in entry}).build()
+        except ValueError:
             continue
         if isinstance(built, Linear | Differential):
             slope = built.linearize()

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 import scipy.optimize
@@ -26,7 +26,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.units import quantity
+from rotorid.core.units import finite_speed
 from rotorid.core.values import ByContent, Complexes, Floats, Integers
 from rotorid.core.watch import counting
 from rotorid.models import Model
@@ -65,18 +65,12 @@ def whirl_of(
     """
     if not pairs:
         return "planar"
-    x, y = (np.array([pair[side] for pair in pairs]) for side in (0, 1))
+    x, y = np.array(pairs).T
     inertia = weight[x] + weight[y]
-    if not inertia.any():
-        inertia = np.ones(len(x))
     forward, backward = np.abs(shape[x] + 1j * shape[y]), np.abs(shape[x] - 1j * shape[y])
-    energy = inertia * (forward**2 + backward**2)
-    if not energy.any():
-        return "planar"
+    energy = (inertia if inertia.any() else 1.0) * (forward**2 + backward**2)
     speaks = energy > SILENT * energy.sum()
-    whole = forward + backward
-    ratio = np.where(whole > 0, (forward - backward) / np.where(whole > 0, whole, 1.0), 0.0)
-    ratio = ratio[speaks] * (-1.0 if speed < 0 else 1.0)
+    ratio = ((forward - backward)[speaks] / (forward + backward)[speaks]) * (-1 if speed < 0 else 1)
     if (np.abs(ratio) < PLANAR).all():
         return "planar"
     if ratio.min() < -PLANAR and ratio.max() > PLANAR:
@@ -169,13 +163,6 @@ def modes(
     """
     machine = machine_of(source, record)
     return modes_at(machine, finite_speed(speed), rng)
-
-
-def finite_speed(speed: float | str, place: str = "speed") -> float:
-    found = quantity(speed, "rad/s", place=place)
-    if not np.isfinite(found):
-        raise InputError(f"{speed}", "a finite speed", "give 0 at standstill", place=place)
-    return float(found)
 
 
 def modes_at(machine: Machine, speed: float, rng: np.random.Generator | None = None) -> Modes:
@@ -305,17 +292,14 @@ class Eigen:
         """Return A_u of modes, (mode, mode, unknown); of several groups, (group, mode)."""
         pencil, values = self.machine.pencil(self.speed), self.machine.values
         groups, size = group.reshape(-1, group.shape[-1]), group.shape[-1]
-        parts = []
+        parts: list[Any] = [np.zeros((0, size, size, len(values)), dtype=np.complex128)]
         chunk = max(1, TERMS // (size**2 * max(len(pencil.terms), 1)))
         for first in range(0, len(groups), chunk):
             here = chosen(self.found, groups[first : first + chunk])
             inner = pencil.slopes(here.values.mean(axis=1), here.left, here.right, values)
             right = inner.reshape(len(inner), size, -1)
             parts.append(-np.linalg.solve(self.gram(here, here), right).reshape(inner.shape))
-        shape = (*group.shape, size, len(values))
-        if not parts:
-            return np.zeros(shape, dtype=np.complex128)
-        return np.concatenate(parts).reshape(shape)
+        return np.concatenate(parts).reshape(*group.shape, size, len(values))
 
     def drawn(self, cluster: Integers, rng: np.random.Generator) -> Complexes:
         """Return draws of ``sum_u A_u dx_u`` of close modes, shape (draw, mode, mode)."""
@@ -565,7 +549,12 @@ def critical_speeds(
 def _grid(machine: Machine, to: float) -> list[float]:
     """Return the speeds, above 0, at which modes above the rotation are counted."""
     last = abs(to)
-    seeds = _seeds(machine, to)
+    stiffness, damping, mass = machine.matrices(to / 2)
+    gyroscopic = machine.matrices_by_speed(to / 2)[1]
+    # Approximate critical speeds: those of the matrices as they are half way.
+    values = poles_of(1j * gyroscopic - mass, 1j * (damping - to / 2 * gyroscopic), stiffness)
+    real = np.abs(values.real)[np.abs(values.imag) < np.abs(values.real)]
+    seeds = np.sort(real[(real > 0) & (real < 2 * last)])
     between = (seeds[:-1] + seeds[1:]) / 2
     beside = np.concatenate([seeds * (1 - NEARBY), seeds * (1 + NEARBY), between])
     regular = np.linspace(0, last, SCAN + 1)[1:]
@@ -573,16 +562,6 @@ def _grid(machine: Machine, to: float) -> list[float]:
     points = np.concatenate([[first], regular, beside[(beside > first) & (beside < last)]])
     found: list[float] = np.unique(points).tolist()
     return found
-
-
-def _seeds(machine: Machine, to: float) -> Floats:
-    """Return approximate critical speeds: those of the matrices as they are half way."""
-    half = to / 2
-    stiffness, damping, mass = machine.matrices(half)
-    gyroscopic = machine.matrices_by_speed(half)[1]
-    values = poles_of(1j * gyroscopic - mass, 1j * (damping - half * gyroscopic), stiffness)
-    real = np.abs(values.real)[np.abs(values.imag) < np.abs(values.real)]
-    return np.sort(real[(real > 0) & (real < 2 * abs(to))])
 
 
 def _root(machine: Machine, sign: float, k: int, low: float, high: float) -> float | None:
@@ -602,26 +581,23 @@ def _root(machine: Machine, sign: float, k: int, low: float, high: float) -> flo
 
 def _critical(
     machine: Machine, speed: float, rng: np.random.Generator | None
-) -> list[CriticalSpeed]:
-    """Return what is at a critical speed: one, or those of modes that coincide there by chance."""
+) -> Iterator[CriticalSpeed]:
+    """Yield what is at a critical speed: one, or those of modes that coincide there by chance."""
     eigen = Eigen(machine, speed)
-    values = eigen.found.values
-    found = []
     for group in eigen.groups:
         near = int(group[0])
-        if abs(values[near].imag - abs(speed)) > FALSE * abs(speed):
-            continue
-        whirl = eigen.whirls[near]
-        ratio = float(-values[near].real / abs(values[near]))
-        none = (None, None)
-        spread = none if machine.covariance is None else _spread(eigen, near, rng)
-        found.append(CriticalSpeed(speed, spread[0], whirl, ratio, spread[1]))
-    return found
+        value = eigen.found.values[near]
+        if abs(value.imag - abs(speed)) <= FALSE * abs(speed):
+            std, ends = _spread(eigen, near, rng)
+            ratio = float(-value.real / abs(value))
+            yield CriticalSpeed(speed, std, eigen.whirls[near], ratio, ends)
 
 
 def _spread(
     eigen: Eigen, near: int, rng: np.random.Generator | None
-) -> tuple[float, tuple[float, float]]:
+) -> tuple[float | None, tuple[float, float] | None]:
+    if eigen.machine.covariance is None:
+        return None, None
     speed, sign = eigen.speed, -1.0 if eigen.speed < 0 else 1.0
     group = next(g for g in (*eigen.clusters, *eigen.found.distinct) if near in g)
     by_speed = sign * eigen.by_speed(group)

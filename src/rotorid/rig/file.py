@@ -221,14 +221,7 @@ class ActuatorEntry(LawEntry):
 
 def build_actuators(entries: Mapping[str, ActuatorEntry], model: Model) -> dict[str, Actuator]:
     """Return the actuator of each input: what ``all`` says, and what its own table changes."""
-    for name in entries:
-        if name != ALL and name not in model.inputs:
-            raise InputError(
-                repr(name[:60]),
-                f"all, or one of {', '.join(model.inputs)}",
-                "name an input of the model, or all",
-                place="actuators",
-            )
+    require_names(entries, (ALL, *model.inputs), place="actuators")
     shared = entries.get(ALL, ActuatorEntry())
     built = {}
     for name in model.inputs:
@@ -443,14 +436,8 @@ class RigFile(Schema):
         require_names(self.parameters, units, place="parameters")
         for name, quantity in self.parameters.items():
             known[name] = to_si(quantity, units[name], place=f"parameters.{name}")
-        missing = [name for name in units if name not in known]
-        if missing:
-            raise InputError(
-                f"no value of {', '.join(missing)}",
-                "a value of every parameter that has no nominal one",
-                "add it",
-                place="parameters",
-            )
+        with naming(place="parameters"):
+            model.values(known)  # refuses where one is missing
         return known
 
     def _process_noise(self, model: Model) -> ProcessNoise:

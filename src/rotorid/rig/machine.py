@@ -60,13 +60,6 @@ def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Sched
     """Merge the clocks of controller and logger; both tick at t = 0."""
     check_rate(control_rate, "rate")
     check_rate(sample_rate, "sample_rate")
-    if not (np.isfinite(delay) and delay >= 0):
-        raise InputError(
-            f"{delay} s",
-            "0 s or more",
-            "give how long the controller computes, or leave it out",
-            place="delay",
-        )
     if delay * control_rate > MAX_DELAY:
         raise InputError(
             f"{delay:g} s",
