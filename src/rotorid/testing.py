@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Floats
 from rotorid.data.observation import bind as bind
 from rotorid.data.observation import bind_all as bind_all
 from rotorid.data.record import Channel, PeriodicRecord
@@ -162,13 +162,8 @@ def add_noise(
     PeriodicRecord
     """
     std = np.array([deviation.get(name, 0.0) for name in record.names])
-    noise = _unit_noise(record, rng) * (std / np.sqrt(record.samples))
-    return replace(record, spectra=record.spectra + noise, variance=record.variance + std**2)
-
-
-def _unit_noise(record: PeriodicRecord, rng: np.random.Generator) -> Complexes:
-    """Return circular noise of variance one; real on DC and on the Nyquist line."""
     drawn: Floats = rng.standard_normal((*record.spectra.shape, 2))
-    real = record.multiplicity == 1.0
+    real = record.multiplicity == 1.0  # DC and the Nyquist line
     parts = np.where(real[:, None, None], np.array([1.0, 0.0]), np.sqrt(0.5))
-    return np.asarray((drawn * parts).view(np.complex128)[..., 0])
+    noise = (drawn * parts).view(np.complex128)[..., 0] * (std / np.sqrt(record.samples))
+    return replace(record, spectra=record.spectra + noise, variance=record.variance + std**2)

@@ -32,10 +32,7 @@ NOT_ZERO: Limit = (lambda v: v != 0 and abs(v) < np.inf, "not zero")
 NOT_BELOW_ZERO: Limit = (lambda v: 0 <= v < np.inf, "0 or more")
 OPEN: Limit = (lambda v: v > 0, "more than 0 {}, or infinite")
 FINITE: Limit = (lambda v: abs(v) < np.inf, "a finite number")
-ACUTE: Limit = (
-    lambda v: abs(v) < np.pi / 2,
-    "half the poles' angle, less than 90 degrees",
-)
+ACUTE: Limit = (lambda v: abs(v) < np.pi / 2, "half the poles' angle, less than 90 degrees")
 
 
 def require(ok: object, name: str, found: object, expected: str, cure: str) -> None:
@@ -84,16 +81,15 @@ class Law(ABC):
 
     @property
     def constants(self) -> dict[str, LawConstant]:
-        return {
-            name: LawConstant(
-                of.unit,
+        found = {}
+        for name, of in self.stated.items():
+            value, std, shared = (
                 getattr(self, name),
                 self.std.get(name, 0.0),
-                of.positive,
                 self.shared.get(name, ""),
             )
-            for name, of in self.stated.items()
-        }
+            found[name] = LawConstant(of.unit, value, std, of.positive, shared)
+        return found
 
     @property
     def reach(self) -> float:
@@ -172,19 +168,11 @@ KNEE = 4
 transformer sheet, which bend within a fifth of their saturation."""
 
 
-def magnet_fluxes(
-    current: Any,
-    position: Any,
-    bias: Any,
-    gap: Any,
-    cosine: Any,
-    bias_difference: Any,
-    iron: Any,
-    saturation: Any,
-) -> Any:
+def magnet_fluxes(current: Any, position: Any, magnet: Any) -> Any:
     """Return what the flux densities of two opposed magnets are in proportion to, in A/m."""
-    ahead = bias + bias_difference + current
-    behind = bias - bias_difference - current
+    bias, gap, cosine, difference, iron, saturation = magnet
+    ahead = bias + difference + current
+    behind = bias - difference - current
     ahead = ahead * (ahead.real > 0) / (gap + iron - position * cosine)
     behind = behind * (behind.real > 0) / (gap + iron + position * cosine)
     if saturation != np.inf:
@@ -267,7 +255,7 @@ class Differential(Law):
         return self.K * np.cos(self.angle) * (ahead * ahead - behind * behind)
 
     def fluxes(self, current: Any, position: Any) -> tuple[Any, Any]:
-        ahead, behind = magnet_fluxes(current, position, *self.numbers[1:])
+        ahead, behind = magnet_fluxes(current, position, self.numbers[1:])
         return ahead, behind
 
     @property

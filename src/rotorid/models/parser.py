@@ -492,26 +492,21 @@ def _power_of_number(value: Fraction, exponent: Fraction) -> Polynomial:
         _check_power(value, int(exponent))
         return {NUMBER: value ** int(exponent)}
     total, roots = Fraction(1), {}
-    for part, sign in ((value.numerator, 1), (value.denominator, -1)):
-        for prime, count in _factors(part).items():
+    for left, sign in ((value.numerator, 1), (value.denominator, -1)):
+        found: dict[int, int] = Counter()  # small factors; what is left counts as a prime
+        for factor in range(2, _PRIMES + 1):
+            while left % factor == 0:
+                left //= factor
+                found[factor] += 1
+        if left > 1:
+            found[left] += 1
+        for prime, count in found.items():
             power = sign * count * exponent
             _check_power(Fraction(prime), int(power // 1))
             total *= Fraction(prime) ** int(power // 1)
             if power % 1:
                 roots[number(prime)] = power % 1
     return {frozenset(roots.items()): total}
-
-
-def _factors(value: int) -> dict[int, int]:
-    """Return small factors and how often they are there; what is left counts as a prime."""
-    found: dict[int, int] = Counter()
-    for factor in range(2, _PRIMES + 1):
-        while value % factor == 0:
-            value //= factor
-            found[factor] += 1
-    if value > 1:
-        found[value] += 1
-    return found
 
 
 def _value_of(value: Expression) -> Real:

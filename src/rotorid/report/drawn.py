@@ -449,7 +449,8 @@ def shapes(
         whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
         for way, part in parts.items():
             told = "motion" if alone else "in a plane" if way == "planar" else f"{way} part"
-            shown = _signed(part) / whole if whole > 0 else np.zeros(len(part))
+            largest = part[int(np.abs(part).argmax())]  # at the moment when it is at its largest
+            shown = (part * np.exp(-1j * np.angle(largest))).real / (whole or 1.0)
             curves.append(Curve(place, shown, told, WAYS[way], "line"))
             named = tuple(map(label, names))
             curves.append(Curve(place, shown, "", WAYS[way], "points", told=named))
@@ -471,15 +472,6 @@ def _ways(
         left, sizes, _ = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
         return {"planar": sizes[0] * left[:, 0]} if sizes[1] < FLAT * sizes[0] else parts
     return {mode.whirl: parts[mode.whirl]} if twice and mode.whirl in parts else parts
-
-
-def _signed(part: Any) -> Floats:
-    """Return a part of a shape as it stands at the moment when its largest is at its largest."""
-    size = np.abs(part)
-    if not size.any():
-        return np.zeros(len(part))
-    turned = part * np.exp(-1j * np.angle(part[int(size.argmax())]))
-    return np.asarray(turned.real)
 
 
 def response(found: Source, units: Mapping[str, str]) -> list[Panel]:

@@ -191,11 +191,11 @@ HALF = 5
 
 def rotor_page(model: RotorModel) -> Page:
     rotor = model.rotor
-    nodes = [
-        (str(k), f"{1e3 * node.position:.6g}", ", ".join(node.names if node.named else ()), what)
-        for k, node in enumerate(rotor.nodes)
-        for what in [_standing(rotor, node.names)]
-    ]
+    nodes = []
+    for k, node in enumerate(rotor.nodes):
+        held = [word for key, word, *_ in MARKS if {*node.names} & set(getattr(rotor, key))]
+        named = ", ".join(node.names if node.named else ())
+        nodes.append((str(k), f"{1e3 * node.position:.6g}", named, ", ".join(held)))
     return [
         *_head(model),
         *drawing(rotor),
@@ -205,11 +205,6 @@ def rotor_page(model: RotorModel) -> Page:
         *_parameters(model),
         *_channels(model),
     ]
-
-
-def _standing(rotor: Rotor, names: tuple[str, ...]) -> str:
-    held = [word for key, word, *_ in MARKS if set(names) & set(getattr(rotor, key))]
-    return ", ".join(held)
 
 
 def _weights(model: RotorModel) -> list[str]:

@@ -110,13 +110,6 @@ def record_evidence(
     )
 
 
-def speaks_of(model: Model, estimate: Estimate, record: Data, number: int) -> bool:
-    """Tell whether an estimate leaves nothing open that a prediction of this record needs."""
-    held = record.lines if isinstance(record, Observation) else record
-    known = all(np.isfinite(v.value) for v in estimate.parameters) and held.phase_known
-    return known and not missing_values(model, estimate, number, held.parameters)
-
-
 def _record(
     estimate: Estimate, record: Observation, number: int, most: int, *, another: bool
 ) -> RecordEvidence:
@@ -125,7 +118,8 @@ def _record(
     phase = phases.get(f"phase[{number}]", math.nan)
     if not another and math.isfinite(phase):
         record = record.with_lines(record.lines.turned(phase))
-    if speaks_of(record.model, estimate, record, number):
+    known = all(np.isfinite(v.value) for v in estimate.parameters) and record.lines.phase_known
+    if known and not missing_values(record.model, estimate, number, record.lines.parameters):
         with suppress(InputError):  # a record whose prediction is refused is shown as measured
             forecast = Forecast(record.model, estimate, record, number)
             found = forecast.at

@@ -181,7 +181,7 @@ def _forces(displacement: Any, kind: Any, laws: Any, position: Any, current: Any
         else:
             most = 0.999 * law[2] / law[3]
             x = min(max(x, -most), most)
-            ahead, behind = _fluxes(current[j], x, law[1], law[2], law[3], law[4], law[5], law[6])
+            ahead, behind = _fluxes(current[j], x, (law[1], law[2], law[3], law[4], law[5], law[6]))
             out[j] = law[0] * law[3] * (ahead * ahead - behind * behind)
 
 
@@ -450,9 +450,7 @@ def _exact_step(
 def _laws_at(bearings: Any, time: float, laws: Any) -> None:
     for j in range(laws.shape[0]):
         for k in range(laws.shape[1]):
-            laws[j, k] = bearings.law[j, k]
-            if bearings.heating[j, k] != 0.0:
-                laws[j, k] += bearings.heating[j, k] * max(time, 0.0)
+            laws[j, k] = bearings.law[j, k] + bearings.heating[j, k] * max(time, 0.0)
 
 
 def room_of(

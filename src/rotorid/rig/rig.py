@@ -229,19 +229,14 @@ def kernel_tables(
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
     readings = samples * rig.logger.oversampling
     events = Events(plan, settling + -(-readings // plan.logs), settling)
-    steps, loop = step_table(rig, plant, lags), loop_table(rig, events, samples, rng)
-    return events, steps, bearing_table(rig, plant), rotor, lags, loop
-
-
-def step_table(rig: RigMachine, plant: Plant, lags: Lags) -> Steps:
-    """Return the exact steps of a linear rig; of another one only their sizes matter."""
-    n, inputs = plant.force.shape
     if rig.linear:
-        return exact_steps(rig, plant, lags, rig.rotation.speed)
-    events, size = len(rig.schedule.offset), 2 * n + len(lags.floor)
-    noises = len(rig.process_noise.std) + len(rig.disturbances)
-    shapes = ((size, size), (size, inputs), (size, noises), (size, 0))
-    return Steps(False, *(np.zeros((events, *shape)) for shape in shapes))
+        steps = exact_steps(rig, plant, lags, rig.rotation.speed)
+    else:  # only their sizes matter
+        size = 2 * len(plant.force) + len(lags.floor)
+        shapes = ((size, size), (size, plant.force.shape[1]), (size, noise.shape[1]), (size, 0))
+        steps = Steps(False, *(np.zeros((len(plan.offset), *shape)) for shape in shapes))
+    loop = loop_table(rig, events, samples, rng)
+    return events, steps, bearing_table(rig, plant), rotor, lags, loop
 
 
 def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:

@@ -402,7 +402,10 @@ def reduction(
     places = np.unique(2 * (kept // PLANES) + (kept % PLANES >= 2))
     count = max(int((values > share * values[0]).sum()), len(places))
     basis = left[:, :count] * whole.size.reshape(-1, PLANES)[:, [0, 3]].ravel()[:, None]
-    basis = basis @ _showing(basis[places])
+    # The places that are shown come first.
+    left, values, right = np.linalg.svd(basis[places])
+    shown = right[: len(places)].T / values @ left.T
+    basis = basis @ np.concatenate([shown, right[len(places) :].T], axis=1)
     transform = np.stack([plane @ basis for plane in planes], axis=2).reshape(len(shapes), -1)
     where = []
     for k, place in enumerate(places.tolist()):
@@ -410,10 +413,3 @@ def reduction(
         where += [first + 3, first + 2] if angle else [first, first + 1]
         transform[:, 2 * k + 1] *= -1 if angle else 1  # theta_x is the slope of -y
     return np.array(where, dtype=np.int64), transform
-
-
-def _showing(rows: Floats) -> Floats:
-    """Return a change of basis after which `rows` are the first coordinates."""
-    left, values, right = np.linalg.svd(rows)
-    first = right[: len(rows)].T / values @ left.T
-    return np.concatenate([first, right[len(rows) :].T], axis=1)

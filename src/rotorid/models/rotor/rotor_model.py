@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property, partial
@@ -259,29 +259,9 @@ class RotorModel(Model):
         return {"pieces": pieces, "loads": loads, "whole": whole}
 
     def to_ross(self, values: Mapping[str, float], *, speed: float = 0.0) -> Any:
-        """Return the rotor as ROSS has it.
+        """Return the `ross.Rotor`, at values in SI; `speed` in rad/s, on which supports may depend.
 
-        Parameters
-        ----------
-        values : mapping of str to float
-            Of the parameters, in SI.
-        speed : float
-            rad/s, where the supports depend on it.
-
-        Returns
-        -------
-        ross.Rotor
-
-        Raises
-        ------
-        ModelError
-            Without ROSS, and for damping of the shaft, which ROSS does not have.
-
-        Examples
-        --------
-        >>> from rotorid.models import load_model
-        >>> model = load_model("flexible")
-        >>> model.to_ross(model.nominal | {"c_i": 0.0})  # doctest: +SKIP
+        ROSS has no damping of the shaft: a ModelError.
         """
         return _to_ross(self.rotor, {**dict(self.held), **values, "Omega": speed})
 
@@ -452,7 +432,14 @@ def from_ross(
     }
     signed = partial(named, positive=False)
     supports = {
-        f"bearing{k}": _support(float(at[bearing.n]), k, bearing, signed)
+        f"bearing{k}": Support(
+            at=float(at[bearing.n]),
+            **{
+                kind + axes: signed(f"{kind}{axes}_{k}", unit, _constant(bearing, kind + axes))
+                for kind, unit in (("k", "N/m"), ("c", "N s/m"))
+                for axes in CROSSED
+            },
+        )
         for k, bearing in enumerate(rotor.bearing_elements)
     }
     pushed, read = (
@@ -468,17 +455,6 @@ def from_ross(
     cure = "take names from there"
     require_names(unknown, model.parameter_names, "no parameter {}", cure, place="unknown")
     return model.substitute({n: v for n, v in model.nominal.items() if n not in unknown})
-
-
-def _support(
-    at: float, number: int, bearing: Any, named: Callable[[str, str, float], Quantity]
-) -> Support:
-    quantities = {
-        kind + axes: named(f"{kind}{axes}_{number}", unit, _constant(bearing, kind + axes))
-        for kind, unit in (("k", "N/m"), ("c", "N s/m"))
-        for axes in CROSSED
-    }
-    return Support(at=at, **quantities)
 
 
 def _in_order(rotor: Any) -> list[Any]:
