@@ -33,18 +33,23 @@ def estimate_of(
     percent: float = 1.0,
     fixed: tuple[str, ...] = (),
     covariance: np.ndarray | None = None,
+    std: float | None = None,
     **changes: object,
 ) -> rid.Estimate:
     """Return an estimate of a model; deviations in percent, correlated a little, or as given."""
     at = {**model.nominal, **(values or {})}
     free = [name for name in model.parameter_names if name not in fixed]
+    if std is not None:
+        covariance = std**2 * np.eye(len(free))
     if covariance is None:
-        std = np.array([0.01 * percent * abs(at[name]) for name in free])
+        spread = np.array([0.01 * percent * abs(at[name]) for name in free])
         correlation = np.eye(len(free)) + 0.3 * (1 - np.eye(len(free)))
-        covariance = correlation * np.outer(std, std)
-    spread = dict(zip(free, np.sqrt(np.diag(covariance)), strict=True))
+        covariance = correlation * np.outer(spread, spread)
+    deviations = dict(zip(free, np.sqrt(np.diag(covariance)), strict=True))
     parameters = tuple(
-        rid.Value(p.name, p.unit, at[p.name], std=spread.get(p.name, 0.0), fixed=p.name in fixed)
+        rid.Value(
+            p.name, p.unit, at[p.name], std=deviations.get(p.name, 0.0), fixed=p.name in fixed
+        )
         for p in model.parameters
     )
     made = rid.Estimate(

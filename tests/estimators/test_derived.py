@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bank import ARM, BANK, JEFFCOTT, THREE_MASS, combination
+from linear_machines import estimate_of
 from model_text import model_text
 
 import rotorid as rid
@@ -153,9 +154,8 @@ def test_deviations_of_base_parameters_agree_with_scatter(problem):
 def made(name: str, deviation: float) -> tuple[rid.Model, rid.Estimate]:
     """Return an estimate at the nominal values, all known equally well."""
     model = rid.load_model(name)
-    values = tuple(rid.Value(p.name, p.unit, p.nominal, deviation) for p in model.parameters)
-    sizes = deviation * np.array([v.value for v in values])
-    return model, rid.Estimate(name, "ml", "ok", values, covariance=np.diag(sizes**2))
+    sizes = deviation * np.array(list(model.nominal.values()))
+    return model, estimate_of(model, covariance=np.diag(sizes**2))
 
 
 def test_planes_of_the_three_mass_rotor():
@@ -199,9 +199,7 @@ def test_what_does_not_grow_as_the_square_of_the_speed_is_no_unbalance(more):
 def test_what_grows_otherwise_leaves_no_rounding():
     text = rid.load_model("jeffcott").file_text
     model = rid.models.parse_model(text.replace("Omega^2", "Omega"))
-    values = tuple(rid.Value(p.name, p.unit, p.nominal, 1e-3) for p in model.parameters)
-    estimate = rid.Estimate("jeffcott", "ml", "ok", values, covariance=np.eye(len(values)))
-    assert with_unbalance(model, estimate).unbalance == ()
+    assert with_unbalance(model, estimate_of(model, std=1e-3)).unbalance == ()
 
 
 def test_deviations_are_those_of_draws():
@@ -245,8 +243,7 @@ def test_what_is_not_told_has_no_unbalance():
     bare = estimate.with_(covariance=np.full((13, 13), np.nan), status="not_identifiable")
     assert with_unbalance(model, bare).unbalance[0].std is None
     emps = rid.load_model("emps")
-    values = tuple(rid.Value(p.name, p.unit, p.nominal, 1.0) for p in emps.parameters)
-    assert with_unbalance(emps, rid.Estimate("emps", "ls", "ok", values)).unbalance == ()
+    assert with_unbalance(emps, estimate_of(emps, std=1.0)).unbalance == ()
 
 
 def test_a_load_of_one_axis_stands_alone():
@@ -256,11 +253,10 @@ def test_a_load_of_one_axis_stands_alone():
             ["m*x'' + k*x = F + u*Omega^2*sin(phi)"],
             "x m",
             "F N",
-            "m kg, k N/m, u kg m",
+            "m 2.0 kg, k 1e4 N/m, u 3e-5 kg m",
         )
     )
-    values = [rid.Value("m", "kg", 2.0), rid.Value("k", "N/m", 1e4), rid.Value("u", "kg m", 3e-5)]
-    (only,) = with_unbalance(model, rid.Estimate("m", "ml", "ok", tuple(values))).unbalance
+    (only,) = with_unbalance(model, estimate_of(model)).unbalance
     assert only.plane == "x"
     assert only.amount == pytest.approx(3e-5)
     assert only.angle_rad == pytest.approx(-np.pi / 2)

@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from linear_machines import estimate_of
 from model_text import model_text
 from severities import doubting, rejecting
 
 import rotorid as rid
-from rotorid import Estimate, Value, load_model, parse_model
+from rotorid import Estimate, load_model, parse_model
 from rotorid.answer import machine_checks as gate
 from rotorid.answer.judge import CONTRADICTING, of_data
 from rotorid.core.distributions import Expectation
@@ -25,10 +26,7 @@ RIGID = load_model("rigid")
 
 def rigid_estimate(std: float = 1e-4, **changes: float) -> Estimate:
     """Return an estimate of a rigid rotor, some of its values changed."""
-    values = {**RIGID.nominal, "m": 7.6, "I_t": 0.118, "I_p": 0.0212, **changes}
-    values = {p.name: values.get(p.name, 0.1) for p in RIGID.parameters}
-    found = tuple(Value(p.name, p.unit, values[p.name], std, std) for p in RIGID.parameters)
-    return Estimate("rigid", "ml", "ok", found, covariance=std**2 * np.eye(len(found)))
+    return estimate_of(RIGID, {"m": 7.6, "I_t": 0.118, "I_p": 0.0212, **changes}, std=std)
 
 
 def test_a_machine_passes():
@@ -69,8 +67,7 @@ def scaled_estimate(inertia: float, stiffness: float) -> Estimate:
     model = load_model("jeffcott")
     size = {"m": inertia, "k": stiffness, "c": 7.0}
     values = {p.name: size.get(p.name, 1.0) * p.nominal for p in model.parameters}
-    found = tuple(Value(p.name, p.unit, values[p.name], 1e-9, 1e-9) for p in model.parameters)
-    return Estimate("jeffcott", "ml", "ok", found, covariance=1e-18 * np.eye(len(found)))
+    return estimate_of(model, values, std=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -108,9 +105,7 @@ TILTING = parse_model(
 
 def tilting_estimate(ratio: float, std: float = 1e-3) -> Estimate:
     """Return an estimate whose polar inertia is so many of its deviations."""
-    values = {"It": 0.03, "Ip": ratio * std, "k": 1e3}
-    found = tuple(Value(p.name, p.unit, values[p.name], std, std) for p in TILTING.parameters)
-    return Estimate("tilting", "ml", "ok", found, covariance=std**2 * np.eye(3))
+    return estimate_of(TILTING, {"It": 0.03, "Ip": ratio * std}, std=std)
 
 
 def test_a_rotor_that_turns_the_other_way_is_told():
@@ -143,11 +138,8 @@ PLANES = ("16*I_p", 'I_p = { unit = "kg m^2", nominal = 0.05 }')  # over the squ
 def test_a_seal_is_no_polar_inertia(coupling, size, faults):
     """Of displacements only what is in kg m^2 is one: 2 m = 4 kg bounds 16 I_p."""
     model = parse_model(COUPLED.format(g=coupling[0], parameters=coupling[1]))
-    values = {**model.nominal, "cq": size, "I_p": size}
-    found = tuple(Value(p.name, p.unit, values[p.name], 1e-4, 1e-4) for p in model.parameters)
-    spread = 1e-8 * np.eye(len(found))
-    verdict = gate.physical(model, Estimate("planes", "ml", "ok", found, covariance=spread))
-    assert len(rejecting(verdict)) == faults
+    estimate = estimate_of(model, {"cq": size, "I_p": size}, std=1e-4)
+    assert len(rejecting(gate.physical(model, estimate))) == faults
 
 
 PLANE = """
@@ -177,10 +169,7 @@ def test_equations_stand_in_any_order(equations):
     model = parse_model(PLANE.format(equations=equations))
 
     def judged(m: float) -> list[rid.Note]:
-        values = {**model.nominal, "m": m}
-        found = tuple(Value(p.name, p.unit, values[p.name], 1e-4, 1e-4) for p in model.parameters)
-        estimate = Estimate("plane", "ml", "ok", found, covariance=1e-8 * np.eye(len(found)))
-        return gate.physical(model, estimate)
+        return gate.physical(model, estimate_of(model, {"m": m}, std=1e-4))
 
     assert judged(2.0) == []
     if "+ n" not in equations[0]:  # of sums no equation is that of x
@@ -194,17 +183,8 @@ def test_equations_stand_in_any_order(equations):
 def test_a_mass_that_is_rounding_of_the_forces_is_not_judged(mass, hertz, faults):
     """At 10 Hz 1e-9 of a stiffness of 1e5 N/m is the force of 2.5e-8 kg."""
     model = parse_model(PLANE.format(equations=[f"{IN_X} = F", f"{IN_Y} = G"]))
-    values = {**model.nominal, "m": mass}
-    found = tuple(Value(p.name, p.unit, values[p.name]) for p in model.parameters)
-    nothing = np.zeros((len(found), len(found)))
-    estimate = Estimate("plane", "ls", "ok", found, covariance=nothing, lines_hz=hertz)
+    estimate = estimate_of(model, {"m": mass}, std=0.0, lines_hz=hertz)
     assert len(rejecting(gate.physical(model, estimate))) == faults
-
-
-@pytest.mark.parametrize("name", ["m", "I_t"])
-def test_what_the_model_declares_positive_is_positive(name):
-    found = gate.physical(RIGID, rigid_estimate(**{name: -1.0}))
-    assert any(f"{name} = -1" in fault for fault in rejecting(found))
 
 
 TOWER = model_text(
@@ -289,6 +269,8 @@ def test_halves_within_six_deviations_agree():
     for apart, faults in ((5.9, 0), (6.1, 1)):
         halves = np.array([[apart, 9.0], [-apart, -9.0]])
         assert len(rejecting(gate.agreement(["a", "fixed"], halves, std))) == faults
+    (told,) = gate.agreement(["xi"], np.array([[-7.0], [7.0]]), np.ones(1), {"xi"})
+    assert "the speed is not the one stated, or wanders" in told.text
 
 
 @pytest.mark.parametrize("method", ["ls", "ml"])

@@ -696,15 +696,11 @@ def test_constraints_with_fixed_values(method):
     [
         ([Constraint("m1", 0.8, 0.01)], {}, "m1' with a deviation; expected exact .*; use ml"),
         ([Constraint("L1", 0.3)], {}, "L1', not linear in the base parameters; .*; use ml"),
-        ([Constraint("k1*L1^2", 1.0)], {}, "not linear in the base parameters"),
         ([Constraint("I_t*mu", 1.0)], {}, "not linear in the base parameters"),
-        ([Constraint("m1*m2", 1.0)], {}, "not linear in the base parameters"),
         ([Constraint("m1^2", 1.0)], {}, "not linear in the base parameters"),
         ([Constraint("m1", 1.0), Constraint("2*m1", 2.0)], {}, "repeat or contradict one another"),
-        ([Constraint("m1", 1.0), Constraint("m1", 2.0)], {}, "repeat or contradict one another"),
         ([Constraint(f"{i}*m1 + m2", 1.0) for i in range(16)], {}, "repeat or contradict"),
         ([Constraint("2", 2.0)], {}, "which holds no free parameter"),
-        ([Constraint("m1 - m1", 0.0)], {}, "which holds no free parameter"),
         ([Constraint("m1", 0.8)], {"m1": 0.8}, "which holds no free parameter"),
     ],
 )
@@ -721,11 +717,7 @@ def test_refused_constraints(method, constraints, fixed, message):
     [
         ("m1 + q", "unknown name 'q'"),
         ("m1/m2", "a division by m2, which holds m2"),
-        ("sqrt(m1)", "sqrt of m1"),
-        ("sin(m1)", "sin of m1"),
-        ("x1 + m1", "unknown name 'x1'"),
         ("m1 +", "found the end of the text"),
-        ("", "found the end of the text"),
         ("m1 = 3", "found '='"),
         ("m" * 1000, "unknown name 'mmm"),
     ],

@@ -8,7 +8,7 @@ from math import prod
 
 import numpy as np
 import pytest
-from bank import ARM, BANK, THREE_MASS, combination
+from bank import BANK, THREE_MASS, combination
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_text import model_text
@@ -158,24 +158,6 @@ def test_names_of_combinations(equations, names):
 )
 def test_identities_between_functions(equation, names):
     assert list(model_of(equation).base.names) == names
-
-
-def test_columns_of_merged_parameters_hold_for_any_motion():
-    """The left side from the base columns equals the left side from the monomials."""
-    model = ARM.model
-    coefficients, known = model.coefficients
-    rng = np.random.default_rng(5)
-    values = rng.uniform(0.5, 2, len(model.parameters))
-    mu, base = model.monomial_values(values), model.base_values(values)
-    by_monomial = np.zeros((len(model.signals), 2))
-    for term in model.terms:
-        by_monomial[model.signals.index(term.signal), term.row] += (
-            term.coefficient * mu[term.monomial]
-        )
-    names = ["q1", "q1'", "q1''", "q2", "q2'", "q2''"]
-    point = dict(zip(names, rng.standard_normal(6), strict=True))
-    signals = np.array([float(evaluate(s, point)) for s in model.signals])
-    np.testing.assert_allclose(signals @ (coefficients @ base + known), signals @ by_monomial)
 
 
 @pytest.mark.slow

@@ -237,16 +237,6 @@ def test_other_units_and_another_order_of_the_equations_change_nothing():
     np.testing.assert_allclose(other.values, reference(CHAIN_M, CHAIN_D, CHAIN_K), rtol=1e-9)
 
 
-def test_the_paper_rotor_at_its_speed():
-    model = load_model("three-mass")
-    assert model.linear is not None
-    m = model.linear.matrices(model.values(model.nominal), 2 * np.pi * 140)
-    found = eigenmodes(m.M, m.D + 2 * np.pi * 140 * m.G, m.K)
-    hertz = [found.values[group].mean().imag / (2 * np.pi) for group in found.distinct]
-    np.testing.assert_allclose(hertz, [36.85, 175.53, 340.32, 569.29], atol=0.006)  # theory, 1
-    assert [len(group) for group in found.distinct] == [1, 2, 1, 1]
-
-
 def test_rigid_body_modes_and_overdamped_poles_are_no_modes():
     free = CHAIN_K - np.diag([5e5, 0, 0])
     assert len(eigenmodes(CHAIN_M, np.zeros((3, 3)), free).values) == 2
@@ -594,11 +584,7 @@ def load_of(model: rid.Model, speed: float) -> complex:
 
 
 def unbalance_at(model: rid.Model) -> complex:
-    values = tuple(rid.Value(p.name, p.unit, p.nominal, 1e-9) for p in model.parameters)
-    spread = 1e-18 * np.eye(len(values))
-    (found,) = with_unbalance(
-        model, rid.Estimate("m", "ml", "ok", values, covariance=spread)
-    ).unbalance
+    (found,) = with_unbalance(model, estimate_of(model, std=1e-9)).unbalance
     return found.amount * np.exp(1j * found.angle_rad)
 
 

@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 import plotly.graph_objects
 import pytest
+from linear_machines import estimate_of
 from model_text import model_text
 from report_pages import Page, check_self_contained, titles
 
@@ -275,13 +276,7 @@ def model():
 @pytest.fixture(scope="module")
 def estimate(model):
     """A result of which every value is known to a thousandth."""
-    values = model.values(model.nominal)
-    found = tuple(
-        rid.Value(p.name, p.unit, float(value), 1e-3 * abs(float(value)))
-        for p, value in zip(model.parameters, values, strict=True)
-    )
-    covariance = np.diag(np.square(1e-3 * np.abs(values)))
-    return rid.Estimate(model.name, "ml", "ok", found, covariance=covariance)
+    return estimate_of(model, percent=0.1)
 
 
 def test_a_diagram_shows_what_was_computed(estimate):

@@ -20,10 +20,9 @@ from result_cases import (
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("periods", [10, 100])
-def test_deviations_hold_with_few_periods_and_where_few_lines_tell(periods):
+def test_deviations_hold_with_few_periods_and_where_few_lines_tell():
     """Damping c, d and the cross stiffness e are told by lines at the resonance."""
-    cases = (close_case(seed, periods=periods, stream=77) for seed in range(600))
+    cases = (close_case(seed, periods=10, stream=77) for seed in range(600))
     found = [errors_at_the_minimum(case) for case in cases]
     assert set(found[0]) == {"m", "I_t", "I_p", "k_x", "k_y", "c", "d", "e"}
     for name in found[0]:
@@ -34,7 +33,7 @@ def test_deviations_hold_with_few_periods_and_where_few_lines_tell(periods):
 
 
 def test_modes_and_critical_speeds_that_come_close():
-    found = [identified(seed, effort="quick") for seed in range(1000, 1060)]
+    found = [identified(seed, effort="quick") for seed in range(1000, 1040)]
     assert all(each.status == "ok" for each in found)
     close = np.array([each.close for each in found])
     assert 0.3 < close[:, 1:3].mean() < 0.95  # the two bounce modes, in many records
@@ -42,13 +41,13 @@ def test_modes_and_critical_speeds_that_come_close():
         rows = np.array([getattr(each, name) for each in found])
         held = np.array([covered(each) for each in rows])
         away = (rows[..., 0] - rows[..., 4]) / rows[..., 1]
-        assert held.mean() > 0.89, name  # of 180 to 240, half of them alike: known to 2 percent
+        assert held.mean() > 0.89, name  # of 120 to 160, half of them alike: known to 3 percent
         assert np.sqrt((away**2).mean()) < 1.2, name
 
 
 def test_a_balanced_rotor_has_less_left_than_stated():
-    found = [balanced(seed, "quick") for seed in range(1000, 1060)]
-    assert sum(each.status == "ok" for each in found) >= 58
+    found = [balanced(seed, "quick") for seed in range(1000, 1040)]
+    assert sum(each.status == "ok" for each in found) >= 38
     good = [each for each in found if each.status == "ok"]
     left, stated = (np.array([getattr(e, n) for e in good]) for n in ("left", "stated"))
     before = np.array([e.before for e in good])
@@ -58,7 +57,7 @@ def test_a_balanced_rotor_has_less_left_than_stated():
 
 PEAKS = {  # records, and the least share of their intervals that hold, and dB
     "by lines": (lambda: [by_periods(seed) for seed in range(1000, 1070)], 0.9, 0.05),
-    "whole": (lambda: [e for seed in range(1000, 1010) for e in by_noise(seed, 8000)], 0.83, 0.05),
+    "whole": (lambda: [e for seed in range(1000, 1005) for e in by_noise(seed, 8000)], 0.9, 0.05),
     "simulated": (lambda: [by_the_rig(seed) for seed in range(1000, 1010)], 0.7, 0.1),
 }
 
@@ -67,7 +66,7 @@ PEAKS = {  # records, and the least share of their intervals that hold, and dB
 def test_peaks_of_sensitivity_and_their_zones(records):
     """Intervals half as wide as they should be hold two thirds of the peaks.
 
-    Of 70 records that is found always, of the 20 peaks of whole records with 94 %. S has noise of
+    Of 70 records that is found always, of the 10 peaks of whole records with 90 %. S has noise of
     up to 3 percent of 1 on every line, and some 2 percent in the rig.
     """
     draw, least, most = PEAKS[records]
@@ -88,9 +87,9 @@ def test_peaks_of_sensitivity_without_much_noise():
 def test_peaks_of_sensitivity_in_short_records():
     """By parabolas in windows a third of these were held, and zones of the wrong side.
 
-    Intervals of half their width hold two thirds; of 24 records that is found with 94 %.
+    Intervals of half their width hold two thirds; of 14 records that is found with 96 %.
     """
-    found = [by_few_lines(seed) for seed in range(1000, 1024)]
-    assert np.mean([each.held for each in found]) >= 0.83
+    found = [by_few_lines(seed) for seed in range(1000, 1014)]
+    assert np.mean([each.held for each in found]) >= 0.9
     assert not any(each.wrong for each in found)
     assert np.sqrt(np.mean([each.off_db**2 for each in found])) < 0.1

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import product
 
 import adverse
 import numpy as np
@@ -328,12 +329,6 @@ def check_same(found, wanted):
         assert found[name].relative_error == pytest.approx(prediction.relative_error, rel=1e-10)
 
 
-def test_another_record_is_predicted_within_its_noise(three_mass, rng):
-    estimate = rid.identify(three_mass, record_of(three_mass, rng), rid.Batch())
-    other = record_of(three_mass, rng, shares=(1.0, -0.5, 0.5, 1.0))
-    assert max(p.relative_error for p in predict(three_mass, estimate, other).values()) < 0.03
-
-
 def test_fixed_parameters_stay_in_the_prediction(three_mass, rng):
     periods = record_of(three_mass, rng)
     estimate = rid.identify(three_mass, periods, rid.Batch(fixed={"L1": 0.3, "m2": 11.322}))
@@ -457,11 +452,13 @@ def test_another_rotor_is_not(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three"])
-def test_chances_are_even(kind):
-    """Of records of the machine identified, 5 % have a chance below 5 %."""
+def test_chances_are_even():
+    """Of records of the machine identified, 5 % have a chance below 5 %.
+
+    Of 250 forces that is known to 2 %; deviations that are stated 25 % too small make 14 % of it.
+    """
     low = []
-    for seed in range(60):
+    for kind, seed in product(("jeffcott", "rigid", "three"), range(25)):
         trial, estimate = identified(kind, 100 + seed, effort="quick")
         found = channel_errors(trial.machine.model, estimate, further(trial))
         low += [c.p_value < 0.05 for c in found if c.p_value is not None]

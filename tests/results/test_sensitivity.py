@@ -54,9 +54,6 @@ from rotorid.results.sensitivity_peak import (
 # Sensitivity after ISO 14839-3, held against the loop in closed form.
 
 
-LINES = FUNDAMENTAL * np.arange(1, LAST + 1)
-
-
 def of(peak: float, low: float, high: float) -> AxisSensitivity:
     one = np.ones(1)
     return AxisSensitivity("x", one, one + 0j, one, peak, 1.0, (low, high))
@@ -912,27 +909,3 @@ def test_wider_windows_are_tried_until_three_tell_no_more(monkeypatch):
 def test_a_peak_has_to_be_told_and_followed(monkeypatch, unsure, chance, told):
     found, _ = times(monkeypatch, [held(unsure, chance)])
     assert (found is not None) == told
-
-
-def looked_at(monkeypatch: pytest.MonkeyPatch, peaks: list[LocatedPeak]) -> tuple[int, float]:
-    """Return how many candidates of an axis are looked at, and the upper end of its interval."""
-    lines = np.arange(1.0, 1001.0)
-    raw = (lines, np.ones(1000) + 0j, np.full(1000, 1e-4), np.full(1000, 20.0))
-    band = LoopLines(lines, lines, lines[:, None], NOTHING, 0)
-    whole = sensitivity._Whole(raw, band, [(9.0 - k, 100.0 * (k + 1)) for k in range(len(peaks))])
-    asked: list[float] = []
-
-    def near(_: LoopLines, hertz: float) -> LocatedPeak:
-        asked.append(hertz)
-        return replace(peaks[len(asked) - 1], hertz=hertz)
-
-    monkeypatch.setattr(sensitivity, "peak_near", near)
-    axis = whole.axis("x")
-    return len(asked), axis.interval[1]
-
-
-def test_how_many_peaks_are_looked_at_and_which_rival(monkeypatch):
-    sure = held(0.01)
-    assert looked_at(monkeypatch, [sure] * 5)[0] == 3
-    rivals = [looked_at(monkeypatch, [sure, held(unsure)]) for unsure in (0.095, 0.105)]
-    assert rivals[0][1] > 1.15 > 1.03 > rivals[1][1]

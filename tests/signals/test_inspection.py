@@ -56,19 +56,6 @@ def test_period_and_lines_are_found():
     assert "suitable for identification" in found.sentence
 
 
-def test_the_period_of_a_robot_with_head_and_tail():
-    """Ten seconds of excitation, repeated; approach and return suggest 10.09 s."""
-    rate = 100.0
-    time = np.arange(4000) / rate
-    wave = sum(np.sin(2 * np.pi * 0.1 * k * time + k * k) / k for k in range(1, 6))
-    head, tail = np.linspace(0, wave[0], 90), np.linspace(wave[-1], 0, 180)
-    q = np.concatenate([head, wave, tail])
-    q = q + 0.005 * np.random.default_rng(0).normal(size=len(q))
-    found = inspect_record(Record([Channel("q", "rad")], q[:, None], rate), skip=0.9)
-    assert found.periods is not None
-    assert found.periods.samples == 1000
-
-
 def test_signal_over_noise_is_that_of_one_period():
     """Lines of amplitude 1/2, white noise s^2 / N on each: 10 log10 (N / (4 s^2))."""
     found = inspect_record(record(noise=0.05), period_samples=SIZE, harmonics=[1, 3, 5])

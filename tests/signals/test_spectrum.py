@@ -56,13 +56,6 @@ def test_lines_are_the_mean_of_the_definition(samples):
         np.testing.assert_allclose(line_spectra(x, [k])[:, 0], expected, atol=1e-14)
 
 
-@pytest.mark.parametrize("samples", [4, 7, 8, 250, 251])
-def test_synthesis_of_all_lines_is_the_identity(samples):
-    x = np.random.default_rng(2).standard_normal((3, samples, 2))
-    every = all_lines(samples)
-    np.testing.assert_allclose(synthesize(line_spectra(x, every), every, samples), x, atol=1e-14)
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.integers(2, 60), st.data())
 def test_synthesis_then_lines_is_the_identity(samples, data):
@@ -116,59 +109,12 @@ def test_the_nyquist_line_of_an_even_count(order):
     )
 
 
-def test_derivatives_follow_one_another():
-    samples, rate = 31, 100.0
-    every = all_lines(samples)
-    lines = line_spectra(np.random.default_rng(5).standard_normal((samples, 2)), every)
-    once = differentiate(lines, every, samples, rate, 1)
-    np.testing.assert_allclose(
-        differentiate(once, every, samples, rate, 1), differentiate(lines, every, samples, rate, 2)
-    )
-
-
 def test_leading_axes_are_kept():
     x = np.random.default_rng(6).standard_normal((2, 3, 8, 4))
     lines = line_spectra(x, [1, 3])
     assert lines.shape == (2, 3, 2, 4)
     assert differentiate(lines, np.array([1, 3]), 8, 1.0, 1).shape == (2, 3, 2, 4)
     assert synthesize(lines, [1, 3], 8).shape == (2, 3, 8, 4)
-
-
-def test_a_zero_order_hold_by_exact_integration():
-    """A command held over each sample period drives a damped mass: q from the exact recursion.
-
-    ``m q'' + c q' + k q = held(u)``, sampled at the steps of the hold, is
-    ``s_{n+1} = A s_n + b u_n`` with A = expm, exact. On a line the continuous force is
-    ``H(f) U_k``, H what `transfer_of_recording` returns, plus the images of the hold, which the
-    plant answers too. Sum the aliases and compare.
-    """
-    from scipy.linalg import expm
-
-    m, c, k, samples, rate = 1.0, 40.0, 5e4, 50, 1000.0
-    period = 1 / rate
-    system = np.zeros((3, 3))
-    system[:2, :2], system[:2, 2] = [[0, 1], [-k / m, -c / m]], [0, 1 / m]
-    step = expm(system * period)
-    A, b = step[:2, :2], step[:2, 2]
-    u = np.random.default_rng(7).standard_normal(samples)
-    state = np.zeros(2)
-    for _ in range(40):  # damped out to 1e-17 of the start
-        states = []
-        for value in u:
-            states.append(state)
-            state = A @ state + b * value
-    q = np.array(states)[:, 0]
-
-    harmonics = np.arange(1, 10)
-    frequency = harmonics * rate / samples
-    lines_u, lines_q = (line_spectra(x[:, None], harmonics)[:, 0] for x in (u, q))
-    expected = np.zeros(len(harmonics), dtype=complex)
-    for image in range(-4000, 4001):
-        f = frequency + image * rate
-        w = 2 * np.pi * f
-        hold = transfer_of_recording([Channel("u", hold=True)], f, rate)[:, 0]
-        expected += hold * lines_u / (-m * w**2 + 1j * w * c + k)
-    np.testing.assert_allclose(lines_q, expected, rtol=1e-9)
 
 
 def test_hold_in_closed_form():
@@ -357,16 +303,6 @@ def test_white_formula_is_unbiased_and_keeps_cross_terms(periods):
     np.testing.assert_allclose(found, truth, atol=0.03 / periods)
 
 
-def test_white_formula_by_hand():
-    z = white(np.random.default_rng(2), 5, 3)
-    expected = np.zeros((3, 2, 2), dtype=complex)
-    for k in range(3):
-        for p in range(5):
-            d = z[p, k] - z[:, k].mean(axis=0)
-            expected[k] += np.outer(d, d.conj()) / 20
-    np.testing.assert_allclose(white_covariance(z).matrices, expected)
-
-
 def test_matrices_are_hermitian_and_positive():
     z = white(np.random.default_rng(3), 12, 4)
     for covariance in (white_covariance(z), correlated_covariance(z)):
@@ -380,20 +316,6 @@ def test_all_neighbours_are_the_white_formula_again(periods):
     found = correlated_covariance(z, max(1, periods // 2))
     np.testing.assert_allclose(found.matrices, white_covariance(z).matrices, atol=1e-14)
     assert found.dof == periods - 1
-
-
-def test_correlated_formula_by_hand():
-    z = white(np.random.default_rng(5), 30, 2)
-    m, periods = 3, 30
-    expected = np.zeros((2, 2, 2), dtype=complex)
-    for k in range(2):
-        for j in (-3, -2, -1, 1, 2, 3):
-            turn = np.exp(-2j * np.pi * j * np.arange(periods) / periods)
-            line = (z[:, k] * turn[:, None]).sum(axis=0)
-            expected[k] += np.outer(line, line.conj()) / (2 * m * periods**2)
-    found = correlated_covariance(z, m)
-    np.testing.assert_allclose(found.matrices, expected)
-    assert (found.dof, found.kind) == (6, "correlated")
 
 
 @pytest.mark.parametrize(("periods", "m"), [(260, 22), (100, 8), (40, 3), (12, 1), (2, 1)])
@@ -530,17 +452,6 @@ def test_samples_are_the_sum_of_the_lines():
     wave = np.exp(2j * np.pi * 2.0 * np.multiply.outer(t, lines))
     np.testing.assert_allclose(signals.samples(100.0), (wave @ amplitudes).real, atol=1e-12)
     np.testing.assert_allclose(signals.rms, signals.samples(100.0).std(axis=0))
-
-
-def test_the_seed_is_a_multisine_of_zero_phases():
-    lines = [1, 3, 5, 7, 9, 11]
-    signals = multisine(20.0, lines, {"F": 10 * np.sqrt(2)}, phases="zero").scaled(
-        np.exp(-1j * np.pi / 4)
-    )
-    t = np.arange(250) / 5000.0
-    turns = 2 * np.pi * 20.0 * np.multiply.outer(t, lines)
-    seed = (10 * np.sin(turns) + 10 * np.cos(turns)).sum(axis=1)
-    np.testing.assert_allclose(signals.samples(5000.0)[:, 0], seed, atol=1e-11)
 
 
 @given(st.integers(2, 40), st.integers(2, 6))

@@ -12,6 +12,7 @@ from rotorid import (
     Drive,
     Estimate,
     MaximumLikelihood,
+    Misfit,
     Model,
     PeriodicRecord,
     Plan,
@@ -43,9 +44,9 @@ class Machine:
     def values(self) -> Floats:
         return self.model.values(self.truth)
 
-    def forces(self) -> np.ndarray:
+    def forces(self, lines: Sequence[int]) -> np.ndarray:
         """Lines of 10 sin + 10 cos on every harmonic, shared out among the inputs."""
-        return np.full((len(self.harmonics), 1), 5 - 5j) * np.array(self.shares)
+        return np.full((len(lines), 1), 5 - 5j) * np.array(self.shares)
 
     def record(
         self,
@@ -59,11 +60,10 @@ class Machine:
     ) -> PeriodicRecord:
         """Return the record without noise."""
         lines = self.harmonics if harmonics is None else harmonics
-        forces = np.full((len(lines), 1), 5 - 5j) * np.array(self.shares)
         return line_record(
             self.model,
             self.values,
-            forces * amplitude,
+            amplitude * self.forces(lines),
             harmonics=lines,
             fundamental=self.fundamental,
             sample_rate=5000.0,
@@ -77,28 +77,23 @@ class Machine:
         """Return what `record` is a record of, with its noise."""
         read = self.model.coordinates if sensors is None else sensors
         names = [s if isinstance(s, str) else s.name for s in read]
-        noise = {
-            **dict.fromkeys(self.model.inputs, self.force_noise),
-            **dict.fromkeys(names, self.position_noise),
-        }
         return Plan(
-            self.forces(),
+            self.forces(self.harmonics),
             self.harmonics,
             self.fundamental,
             5000.0,
             260,
-            noise,
+            self.noise((*self.model.inputs, *names)),
             2 * np.pi * hertz,
             sensors,
         )
 
+    def noise(self, names: Sequence[str]) -> dict[str, float]:
+        inputs = self.model.inputs
+        return {n: self.force_noise if n in inputs else self.position_noise for n in names}
+
     def noisy(self, record: PeriodicRecord, rng: np.random.Generator) -> PeriodicRecord:
-        inputs = set(self.model.inputs)
-        noise = {
-            c.name: (self.force_noise if c.name in inputs else self.position_noise)
-            for c in record.channels
-        }
-        return add_noise(record, noise, rng)
+        return add_noise(record, self.noise(record.names), rng)
 
     def start(self, rng: np.random.Generator, spread: float = 0.4) -> dict[str, float]:
         """Return starts within +-spread of the truth, of what is not unbalance."""
@@ -135,22 +130,26 @@ class Statistics:
         free = [estimate.free[k] for k in asked]
         self.names = [value.name for value in free]
         self.truth = [truth[name] for name in self.names]
-        error = np.array([value.value - truth[value.name] for value in free])
-        covariance = estimate.covariance[np.ix_(asked, asked)]
+        assert estimate.misfit is not None
+        self.statuses.append(estimate.status)
+        self.append(
+            np.array([value.value - truth[value.name] for value in free]),
+            estimate.covariance[np.ix_(asked, asked)],
+            estimate.misfit,
+        )
+
+    def append(self, error: Floats, covariance: Floats, misfit: Misfit) -> None:
         std = np.sqrt(np.diag(covariance))
-        scaled = covariance / np.outer(std, std)
         self.errors.append(error)
         self.stds.append(std)
         # An exact constraint leaves a direction without variance.
-        size, along = np.linalg.eigh(scaled)
+        size, along = np.linalg.eigh(covariance / np.outer(std, std))
         kept = size > 1e-10
         self.directions = int(kept.sum())
         self.distances.append(float(((error / std @ along[:, kept]) ** 2 / size[kept]).sum()))
-        assert estimate.misfit is not None
-        self.costs.append(estimate.misfit.cost)
-        self.expected.append(estimate.misfit.expected)
-        self.p_values.append(estimate.misfit.p_value)
-        self.statuses.append(estimate.status)
+        self.costs.append(misfit.cost)
+        self.expected.append(misfit.expected)
+        self.p_values.append(misfit.p_value)
 
     @property
     def rms(self) -> Floats:
@@ -183,40 +182,19 @@ class Statistics:
         """Share that a 5 % test rejects."""
         return float((np.array(self.p_values) < 0.05).mean())
 
-    def report(self) -> str:
-        rows = [
-            f"{name:>18} rms {100 * r / abs(t) if t else r:9.4g} stated "
-            f"{100 * s / abs(t) if t else s:9.4g} ratio {r / s:.3f} cover {100 * c:.1f}"
-            for name, t, r, s, c in zip(
-                self.names, self.truth, self.rms, self.stated, self.coverage, strict=True
-            )
-        ]
-        head = (
-            f"{len(self.costs)} seeds, J {np.mean(self.costs):.2f} expected "
-            f"{np.mean(self.expected):.2f} ({self.cost_deviation:+.2f} se), distance "
-            f"{np.mean(self.distances):.3f} of {self.directions} "
-            f"({self.distance_deviation:+.2f} se), rejected {100 * self.rejected:.1f} %, "
-            f"statuses { {s: self.statuses.count(s) for s in set(self.statuses)} }"
-        )
-        return "\n".join([head, *rows])
-
 
 Draw = Callable[[np.random.Generator], tuple[Sequence[PeriodicRecord], MaximumLikelihood]]
 
 
-@dataclass(frozen=True)
-class MonteCarlo:
-    """Runs an estimator over seeds; every generator follows from one number."""
-
-    def __call__(
-        self, model: Model, truth: Mapping[str, float], draw: Draw, seeds: int, seed: int
-    ) -> Statistics:
-        statistics = Statistics()
-        for sequence in np.random.SeedSequence(seed).spawn(seeds):
-            records, estimator = draw(np.random.default_rng(sequence))
-            statistics.add(identify(model, records, estimator), truth)
-        print(statistics.report())
-        return statistics
+def monte_carlo_of(
+    model: Model, truth: Mapping[str, float], draw: Draw, seeds: int, seed: int
+) -> Statistics:
+    """Run an estimator over seeds; every generator follows from one number."""
+    statistics = Statistics()
+    for sequence in np.random.SeedSequence(seed).spawn(seeds):
+        records, estimator = draw(np.random.default_rng(sequence))
+        statistics.add(identify(model, records, estimator), truth)
+    return statistics
 
 
 @dataclass(frozen=True)
@@ -264,13 +242,9 @@ class Levitated:
         return replace(free, spectra=spectra, channels=tuple(channels))
 
     def noisy(self, record: PeriodicRecord, rng: np.random.Generator) -> PeriodicRecord:
-        noise = {
-            c.name: self.machine.force_noise / (c.drive.ki if c.drive else 1.0)
-            if c.name in self.machine.model.inputs
-            else self.machine.position_noise
-            for c in record.channels
-        }
-        return add_noise(record, noise, rng)
+        noise = self.machine.noise(record.names)
+        drives = {c.name: c.drive.ki for c in record.channels if c.drive}
+        return add_noise(record, {n: s / drives.get(n, 1.0) for n, s in noise.items()}, rng)
 
 
 def with_force_slope(model: Model, where: Mapping[str, str]) -> Model:
@@ -364,4 +338,9 @@ def bearings():
 
 @pytest.fixture(scope="session")
 def monte_carlo():
-    return MonteCarlo()
+    return monte_carlo_of
+
+
+@pytest.fixture(scope="session")
+def statistics():
+    return Statistics

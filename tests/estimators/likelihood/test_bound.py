@@ -12,7 +12,6 @@ from rotorid import (
     InputError,
     LeastSquares,
     MaximumLikelihood,
-    Plan,
     identify,
     load_model,
     predict_accuracy,
@@ -101,19 +100,6 @@ def test_says_beforehand_what_stays_open(demo, bearings):
     assert predict_accuracy(demo.model, demo.plan(sensors)).status == "ok"
 
 
-@pytest.mark.slow
-def test_is_what_many_periods_reach(demo, bearings):
-    """The deviations that an estimate states exceed the bound by n / (n - t)."""
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    bound = predict_accuracy(demo.model, demo.plan(bearings), estimator)
-    ratios = []
-    for seed in range(20):
-        record = demo.noisy(demo.record(bearings), np.random.default_rng(seed))
-        stated = identify(demo.model, record, estimator)
-        ratios.append([v.std / bound.std(v.name) for v in stated.free])
-    np.testing.assert_allclose(np.mean(ratios, axis=0), 259 / (259 - 36 / 12), rtol=0.035)
-
-
 def test_accuracy_scales_as_it_should(demo, bearings):
     """Twice the noise, twice the deviation; four times the periods, half of it."""
     estimator = MaximumLikelihood(fixed={"L1": 0.3})
@@ -164,8 +150,3 @@ def test_least_squares_lies_above_the_bound(demo):
     record = demo.noisy(demo.record(), np.random.default_rng(52))
     stated = identify(demo.model, record, LeastSquares())
     assert all(v.std > bound.std(v.name) for v in stated.parameters)
-
-
-def test_a_plan_is_a_value():
-    plan = Plan([[1.0]], [1], 1.0, 10.0, 5, {})
-    assert replace(plan, periods=6).periods == 6

@@ -102,41 +102,6 @@ def one(hertz: float = 140.0) -> str:
     return RECORD.format(hertz=hertz)
 
 
-def test_without_length(folders, demo):
-    text = HEAD + one() + FORCES + SENSORS
-    code, data = identify(folders["plain"], text)
-    assert code == 1
-    assert data["status"] == "not_identifiable"
-    assert data["method"] == "ml"
-    assert any("L1, I_t, I_p, L2, mu, eta scale together" in w for w in data["warnings"])
-    assert "cure: fix one of L1, I_t, I_p, L2, mu, eta" in data["warnings"]
-    found = rows(data)
-    assert found["L1"]["value"] is None
-    assert found["m2"]["value"] == pytest.approx(demo.truth["m2"], abs=4 * found["m2"]["std"])
-    assert found["L2/L1"]["value"] == pytest.approx(1.0, abs=4 * found["L2/L1"]["std"])
-    code, data = identify(folders["plain"], text + LENGTH)
-    assert code == 0
-    assert data["status"] == "ok"
-    assert rid.load_estimate(folders["plain"] / "run.json").value("L1") == 0.3
-
-
-def test_runout_at_one_speed_and_at_two(folders, levitated):
-    options = "\n[estimator]\nrunout = true\n"
-    code, data = identify(folders["runout"], HEAD + one() + FORCES + SENSORS + LENGTH + options)
-    assert code == 1
-    assert data["status"] == "not_identifiable"
-    assert sum(w.startswith("not identifiable: ") for w in data["warnings"]) == 4
-    assert any("a further record at another speed" in w for w in data["warnings"])
-    both = HEAD + one() + one(100.0) + FORCES + SENSORS + LENGTH + options
-    code, data = identify(folders["runout"], both)
-    assert code == 0
-    found = rows(data)
-    for name, value in levitated.truth.items():
-        if name in found and not found[name].get("fixed"):
-            assert found[name]["value"] == pytest.approx(value, abs=4.5 * found[name]["std"])
-    assert "runout[x1].cos" in found
-
-
 def test_runout_asks_where_each_angle_begins(folders):
     """A wrong zero of one record would pass for runout, and the unbalance be another one."""
     said = HEAD + one() + one(100.0) + FORCES + SENSORS + LENGTH

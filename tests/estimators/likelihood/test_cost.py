@@ -33,7 +33,7 @@ from rotorid.likelihood.other_answers import _idle_share
 from rotorid.likelihood.unknowns import Nuisances, Scalar, unknowns_of
 from rotorid.likelihood.whitening import by_qr, by_reflections, projection
 from rotorid.models.expressions import Expression, number, product, symbol
-from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
+from rotorid.signals.covariance import white_covariance
 from rotorid.testing import bind
 
 # The kernel: gradient, invariance, agreement with the output-error likelihood.
@@ -135,33 +135,6 @@ def test_corrected_lines_satisfy_the_equations_of_motion(demo, bearings):
     left = (at.stiffness @ motion[:, :, None])[:, :, 0] + force
     assert np.abs(left).max() < 1e-11 * np.abs(force).max()
     np.testing.assert_allclose(motion @ kernel.sensing.reads.T, data[:, 4:], rtol=1e-9)
-
-
-def test_cost_does_not_see_the_units_of_channels(demo, bearings):
-    """The whole covariance goes with the data: factors cancel."""
-    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(7))
-    covariance = correlated_covariance(record.spectra)
-    layout = layout_of(record)
-    before = (
-        assemble(layout, bind(MODEL, Lines.of_periods(record, covariance)))
-        .evaluate(demo.values)
-        .cost
-    )
-    # The same readings through sensors that read a thousandth.
-    factor = np.array([1.0] * 4 + [1e-3] * 4)
-    channels = tuple(
-        c if i < 4 else replace(c, name=f"s{i}", reads={c.name: 1e-3})
-        for i, c in enumerate(record.channels)
-    )
-    scaled = replace(record, channels=channels, spectra=record.spectra * factor)
-    matrices = covariance.matrices * np.outer(factor, factor)
-    after = assemble(
-        layout,
-        bind(
-            MODEL, Lines.of_periods(scaled, LineCovariance(matrices, covariance.dof, "correlated"))
-        ),
-    )
-    np.testing.assert_allclose(after.evaluate(demo.values).cost, before, rtol=1e-9)
 
 
 def test_stays_finite_at_a_resonance(demo, bearings):

@@ -31,25 +31,18 @@ from rotorid import (
     load_model,
     parse_model,
 )
-from rotorid.answer.machine_checks import agreement
 from rotorid.core.distributions import Expectation
 from rotorid.core.units import to_si
 from rotorid.core.values import Floats
-from rotorid.likelihood import doubts as few_lines
-from rotorid.likelihood import doubts as left_out
-from rotorid.likelihood import doubts as verdict
+from rotorid.likelihood import doubts
 from rotorid.likelihood import doubts_angle as turning
 from rotorid.likelihood import starts as search
-from rotorid.likelihood.doubts import told_by_few
 from rotorid.likelihood.doubts_angle import _strays
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT
 from rotorid.likelihood.whitening import find_scales
 from rotorid.testing import add_noise, bind_all, line_record
-
-# What the records cannot show, or show less well than is said.
-
 
 # What is taken as exact without a word, held against records in which it is not.
 
@@ -405,7 +398,7 @@ def test_how_many_lines_are_few(monkeypatch, count, closed, parts, told):
     record = Made(np.arange(100.0), parts)
     shares = np.zeros((100, 2, 3))
     shares[5 : 5 + count] = 0.5
-    monkeypatch.setattr(few_lines, "coherence", lambda _: closed)
+    monkeypatch.setattr(doubts, "coherence", lambda _: closed)
     free, held, names = np.arange(3), np.arange(2), ("c", "xi", "gain[x]")
     layout = SimpleNamespace(free=free, held=held, load_only=lambda: {1}, names=lambda: names)
     point = SimpleNamespace(
@@ -415,7 +408,7 @@ def test_how_many_lines_are_few(monkeypatch, count, closed, parts, told):
     inference = SimpleNamespace(linear=SimpleNamespace(null=np.zeros((3, 0))))
     solution = SimpleNamespace(point=point, converged=True)
     fit = SimpleNamespace(solution=solution, inference=inference, layout=layout, records=[record])
-    notes = told_by_few(fit)
+    notes = doubts.told_by_few(fit)
     assert [note.on for note in notes] == [("c",)] * told
 
 
@@ -516,9 +509,9 @@ def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told
         effects.append(effect[0, 0])
         return "k1", moved
 
-    monkeypatch.setattr(left_out, "moved_unseen", unseen)
+    monkeypatch.setattr(doubts, "moved_unseen", unseen)
     columns = {"mass between x1 and x2": np.ones((3, 1))}
-    assert len(list(left_out._part_left_out(None, 40.0, columns))) == told
+    assert len(list(doubts._part_left_out(None, 40.0, columns))) == told
     assert effects == pytest.approx([0.4])  # kg
 
 
@@ -536,12 +529,12 @@ def test_no_answer_that_a_hidden_part_moves_comes_without_a_note():
 
 @pytest.mark.parametrize(("periods", "told"), [(11, 1), (12, 0)])
 def test_twelve_periods_for_each_sensor_tell_a_wrong_model(periods, told):
-    assert len(list(verdict.few_periods(closed_loop(0.11, periods)))) == told
+    assert len(list(doubts.few_periods(closed_loop(0.11, periods)))) == told
 
 
 @pytest.mark.parametrize(("coherence", "told"), [(0.09, 0), (0.11, 1)])
 def test_noise_that_forces_and_sensors_share_shows_a_loop(coherence, told):
-    assert len(list(verdict.few_periods(closed_loop(coherence, 11)))) == told
+    assert len(list(doubts.few_periods(closed_loop(coherence, 11)))) == told
 
 
 def closed_loop(coherence: float, periods: int) -> SimpleNamespace:
@@ -620,9 +613,6 @@ def test_scales_of_a_stiffness_beyond_squaring():
     tiny = np.full((2, 1), 1e-200 + 0j)
     found = find_scales(stiffness, np.ones((2, 1)), np.ones((1, 1)), tiny, np.zeros(1), np.zeros(1))
     assert found.rows[0] / found.coordinates[0] == pytest.approx(np.sqrt(2.5) * 1e200, rel=0.01)
-
-
-# The rotation against the angle that was given.
 
 
 # The rotation against the angle that was given: slow creep, steps, and no false alarm.
@@ -749,6 +739,7 @@ def test_no_creep_without_turning_or_with_few_periods():
 
 @pytest.mark.slow
 def test_creeps_of_good_records_are_standard_normal(monkeypatch):
+    """80 of them: of deviations that are stated 25 % too small 24 in 25 are found."""
     from good_records import good_record
 
     from rotorid.likelihood import fit
@@ -762,11 +753,11 @@ def test_creeps_of_good_records_are_standard_normal(monkeypatch):
 
     monkeypatch.setattr(fit, "creeps", seen)
     for kind in ("jeffcott", "rigid", "three", "rig"):
-        for seed in range(40):
+        for seed in range(20):
             good = good_record(kind, 5000 + seed)
             quick = replace(good.estimator, effort="quick")
             rid.identify(good.model, good.records(), quick)
-    assert len(found) == 160
+    assert len(found) == 80
     assert 0.85 < np.std(found) < 1.15
     assert np.abs(found).max() < 4
 
@@ -855,57 +846,3 @@ def test_what_is_told_and_what_is_sure(drifting, chance, moved, size, faults, do
     (bound,) = bind_all(MODEL, [rid.spectra(drifting, (2.0, 20.0), references=["r_x", "r_y"])])
     judged = list(_strays(bound, np.array([size, 0.0, 0.0]), chance, moved))
     assert (len(rejecting(judged)), len(doubting(judged))) == (faults, doubts)
-
-
-# Halves of a record against each other, their loads by the rotor angle in each.
-
-
-ROTATION = 7  # the line of the rotation, 140 Hz
-
-
-def turned(turning_record, degrees: float):
-    """Let the rotation's line turn from period to period, by so much in all, forwards."""
-    phase = np.radians(degrees) * (np.arange(turning_record.periods) / turning_record.periods - 0.5)
-    spectra = turning_record.spectra.copy()
-    spectra[:, list(turning_record.harmonics).index(ROTATION)] *= np.exp(1j * phase)[:, None]
-    return replace(turning_record, spectra=spectra)
-
-
-def stated(turning_record, degrees: float):
-    """State a speed with which the rotor turns further by so much over the record."""
-    share = (turning_record.time / turning_record.time.max()) - 0.5
-    return replace(turning_record, angle=turning_record.angle + np.radians(degrees) * share)
-
-
-@pytest.fixture
-def turning_record(demo):
-    """The demonstration without force at the speed of rotation, where only unbalance acts."""
-    lines = [k for k in demo.harmonics if k != ROTATION]
-    clean = demo.record(harmonics=demo.harmonics)
-    still = demo.record(harmonics=demo.harmonics, amplitude=1e-9)
-    spectra, at = clean.spectra.copy(), list(clean.harmonics).index(ROTATION)
-    spectra[:, at] = still.spectra[:, at]
-    assert len(lines) == 5
-    return demo.noisy(replace(clean, spectra=spectra), np.random.default_rng(8))
-
-
-@pytest.mark.slow
-def test_a_speed_that_is_off_by_a_hundred_thousandth_is_told(demo, turning_record):
-    found = identify(demo.model, stated(turning_record, 6.0), MaximumLikelihood())
-    assert found.misfit.p_value > 1e-3  # no misfit of the mean shows it
-    assert [w for w in found.warnings if w.startswith("speed: the unbalance turns with")]
-    right = identify(demo.model, turning_record, MaximumLikelihood())
-    assert right.status == "ok"
-    # The angle is no better known than by its creep, and the deviations know it.
-    assert found.std("xi") > 3 * right.std("xi")
-    (told,) = agreement(["xi"], np.array([[-7.0], [7.0]]), np.ones(1), {"xi"})
-    assert "the speed is not the one stated, or wanders" in told.text
-
-
-@pytest.mark.slow
-def test_a_rotation_that_turns_as_stated_is_no_matter(demo, turning_record):
-    """Two degrees: less than what the checks of the rotation's line take for a wandering speed."""
-    found = identify(demo.model, turned(stated(turning_record, 2.0), 2.0), MaximumLikelihood())
-    assert not [w for w in found.warnings if w.startswith("the halves of the record differ")]
-    other = identify(demo.model, turned(turning_record, 6.0), MaximumLikelihood())
-    assert [w for w in other.warnings if w.startswith("speed: the unbalance turns with")]

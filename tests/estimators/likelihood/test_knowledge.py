@@ -108,16 +108,6 @@ def test_bound_that_binds_is_an_equality(demo, noisy):
 
 
 @pytest.mark.slow
-def test_mass_is_kept_positive(demo, noisy):
-    """A model with a mass that is not there: its estimate would as soon be negative."""
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, bounds={"m1": (0.85, None)})
-    for seed in range(4):
-        record = demo.noisy(noisy, np.random.default_rng(seed))
-        estimate = identify(demo.model, record, estimator)
-        assert estimate.value("m1") >= 0.85 * (1 - 1e-12)
-
-
-@pytest.mark.slow
 def test_several_bounds_release_what_need_not_hold(demo, noisy):
     """Two bounds, of which only one binds once the other holds."""
     fixed = {"L1": 0.3}

@@ -234,15 +234,6 @@ def test_natural_frequencies_do_not_tell_wings_apart():
     assert problem.at(exchange.of(start)).cost == pytest.approx(problem.at(start).cost, rel=1e-9)
 
 
-@pytest.mark.slow
-def test_a_start_that_keeps_the_bound_may_lead_to_the_mirror_image(wings):
-    model = rid.parse_model(WINGS)
-    start = {"m1": 0.7, "k1": 3e5, "c1": 5.0, "m3": 0.69, "k3": 2e5, "c3": 8.0}
-    found = identify(model, wings, MaximumLikelihood(start=start, bounds={"m1 - m3": (0.0, None)}))
-    assert found.status == "ok"
-    assert found.value("m1") == pytest.approx(1.0, abs=5 * found.std("m1"))
-
-
 def test_a_sensor_of_a_wing_cures():
     record = record_of(rid.parse_model(WINGS), ["x2", "x1"])
     assert identify(rid.parse_model(WINGS), record, MaximumLikelihood()).status == "ok"

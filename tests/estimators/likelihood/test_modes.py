@@ -1,7 +1,7 @@
 """Natural frequencies as data: against numpy's eigenvalues, alone and beside records."""
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -82,15 +82,15 @@ def check_gradient(model: rid.Model, start: dict[str, float], given: list[rid.Mo
         size = np.abs(jacobian * x).max(axis=1)
         for i, value in enumerate(x):
             step = 1e-3 * (value or 1.0) * np.eye(len(x))[i]
+            along = cache(partial(moved, known, x, step, relaxation))
             for row in range(len(known)):
-                along = partial(moved, known, x, step, relaxation, row)
-                difference = extrapolated(along, 1.0) / step[i]
+                difference = extrapolated(lambda h, row=row, along=along: along(h)[row], 1.0)
                 floor = (1e-6 * size[row] + 1e-9) / abs(value or 1.0)
-                assert jacobian[row, i] == pytest.approx(difference, rel=1e-6, abs=floor)
+                assert jacobian[row, i] == pytest.approx(difference / step[i], rel=1e-6, abs=floor)
 
 
-def moved(known, x: np.ndarray, step: np.ndarray, relaxation: float, row: int, h: float) -> float:
-    return float(known.values(x + h * step, relaxation)[row])
+def moved(known, x: np.ndarray, step: np.ndarray, relaxation: float, h: float) -> np.ndarray:
+    return known.values(x + h * step, relaxation)
 
 
 class TestGradient:
@@ -334,14 +334,17 @@ class TestBesideRecords:
 
 @pytest.mark.slow
 def test_deviations_hold(monte_carlo):
-    """200 tests of the chain, frequencies to 0.1 %, from a start 10 to 20 % off."""
+    """100 tests of the chain, frequencies to 0.1 %, from a start 10 to 20 % off.
+
+    A scatter is known to 7 %: of one deviation that is stated 25 % too small 19 in 20 are found.
+    """
 
     def draw(rng):
         return [], rid.MaximumLikelihood(fixed={"m1": 2.0}, modes=modes(rng), effort="quick")
 
-    found = monte_carlo(MODEL, TRUTH, draw, 200, seed=501)
-    assert found.statuses.count("ok") == 200
-    assert ((found.rms / found.stated > 0.9) & (found.rms / found.stated < 1.15)).all()
+    found = monte_carlo(MODEL, TRUTH, draw, 100, seed=501)
+    assert found.statuses.count("ok") == 100
+    assert (np.abs(found.rms / found.stated - 1) < 0.15).all()
     assert abs(found.coverage.mean() - 0.95) < 0.02
     assert 0.02 <= found.rejected <= 0.08
     assert abs(found.cost_deviation) < 3

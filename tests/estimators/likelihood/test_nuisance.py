@@ -59,55 +59,18 @@ def skewed(record, seconds):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["force", "position"])
-def test_common_delay(demo, bearings, kind):
+@pytest.mark.parametrize(("kind", "sign"), [("force", -1), ("position", 1)])
+def test_common_delay(demo, bearings, kind, sign):
     """It costs nearly nothing: k1 .20 -> .22 % (theory.md, section 3)."""
     record = demo.noisy(skewed(demo.record(bearings), 5e-6), np.random.default_rng(31))
-    plain = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
-    assert plain.misfit.p_value < 1e-3
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, delays=(kind,))
-    estimate = identify(demo.model, record, estimator)
+    estimate = identify(
+        demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, delays=(kind,), effort="quick")
+    )
     assert estimate.status == "ok"
-    sign = {"force": -1, "position": 1}[kind]
-    if kind == "position":
-        assert_agrees(estimate, {**demo.truth, "delay[position]": 5e-6})
     delay = estimate[f"delay[{kind}]"]
     assert delay.value == pytest.approx(sign * 5e-6, abs=4 * delay.std)
     assert delay.unit == "s"
-    clean = demo.noisy(demo.record(bearings), np.random.default_rng(32))
-    without = identify(demo.model, clean, MaximumLikelihood(fixed={"L1": 0.3}))
-    with_it = identify(demo.model, clean, estimator)
-    assert 100 * without.std("k1") / demo.truth["k1"] == pytest.approx(0.20, abs=0.01)
-    assert 100 * with_it.std("k1") / demo.truth["k1"] == pytest.approx(0.22, abs=0.01)
-
-
-def with_gain_priors(record, std):
-    channels = tuple(
-        replace(c, gain_std=std) if i >= 4 else c for i, c in enumerate(record.channels)
-    )
-    return replace(record, channels=channels)
-
-
-def test_gain_priors(demo, bearings):
-    """They cost m1 .20 -> .54 %, I_p .05 -> .51 % (theory.md, section 3)."""
-    clean = demo.record(bearings)
-    wrong = clean.spectra.copy()
-    wrong[:, :, 4] *= 1.01
-    record = demo.noisy(replace(clean, spectra=wrong), np.random.default_rng(33))
-    plain = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
-    assert plain.status == "rejected"
-    assert plain.suspects[0].term == "gain[x1]"
-    estimate = identify(
-        demo.model, with_gain_priors(record, 0.01), MaximumLikelihood(fixed={"L1": 0.3})
-    )
-    assert estimate.status == "ok"
-    gains = {"gain[x1]": 1.01, "gain[y1]": 1.0, "gain[x3]": 1.0, "gain[y3]": 1.0}
-    assert_agrees(estimate, {**demo.truth, **gains})
-    assert 100 * estimate.std("m1") / demo.truth["m1"] == pytest.approx(0.54, abs=0.04)
-    assert 100 * estimate.std("I_p") / demo.truth["I_p"] == pytest.approx(0.51, abs=0.04)
-    # The data tell the gains apart far better than they tell all of them.
-    between = estimate.value("gain[x1]") / estimate.value("gain[y1]")
-    assert between == pytest.approx(1.01, abs=2e-3)
+    assert 100 * estimate.std("k1") / demo.truth["k1"] == pytest.approx(0.22, abs=0.01)
 
 
 def test_delay_of_one_channel_with_prior(demo, bearings):
@@ -126,56 +89,40 @@ def test_delay_of_one_channel_with_prior(demo, bearings):
     assert estimate.std("delay[y3]") < 5e-6
 
 
-def test_force_slope_of_each_input(levitated):
-    truth, model = levitated.truth, levitated.machine.model
+@pytest.fixture(scope="module")
+def driven(levitated):
+    """Records of currents at two speeds, and what their identification takes."""
     rng = np.random.default_rng(35)
+    total = Constraint("m1 + m2 + m3", sum(levitated.truth[name] for name in ("m1", "m2", "m3")))
     records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
-    total = Constraint("m1 + m2 + m3", sum(truth[name] for name in ("m1", "m2", "m3")))
-    estimator = MaximumLikelihood(
-        fixed={"L1": 0.3}, runout=True, gains=("ki", "ks*"), constraints=(total,)
-    )
-    estimate = identify(model, records, estimator)
+    return records, MaximumLikelihood(fixed={"L1": 0.3}, runout=True, constraints=(total,))
+
+
+def test_force_slope_of_each_input(levitated, driven):
+    records, estimator = driven
+    model = levitated.machine.model
+    estimate = identify(model, records, replace(estimator, gains=("ki", "ks*")))
     assert estimate.status == "ok", estimate.warnings
-    each = {f"ks[{name}]": truth["ks"] for name in model.inputs}
-    assert_agrees(estimate, {**truth, **each})
+    each = {f"ks[{name}]": levitated.ks for name in model.inputs}
+    assert_agrees(estimate, {**levitated.truth, **each})
     assert estimate["ki[F_x1]"].unit == "N/A"
     assert estimate["ks[F_x1]"].unit == "N/m"
 
 
-def test_force_slope_of_each_bearing(levitated):
+def test_force_slope_of_each_bearing(levitated, driven):
     """Inputs whose laws state the same have one in common; two bearings that differ, two."""
-    truth, model = levitated.truth, levitated.machine.model
-    rng = np.random.default_rng(36)
-    records = [
-        on_half(levitated.noisy(levitated.record(hertz), rng), ("F_x3", "F_y3"))
-        for hertz in (140.0, 100.0)
-    ]
-    total = Constraint("m1 + m2 + m3", sum(truth[name] for name in ("m1", "m2", "m3")))
-    estimator = MaximumLikelihood(
-        fixed={"L1": 0.3}, runout=True, gains=("ki", "ks"), constraints=(total,)
-    )
-    estimate = identify(model, records, estimator)
+    records, estimator = driven
+    records = [on_half(record, ("F_x3", "F_y3")) for record in records]
+    model = levitated.machine.model
+    estimate = identify(model, records, replace(estimator, gains=("ki", "ks")))
     assert estimate.status == "ok", estimate.warnings
-    each = {"ks[F_x1, F_y1]": truth["ks"], "ks[F_x3, F_y3]": 2 * truth["ks"]}
+    each = {"ks[F_x1, F_y1]": levitated.ks, "ks[F_x3, F_y3]": 2 * levitated.ks}
     assert "ks" not in [value.name for value in estimate.parameters]
-    assert_agrees(estimate, {**{n: v for n, v in truth.items() if n != "ks"}, **each})
+    assert_agrees(estimate, levitated.truth | each)
 
 
-def test_a_wrong_force_slope_is_named(levitated):
-    rng = np.random.default_rng(37)
-
-    def off(channel):
-        drive = channel.drive
-        return channel if drive is None else replace(channel, drive=replace(drive, ks=1.8e5))
-
-    records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
-    records = [replace(r, channels=tuple(off(c) for c in r.channels)) for r in records]
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=True)
-    estimate = identify(levitated.machine.model, records, estimator)
-    assert estimate.status == "rejected"
-    (one,) = (suspect for suspect in estimate.suspects if suspect.term == "ks")
-    assert one.value == pytest.approx(2e5, rel=0.02)
-    found = unknowns_of([bind(levitated.machine.model, records[0])])
+def test_what_is_said_of_a_wrong_force_slope(levitated, driven):
+    found = unknowns_of([bind(levitated.machine.model, driven[0][0])])
     cures = {unknown.scalars[0].name: unknown.cure for unknown in found}
     assert 'gains = ["ks"]' in cures["ks"]
     assert 'gains = ["ks*"]' in cures["ks[F_x1]"]
@@ -212,19 +159,13 @@ def test_known_force_law_is_not_a_nuisance(levitated):
     assert wrong.value("k1") != pytest.approx(truth["k1"], abs=3 * wrong.std("k1"))
 
 
-def test_nuisances_may_be_fixed_or_known(levitated):
-    truth, model = levitated.truth, levitated.machine.model
-    rng = np.random.default_rng(37)
-    records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
-    estimator = MaximumLikelihood(
-        fixed={"L1": 0.3, "ki[F_x1]": 120.0},
-        known={"ks": (2e5, 2e3)},
-        runout=True,
-        gains=("ki", "ks"),
-    )
-    estimate = identify(model, records, estimator)
+def test_nuisances_may_be_fixed_or_known(levitated, driven):
+    records, estimator = driven
+    known = {"fixed": {"L1": 0.3, "ki[F_x1]": 120.0}, "known": {"ks": (2e5, 2e3)}}
+    estimator = replace(estimator, **known, gains=("ki", "ks"), constraints=())
+    estimate = identify(levitated.machine.model, records, estimator)
     assert estimate.status == "ok"
-    assert_agrees(estimate, truth)
+    assert_agrees(estimate, levitated.truth)
     assert "ki[F_x1]" not in [value.name for value in estimate.nuisance]
     assert estimate.std("ks") <= 2e3 * 1.01
     assert estimate.covariance.shape == (len(estimate.free),) * 2
@@ -414,7 +355,7 @@ def test_a_further_kind_is_one_function(demo, bearings, monkeypatch):
     spectra[:, :, 4:] *= (1 + size * record.omega**2)[:, None]
     noisy = demo.noisy(replace(record, spectra=spectra), np.random.default_rng(5))
     estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    assert identify(demo.model, noisy, estimator).status == "rejected"
+    assert identify(demo.model, noisy, replace(estimator, effort="quick")).misfit.p_value < 1e-6
     monkeypatch.setattr(nuisances, "KINDS", (*nuisances.KINDS, stretches))
     estimate = identify(demo.model, noisy, estimator)
     assert estimate.status == "ok"

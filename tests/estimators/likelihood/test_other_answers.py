@@ -25,7 +25,6 @@ from rotor_bank import Structure as Tower
 
 from rotorid import InputError, MaximumLikelihood, Plan, identify, predict_accuracy
 from rotorid.likelihood import other_answers as information
-from rotorid.likelihood import other_answers as valley
 from rotorid.likelihood import solver
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import prepare
@@ -257,7 +256,7 @@ def explored(name, seed):
     problem = problem_of_case(rotor_case(SETTINGS[name], seed))
     solution = searched(problem, problem.layout.start)
     inference = solution.inference
-    found = valley.explore(solution.point, inference, ~inference.linear.undetermined)
+    found = information.explore(solution.point, inference, ~inference.linear.undetermined)
     names = [problem.layout.unknowns[i].name for i in problem.layout.free]
     return dict(zip(names, found[0], strict=True)), solution, found[1]
 
@@ -288,7 +287,7 @@ def test_a_lower_floor_is_found_and_followed():
     change = 1.5 * np.sqrt(size[-1]) * along[:, -1] * inference.linear.scale
     off = solver.beside(solution.point, change)
     assert off.cost > solution.point.cost + 0.5
-    _, lowest = valley.explore(off, infer(off), np.ones(len(change), dtype=bool))
+    _, lowest = information.explore(off, infer(off), np.ones(len(change), dtype=bool))
     assert lowest.cost < off.cost - 0.4
     ended = solver.Solution(off, True, 0)
     again, *_ = information.questioned(ended, Mirrors(problem.layout))
@@ -331,9 +330,9 @@ def floors(monkeypatch, rise: float | None, step: float = 1.0, at: float = 0.0) 
             return None
         return minimum(point.cost + rise, point.unknowns[0] + change[0])
 
-    monkeypatch.setattr(valley, "beside", beside)
+    monkeypatch.setattr(information, "beside", beside)
     begin = minimum(100.0, at, additive=not at)
-    list(valley._floor(begin, np.array([step]), np.ones(1)))
+    list(information._floor(begin, np.array([step]), np.ones(1)))
     return tried
 
 
@@ -358,10 +357,12 @@ def walked(monkeypatch, *rises: float) -> tuple[list[np.ndarray], list[float], f
         for k, rise in enumerate(rises, 1):
             yield minimum(100.0 + rise, *(2.0 * k * unit))
 
-    monkeypatch.setattr(valley, "_floor", floor)
-    monkeypatch.setattr(valley, "_of_loads", lambda end, unit: ends.append(end.cost) or 0 * unit)
+    monkeypatch.setattr(information, "_floor", floor)
+    monkeypatch.setattr(
+        information, "_of_loads", lambda end, unit: ends.append(end.cost) or 0 * unit
+    )
     inference = SimpleNamespace(covariance=np.diag([1.0, 4.0, 9.0]), std=np.array([1.0, 2.0, 3.0]))
-    found = valley.explore(minimum(100.0, 0.0, 0.0, 0.0), inference, np.ones(3, bool))
+    found = information.explore(minimum(100.0, 0.0, 0.0, 0.0), inference, np.ones(3, bool))
     return changes, ends, found[0][2]
 
 
@@ -403,18 +404,15 @@ def worst(case, estimate):
 @pytest.mark.slow
 @pytest.mark.parametrize("setting", ADVERSE)
 def test_no_wrong_answer_is_called_ok(setting):
-    """With ten such rotors of the adverse bank there are 42 with equal or nearly equal forces.
+    """With 18 such rotors of the adverse bank there are 30 with equal or nearly equal forces.
 
-    What errs in 5 % of them passes with a chance of 12 %; of the noisy ones, 28 with that bank's,
-    with 24 %.
+    What errs in a tenth of them is found with 96 %; of the noisy ones, 18 with that bank's, with
+    85 %.
     """
-    wrong = []
-    for seed in range(8):
+    for seed in range(3):
         case = rotor_case(ADVERSE[setting], 50 + seed)
         estimate = estimated(case)
-        if estimate.status == "ok" and worst(case, estimate) > 5:
-            wrong.append(seed)
-    assert not wrong
+        assert estimate.status != "ok" or worst(case, estimate) < 5, seed
 
 
 @pytest.mark.slow

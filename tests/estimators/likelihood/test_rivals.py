@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from adverse_cases import CASES
 from result_cases import fit
 
 import rotorid as rid
@@ -388,59 +387,6 @@ def record(demo):
     return quiet.noisy(demo.record(periods=60), np.random.default_rng(5))
 
 
-def with_spectra(record, change):
-    spectra = record.spectra.copy()
-    change(spectra, record.names)
-    return replace(record, spectra=spectra)
-
-
-def exchange(*pairs):
-    def change(spectra, names):
-        for a, b in pairs:
-            i, j = names.index(a), names.index(b)
-            spectra[:, :, [i, j]] = spectra[:, :, [j, i]]
-
-    return change
-
-
-def scale(factor, *channels):
-    def change(spectra, names):
-        for name in channels:
-            spectra[:, :, names.index(name)] *= factor
-
-    return change
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "term", "value"),
-    [
-        (exchange(("x1", "y1")), "swap[x1, y1]", None),
-        (scale(-1.0, "x2"), "sign[x2]", -1.0),
-        (scale(1e-3, "y3"), "unit[y3]", 1e-3),
-        (scale(-1 / 25.4, "x1"), "gain[x1]", -1 / 25.4),
-    ],
-)
-def test_mistakes_are_named(demo, record, change, term, value):
-    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
-    assert estimate.status != "ok"
-    first = estimate.suspects[0]
-    assert first.term == term
-    assert first.share > 0.999
-    assert first.value == (None if value is None else pytest.approx(value, rel=1e-3))
-    assert first.term.partition("[")[2].rstrip("]").split(", ")[0] in estimate.warnings[0]
-    assert "first suspect" in estimate.warnings[0]
-
-
-def test_a_known_value(demo, record):
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"m2": 12.0}))
-    first = estimate.suspects[0]
-    assert first.term == "prior m2"
-    assert first.value == pytest.approx(demo.truth["m2"], rel=0.01)
-    known = MaximumLikelihood(known={"L1": (0.31, 0.0005)})
-    assert identify(demo.model, record, known).suspects[0].term == "prior L1"
-
-
 @pytest.mark.parametrize(
     ("besides", "term", "unit", "size"),
     [
@@ -464,11 +410,10 @@ def test_a_load_where_the_model_has_none(demo, record):
     size = 2e-5 * record.speed**2 / 2
     once = list(record.harmonics).index(7)
 
-    def change(spectra, names):
-        spectra[:, once, names.index("F_x1")] -= size
-        spectra[:, once, names.index("F_y1")] -= -1j * size
-
-    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    spectra = record.spectra.copy()
+    spectra[:, once, record.index("F_x1")] -= size
+    spectra[:, once, record.index("F_y1")] -= -1j * size
+    estimate = identify(demo.model, replace(record, spectra=spectra), MaximumLikelihood())
     first = estimate.suspects[0]
     assert first.term in ("load at x1, y1", "load at x1", "load at y1")
     assert first.value == pytest.approx(2e-5, rel=0.05)
@@ -522,7 +467,6 @@ def test_planes_of_sensors_that_read_combinations(demo):
 
 
 def shaken(record, harmonic, size=2e-6):
-    """Add a tone of one phase to all displacements along x."""
     spectra = record.spectra.copy()
     columns = [record.index(name) for name in ("x1", "x2", "x3")]
     spectra[:, list(record.harmonics).index(harmonic), columns] += size * np.exp(0.4j)
@@ -545,25 +489,6 @@ def test_a_line_that_something_else_fills_is_named(demo, record, harmonic, hertz
     assert estimate.suspects[0].share > 0.99
     assert f"the line at {hertz} Hz, {told}" in estimate.warnings[0]
     assert "leave it out of the harmonics" in estimate.warnings[0]
-
-
-@pytest.mark.slow
-def test_the_line_of_the_rotation_is_left_to_runout(demo, record):
-    estimate = identify(demo.model, shaken(record, 7, 1e-5), MaximumLikelihood())
-    assert estimate.status == "rejected"
-    assert not any(s.term.startswith("line ") for s in estimate.suspects)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("what", ["no speed", "rad/s given as rpm", "runout of a sensor"])
-def test_a_wrong_speed_is_no_odd_line(what):
-    """Of the right speed's own line nothing is known then, and leaving it out would do as well."""
-    (case,) = (c for c in CASES if c.what == what)
-    for seed in range(2):
-        assert not any(
-            text.startswith("line ") and "below" not in text
-            for text in (*case.run(100 + seed).said,)
-        )
 
 
 def test_the_drop_is_what_a_refit_without_the_line_gains(demo, record):

@@ -17,7 +17,6 @@ from rotorid.core.watch import watched
 from rotorid.likelihood import assembly, solver
 from rotorid.likelihood import rivals as plain
 from rotorid.likelihood import starts as search
-from rotorid.likelihood import starts as thinning
 from rotorid.likelihood import summary as result
 from rotorid.likelihood.problem import Point, Problem, Tangent
 from rotorid.likelihood.response import _motion
@@ -166,7 +165,7 @@ def lines_of(record: rid.Record, count: int = 991) -> rid.Lines:
 def test_the_answer_is_that_of_all_lines(record, monkeypatch):
     lines = lines_of(record)
     by_few = rid.identify(MODEL, lines, KNOWN)
-    monkeypatch.setattr(thinning, "FEW", 10**6)
+    monkeypatch.setattr(search, "FEW", 10**6)
     by_all = rid.identify(MODEL, lines, KNOWN)
     assert by_few.misfit == by_all.misfit or by_few.misfit.cost == pytest.approx(
         by_all.misfit.cost, rel=1e-9
@@ -174,6 +173,12 @@ def test_the_answer_is_that_of_all_lines(record, monkeypatch):
     for few, every in zip(by_few.parameters, by_all.parameters, strict=True):
         assert few.value == pytest.approx(every.value, abs=1e-3 * every.std)
         assert few.std == pytest.approx(every.std, rel=1e-3)
+
+
+def louder(record: rid.Record, gain: float) -> rid.Lines:
+    samples = record.samples.copy()
+    samples[:, record.names.index("x")] *= gain
+    return lines_of(replace(record, samples=samples))
 
 
 @pytest.mark.parametrize(("count", "fewer"), [(800, False), (801, True)])
@@ -210,10 +215,7 @@ def test_the_strongest_lines_lead_the_way(record):
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(("gain", "few"), [(1.3, True), (1.014, True), (1.01, False)])
 def test_a_plain_mistake_is_looked_for_on_fewer_lines(record, gain, few):
-    samples = record.samples.copy()
-    samples[:, record.names.index("x")] *= gain
-    lines = lines_of(replace(record, samples=samples))
-    estimate = rid.identify(MODEL, lines, KNOWN)
+    estimate = rid.identify(MODEL, louder(record, gain), KNOWN)
     assert estimate.status == "rejected"
     assert estimate.suspects[0].term in ("gain[x]", "gain[y]", "gain[F_x]", "gain[F_y]")
     misfit = estimate.misfit
@@ -228,9 +230,7 @@ def test_a_plain_mistake_is_looked_for_on_fewer_lines(record, gain, few):
 
 def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(record, monkeypatch):
     """A misfit is believed once two starts led to it; a whole record is solved once for that."""
-    samples = record.samples.copy()
-    samples[:, record.names.index("x")] *= 1.01
-    lines, ways = lines_of(replace(record, samples=samples)), []
+    lines, ways = louder(record, 1.01), []
 
     def counting(*given: object) -> Solution:
         ways.append(solver.solve(*given))
@@ -295,9 +295,7 @@ def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
     record, monkeypatch, gain, hopeless
 ):
     """With a sensor upside down a dozen ways are tried, none of which all lines could mend."""
-    samples = record.samples.copy()
-    samples[:, record.names.index("x")] *= gain
-    lines, steps = lines_of(replace(record, samples=samples)), []
+    lines, steps = louder(record, gain), []
 
     def counting(point: Point, *rest: object) -> Tangent:
         steps.append(len(point.records[0].problem.data))

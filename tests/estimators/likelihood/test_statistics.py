@@ -11,7 +11,7 @@ from rotorid import Channel, Constraint, MaximumLikelihood, load_model, predict_
 
 pytestmark = pytest.mark.slow
 
-SEEDS = 160
+SEEDS = 100
 
 quick = partial(MaximumLikelihood, effort="quick")
 """The first minimum, in half the time: from near the truth it is the one that full effort finds.
@@ -23,11 +23,11 @@ quick = partial(MaximumLikelihood, effort="quick")
 def check(found, least=None, *, joint=True, asked=slice(None)):
     """Hold scatter, coverage and cost of `SEEDS` records against what is stated.
 
-    A scatter over what is stated has a standard error of 5.6 %: of one deviation that is stated
-    20 % too small (a scatter of 1.25) 5 in 6 are found, of 25 % too small all but one in fifty.
-    All of them together show in the distance from the truth, whose mean is known to 3.2 % of a
-    dozen: 7 % too small is found always. A 5 % test that rejects 10 % has normal quantiles of 1.28
-    times their deviation, which is known to 5.6 %. `least` is the Cramer-Rao bound of each.
+    A scatter over what is stated has a standard error of 7 %: of one deviation that is stated 25 %
+    too small (a scatter of 1.33) 19 in 20 are found, of 20 % four in five. All of them together
+    show in the distance from the truth, whose mean is known to 4 % of a dozen: 10 % too small is
+    found always. A 5 % test that rejects 10 % has normal quantiles of 1.28 times their deviation,
+    which is known to 7 %. `least` is the Cramer-Rao bound of each.
     """
     assert found.statuses.count("ok") == SEEDS
     scatter = (found.rms / found.stated)[asked]
@@ -39,7 +39,6 @@ def check(found, least=None, *, joint=True, asked=slice(None)):
     assert abs(quantiles.mean()) < 3 / np.sqrt(SEEDS)
     assert quantiles.std() == pytest.approx(1, abs=0.175)
     if least is not None:
-        print("stated over bound:", np.round(found.stated / least, 3))
         assert (found.stated <= 1.06 * least).all()
 
 
@@ -77,89 +76,73 @@ OTHER = {"L1": 0.25, "L2": 0.4, "k1": 5e5, "k2": 1.2e6}
 
 
 @pytest.mark.parametrize(
-    ("other", "read", "joint"),
+    ("other", "joint"),
     [
-        pytest.param({}, True, True, id="by the bearing sensors"),
-        pytest.param(OTHER, False, True, id="another rotor"),
-        pytest.param(OTHER, True, False, id="another rotor by its bearing sensors"),
+        pytest.param({}, True, id="the paper's rotor"),
+        pytest.param(OTHER, False, id="another rotor"),
     ],
 )
-def test_physical_parameters(demo, bearings, monte_carlo, other, read, joint):
+def test_physical_parameters_by_the_bearing_sensors(demo, bearings, monte_carlo, other, joint):
     """All but L1 by four sensors; the other rotor is asymmetric: nothing was made for the first.
 
-    By its bearing sensors its dynamic unbalance is known to 8 %, near a resonance: each interval
-    holds, the joint one is bent. The distance from the truth in the metric of the covariance has
-    mean 14.6 where 12 would be expected: second-order terms, products of large errors, along
-    directions that are known much better.
+    Its dynamic unbalance is known to 8 %, near a resonance: each interval holds, the joint one is
+    bent. The distance from the truth in the metric of the covariance has mean 14.6 where 12 would
+    be expected: second-order terms, products of large errors, along directions that are known much
+    better.
     """
     machine = replace(demo, truth={**demo.truth, **other})
-    sensors = bearings if read else None
-    fixed = {"L1": machine.truth["L1"]} if read else {}
-    clean = machine.record(sensors)
+    fixed = {"L1": machine.truth["L1"]}
+    clean = machine.record(bearings)
 
     def draw(rng):
         start = near(machine, rng, fixed)
         return [machine.noisy(clean, rng)], quick(fixed=fixed, start=start)
 
     found = monte_carlo(machine.model, machine.truth, draw, SEEDS, seed=104)
-    check(found, bounds_of(machine, found, sensors, fixed=fixed), joint=joint)
+    check(found, bounds_of(machine, found, bearings, fixed=fixed), joint=joint)
 
 
 @pytest.mark.parametrize("amplitude", [1.0, 1000.0])
 def test_bearing_sensors_from_far_away(demo, bearings, monte_carlo, amplitude):
-    """200 of 200 from +-40 %, unbalance from zero: a search that loses 1.5 % passes with 5 %."""
+    """All from +-40 %, unbalance from zero.
+
+    With the 60 of `test_headline` there are 180: a search that loses 1.7 % passes with 5 %.
+    """
     clean = demo.record(bearings, amplitude=amplitude)
 
     def draw(rng):
         start = near(demo, rng, {"L1"}, 0.4)
         return [demo.noisy(clean, rng)], MaximumLikelihood(fixed={"L1": 0.3}, start=start)
 
-    found = monte_carlo(demo.model, demo.truth, draw, 100, seed=102)
+    found = monte_carlo(demo.model, demo.truth, draw, 60, seed=102)
     # Not one lies at another minimum: the cost is what noise leaves, and no estimate is far off.
-    assert found.statuses.count("ok") == 100
+    assert found.statuses.count("ok") == 60
     assert np.abs(np.array(found.errors) / np.array(found.stds)).max() < 5.5
     assert min(found.p_values) > 1e-5
 
 
 TABLE = ("m1", "m2", "I_t", "I_p", "k1", "L2", "xi", "zeta", "mu", "eta")
+HEADLINE = np.array([0.42, 0.05, 3.0, 0.79, 0.45, 0.25, 0.44, 0.30, 28, 12])
+"""Standard deviations in percent of TABLE, from theory.md."""
 
 
-# Standard deviations in percent of TABLE, from theory.md.
-HEADLINE = {
-    "runout": (0.15, 0.07, 0.94, 0.03, 0.16, 0.01, 0.90, 0.52, 41, 24),
-    "ki": (0.17, 0.02, 1.88, 0.31, 0.17, 0.02, 0.90, 0.52, 41, 24),
-    "ks": (0.42, 0.05, 3.0, 0.79, 0.45, 0.25, 0.44, 0.30, 28, 12),
-}
-
-
-@pytest.mark.parametrize("case", HEADLINE)
-def test_headline(levitated, monte_carlo, case):
+def test_headline(levitated, monte_carlo):
     """Bearing sensors with unknown runout, coil currents, one scale, one ruler: everything.
 
-    Over 60 records a scatter is known to 9 %, and all of them to 2.5 %.
+    Over 60 records a scatter is known to 9 %, and all of them to 2.5 %; the deviations are those of
+    theory.md, which `test_bound` has for runout and k_i alone as well.
     """
     machine, truth = levitated.machine, levitated.truth
-    rig = replace(levitated, ks=0.0) if case == "ki" else levitated
-    clean = [rig.record(hertz, drives=case != "runout") for hertz in (140.0, 100.0)]
+    clean = [levitated.record(hertz) for hertz in (140.0, 100.0)]
     mass = Constraint("m1 + m2 + m3", sum(truth[name] for name in ("m1", "m2", "m3")))
-    options = {
-        "runout": {},
-        "ki": {"gains": ("ki",), "constraints": (mass,)},
-        "ks": {"gains": ("ki", "ks"), "constraints": (mass,)},
-    }[case]
+    options = {"runout": True, "gains": ("ki", "ks"), "constraints": (mass,)}
 
     def draw(rng):
         start = near(machine, rng, {"L1"}, 0.4)
-        if case != "runout":
-            start |= {
-                name: value * (1 + 0.2 * rng.uniform(-1, 1))
-                for name, value in truth.items()
-                if name.startswith("ki[")
-            }
-        if case == "ks":
-            start["ks"] = truth["ks"] * (1 + 0.5 * rng.uniform(-1, 1))
-        records = [rig.noisy(record, rng) for record in clean]
-        return records, MaximumLikelihood(fixed={"L1": 0.3}, start=start, runout=True, **options)
+        for name in ("ks", *(n for n in truth if n.startswith("ki["))):
+            start[name] = truth[name] * (1 + (0.5 if name == "ks" else 0.2) * rng.uniform(-1, 1))
+        records = [levitated.noisy(record, rng) for record in clean]
+        return records, MaximumLikelihood(fixed={"L1": 0.3}, start=start, **options)
 
     found = monte_carlo(machine.model, truth, draw, 60, seed=103)
     assert found.statuses.count("ok") == 60
@@ -169,15 +152,13 @@ def test_headline(levitated, monte_carlo, case):
     assert (np.abs(found.rms / found.stated - 1) < 0.28).all()
     at = [found.names.index(name) for name in TABLE]
     stated = 100 * found.stated[at] / np.abs(np.array(found.truth)[at])
-    expected = np.array(HEADLINE[case])
-    rounding = 0.5 * 10.0 ** np.array([-2] * 8 + [0] * 2) / expected
-    assert (np.abs(stated / expected - 1) < 0.15 + rounding).all()
+    rounding = 0.5 * 10.0 ** np.array([-2] * 8 + [0] * 2) / HEADLINE
+    assert (np.abs(stated / HEADLINE - 1) < 0.15 + rounding).all()
 
 
-@pytest.mark.parametrize("periods", [20, 80])
-def test_few_periods(demo, monte_carlo, periods):
+def test_few_periods(demo, monte_carlo):
     """theory.md: intervals cover 95 to 97 % at 20 periods, and the test of the misfit holds."""
-    clean = demo.record(periods=periods)
+    clean = demo.record(periods=20)
 
     def draw(rng):
         estimator = quick(start=demo.start(rng, 0.1), covariance="white")
@@ -219,23 +200,20 @@ def test_declared_delay_covers(demo, bearings, monte_carlo):
     check(monte_carlo(demo.model, truth, draw, SEEDS, seed=107))
 
 
-@pytest.mark.parametrize("sensors", [None, "beside the bearings"])
-def test_rigid_rotor(demo, monte_carlo, sensors):
-    """L_a known; the other length multiplies inputs."""
+def test_rigid_rotor(demo, monte_carlo):
+    """By sensors beside the bearings, L_a known; the other length multiplies inputs."""
     model = load_model("rigid")
     machine = replace(demo, model=model, truth=model.nominal)
-    planes = None
-    if sensors is not None:
-        planes = [
-            Channel("xa", "m", reads={"x": 1.0, "theta_y": -0.18}),
-            Channel("ya", "m", reads={"y": 1.0, "theta_x": 0.18}),
-            Channel("xb", "m", reads={"x": 1.0, "theta_y": 0.23}),
-            Channel("yb", "m", reads={"y": 1.0, "theta_x": -0.23}),
-        ]
+    planes = [
+        Channel("xa", "m", reads={"x": 1.0, "theta_y": -0.18}),
+        Channel("ya", "m", reads={"y": 1.0, "theta_x": 0.18}),
+        Channel("xb", "m", reads={"x": 1.0, "theta_y": 0.23}),
+        Channel("yb", "m", reads={"y": 1.0, "theta_x": -0.23}),
+    ]
     clean, fixed = machine.record(planes), {"L_a": 0.2}
 
     def draw(rng):
         return [machine.noisy(clean, rng)], quick(fixed=fixed, start=near(machine, rng, fixed))
 
-    found = monte_carlo(model, model.nominal, draw, SEEDS, seed=110)
+    found = monte_carlo(model, model.nominal, draw, SEEDS, seed=111)
     check(found, bounds_of(machine, found, planes, fixed=fixed))

@@ -1,7 +1,6 @@
 """Where a model fails, and what the drawing of a rotor lacks: the right suspect first."""
 
 import re
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,99 +35,33 @@ from rotorid.testing import add_noise, line_record
 BETA = 2 * 0.0005 / (2 * np.pi * 175.53)  # damping ratio 0.0005 at the first bending mode
 
 
-def first_suspects(demo, clean, seeds, estimator=MaximumLikelihood()):  # noqa: B008
-    """Return how often each suspect comes first; every record must be rejected."""
-    found = Counter()
-    for seed in range(seeds):
+DAMPED, TURNING = "damping k1, k2|damping k[12]", "rotating damping k.*"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_bearings", [False, True])
+@pytest.mark.parametrize(
+    ("fault", "first"),
+    [
+        (lambda faults: faults.damped(BETA), (DAMPED, DAMPED)),
+        (lambda faults: faults.damped(BETA, rotating=True), (TURNING, TURNING)),
+        # Half a per cent between x and y: by the bearing sensors its ends are hardly told apart.
+        (lambda faults: faults.asymmetric("k1", 0.005), ("asymmetry k1", "asymmetry .*")),
+        (lambda faults: faults.asymmetric("k2", 0.005), ("asymmetry k2", "asymmetry .*")),
+        (lambda faults: faults.asymmetric("k1", 0.05), ("asymmetry k1", "asymmetry k1")),
+    ],
+    ids=["damping", "rotating damping", "k1, .5 %", "k2, .5 %", "k1, 5 %"],
+)
+def test_the_term_that_lacks_is_suspected_first(demo, faults, bearings, fault, first, by_bearings):
+    clean = fault(faults).record(bearings if by_bearings else None)
+    estimator = MaximumLikelihood(fixed={"L1": 0.3} if by_bearings else {})
+    for seed in range(5):
         record = demo.noisy(clean, np.random.default_rng(seed))
         estimate = identify(demo.model, record, estimator)
         assert estimate.status == "rejected"
         assert estimate.misfit.p_value < 1e-6
         assert any("the data reject the model" in warning for warning in estimate.warnings)
-        found[estimate.suspects[0].term] += 1
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sensors", [None, "bearings"])
-def test_damping(demo, faults, bearings, sensors):
-    clean = faults.damped(BETA).record(bearings if sensors else None)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3} if sensors else {})
-    found = first_suspects(demo, clean, 10, estimator)
-    assert set(found) <= {"damping k1, k2", "damping k1", "damping k2"}
-
-
-@pytest.mark.slow
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("sensors", [None, "bearings"])
-def test_rotating_damping(demo, faults, bearings, sensors):
-    clean = faults.damped(BETA, rotating=True).record(bearings if sensors else None)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3} if sensors else {})
-    found = first_suspects(demo, clean, 10, estimator)
-    assert all(name.startswith("rotating damping k") for name in found)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("parameter", ["k1", "k2"])
-def test_asymmetric_stiffness(demo, faults, parameter):
-    """0.5 % between x and y: its own mass is the next suspect, twenty points of cost behind."""
-    clean = faults.asymmetric(parameter, 0.005).record()
-    found = first_suspects(demo, clean, 20)
-    assert found[f"asymmetry {parameter}"] >= 18
-
-
-@pytest.mark.slow
-def test_asymmetric_stiffness_by_bearing_sensors(demo, faults, bearings):
-    """Without the middle of the rotor its two ends are three points of cost apart."""
-    clean = faults.asymmetric("k1", 0.005).record(bearings)
-    found = first_suspects(demo, clean, 10, MaximumLikelihood(fixed={"L1": 0.3}))
-    assert all(name.startswith("asymmetry") for name in found)
-    larger = faults.asymmetric("k1", 0.05).record(bearings)
-    found = first_suspects(demo, larger, 10, MaximumLikelihood(fixed={"L1": 0.3}))
-    assert found["asymmetry k1"] == 10
-
-
-def skewed(record, seconds):
-    """Let the positions lag."""
-    late = np.exp(-1j * record.omega * seconds)[:, None]
-    spectra = record.spectra.copy()
-    spectra[:, :, 4:] *= late
-    return replace(record, spectra=spectra)
-
-
-def miscalibrated(record, name, factor):
-    spectra = record.spectra.copy()
-    spectra[:, :, record.index(name)] *= factor
-    return replace(record, spectra=spectra)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sensors", [None, "bearings"])
-def test_delay_between_forces_and_positions(demo, bearings, sensors):
-    clean = skewed(demo.record(bearings if sensors else None), 5e-6)
-    found = Counter()
-    statuses = Counter()
-    for seed in range(20):
-        record = demo.noisy(clean, np.random.default_rng(seed))
-        estimator = MaximumLikelihood(fixed={"L1": 0.3} if sensors else {})
-        estimate = identify(demo.model, record, estimator)
-        statuses[estimate.misfit.p_value < 1e-3] += 1
-        assert bool(estimate.suspects) == (estimate.status == "rejected")
-        if estimate.suspects:
-            found[estimate.suspects[0].term] += 1
-    # At p < 1e-6 it is 95 % of runs with all sensors, 77 % with four.
-    assert statuses[True] >= 19
-    # Only the difference of the two counts, but for the angle of the unbalance.
-    assert found["delay[force]"] + found["delay[position]"] >= found.total() - 2
-    assert found.total() >= (12 if sensors else 17)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sensors", [None, "bearings"])
-def test_gain_of_one_sensor(demo, bearings, sensors):
-    clean = miscalibrated(demo.record(bearings if sensors else None), "x1", 1.01)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3} if sensors else {})
-    assert set(first_suspects(demo, clean, 10, estimator)) == {"gain[x1]"}
+        assert re.fullmatch(first[by_bearings], estimate.suspects[0].term)
 
 
 @pytest.mark.slow
@@ -153,15 +86,6 @@ def test_a_record_that_begins_at_another_angle(degrees, hertz):
     assert (found.status, first.term) == ("rejected", "phase[1]")
     assert first.value == pytest.approx(np.deg2rad(degrees), abs=0.02)
     assert any('write phase = "unknown" in that record' in text for text in found.warnings)
-
-
-def test_a_true_model_has_no_suspects(demo):
-    for seed in range(20):
-        record = demo.noisy(demo.record(), np.random.default_rng(seed))
-        estimate = identify(demo.model, record, MaximumLikelihood())
-        assert estimate.status == "ok"
-        assert estimate.suspects == ()
-        assert not any("suspect" in warning for warning in estimate.warnings)
 
 
 def test_drop_is_what_a_fit_with_the_term_gains(demo, faults):
@@ -338,7 +262,7 @@ def first_suspect(text, **more):
     record = recorded(text, **more)
     estimate = rid.identify(rid.load_model("flexible"), record, rid.MaximumLikelihood(fixed=FITS))
     assert estimate.status == "rejected"
-    return estimate.suspects[0], estimate, record
+    return estimate.suspects[0], " ".join(estimate.warnings), record
 
 
 def accepted(text, record, fixed=FITS, **truth):
@@ -351,25 +275,67 @@ def accepted(text, record, fixed=FITS, **truth):
         assert estimate.std(name) < 0.05 * value
 
 
-def with_disc(at, mass="25 g"):
+def drawn_with(old, new, more=""):
+    assert old in FLEXIBLE
+    return FLEXIBLE.replace(old, new) + more
+
+
+def with_disc(at, mass="25 g", more=""):
     disc = LIGHT.format(name="extra", at=at).replace("25 g", mass)
-    return FLEXIBLE.replace("[discs]\n", "[discs]\n" + disc)
+    return drawn_with("[discs]\n", "[discs]\n" + disc, more)
 
 
-def with_unknown(text, name, unit, nominal):
-    return text + f'{name} = {{ unit = "{unit}", nominal = {nominal}, positive = true }}\n'
+MIDDLE = 'length = "30 mm", outer = "30 mm", material = "steel"'
+FIT, SENSOR, ACTUATOR = (
+    's_A = { unit = "1", nominal = 1.0',
+    'a = { at = "115 mm" }',
+    'A = { at = "70 mm" }',
+)
+UNKNOWN_MASS = 'm_x = { unit = "kg", nominal = 0.01, positive = true }\n'
+UNKNOWN_SECTION = 's_4 = { unit = "1", nominal = 1.0, positive = true }\n'
+LACKS = {  # what is so, the first suspect, its value and bar, what is said, the mended drawing
+    "a mass at one end": (
+        with_disc("0 mm"),
+        ("mass at x_left_end, y_left_end", 0.025, 0.02),
+        "add it to the rotor file",
+        (with_disc("0 mm", "m_x", UNKNOWN_MASS), FITS, {"m_x": 0.025}),
+    ),
+    "a section softer than drawn": (
+        drawn_with(MIDDLE, f'{MIDDLE}, stiffness = "0.8"'),
+        ("stiffness section 4", -0.2, 0.1),
+        "",
+        (drawn_with(MIDDLE, f'{MIDDLE}, stiffness = "s_4"', UNKNOWN_SECTION), FITS, {"s_4": 0.8}),
+    ),
+    "a fit stiffer than was thought": (
+        drawn_with(FIT, FIT.replace("1.0", "1.2")),
+        ("prior s_A", 1.2, 0.02),
+        "cannot tell it from stiffness section 2",
+        (FLEXIBLE, {"s_B": 1.0}, {"s_A": 1.2}),
+    ),
+    "sensors beside their place": (
+        (beside := drawn_with(SENSOR, SENSOR.replace("115", "119"))),
+        ("plane[x_a, y_a]", 4e-3, 0.01),
+        "",
+        (beside, FITS, {}),
+    ),
+    "an actuator beside its place": (
+        (beside := drawn_with(ACTUATOR, ACTUATOR.replace("70", "74"))),
+        ("plane[F_xA, F_yA]", 4e-3, 0.01),
+        "give A in the rotor file the place",
+        (beside, FITS, {}),
+    ),
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("at", "end", "nominal"), [("530 mm", "right", 0.025), ("0 mm", "left", 0.01)]
-)
-def test_a_mass_at_one_end_of_the_shaft(at, end, nominal):
-    first, estimate, record = first_suspect(with_disc(at))
-    assert first.term == f"mass at x_{end}_end, y_{end}_end"
-    assert first.value == pytest.approx(0.025, rel=0.02)
-    assert any("add it to the rotor file" in text for text in estimate.warnings)
-    accepted(with_unknown(with_disc(at, "m_x"), "m_x", "kg", nominal), record, m_x=0.025)
+@pytest.mark.parametrize("what", LACKS)
+def test_what_a_drawing_lacks_is_named_first(what):
+    text, (term, value, bar), told, (mended, fixed, truth) = LACKS[what]
+    first, warnings, record = first_suspect(text)
+    assert first.term == term
+    assert first.value == pytest.approx(value, rel=bar)
+    assert told in warnings
+    accepted(mended, record, fixed, **truth)
 
 
 @pytest.mark.slow
@@ -381,52 +347,6 @@ def test_a_mass_that_is_missing_has_a_negative_sign():
     assert estimate.status == "rejected"
     assert estimate.suspects[0].term == "mass at x_extra, y_extra"
     assert estimate.suspects[0].value == pytest.approx(-0.025, rel=0.02)
-
-
-MIDDLE = 'length = "30 mm", outer = "30 mm", material = "steel"'
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("factor", [1.2, 0.8])
-def test_a_section_that_is_otherwise_than_drawn(factor):
-    text = FLEXIBLE.replace(MIDDLE, f'{MIDDLE}, stiffness = "{factor}"')
-    first, _, record = first_suspect(text)
-    assert first.term == "stiffness section 4"
-    assert first.value == pytest.approx(factor - 1, abs=0.1 * abs(factor - 1))
-    mended = FLEXIBLE.replace(MIDDLE, f'{MIDDLE}, stiffness = "s_4"')
-    accepted(with_unknown(mended, "s_4", "1", 1.0), record, s_4=factor)
-
-
-@pytest.mark.slow
-def test_a_fit_that_is_stiffer_than_was_thought():
-    thought = 's_A = { unit = "1", nominal = 1.0'
-    assert thought in FLEXIBLE
-    first, estimate, record = first_suspect(
-        FLEXIBLE.replace(thought, thought.replace("1.0", "1.2"))
-    )
-    assert first.term == "prior s_A"
-    assert first.value == pytest.approx(1.2, rel=0.02)
-    assert any("cannot tell it from stiffness section 2" in text for text in estimate.warnings)
-    accepted(FLEXIBLE, record, {"s_B": 1.0}, s_A=1.2)
-
-
-@pytest.mark.slow
-def test_sensors_beside_the_place_where_they_are_drawn():
-    text = FLEXIBLE.replace('a = { at = "115 mm" }', 'a = { at = "119 mm" }')
-    first, _, record = first_suspect(text)
-    assert first.term == "plane[x_a, y_a]"
-    assert first.value == pytest.approx(4e-3, rel=0.01)
-    accepted(text, record)
-
-
-@pytest.mark.slow
-def test_an_actuator_beside_the_place_where_it_is_drawn():
-    text = FLEXIBLE.replace('A = { at = "70 mm" }', 'A = { at = "74 mm" }')
-    first, estimate, record = first_suspect(text)
-    assert first.term == "plane[F_xA, F_yA]"
-    assert first.value == pytest.approx(4e-3, rel=0.01)
-    assert any("give A in the rotor file the place" in w for w in estimate.warnings)
-    accepted(text, record)
 
 
 def with_lag(record, start):
@@ -445,10 +365,10 @@ def with_lag(record, start):
 @pytest.mark.slow
 def test_amplifiers_slower_than_said():
     """All sensors as slow as that say the same: y = h f / D, the unbalance, unknown, takes h."""
-    first, estimate, record = first_suspect(FLEXIBLE, bandwidth=800.0)
+    first, warnings, record = first_suspect(FLEXIBLE, bandwidth=800.0)
     assert first.term == "bandwidth[force]"
     assert first.value == pytest.approx(800, rel=0.01)
-    assert any("cannot tell it from bandwidth[position])" in text for text in estimate.warnings)
+    assert "cannot tell it from bandwidth[position])" in warnings
     lagging = with_lag(record, 1500.0)
     accepted(FLEXIBLE, lagging, **{"bandwidth[amplifiers]": 800.0})
 
