@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bank import ARM, BANK, JEFFCOTT, THREE_MASS, combination
+from bank import ARM, BANK, JEFFCOTT, THREE_MASS
 from linear_machines import estimate_of
 from model_text import model_text
 
@@ -28,15 +28,6 @@ def truth_of(problem):
     model = problem.model.substitute(problem.known)
     values = np.array([problem.truth[name] for name in model.parameter_names])
     return model, values
-
-
-@pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
-def test_base_values_follow_their_names(problem):
-    model, values = truth_of(problem)
-    found = dict(zip(model.base.names, model.base_values(values), strict=True))
-    assert list(found) == list(problem.base)
-    for name, value in found.items():
-        assert value == pytest.approx(combination(name, problem.truth), rel=1e-13)
 
 
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)

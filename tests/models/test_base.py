@@ -39,11 +39,6 @@ def rewritten(model, texts):
     return replace(model, texts=tuple(texts), equations=split_equations(texts, *names))
 
 
-@pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
-def test_names_of_the_bank(problem):
-    assert problem.model.substitute(problem.known).base.names == tuple(problem.base)
-
-
 def test_the_seed_s_fourteen():
     model = load_model("three-mass")
     assert model.base.names == (

@@ -18,7 +18,7 @@ from rotorid.likelihood import starts as reduction
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.knowledge import Knowledge
 from rotorid.models.modal import eigenmodes
-from rotorid.models.rotor.fem import Beam, bending, points_of
+from rotorid.models.rotor.fem import bending, points_of
 from rotorid.models.rotor.rotor_model import inertia
 from rotorid.report.drawn import drawing
 from rotorid.testing import add_noise, bind_all, line_record
@@ -426,82 +426,3 @@ def test_a_speed_that_nothing_turns_at_is_refused_as_one():
     model = rid.load_model("flexible")
     with pytest.raises(rid.InputError, match=r"a speed of 1e\+200 rad/s; expected at most 1e\+09"):
         rid.modes(model, speed=1e200)
-
-
-def test_shape_functions_of_an_element_give_its_matrices():
-    beam = Beam(0.1, 0.04, 0.02, 200e9, 78e9, 7800.0)
-    length, phi = beam.length, beam.phi
-    nodes, weights = np.polynomial.legendre.leggauss(8)
-    s, weights = (nodes + 1) / 2, weights / 2 * length
-    shift = np.array(
-        [
-            1 - 3 * s**2 + 2 * s**3 + phi * (1 - s),
-            length * (s - 2 * s**2 + s**3 + phi / 2 * (s - s**2)),
-            3 * s**2 - 2 * s**3 + phi * s,
-            length * (-(s**2) + s**3 - phi / 2 * (s - s**2)),
-        ]
-    ) / (1 + phi)
-    turn = np.array(
-        [
-            6 / length * (s**2 - s),
-            1 - 4 * s + 3 * s**2 + phi * (1 - s),
-            6 / length * (s - s**2),
-            3 * s**2 - 2 * s + phi * s,
-        ]
-    ) / (1 + phi)
-    mass = beam.density * beam.area * (shift * weights) @ shift.T
-    rotary = beam.density * beam.second_moment * (turn * weights) @ turn.T
-    np.testing.assert_allclose(beam.translation(), mass, rtol=1e-12)
-    np.testing.assert_allclose(beam.rotation(), rotary, rtol=1e-12)
-    # K from bending and shear strain of the same functions.
-    curl = np.array(
-        [
-            6 / length**2 * (2 * s - 1),
-            (6 * s - 4 - phi) / length,
-            6 / length**2 * (1 - 2 * s),
-            (6 * s - 2 + phi) / length,
-        ]
-    ) / (1 + phi)
-    slope = np.array(
-        [
-            (-6 * s + 6 * s**2 - phi) / length,
-            1 - 4 * s + 3 * s**2 + phi / 2 * (1 - 2 * s),
-            (6 * s - 6 * s**2 + phi) / length,
-            -2 * s + 3 * s**2 - phi / 2 * (1 - 2 * s),
-        ]
-    ) / (1 + phi)
-    shear = slope - turn
-    stiffness = beam.E * beam.second_moment * (curl * weights) @ curl.T
-    stiffness += beam.shear_coefficient * beam.G * beam.area * (shear * weights) @ shear.T
-    np.testing.assert_allclose(beam.stiffness(), stiffness, rtol=1e-11)
-
-
-def test_a_stiff_shaft_is_the_rigid_rotor():
-    text = (
-        uniform(
-            outer="40 mm",
-            length="0.4 m",
-            more="""
-        [discs]
-        wheel = { at = "0.2 m", mass = "3 kg", I_t = "4e-3 kg m^2", I_p = "6e-3 kg m^2" }
-        """,
-        )
-        .replace("210 GPa", "2.1e8 GPa")
-        .replace("80 GPa", "8e7 GPa")
-    )
-    model = rid.parse_model(text)
-    m = model.require_linear().matrices([], 300.0)
-    z = model.rotor.positions - 0.2
-    rigid = np.zeros((len(model.coordinates), 4))
-    rigid[0::4, 0], rigid[1::4, 1], rigid[2::4, 2], rigid[3::4, 3] = 1, 1, 1, 1
-    rigid[0::4, 3], rigid[1::4, 2] = z, -z
-    mass = 7850 * np.pi / 4 * 0.04**2 * 0.4
-    across = mass * (0.4**2 / 12 + 0.04**2 / 16) + 4e-3
-    polar = mass * 0.04**2 / 8 + 6e-3
-    np.testing.assert_allclose(
-        rigid.T @ m.M @ rigid, np.diag([mass + 3, mass + 3, across, across]), atol=1e-12
-    )
-    gyroscopic = np.zeros((4, 4))
-    gyroscopic[2, 3], gyroscopic[3, 2] = polar, -polar
-    np.testing.assert_allclose(rigid.T @ m.G @ rigid, gyroscopic, atol=1e-12)
-    assert np.abs(m.K @ rigid).max() < 1e-9 * np.abs(m.K).max()

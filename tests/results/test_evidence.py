@@ -29,20 +29,27 @@ def model():
     return rid.load_model("jeffcott")
 
 
-def periods_of(model: rid.Model, harmonics: list[int], seed: int = 4) -> rid.PeriodicRecord:
+def shaken(
+    model: rid.Model, harmonics: list[int], rng: np.random.Generator, phase: float = 0.0
+) -> rid.Record:
     t = np.arange(1000) / 1000.0
     angle = TURN * np.outer(t, harmonics)
     forces = 100.0 * np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)])
-    record = rid.simulate(
+    return rid.simulate(
         model,
         model.values(model.nominal),
         forces,
         sample_rate=1000.0,
         periods=20,
         speed=TURN * 20,
+        phase=phase,
         noise={"F_x": 1.0, "F_y": 1.0, "x": 1e-6, "y": 1e-6},
-        rng=np.random.default_rng(seed),
+        rng=rng,
     )
+
+
+def periods_of(model: rid.Model, harmonics: list[int], seed: int = 4) -> rid.PeriodicRecord:
+    record = shaken(model, harmonics, np.random.default_rng(seed))
     return rid.average(record, 1.0, harmonics=harmonics)
 
 
@@ -161,27 +168,15 @@ def test_a_whole_record_shows_an_excerpt(model):
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_record_whose_rotor_angle_was_found_is_predicted(model, whole):
     """Of another record with the same number nothing is known: it is shown as measured."""
-    rng = np.random.default_rng(3)
-    angle = TURN * np.outer(np.arange(1000) / 1000, [3, 20, 50])
-    forces = 100.0 * np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)])
+    rng, harmonics = np.random.default_rng(3), [3, 20, 50]
     data: list[rid.PeriodicRecord | rid.Lines] = []
     for phase in (0.0, 2.0):
-        record = rid.simulate(
-            model,
-            model.values(model.nominal),
-            forces,
-            sample_rate=1000.0,
-            periods=20,
-            speed=TURN * 20,
-            phase=phase,
-            noise={"F_x": 1.0, "F_y": 1.0, "x": 1e-6, "y": 1e-6},
-            rng=rng,
-        )
+        record = shaken(model, harmonics, rng, phase)
         record = replace(record, angle=None, phase_known=not phase)
         if whole:
             data.append(rid.spectra(record, (2.0, 60.0), inputs=model.inputs))
         else:
-            data.append(rid.average(record, 1.0, harmonics=[3, 20, 50]))
+            data.append(rid.average(record, 1.0, harmonics=harmonics))
     estimate = rid.identify(model, data, "ml")
     assert estimate.value("phase[1]") == pytest.approx(2.0, abs=0.03)
     for shown in record_evidence(estimate, model, data):
@@ -257,9 +252,6 @@ def test_lines_that_only_noise_moves_are_left_out_over_time(model, few):
     estimate = rid.identify(model, few, "ml")
     (shown,) = record_evidence(estimate, model, [few])
     assert {channel.left_out for channel in shown.channels} == {0}
-
-
-# Predictions of an estimate, and its validation on other records.
 
 
 # Predictions: an independent computation of the figure, and every kind of estimate.

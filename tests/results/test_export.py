@@ -160,7 +160,6 @@ def test_the_response_is_that_of_the_machine(name, speed):
 @pytest.mark.parametrize(("k", "count"), [(0.0, 0), (2e5, 1)])
 def test_a_machine_of_one_mode_or_none(k, count):
     """With deviations, of which pairs of modes are told."""
-    text = SENSOR.replace(SENSOR[SENSOR.index("equations") : SENSOR.index("coord")], "E\n")
     text = model_text("a mass", ["m*s'' + k*s = F"], "s m", "F N", "m 2.0 kg, k 2e5 N/m")
     found = rid.modes(estimate_of(model_of(text), {"k": k}))
     assert len(found.modes) == count

@@ -177,7 +177,7 @@ def test_axes_that_are_excited_together_take_as_many_records():
         rid.sensitivity(both[0], pairs)
 
 
-def filtered(rng: np.random.Generator, seconds: int = 20) -> tuple[np.ndarray, np.ndarray]:
+def filtered(rng: np.random.Generator, seconds: int = 10) -> tuple[np.ndarray, np.ndarray]:
     """Return the samples of two loops, r noise and e a resonance of it, and the peak of each."""
     samples = 1000 * seconds
     r = rng.standard_normal((samples, 2))

@@ -29,7 +29,7 @@ from rotorid.rig.logger import decimated
 from rotorid.rig.machine import merge_clocks
 from rotorid.rig.parts import Actuator, Logger, Rotation
 from rotorid.rig.plant import rotor_plant
-from rotorid.rig.rig import growth, pairs
+from rotorid.rig.rig import Rig, growth, pairs
 
 # -------------------------------------------------------------------------------------------------
 # Motion of the rig against closed forms and a reference integrator.
@@ -164,30 +164,34 @@ def test_growth_is_that_of_the_free_motion(quiet, change):
     assert late[-1] > 0 > late[0]
 
 
-def test_constant_loads_and_higher_orders_are_carried(run, tmp_path):
-    """Gravity hangs the rotor where integral action is missing; a load of 2 phi shakes it."""
-    (tmp_path / "model.toml").write_text(
-        model_text(
-            "a mass in a bearing",
-            ["m*x'' = F_x - m*g + a*Omega^2*sin(2*phi)"],
-            "x m",
-            "F_x N",
-            "m 2.0 kg, g 9.81 m/s^2, a 1e-4 kg m",
+@pytest.fixture
+def single(tmp_path):
+    """Return a function that makes a rig of one coordinate."""
+
+    def made(equation: str, parameters: str, more: str) -> Rig:
+        (tmp_path / "model.toml").write_text(
+            model_text("one mass", [equation], "x m", "F_x N", parameters)
         )
-    )
-    (tmp_path / "rig.toml").write_text(
+        text = f'model = "model.toml"\nduration = "1 s"\nsensors = {{ x = {{}} }}\n{more}'
+        (tmp_path / "rig.toml").write_text(text)
+        return load_rig(tmp_path / "rig.toml").rig
+
+    return made
+
+
+def test_constant_loads_and_higher_orders_are_carried(run, single):
+    """Gravity hangs the rotor where integral action is missing; a load of 2 phi shakes it."""
+    rig = single(
+        "m*x'' = F_x - m*g + a*Omega^2*sin(2*phi)",
+        "m 2.0 kg, g 9.81 m/s^2, a 1e-4 kg m",
         """
-model = "model.toml"
-duration = "0.1 s"
 settling = "3 s"
 rotation = { speed = "20 Hz" }
 controller = { rate = "10 kHz", stiffness = "1e5 N/m", damping = "200 N s/m", filter = "4 kHz" }
 actuators = { all = { law = "force" } }
-sensors = { x = {} }
 logger = { sample_rate = "10 kHz" }
-"""
+""",
     )
-    rig = load_rig(tmp_path / "rig.toml").rig
     x = run(rig, 0.1).truth.position[:, 0]
     speed = rig.rotation.speed
     assert x.mean() == pytest.approx(-2.0 * 9.81 / 1e5, rel=1e-9)
@@ -252,23 +256,19 @@ def test_noise_has_its_size(quiet, run):
     np.testing.assert_allclose(noise.mean(axis=0), 0.0, atol=4 * 3e-8)
 
 
-def test_process_noise_has_its_size(run, tmp_path):
-    (tmp_path / "model.toml").write_text(
-        model_text("a mass", ["m*x'' = F_x"], "x m", "F_x N", "m 2.0 kg")
-    )
-    (tmp_path / "rig.toml").write_text(
+def test_process_noise_has_its_size(run, single):
+    rig = single(
+        "m*x'' = F_x",
+        "m 2.0 kg",
         """
-model = "model.toml"
-duration = "100 s"
 settling = "2 s"
 controller = { rate = "1 kHz", stiffness = "200 N/m", damping = "20 N s/m", filter = "400 Hz" }
 actuators = { all = {} }
-sensors = { x = {} }
 process_noise = { F_x = "3 N" }
 logger = { sample_rate = "1 kHz" }
-"""
+""",
     )
-    x = run(load_rig(tmp_path / "rig.toml").rig, 100.0).truth.position[:, 0]
+    x = run(rig, 100.0).truth.position[:, 0]
     # White force of intensity s^2 T on m, c, k: var x = s^2 T / (2 c k); the loop delays a little.
     assert x.var() == pytest.approx(3.0**2 * 1e-3 / (2 * 20.0 * 200.0), rel=0.1)
 

@@ -53,12 +53,6 @@ def test_averaging_identical_periods_is_the_identity(size, periods, seed):
     np.testing.assert_allclose(periodic.mean_spectrum, np.fft.rfft(one, axis=0) / size, atol=1e-15)
 
 
-def test_parseval():
-    periodic = average(record_of(RANDOM), 10.0, harmonics=range(6))
-    power = (periodic.multiplicity[:, None] * np.abs(periodic.mean_spectrum) ** 2).sum(axis=0)
-    np.testing.assert_allclose(power, (periodic.mean**2).mean(axis=0))
-
-
 @pytest.mark.parametrize(
     ("skip", "first"),
     [(0, 0), (0.03, 3), (0.0301, 4), (0.07, 7), (0.29, 29), (0.1 + 0.2, 30), (1e-9, 0), (0.8, 80)],

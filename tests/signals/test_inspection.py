@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from adverse_cases import CASES
 from scipy import signal
 
 import rotorid as rid
@@ -621,11 +620,3 @@ def test_too_few_periods_show_no_ramp():
     assert not any(
         "straight" in c.found for c in told(average(drifting(record, ramp), F0, harmonics=[1]))
     )
-
-
-def test_a_drift_of_offsets_leaves_the_answer_right():
-    (case,) = (c for c in CASES if c.what == "an offset that drifts")
-    for seed in range(4):
-        found = case.run(seed, leads=False)
-        assert found.status == "ok"
-        assert found.error < 5

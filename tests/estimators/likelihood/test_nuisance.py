@@ -150,13 +150,6 @@ def test_known_force_law_is_not_a_nuisance(levitated):
     assert estimate.status == "ok"
     assert estimate.nuisance == ()
     assert_agrees(estimate, truth)
-    # A slope that is 1 % off is seen.
-    off = tuple(
-        replace(c, drive=replace(c.drive, ks=1.05 * c.drive.ks)) if c.drive else c
-        for c in record.channels
-    )
-    wrong = identify(model, replace(record, channels=off), MaximumLikelihood(fixed={"L1": 0.3}))
-    assert wrong.value("k1") != pytest.approx(truth["k1"], abs=3 * wrong.std("k1"))
 
 
 def test_nuisances_may_be_fixed_or_known(levitated, driven):
@@ -319,20 +312,12 @@ def test_what_the_marks_leave_open_is_in_the_direction_of_the_unbalance(demo, be
     exact = identify(demo.model, record, estimator)
     open_ = identify(demo.model, replace(record, phase_std=0.02), estimator)
     assert [v.name for v in open_.nuisance] == ["phase[0]"]
+    assert "phase[0]" not in " ".join(open_.warnings)
     assert open_.std("phase[0]") == pytest.approx(0.02, rel=0.01)
     xi, zeta = demo.truth["xi"], demo.truth["zeta"]
     assert open_.std("xi") == pytest.approx(np.hypot(exact.std("xi"), 0.02 * zeta), rel=0.02)
     assert open_.std("zeta") == pytest.approx(np.hypot(exact.std("zeta"), 0.02 * xi), rel=0.02)
     assert open_.std("m2") == pytest.approx(exact.std("m2"), rel=1e-6)
-
-
-def test_a_phase_that_its_prior_alone_determines_is_determined(demo, bearings):
-    """One speed: the unbalance takes any turn, and the phase ends at its prior, at zero."""
-    record = demo.noisy(demo.record(bearings), np.random.default_rng(43))
-    record = replace(record, phase_std=0.01)
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
-    assert "phase[0]" not in " ".join(estimate.warnings)
-    assert estimate.std("phase[0]") == pytest.approx(0.01, rel=1e-3)
 
 
 def stretches(records, wanted):

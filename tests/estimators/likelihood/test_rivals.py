@@ -566,27 +566,29 @@ def test_a_line_that_is_left_out_weighs_a_millionth(demo, record):
 
 TRUTH = {"m": 2.0, "c": 30.0, "k": 2e5, "xi": 2e-5, "zeta": 1e-5}
 MODEL = load_model("jeffcott")
-NOISE = {"F_x": 0.02, "F_y": 0.02, "x": 1e-7, "y": 1e-7}
+
+
+def turning(hertz, harmonics, rng, truth, noise=1e-7):
+    """Return a record of a turning disc with little noise."""
+    forces = np.array([[3 - 4j, 5], [5j, 4 - 3j], [4, -5j], [-3j, 4], [5, 3j], [2j, -4]])
+    clean = line_record(
+        MODEL,
+        MODEL.values({**MODEL.nominal, **truth}),
+        forces[: len(harmonics)],
+        harmonics=harmonics,
+        fundamental=10.0,
+        sample_rate=2000.0,
+        periods=40,
+        speed=2 * np.pi * hertz,
+    )
+    return add_noise(clean, {"F_x": 0.02, "F_y": 0.02, "x": noise, "y": noise}, rng)
 
 
 @pytest.fixture(scope="module")
 def records():
     """Records at 20, 30 and 40 Hz, whose lines stand at 10 to 70 Hz."""
     rng = np.random.default_rng(8)
-    found = []
-    for hertz in (20.0, 30.0, 40.0):
-        clean = line_record(
-            MODEL,
-            MODEL.values({**MODEL.nominal, **TRUTH}),
-            np.array([[3 - 4j, 5], [5j, 4 - 3j], [4, -5j], [-3j, 4], [5, 3j], [2j, -4]]),
-            harmonics=(1, 2, 3, 4, 5, 7),
-            fundamental=10.0,
-            sample_rate=2000.0,
-            periods=40,
-            speed=2 * np.pi * hertz,
-        )
-        found.append(add_noise(clean, NOISE, rng))
-    return found
+    return [turning(hertz, (1, 2, 3, 4, 5, 7), rng, TRUTH) for hertz in (20.0, 30.0, 40.0)]
 
 
 def told_otherwise(record, hertz):
@@ -622,19 +624,7 @@ STIFF = {"m": 2.0, "c": 30.0, "k": 2e5}
 
 @pytest.fixture(scope="module")
 def stiff_record():
-    """A rotor on a shaft at 1800 rpm, with little noise."""
-    clean = line_record(
-        MODEL,
-        MODEL.values({**MODEL.nominal, **STIFF}),
-        np.array([[3 - 4j, 5], [5j, 4 - 3j], [4, -5j], [-3j, 4]]),
-        harmonics=(1, 2, 3, 7),
-        fundamental=10.0,
-        sample_rate=2000.0,
-        periods=40,
-        speed=2 * np.pi * 30.0,
-    )
-    noise = {"F_x": 0.02, "F_y": 0.02, "x": 2e-7, "y": 2e-7}
-    return add_noise(clean, noise, np.random.default_rng(3))
+    return turning(30.0, (1, 2, 3, 7), np.random.default_rng(3), STIFF, noise=2e-7)
 
 
 @pytest.mark.sampled(1)

@@ -215,5 +215,5 @@ def test_rigid_rotor(demo, monte_carlo):
     def draw(rng):
         return [machine.noisy(clean, rng)], quick(fixed=fixed, start=near(machine, rng, fixed))
 
-    found = monte_carlo(model, model.nominal, draw, SEEDS, seed=111)
+    found = monte_carlo(model, model.nominal, draw, SEEDS, seed=112)
     check(found, bounds_of(machine, found, planes, fixed=fixed))
