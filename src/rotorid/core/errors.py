@@ -1,7 +1,6 @@
 """The errors that a user sees, and what of other people's text may stand in a line.
 
-Text of files that others wrote may hold escape sequences that a terminal obeys, newlines that begin
-a new key of a file, marks that turn the direction of writing, and any length.
+Such text may hold escape sequences of terminals, newlines, marks of direction, and any length.
 """
 
 from __future__ import annotations

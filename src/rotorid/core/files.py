@@ -1,8 +1,7 @@
 """Regular files read, and files written whole or not at all.
 
-A pipe would be waited for without end, a device may have no end or do things when it is opened.
-What is written is made in memory, then beside its target, and moved there. A file that came there
-while a command worked, or changed, is kept: it is somebody else's.
+A pipe would be waited for without end, a device may have no end or do things when it is opened. A
+file that came to a target while a command worked, or changed, is kept: it is somebody else's.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Units and quantities: texts to SI at the border, and nowhere else.
 
-An angle counts as a number, as in SI, with one exception that would be wrong by 2 pi: a rate in
-Hz is a number of revolutions per second, a rate in rad/s is not. So ``140 Hz`` is
+An angle counts as a number, but a rate in Hz is a number of revolutions per second: ``140 Hz`` is
 ``2 pi 140 rad/s`` where a speed is expected, and a bare ``1/s`` is refused there.
 """
 

@@ -1,7 +1,6 @@
-"""Samples of a record without periods, low-passed, for models that are not linear.
+"""Samples without periods, low-passed: ``L[Phi(q, q', q'')] theta = L[u]`` at every sample.
 
-``L[Phi(q, q', q'')] theta = L[u]`` holds at every sample, L a zero-phase low-pass of all columns
-alike. The motion inside a nonlinear term is low-passed before, too.
+The motion inside a nonlinear term is low-passed before, too.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""`Lines`: all that a likelihood needs to know of a record, whatever kind of record it was.
-
-Periods, sweeps, phasors and frequency responses all end here: mean lines of the channels, their
-covariance, and the lines that any function of time and rotor angle has on the same grid.
-"""
+"""`Lines`: all that a likelihood needs to know of a record, whatever kind of record it was."""
 
 from __future__ import annotations
 

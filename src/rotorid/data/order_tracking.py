@@ -1,13 +1,4 @@
-"""A run-up or coast-down cut into a table of 1x phasors, by the measured rotor angle.
-
-Over segments of whole revolutions every channel is fitted with (docs/signals.md)
-
-    x = Re((X + X' tau) exp(i phi)) + 2x + 3x + a parabola in tau, tau = -1 .. 1,
-
-X the phasor in the middle. Segments are made shorter until noise hides a term X'' tau^2. That a
-speed which changes at the rate a leaves the motion behind, by ``(i / 2) a d^2 X / d Omega^2``, no
-segment is short enough to mend: it is told.
-"""
+"""A run-up or coast-down cut into a table of 1x phasors, by the rotor angle (docs/signals.md)."""
 
 from __future__ import annotations
 

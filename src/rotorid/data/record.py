@@ -1,8 +1,4 @@
-"""What was measured: `Record` (samples) and `PeriodicRecord` (mean, scatter, line spectra).
-
-Everything here is in SI units and knows of no model: a channel is a name and the way in which it
-was recorded.
-"""
+"""What was measured, in SI and without a model: samples, and periods with their lines."""
 
 from __future__ import annotations
 

@@ -1,11 +1,7 @@
-"""Tables of 1x phasors and of frequency responses to lines.
+"""Tables of 1x phasors and of frequency responses to lines (docs/maximum-likelihood.md).
 
-The signal is ``Re(X exp(i phi))``, phi the rotor angle. A row is a line at ``omega = |Omega|``,
-its model evaluated at its own speed; where the rotor turns backward, phi runs backward too, and
-the line is the conjugate of the phasor.
-
-A response of coherence gamma^2 has the variance ``|H|^2 (1 - gamma^2) / (gamma^2 (averages - 1))``,
-without bias (docs/maximum-likelihood.md; Bendat and Piersol, Random Data).
+The signal is ``Re(X exp(i phi))``, a row a line at ``|Omega|``; where the rotor turns backward, phi
+runs backward too, and the line is the conjugate of the phasor.
 """
 
 from __future__ import annotations

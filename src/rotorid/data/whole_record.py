@@ -1,8 +1,4 @@
-"""Lines of a whole record, whatever excited it: sweep, noise, steps, one axis at a time.
-
-A window of any length adds ``sum_{p=0..R} tau_p (i omega_k / omega_0)^p`` to the equations of its
-lines; the loads come by the same DFT of the measured rotor angle (docs/maximum-likelihood.md).
-"""
+"""Lines of a whole record, with the transient of its ends (docs/maximum-likelihood.md)."""
 
 from __future__ import annotations
 

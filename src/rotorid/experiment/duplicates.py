@@ -1,10 +1,7 @@
-"""Data given twice, and one zero of the rotor angle for several records.
+"""Data given twice, and one zero of the rotor angle for several records (docs/experiments.md).
 
 Of a few samples, chosen by their own digits and not by their place, the digits of all channels of
-the next few are summed up to one number: two records hold that number at two places where both
-hold those samples, and by chance nowhere.
-
-A record listed n times makes the stated deviations sqrt(n) too small, and nothing else shows it.
+the next few are summed up to a number: by chance it stands in no two records.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Reader of HDF5 files: a column is a one-dimensional dataset, or a column of a 2-D one.
+"""Reader of HDF5 files: links are followed inside the file only.
 
-Links are followed inside the file only. What nobody wrote reads as its fill value, 0: a data set
-may be announced and never written, in whole or in part; its samples may lie in other files, or be
-put together from other data sets, of which one may be gone.
+What nobody wrote reads as its fill value, 0: all of a data set, a part, or a file that holds one.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Reading in a process of its own: some packages end theirs with a damaged file.
 
-A child opens a file once, and answers what it is asked of it until nobody asks any more. What goes
-between the two is text and arrays of numbers, from which each builds what was meant: nothing that a
-file says is run, whatever became of the child. Where a system has no fork, as Windows, or its
-libraries do not bear one, as Apple's, the child is a new interpreter.
+A child opens a file, and answers what it is asked of it by text and arrays of numbers, from which
+each side builds what was meant: nothing that a file says is run, whatever became of the child.
+Where fork is missing (Windows) or not borne by libraries (Apple), it is a new interpreter.
 """
 
 from __future__ import annotations

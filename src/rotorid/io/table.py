@@ -1,7 +1,6 @@
 """Files of columns: how each is opened, and how a column is found in it by name.
 
-A binary format is an `ArrayFile`, opened in a child (`sandbox`), where it finds and reads what
-`Stored` asks for. What is an array of a structure or a group is named by its path.
+A binary format is an `ArrayFile`, opened in a child, where it reads what `Stored` asks for.
 """
 
 from __future__ import annotations

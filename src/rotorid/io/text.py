@@ -1,7 +1,6 @@
-"""Text tables: dialect, preamble, numbers.
+"""Text tables: dialect, preamble, numbers. What may be read in two ways is not read.
 
-What may be read in two ways is not read: then the rate has to be given, which costs a line, while
-a rate misread by a factor of a thousand makes masses a million times too large, and nothing shows.
+The rate then has to be given; one misread by a thousand makes masses a million times too large.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """Covariance of the noise on the lines of a whole record, window by window.
 
-In a window of 2h + 1 lines around each line, every channel is fitted by
+In 2h + 1 lines, with A(j) = 1 + a_1 j + a_2 j^2 a pair of poles that all channels share, or 1,
 
-    z_j = [ (G_0 + G_1 j + .. + G_S j^S) r_j + (t_0 + .. + t_S j^S) ] / A(j) + a W_j,
-
-A(j) = 1 + a_1 j + a_2 j^2 a pair of poles that all channels share, and 1 where noise explains as
-much. What is left over has n = 2h + 1 - columns degrees of freedom (docs/maximum-likelihood.md).
+    z_j = [ (G_0 + G_1 j + .. + G_S j^S) r_j + (t_0 + .. + t_S j^S) ] / A(j) + a W_j.
 """
 
 from __future__ import annotations

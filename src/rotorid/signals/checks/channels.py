@@ -1,11 +1,7 @@
-"""Checks of single channels: dead, stuck, clipped, copied, lost samples.
+"""Checks of single channels: dead, stuck, clipped, copied, lost samples (docs/signals.md).
 
-A logger that has lost a channel repeats its last value, or lets the last digit of it play. A rest
-is no fault by itself where nothing repeats: an axis may not be excited for a while. But what moves
-comes to rest by and by, and what drives rests where it drives nothing.
-
-A position is smooth; from one sample to the next it moves about as before and after. Where samples
-are lost in all columns every sensor jumps between the same two, whatever their noise is.
+What moves comes to rest by and by, and what drives rests where it drives nothing: a logger that
+has lost a channel repeats its last value, or lets the last digit of it play.
 """
 
 from __future__ import annotations

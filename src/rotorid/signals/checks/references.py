@@ -1,11 +1,8 @@
 """Checks of reference signals and of noise-only records.
 
-What is added to a command moves the machine later, never earlier. With phi the phase of
-``y conj(r)`` on the lines on which r is strong, the sum of exp(i (phi + omega tau)) has its peak
-where tau is the time by which y comes behind r: a reference that is late shows it before zero.
-
-The noise of a loop is that of its speed and its controller. What the unbalance does tells both: as
-motion of the rotation in every channel it is as large with excitation as without.
+With phi the phase of ``y conj(r)``, the sum of exp(i (phi + omega tau)) has its peak where tau is
+the time by which y comes behind r: a reference that is late shows it before zero. Excitation or
+none, a loop of one speed and controller answers the unbalance alike.
 """
 
 from __future__ import annotations

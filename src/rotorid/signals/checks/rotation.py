@@ -1,11 +1,7 @@
 """Checks of the speed: whether the record shows the rotation that is stated.
 
-A tone of frequency f leaves ``(-1)^k sinc(k - f T)`` on line k of a record of length T, to a factor
-that all lines have in common. It is fitted beside what references and a transient make of the
-lines around, and f is where it takes up most.
-
-Unbalance leaves a line at the speed in every sensor. Off the lines of the excitation it stands
-alone in what the mean over periods leaves; on one of them it is seen only where nothing is excited.
+A tone of frequency f leaves ``(-1)^k sinc(k - f T)`` on line k of a record of length T. Unbalance
+leaves one in every sensor, alone in what the mean over periods leaves, or where nothing is excited.
 """
 
 from __future__ import annotations

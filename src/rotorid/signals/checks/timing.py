@@ -1,8 +1,7 @@
-"""Checks of time: does every period come when it should? Lost samples, second clocks, periods.
+"""Checks of time: lost samples, second clocks, periods.
 
-A shift of time tau turns each line by -omega tau. The shift of each period against the others,
-found from all lines at once, is flat where excitation and recording share one clock; it has a
-slope where they do not, and a step where samples were lost.
+A shift of time tau turns each line by -omega tau. That of each period is flat with one clock for
+excitation and recording, has a slope with two, and a step where samples were lost.
 """
 
 from __future__ import annotations
