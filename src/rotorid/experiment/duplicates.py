@@ -43,15 +43,8 @@ NEARLY_ALL = 0.95
 """Share of the prints that are the same where samples are; coarse digits repeat by chance less."""
 
 
-def _factors(count: int) -> Words:
-    """Return odd numbers whose digits look like chance: splitmix64 of 1, 2, .. (Vigna)."""
-    found = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-        found = (found ^ (found >> np.uint64(shift))) * np.uint64(factor)
-    return np.asarray((found ^ (found >> np.uint64(31))) | np.uint64(1))
-
-
-_FACTORS = _factors(4096)
+_FACTORS = np.random.PCG64(1).random_raw(4096) | np.uint64(1)
+"""Odd numbers whose digits look like chance."""
 
 
 @frozen

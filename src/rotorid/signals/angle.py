@@ -94,9 +94,10 @@ def encoder_angle(
     if not step:  # an angle without steps is taken as it is
         return MeasuredAngle(angle, *_regression(time, angle))
     angle, missing, extra = _without_lost_lines(angle, step)
-    fit = fit_rotation(AngleReadings(time, angle + step / 2, np.full(len(angle), step / 2)))
-    smooth = np.asarray(fit.spline(time))
-    return MeasuredAngle(smooth, *_regression(time, smooth), fit.std, fit.noise, missing, extra)
+    middle, half = angle + step / 2, np.full(len(angle), step / 2)
+    spline, *said = fit_rotation(AngleReadings(time, middle, half))
+    smooth = np.asarray(spline(time))
+    return MeasuredAngle(smooth, *_regression(time, smooth), *said, missing, extra)
 
 
 def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
@@ -214,15 +215,14 @@ def keyphasor_angle(
     missing = int(turns[-1] - turns[0] + 1 - len(turns))
     t, angle = t[kept], 2 * np.pi * turns
     speed, _, _ = _regression(t, angle)
-    fit = fit_rotation(AngleReadings(t, angle, abs(speed) * open_))
+    spline, *said = fit_rotation(AngleReadings(t, angle, abs(speed) * open_))
     time = np.arange(count) / sample_rate
-    smooth = np.asarray(fit.spline(np.clip(time, t[0], t[-1])))
+    smooth = np.asarray(spline(np.clip(time, t[0], t[-1])))
     # Beyond the pulses the rotation goes on with the speed that it has there.
     for end, outside in ((t[0], time < t[0]), (t[-1], time > t[-1])):
-        rate = float(fit.spline.derivative()(end))
-        smooth[outside] += rate * (time[outside] - end)
+        smooth[outside] += float(spline.derivative()(end)) * (time[outside] - end)
     extra = len(kept) - int(kept.sum())
-    return MeasuredAngle(smooth, *_regression(time, smooth), fit.std, fit.noise, missing, extra)
+    return MeasuredAngle(smooth, *_regression(time, smooth), *said, missing, extra)
 
 
 def _count_turns(times: Floats) -> tuple[Booleans, Floats]:
@@ -317,22 +317,16 @@ class AngleReadings:
         return AngleReadings(self.time[places], self.middle[places], self.half[places])
 
 
-@frozen
-class RotationFit:
-    spline: BSpline  # phi in rad at times in s
-    std: float  # deviation in rad of an offset common to all times
-    noise: float  # deviation in rad of a reading besides its interval
-
-
-def fit_rotation(readings: AngleReadings) -> RotationFit:
+def fit_rotation(readings: AngleReadings) -> tuple[BSpline, float, float]:
+    """Return phi over time, the deviation of an offset common to all times, and of a reading."""
     used = readings.some(READINGS)
     best: tuple[float, scipy.interpolate.BSpline, float, int] | None = None
     failed = 0
     # The simplest first: a constant speed.
-    readings_, span = len(used.time), float(used.time[-1] - used.time[0])
-    tried = [(degree, 0) for degree in (1, 2, 3) if degree < readings_]
+    all_, span = len(used.time), float(used.time[-1] - used.time[0])
+    tried = [(degree, 0) for degree in (1, 2, 3) if degree < all_]
     knots = dict.fromkeys(round(density * span) for density in KNOTS_PER_SECOND)
-    tried += [(3, k) for k in knots if 0 < k <= readings_ // READINGS_PER_KNOT - 4]
+    tried += [(3, k) for k in knots if 0 < k <= all_ // READINGS_PER_KNOT - 4]
     for degree, count in tried:
         least = (count + degree + 1) * np.log(len(used.time))
         # Chances are at most 1: where even that would not pay, nothing denser does.
@@ -355,7 +349,7 @@ def fit_rotation(readings: AngleReadings) -> RotationFit:
     squares = [_offset(some, spline, noise)[1] ** 2 for some in parts]
     alone = float(np.sqrt((used.half**2).mean() / 3 + noise**2))
     least = alone * np.sqrt(len(spline.c) / min(len(used.time), INDEPENDENT))
-    return RotationFit(spline, float(max(np.sqrt(np.mean(squares)), least)), noise)
+    return spline, float(max(np.sqrt(np.mean(squares)), least)), noise
 
 
 def _fit(readings: AngleReadings, count: int, degree: int) -> tuple[BSpline, float, float]:

@@ -117,9 +117,11 @@ class ChannelFacts:
     # extremes, and root mean square about the mean, in SI
     low: float
     high: float
-    rms: float
+    rms: float = 0.0
+    at: float = 0.0  # of a table: where it is largest, rpm, or Hz of a response
     crest_factor: float | None = None  # peak over rms of one mean period
-    snr_db: float | None = None  # power of the kept lines over that of their noise, of one period
+    # power of the kept lines over that of their noise, of one period; of a table, of the median row
+    snr_db: float | None = None
     coherence: float | None = None  # least share, over the kept lines, of what repeats
     # size of odd and even lines that are not kept, over that of the kept ones, noise taken off
     odd: float | None = None
@@ -308,22 +310,10 @@ def _distortion(periods: PeriodicRecord, c: int) -> tuple[float | None, float | 
 
 
 @frozen
-class LineFacts:
-    name: str
-    unit: str
-    # least and largest amplitude in SI
-    low: float
-    high: float
-    at: float  # where it is largest: rpm, or Hz of a response
-    # power over that of its noise, of the median row; None where nothing tells the noise
-    snr_db: float | None
-
-
-@frozen
 class LineInspection(Judged):
     lines: Lines
     checks: tuple[Note, ...]
-    channels: tuple[LineFacts, ...]
+    channels: tuple[ChannelFacts, ...]  # least and largest amplitudes
 
     @property
     def source(self) -> str:
@@ -349,13 +339,13 @@ def inspect_lines(lines: Lines) -> LineInspection:
         ratio = np.abs(lines.mean[told, c]) ** 2 / noise[told, c]
         middle = float(np.median(ratio)) if told.any() else 0.0
         found.append(
-            LineFacts(
+            ChannelFacts(
                 channel.name,
                 channel.unit if driven is None else f"({channel.unit})/({driven.unit})",
                 float(size[:, c].min()),
                 float(size[:, c].max()),
-                float(where[np.argmax(size[:, c])]),
-                float(10 * np.log10(middle)) if middle > 0 else None,
+                at=float(where[np.argmax(size[:, c])]),
+                snr_db=float(10 * np.log10(middle)) if middle > 0 else None,
             )
         )
     return LineInspection(lines, lines.checks, tuple(found))
