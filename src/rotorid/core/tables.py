@@ -39,8 +39,12 @@ class Table:
 
     def text(self, width: int | None = None) -> str:
         """Return aligned columns; those that do not fit a width follow below, with the names."""
-        cells = zip(self.headings, *self.rows, strict=True)
-        columns = [_aligned(c, right) for c, right in zip(cells, self.numeric, strict=True)]
+        columns: list[list[str]] = []
+        told = zip(self.headings, *self.rows, strict=True)
+        for column, right in zip(told, self.numeric, strict=True):
+            cells = [one_line(cell, CELL) for cell in column]
+            most = max(map(len, cells))
+            columns.append([cell.rjust(most) if right else cell.ljust(most) for cell in cells])
         names, rest = columns[0], columns[1:]
         blocks = [[names]]
         for column in rest:
@@ -99,12 +103,6 @@ def by_hand(unit: str) -> tuple[str, float]:
 
 def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
     return Table(tuple(headings), tuple(tuple(row) for row in rows))
-
-
-def _aligned(cells: Sequence[str], right: bool) -> list[str]:
-    cells = [one_line(cell, CELL) for cell in cells]
-    width = max(map(len, cells))
-    return [cell.rjust(width) if right else cell.ljust(width) for cell in cells]
 
 
 def _cell(tag: str, text: str, mark: str) -> str:

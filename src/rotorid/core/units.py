@@ -247,24 +247,20 @@ def _factor(tokens: list[str], table: Mapping[str, _Product]) -> _Product:
     elif token in "*/)" or token.startswith("^"):
         raise ValueError("no product of units")
     else:
-        found = _named(token, table)
+        if token in _MISTAKEN:
+            raise ValueError(f"{token}: write {_MISTAKEN[token]}")
+        if _COUNTS.fullmatch(token):
+            raise ValueError(f"{token}: write 1 for a count")
+        if token in _SHIFTED:
+            raise ValueError("its zero is not zero in SI")
+        if token not in table and len(token) > 3 and token.istitle():
+            token = token.lower()  # Amps, Volts: a symbol is shorter, or has no small letters
+        if token not in table:
+            raise ValueError(f"unknown name {token}")
+        found = table[token]
     if tokens and tokens[-1].startswith("^"):
         return _Product().times(found, int(tokens.pop()[1:]))
     return found
-
-
-def _named(name: str, table: Mapping[str, _Product]) -> _Product:
-    if name in _MISTAKEN:
-        raise ValueError(f"{name}: write {_MISTAKEN[name]}")
-    if _COUNTS.fullmatch(name):
-        raise ValueError(f"{name}: write 1 for a count")
-    if name in _SHIFTED:
-        raise ValueError("its zero is not zero in SI")
-    if name not in table and len(name) > 3 and name.istitle():
-        name = name.lower()  # Amps, Volts: a symbol is shorter, or has no small letters
-    if name not in table:
-        raise ValueError(f"unknown name {name}")
-    return table[name]
 
 
 @cache

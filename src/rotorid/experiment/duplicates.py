@@ -232,15 +232,6 @@ class Overlaps:
 
     def checked(self, found: Sequence[Measured]) -> list[Measured]:
         """Return what was read, no two of it the same; of what may be, it is told."""
-        self._check_samples()
-        check_tables(found, self.inputs)
-        told = alike(found, self.inputs)
-        return [
-            replace(one, warnings=(*one.warnings, told[number])) if number in told else one
-            for number, one in enumerate(found)
-        ]
-
-    def _check_samples(self) -> None:
         by_sensors: dict[tuple[str, ...], dict[int, Prints]] = {}
         for number, taken in self.taken.items():
             by_sensors.setdefault(taken.sensors, {})[number] = taken.printer.prints()
@@ -251,6 +242,12 @@ class Overlaps:
                 both = shared(prints[first], prints[second])
                 if both is not None and _lines_overlap(self.records[first], self.records[second]):
                     self._refuse((first, second), *both)
+        check_tables(found, self.inputs)
+        told = alike(found, self.inputs)
+        return [
+            replace(one, warnings=(*one.warnings, told[number])) if number in told else one
+            for number, one in enumerate(found)
+        ]
 
     def _refuse(self, pair: tuple[int, int], count: int, *begins: int) -> None:
         one, other = (self.taken[k] for k in pair)

@@ -360,8 +360,16 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
         told = f"a draft, shown with its columns as they are in the file: {error}"
         return [_inspect_draft(path.parent, entry) for entry in entries], told
     plan.require_records()
-    records = counting(range(len(plan.entry.records)), "inspecting records")
-    return [found for number in records for found in _each(plan, number)], ""
+    found: list[Inspection | LineInspection] = []
+    for one in counting(plan.channels, "inspecting records"):
+        entry = one.entry
+        if entry.channel_kind == "samples":
+            found.append(_inspected(measured(one, currents=True), entry, entry.band))
+            continue
+        for lines in _read_table(one, plan.model):
+            named = lines.source or ", ".join(entry.paths)
+            found.append(inspect_lines(replace(lines, source=named)))
+    return found, ""
 
 
 def named_files(path: Path) -> list[Path]:
@@ -377,17 +385,6 @@ def named_files(path: Path) -> list[Path]:
                 if (path.parent / value).is_file():
                     found.append(path.parent / value)
     return found
-
-
-def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection]:
-    one = plan.channels[number]
-    entry = one.entry
-    if entry.channel_kind != "samples":
-        for lines in _read_table(one, plan.model):
-            named = lines.source or ", ".join(entry.paths)
-            yield inspect_lines(replace(lines, source=named))
-        return
-    yield _inspected(measured(one, currents=True), entry, entry.band)
 
 
 def _inspected(

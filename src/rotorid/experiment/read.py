@@ -449,7 +449,11 @@ Watch = Callable[[Record | RecordBlocks], Callable[[Floats], None]]
 
 def averaged(plan: Recording, watch: Watch, *, currents: bool) -> PeriodicRecord:
     """Read a record and cut it into periods; a large one in blocks."""
-    entry, blocks = plan.entry, _blocks(plan, currents=currents)
+    entry, blocks = plan.entry, None
+    marked = entry.angle is not None or entry.keyphasor is not None
+    made = any(not (currents and isinstance(law.law, Linear)) for law in plan.laws.values())
+    if not (marked or made or entry.mask is not None):  # else its samples are needed side by side
+        blocks = open_blocks(plan.paths, columns=plan.sources, **said_of(entry))
     if blocks is None:
         record = measured(plan, currents=currents)
         watch(record)(record.samples)
@@ -461,24 +465,13 @@ def averaged(plan: Recording, watch: Watch, *, currents: bool) -> PeriodicRecord
             look(block)
             yield block
 
-    watched = replace(blocks, read=read)
+    watched = replace(blocks, channels=_driven(blocks.channels, plan), read=read)
     return _settled(
         lambda skip: average_blocks(
             watched, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
         ),
         entry,
     )
-
-
-def _blocks(plan: Recording, *, currents: bool) -> RecordBlocks | None:
-    """Return a record in blocks, where nothing needs its samples side by side."""
-    entry = plan.entry
-    marked = entry.angle is not None or entry.keyphasor is not None
-    made = any(not (currents and isinstance(law.law, Linear)) for law in plan.laws.values())
-    if marked or made or entry.mask is not None:
-        return None
-    blocks = open_blocks(plan.paths, columns=plan.sources, **said_of(entry))
-    return None if blocks is None else replace(blocks, channels=_driven(blocks.channels, plan))
 
 
 def period_of(record: Record, entry: RecordKeys) -> int | None:

@@ -411,16 +411,14 @@ class _Channels:
             if getattr(heading, "flags", 0) & _REMOTE_MASTER and self._version == 4:
                 return self._times_of(heading.cg_master_index)
             index = self._data.masters_db.get(group)
-            self._times[group] = None if index is None else self._master(group, index)
+            master = None if index is None else self._data.groups[group].channels[index]
+            times = None
+            if self._version == 3 and master is not None and not master.bit_count:
+                times = np.arange(heading.cycles_nr) * float(master.sampling_rate or 1)  # by a step
+            elif index is not None:
+                times = self._values(group, index)
+            self._times[group] = times
         return self._times[group]
-
-    def _master(self, group: int, index: int) -> Floats:
-        """Return the samples of a master channel, which MDF 3 may leave to a step of time."""
-        found = self._data.groups[group]
-        channel = found.channels[index]
-        if self._version == 3 and not channel.bit_count:
-            return np.arange(found.channel_group.cycles_nr) * float(channel.sampling_rate or 1)
-        return self._values(group, index)
 
     def _unpacked(self, group: int) -> Any:
         """Return the bytes of a group for all of its channels, maybe thousands; None if many."""

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import is_dataclass
 from importlib import import_module
+from pathlib import Path
 from threading import Timer
 from typing import IO, Any
 from weakref import finalize
@@ -306,17 +307,13 @@ def _bound(file: str) -> None:
         resource.RLIMIT_CORE: 0,
     }
     if sys.platform == "linux":  # which counts what is written to, and not what is only reserved
-        limits[resource.RLIMIT_DATA] = _held() + room
+        held = int(Path("/proc/self/statm").read_text().split()[5]) * os.sysconf("SC_PAGE_SIZE")
+        limits[resource.RLIMIT_DATA] = held + room
     for limit, most in limits.items():
         allowed = resource.getrlimit(limit)[1]
         bound = most if allowed == resource.RLIM_INFINITY else min(most, allowed)
         # a second more lets the signal tell that the time was up
         resource.setrlimit(limit, (bound, bound + (limit == resource.RLIMIT_CPU and bound == most)))
-
-
-def _held() -> int:
-    with open("/proc/self/statm", "rb") as told:
-        return int(told.read().split()[5]) * os.sysconf("SC_PAGE_SIZE")
 
 
 if __name__ == "__main__":  # a new interpreter, which its parent tells its work

@@ -320,18 +320,15 @@ class PeriodSums:
         step = max(_LEAST, _CACHED // self._sum.size)
         for begin in range(0, len(periods), step):
             part = periods[begin : begin + step]
-            self._add_moments(part)
+            if self._centre is None:
+                self._centre = part.mean(axis=0)
+            if len(self._apart) < len(part):
+                self._apart = np.empty_like(part)
+            apart = np.subtract(part, self._centre, out=self._apart[: len(part)])
+            self._sum += apart.sum(axis=0)
+            self._squares += np.square(apart, out=apart).sum(axis=0)
             self._spectra.append(line_spectra(part, self.lines))
         self.count += len(periods)
-
-    def _add_moments(self, part: Floats) -> None:
-        if self._centre is None:
-            self._centre = part.mean(axis=0)
-        if len(self._apart) < len(part):
-            self._apart = np.empty_like(part)
-        apart = np.subtract(part, self._centre, out=self._apart[: len(part)])
-        self._sum += apart.sum(axis=0)
-        self._squares += np.square(apart, out=apart).sum(axis=0)
 
     @property
     def mean(self) -> Floats:

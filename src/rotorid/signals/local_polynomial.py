@@ -232,16 +232,11 @@ class _Regression:
         a = -(vh.conj().transpose(0, 2, 1) @ moved[:, :, None])[:, :, 0]
         whole = (np.abs(triangle[:, :, POLES]) ** 2).sum(axis=1)
         gained = (np.abs(np.where(seen, along, 0.0)) ** 2).sum(axis=1)
-        return _decaying(a, self.half), gained / np.where(whole > 0, whole, 1.0)
-
-
-def _decaying(a: Complexes, half: int) -> Complexes:
-    """Return the inverse roots of 1 + a_1 j + a_2 j^2; zero for one that does not decay, as hum."""
-    root = np.sqrt(a[:, 0] ** 2 - 4 * a[:, 1])
-    inverse = np.stack([-a[:, 0] + root, -a[:, 0] - root], axis=1) / 2
-    lines = half / np.where(inverse == 0, 1e-12, inverse)
-    decays = (np.abs(lines.imag) > NARROWEST) | (np.abs(lines.real) > half)
-    return np.where(decays, inverse, 0.0)
+        root = np.sqrt(a[:, 0] ** 2 - 4 * a[:, 1])
+        inverse = np.stack([-a[:, 0] + root, -a[:, 0] - root], axis=1) / 2
+        lines = self.half / np.where(inverse == 0, 1e-12, inverse)
+        decays = (np.abs(lines.imag) > NARROWEST) | (np.abs(lines.real) > self.half)  # hum does not
+        return np.where(decays, inverse, 0.0), gained / np.where(whole > 0, whole, 1.0)
 
 
 def _share(sums: Complexes, own: Complexes) -> Floats:

@@ -46,7 +46,13 @@ def find_period(samples: Floats) -> Period | None:
     if size < 16 or not np.ptp(middle):
         return None
     centred = middle - middle.mean()
-    correlation = _correlation(centred, round((1 - _OVERLAP) * size))
+    lags = round((1 - _OVERLAP) * size)
+    padded = 1 << (size + lags).bit_length()
+    products = np.fft.irfft(np.abs(np.fft.rfft(centred, padded)) ** 2, padded)[: lags + 1]
+    power = np.concatenate([[0.0], np.cumsum(centred**2)])
+    shift = np.arange(lags + 1)
+    both = (power[size - shift] * (power[size] - power[shift])) ** 0.5
+    correlation = np.asarray(products / np.maximum(both, 1e-9 * power[size]))
     # The first hill is the signal beside itself.
     below = np.flatnonzero(correlation < 0.5 * correlation[0])
     if not below.size:
@@ -84,17 +90,6 @@ def only_rotation(columns: Sequence[Floats], found: Sequence[Period | None]) -> 
 def _middle(samples: Floats) -> Floats:
     count = min(len(samples), _MOST)
     return samples[round(_MIDDLE * count) : count - round(_MIDDLE * count)]
-
-
-def _correlation(centred: Floats, lags: int) -> Floats:
-    size = len(centred)
-    padded = 1 << (size + lags).bit_length()
-    spectrum = np.fft.rfft(centred, padded)
-    products = np.fft.irfft(np.abs(spectrum) ** 2, padded)[: lags + 1]
-    power = np.concatenate([[0.0], np.cumsum(centred**2)])
-    shift = np.arange(lags + 1)
-    both = (power[size - shift] * (power[size] - power[shift])) ** 0.5
-    return np.asarray(products / np.maximum(both, 1e-9 * power[size]))
 
 
 def _refined(correlation: Floats, first: int) -> Period | None:

@@ -84,7 +84,15 @@ def detect_settling(periods: PeriodicRecord) -> Settling:
 
 def _deviation(spectra: Complexes) -> Floats:
     count = len(spectra)
-    spectra = _without_drift(spectra)
+    settled = spectra[count // 2 :]
+    place = np.arange(count) - count // 2 - (len(settled) - 1) / 2
+    late = place[count // 2 :]
+    # The straight line through the second half, where there is more than noise in it, goes.
+    slope = np.einsum("p,pkc->kc", late, settled) / (late @ late)
+    noise = (np.abs(np.diff(settled, axis=0)) ** 2).mean(axis=0) / 2
+    strength = (np.abs(slope) ** 2 * (late @ late)).mean(axis=0)
+    drifting = strength > _SLOPE * noise.mean(axis=0)
+    spectra = spectra - place[:, None, None] * np.where(drifting, slope, 0.0)
     settled = spectra[count // 2 :]
     mean = settled.mean(axis=0)
     channel = np.sqrt((np.abs(mean) ** 2).mean(axis=0))
@@ -94,19 +102,6 @@ def _deviation(spectra: Complexes) -> Floats:
     level = np.sqrt((np.abs(spectra) ** 2).mean(axis=(0, 1)))  # a channel that stops has none late
     floor = np.maximum(pooled, np.maximum(_ROUNDING * np.maximum(channel, level), 1e-300))
     return np.asarray((np.abs(spectra - mean) / floor).reshape(count, -1))
-
-
-def _without_drift(spectra: Complexes) -> Complexes:
-    """Take off the straight line through the second half, where there is more than noise in it."""
-    count = len(spectra)
-    settled = spectra[count // 2 :]
-    place = np.arange(count) - count // 2 - (len(settled) - 1) / 2
-    late = place[count // 2 :]
-    slope = np.einsum("p,pkc->kc", late, settled) / (late @ late)
-    noise = (np.abs(np.diff(settled, axis=0)) ** 2).mean(axis=0) / 2
-    strength = (np.abs(slope) ** 2 * (late @ late)).mean(axis=0)
-    drifting = strength > _SLOPE * noise.mean(axis=0)
-    return spectra - place[:, None, None] * np.where(drifting, slope, 0.0)
 
 
 def _last_unsettled(d: Floats, terms: int) -> int:
@@ -191,8 +186,15 @@ def check_copied_periods(periods: PeriodicRecord) -> list[Note]:
     scatters = size > 0
     rows = (z[:, :, scatters] / size[scatters]).reshape(len(z), -1)
     first: dict[int, int] = {}
-    for one, other in _equal_pairs(rows):
-        if other > one + 1 and not _equal(rows[one], rows[one + 1]):
+    # Equal rows are neighbours in one number of each.
+    weights = np.cos(np.arange(2 * rows.shape[1]))
+    key = np.concatenate([rows.real, rows.imag], axis=1) @ weights
+    order = np.argsort(key, kind="stable")
+    least = NO_SCATTER * np.linalg.norm(weights) * np.linalg.norm(rows, axis=1).max(initial=0.0)
+    for k in np.flatnonzero(np.diff(key[order]) <= least):
+        one, other = sorted(order[k : k + 2].tolist())
+        apart = other > one + 1 and _equal(rows[one], rows[other])
+        if apart and not _equal(rows[one], rows[one + 1]):
             first.setdefault(other, one)
     if not first:
         return []
@@ -203,17 +205,6 @@ def check_copied_periods(periods: PeriodicRecord) -> list[Note]:
         "period once, by until"
     )
     return [Note("copied periods", "warns", text)]
-
-
-def _equal_pairs(rows: Complexes) -> list[tuple[int, int]]:
-    """Return pairs of equal rows, the earlier first: candidates are neighbours in one number."""
-    weights = np.cos(np.arange(2 * rows.shape[1]))
-    key = np.concatenate([rows.real, rows.imag], axis=1) @ weights
-    order = np.argsort(key, kind="stable")
-    least = NO_SCATTER * np.linalg.norm(weights) * np.linalg.norm(rows, axis=1).max(initial=0.0)
-    close = np.flatnonzero(np.diff(key[order]) <= least)
-    pairs = ((int(min(order[k : k + 2])), int(max(order[k : k + 2]))) for k in close)
-    return [pair for pair in pairs if _equal(rows[pair[0]], rows[pair[1]])]
 
 
 def _equal(one: Complexes, other: Complexes) -> bool:

@@ -114,7 +114,15 @@ def shifts_of(
     seen = _Lines.of(periods, channels)
     if not seen.clear.any():
         return None
-    tau = _cumulated(seen, periods, start)
+    # From period to period first: small steps, so that no phase wraps.
+    cross, omega = (seen.weight * seen.z[1:] * seen.z[:-1].conj()).sum(axis=2), seen.omega
+    late = _coarse(cross, omega, periods) if start is None else np.diff(start)
+    strength = np.abs(cross)
+    for _ in range(4):
+        phase = np.angle(cross * np.exp(1j * late[:, None] * omega))
+        total = (strength * omega**2).sum(axis=1)
+        late = late - (strength * omega * phase).sum(axis=1) / np.maximum(total, 1e-300)
+    tau = np.concatenate([[0.0], np.cumsum(late)])
     for _ in range(3):  # each period against the mean of all: sums of steps wander with the noise
         turned = seen.turned(tau)
         cross = (seen.weight * turned * turned.mean(axis=0).conj()).sum(axis=2)
@@ -148,18 +156,6 @@ def _steady_lines(periods: PeriodicRecord) -> Booleans:
         others = lines & (np.abs(periods.harmonics - order * periods.turns) >= 0.5)
         lines = others if others.any() else lines
     return np.asarray(lines)
-
-
-def _cumulated(seen: _Lines, periods: PeriodicRecord, start: Floats | None) -> Floats:
-    """Add up the shifts from period to period: small steps, so that no phase wraps."""
-    cross, omega = (seen.weight * seen.z[1:] * seen.z[:-1].conj()).sum(axis=2), seen.omega
-    late = _coarse(cross, omega, periods) if start is None else np.diff(start)
-    strength = np.abs(cross)
-    for _ in range(4):
-        phase = np.angle(cross * np.exp(1j * late[:, None] * omega))
-        total = (strength * omega**2).sum(axis=1)
-        late = late - (strength * omega * phase).sum(axis=1) / np.maximum(total, 1e-300)
-    return np.concatenate([[0.0], np.cumsum(late)])
 
 
 def _coarse(cross: Complexes, omega: Floats, periods: PeriodicRecord) -> Floats:
