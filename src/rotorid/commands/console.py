@@ -23,19 +23,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import click
 
 from rotorid.commands import BROKEN_PIPE
+from rotorid.core import files
 from rotorid.core.errors import InputError, UnfinishedError, one_line
-from rotorid.core.files import (
-    MARK,
-    REPORT,
-    Content,
-    Kind,
-    Seen,
-    check_regular,
-    check_target,
-    is_hollow,
-    seen,
-    write_files,
-)
 from rotorid.core.tables import Page, page_text
 from rotorid.core.watch import Pace, watch, watched, words
 
@@ -49,7 +38,7 @@ HASHED_BYTES = 16_000_000_000
 holes for the most part, a fraction was read, and to hash the rest would take longer than to answer.
 """
 
-Output = tuple[Path | None, Content]
+Output = tuple[Path | None, files.Content]
 _COLOURS = {
     "rejected": "yellow",
     "ok": "green",
@@ -68,7 +57,7 @@ _COLOURED = re.compile(
 
 STDOUT = Path("-")
 """In place of a file: what is written goes to the standard output, and nothing else does."""
-_FOUND: ContextVar[Mapping[Path, Seen]] = ContextVar("found")
+_FOUND: ContextVar[Mapping[Path, files.Seen]] = ContextVar("found")
 """What was at the targets when they were checked: `write` replaces nothing else."""
 _SILENT: ContextVar[bool] = ContextVar("silent", default=False)
 
@@ -199,11 +188,11 @@ def progress(quiet: bool) -> Iterator[None]:
         display.hide()
 
 
-def check_outputs(*targets: tuple[Path | None, Kind], force: bool = False) -> list[Path]:
+def check_outputs(*targets: tuple[Path | None, files.Kind], force: bool = False) -> list[Path]:
     """Refuse what cannot be written before the work begins; return the targets there are."""
     given = [(path, kind) for path, kind in targets if path is not None and path != STDOUT]
     for path, kind in given:
-        if kind is REPORT and path.suffix.lower() not in ("", ".html", ".htm"):
+        if kind is files.REPORT and path.suffix.lower() not in ("", ".html", ".htm"):
             raise InputError(
                 f"a report of the ending {path.suffix}",
                 "a page: .html",
@@ -211,17 +200,17 @@ def check_outputs(*targets: tuple[Path | None, Kind], force: bool = False) -> li
                 file=str(path),
             )
     for path, kind in given:
-        check_target(path, kind, force=force)
-    _FOUND.set({} if force else {path: seen(path) for path, _ in given})
+        files.check_target(path, kind, force=force)
+    _FOUND.set({} if force else {path: files.seen(path) for path, _ in given})
     return [path for path, _ in given]
 
 
 def write(*outputs: Output) -> None:
     """Write the outputs that are asked for, all or none; then those to the standard output."""
     given = [(path, content) for path, content in outputs if path is not None]
-    files = {path: content for path, content in given if path != STDOUT}
+    targets = {path: content for path, content in given if path != STDOUT}
     try:
-        write_files(files, _FOUND.get({}))
+        files.write_files(targets, _FOUND.get({}))
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         raise InputError(
@@ -239,10 +228,10 @@ class Outputs(NamedTuple):
     report: Path | None
     force: bool = False
     given: str = ""
-    kind: Kind = REPORT  # of the JSON
+    kind: files.Kind = files.REPORT  # of the JSON
 
     def check(self, *reports: Path | None) -> list[Path]:
-        pages = ((path, REPORT) for path in (self.report, *reports))
+        pages = ((path, files.REPORT) for path in (self.report, *reports))
         return check_outputs((self.json, self.kind), *pages, force=self.force)
 
     def give(self, page: Page, data: Any, html: Callable[[], str]) -> None:
@@ -258,7 +247,7 @@ class Outputs(NamedTuple):
             if self.report is not None:
                 watch("writing the report")
             try:
-                write((self.report, as_text(html, REPORT)))
+                write((self.report, as_text(html, files.REPORT)))
             except Exception as error:
                 found = f"{type(error).__name__}: {error}; --debug shows where"
                 found = one_line(error.found if isinstance(error, InputError) else found)
@@ -268,13 +257,13 @@ class Outputs(NamedTuple):
             raise faults[0]
 
 
-def as_text(text: Callable[[], str], kind: Kind) -> Content:
+def as_text(text: Callable[[], str], kind: files.Kind) -> files.Content:
     """Return the content of a file of text that holds its mark."""
     return lambda: kind.signed(text().encode("utf-8", "backslashreplace"))
 
 
-def as_json(data: Any, kind: Kind) -> Content:
-    marked = {**data, "written": MARK}
+def as_json(data: Any, kind: files.Kind) -> files.Content:
+    marked = {**data, "written": files.MARK}
     return as_text(lambda: json.dumps(_plain(marked), indent=2, allow_nan=False) + "\n", kind)
 
 
@@ -316,8 +305,8 @@ def source_of(path: Path) -> SourceFile:
     """Return a file with its sha256; without it, where it is beyond measure or made of holes."""
     from rotorid.answer.estimate import SourceFile
 
-    found = check_regular(path)
-    if is_hollow(found) or found.st_size > HASHED_BYTES:
+    found = files.check_regular(path)
+    if files.is_hollow(found) or found.st_size > HASHED_BYTES:
         return SourceFile(str(path), "")
     with path.open("rb") as stream:
         return SourceFile(str(path), file_digest(stream, "sha256").hexdigest())

@@ -41,8 +41,8 @@ class Table:
         """Return aligned columns; those that do not fit a width follow below, with the names."""
         columns: list[list[str]] = []
         told = zip(self.headings, *self.rows, strict=True)
-        for column, right in zip(told, self.numeric, strict=True):
-            cells = [one_line(cell, CELL) for cell in column]
+        for texts, right in zip(told, self.numeric, strict=True):
+            cells = [one_line(cell, CELL) for cell in texts]
             most = max(map(len, cells))
             columns.append([cell.rjust(most) if right else cell.ljust(most) for cell in cells])
         names, rest = columns[0], columns[1:]

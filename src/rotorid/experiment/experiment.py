@@ -21,32 +21,8 @@ from rotorid.data.lines import Lines
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
 from rotorid.data.record import Record
+from rotorid.experiment import read, schema
 from rotorid.experiment.duplicates import Overlaps, check_file
-from rotorid.experiment.read import (
-    Recording,
-    averaged,
-    check_shared,
-    lines_of,
-    measured,
-    period_of,
-    plan_record,
-    said_of,
-    shared_currents,
-    turn_of_keyphasor,
-    without_mark,
-)
-from rotorid.experiment.schema import (
-    OPEN,
-    DraftFile,
-    DraftRecord,
-    Effort,
-    ExperimentFile,
-    Method,
-    OwnEntry,
-    PriorKeys,
-    RecordKeys,
-    response_tables,
-)
 from rotorid.io import READERS, read_record
 from rotorid.models import Model, load_model
 from rotorid.models.equations import polynomial
@@ -76,9 +52,9 @@ class Experiment:
 
     file: str
     folder: Path
-    entry: ExperimentFile
+    entry: schema.ExperimentFile
     model: Model
-    channels: tuple[Recording, ...]
+    channels: tuple[read.Recording, ...]
     priors: Knowledge[float]
 
     @property
@@ -99,7 +75,7 @@ class Experiment:
             Path(self.file).parent / self.entry.model,
             *self.record_files,
             *(self.folder / r.quiet for r in self.entry.records if r.quiet is not None),
-            *(self.folder / name for name in response_tables(self.entry)),
+            *(self.folder / name for name in schema.response_tables(self.entry)),
         ]
 
     @property
@@ -107,7 +83,7 @@ class Experiment:
         """The files of the records themselves."""
         return [path for plan in self.channels for path in plan.paths]
 
-    def measured(self, method: Method | None = None) -> list[Record]:
+    def measured(self, method: schema.Method | None = None) -> list[Record]:
         """Read the samples of every record.
 
         Parameters
@@ -131,7 +107,7 @@ class Experiment:
                     place=f"records.{number}.kind",
                 )
         currents = self.method(method) == "ml"
-        return [measured(plan, currents=currents) for plan in self.channels]
+        return [read.measured(plan, currents=currents) for plan in self.channels]
 
     def require_records(self) -> None:
         """Refuse an experiment of measured natural frequencies alone.
@@ -150,7 +126,7 @@ class Experiment:
                 place="records",
             )
 
-    def method(self, method: Method | None = None) -> Method:
+    def method(self, method: schema.Method | None = None) -> schema.Method:
         """Return the method to use: the one given, the file's, or what the model allows."""
         return method or self.entry.estimator.method or default_method(self.model, self.entry)
 
@@ -159,7 +135,7 @@ class Experiment:
         found: list[Measured] = []
         seen = Overlaps(self.entry.records, self.model, self.file)
         for number, plan in enumerate(counting(self.channels, "reading records")):
-            told = shared_currents(plan)
+            told = read.shared_currents(plan)
             try:
                 several = self._one(number, plan, seen, currents=currents)
             except InputError as error:
@@ -175,15 +151,15 @@ class Experiment:
         return seen.checked(found)
 
     def _one(
-        self, number: int, plan: Recording, seen: Overlaps, *, currents: bool
+        self, number: int, plan: read.Recording, seen: Overlaps, *, currents: bool
     ) -> Sequence[Measured]:
         """Read one record by its kind; responses to several inputs are several."""
         entry, skip = plan.entry, plan.entry.skip or 0.0
         if entry.channel_kind != "samples":
             return _read_table(plan, self.model)
         if entry.periodic and not entry.is_cut:
-            return [averaged(plan, partial(seen.begin, number), currents=currents)]
-        record = measured(plan, currents=currents)
+            return [read.averaged(plan, partial(seen.begin, number), currents=currents)]
+        record = read.measured(plan, currents=currents)
         seen.begin(number, record)(record.samples)
         if entry.is_cut:
             return [phasors(record, entry.revolutions, skip=skip)]
@@ -191,14 +167,14 @@ class Experiment:
             steps, left_out = entry.decimate or 1, entry.leave_out or ()
             return [filtered(record, entry.cutoff, decimate=steps, leave_out=left_out, skip=skip)]
         seen.turns(number, record)
-        return [lines_of(plan, record, self.model, currents=currents)]
+        return [read.lines_of(plan, record, self.model, currents=currents)]
 
     @cached_property
     def _read(self) -> dict[bool, list[Measured]]:
         """What was read, with currents or with forces."""
         return {}
 
-    def records(self, method: Method | None = None) -> list[Measured]:
+    def records(self, method: schema.Method | None = None) -> list[Measured]:
         """Read every record and cut it into periods, take the lines of the whole, or filter it.
 
         Parameters
@@ -217,7 +193,9 @@ class Experiment:
             self._read[currents] = self._observed(currents=currents)
         return list(self._read[currents])
 
-    def estimator(self, method: Method | None = None, effort: Effort | None = None) -> Estimator:
+    def estimator(
+        self, method: schema.Method | None = None, effort: schema.Effort | None = None
+    ) -> Estimator:
         """Return the estimator that the file asks for, or that of another method.
 
         Parameters
@@ -236,7 +214,7 @@ class Experiment:
             method = self.method(method)
             return build_estimator(self.entry, method, self.priors, self.model, effort)
 
-    def identify(self, method: Method | None = None) -> Estimate:
+    def identify(self, method: schema.Method | None = None) -> Estimate:
         """Read the records and estimate, as ``rotorid identify`` does.
 
         Parameters
@@ -309,7 +287,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     """
     path = Path(path)
     _check_ending(path)
-    entry = read_toml(path, ExperimentFile)
+    entry = read_toml(path, schema.ExperimentFile)
     where = path.parent if folder is None else Path(folder)
     try:
         model = load_model(entry.model, folder=path.parent)
@@ -317,7 +295,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         raise error if error.file else error.at(file=str(path), place="model") from None
     with naming(str(path)):
         plans = []
-        check_shared(entry.records, entry.channels)
+        read.check_shared(entry.records, entry.channels)
         for number, record in enumerate(entry.records):
             if model.linear is None and record.band is not None and not record.periodic:
                 raise InputError(
@@ -327,7 +305,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
                     "of the motion), or the fundamental of a periodic excitation",
                     place=f"records.{number}.band",
                 )
-            plan = plan_record(record, entry.channels, model, where, f"records.{number}")
+            plan = read.plan_record(record, entry.channels, model, where, f"records.{number}")
             own = own_values(record.parameters, model, f"records.{number}.parameters")
             plans.append(replace(plan, own=own))
         check_file(entry, plans, model)
@@ -341,7 +319,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         )
 
 
-def _read_table(plan: Recording, model: Model) -> Sequence[Lines]:
+def _read_table(plan: read.Recording, model: Model) -> Sequence[Lines]:
     from rotorid.experiment import table_records  # which few records need
 
     if plan.entry.kind == "phasors":
@@ -364,7 +342,7 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
     for one in counting(plan.channels, "inspecting records"):
         entry = one.entry
         if entry.channel_kind == "samples":
-            found.append(_inspected(measured(one, currents=True), entry, entry.band))
+            found.append(_inspected(read.measured(one, currents=True), entry, entry.band))
             continue
         for lines in _read_table(one, plan.model):
             named = lines.source or ", ".join(entry.paths)
@@ -388,9 +366,9 @@ def named_files(path: Path) -> list[Path]:
 
 
 def _inspected(
-    record: Record, entry: RecordKeys, band: tuple[float, float] | None = None
+    record: Record, entry: schema.RecordKeys, band: tuple[float, float] | None = None
 ) -> Inspection:
-    size = period_of(record, entry)
+    size = read.period_of(record, entry)
     return inspect_record(
         record,
         period_samples=size,
@@ -401,7 +379,7 @@ def _inspected(
     )
 
 
-def _draft_records(path: Path) -> list[DraftRecord] | None:
+def _draft_records(path: Path) -> list[schema.DraftRecord] | None:
     """Return the records of a file that leaves something open, None where it does not."""
     try:
         data = read_bytes(path)
@@ -413,28 +391,29 @@ def _draft_records(path: Path) -> list[DraftRecord] | None:
     if not keys or not all(one & {"file", "files"} for one in keys):
         return None
     periodic = all(one & {"fundamental", "period_samples"} for one in keys)
-    if periodic and f'"{OPEN}"'.encode() not in data:
+    if periodic and f'"{schema.OPEN}"'.encode() not in data:
         return None
-    return parse_toml(data, DraftFile, file=str(path)).records
+    return parse_toml(data, schema.DraftFile, file=str(path)).records
 
 
-def _inspect_draft(folder: Path, entry: DraftRecord) -> Inspection:
-    if OPEN in entry.paths:
+def _inspect_draft(folder: Path, entry: schema.DraftRecord) -> Inspection:
+    if schema.OPEN in entry.paths:
         raise ReadError("no name of a file", "the file of a record", "name it")
-    record = read_record([folder / name for name in entry.paths], mask=entry.mask, **said_of(entry))
+    paths = [folder / name for name in entry.paths]
+    record = read_record(paths, mask=entry.mask, **read.said_of(entry))
     mark = entry.keyphasor if entry.angle is None else entry.angle.column
     if mark in record.names:
-        bare, marks = without_mark(record, mark)
+        bare, marks = read.without_mark(record, mark)
         turned: dict[str, Any] = {}
         if entry.keyphasor:
             with suppress(InputError):  # what is wrong with it is told once the file is finished
-                seen = turn_of_keyphasor(record, marks)
+                seen = read.turn_of_keyphasor(record, marks)
                 turned = {"speed": seen.speed, "angle": seen.angle}
         record = replace(bare, **turned)
     return _inspected(record, entry)
 
 
-def knowledge_of(entry: ExperimentFile, model: Model) -> Knowledge[float]:
+def knowledge_of(entry: schema.ExperimentFile, model: Model) -> Knowledge[float]:
     expressions = []
     for number, one in enumerate(entry.constraints):
         place = f"constraints.{number}"
@@ -467,7 +446,7 @@ def knowledge_of(entry: ExperimentFile, model: Model) -> Knowledge[float]:
 
 
 def own_values(
-    entries: Mapping[str, OwnEntry], model: Model, place: str
+    entries: Mapping[str, schema.OwnEntry], model: Model, place: str
 ) -> dict[str, tuple[float, float]]:
     """Return the parameters that a record has to itself, value and deviation in SI."""
     found = {}
@@ -489,7 +468,7 @@ def _parameter(name: str, model: Model, place: str) -> Parameter:
     return known[name]
 
 
-def _in_si(entry: PriorKeys | OwnEntry, unit: str, place: str) -> dict[str, float]:
+def _in_si(entry: schema.PriorKeys | schema.OwnEntry, unit: str, place: str) -> dict[str, float]:
     found = {}
     for key in ("fixed", "value", "std", "start", "min", "max"):
         quantity = getattr(entry, key, None)
@@ -516,7 +495,7 @@ def _check_signs(told: Mapping[str, float], place: str) -> None:
             )
 
 
-def _check_once(entry: ExperimentFile, model: Model) -> None:
+def _check_once(entry: schema.ExperimentFile, model: Model) -> None:
     """Refuse a measurement stated twice: a multiple of what has value and deviation already."""
     names = model.parameter_names
     known = {
@@ -540,17 +519,17 @@ def _check_once(entry: ExperimentFile, model: Model) -> None:
             )
 
 
-def default_method(model: Model, entry: ExperimentFile) -> Method:
+def default_method(model: Model, entry: schema.ExperimentFile) -> schema.Method:
     filtered = any(record.cutoff is not None for record in entry.records)
     return "batch" if filtered or model.linear is None else "ml"
 
 
 def build_estimator(
-    entry: ExperimentFile,
-    method: Method,
+    entry: schema.ExperimentFile,
+    method: schema.Method,
     priors: Knowledge[float],
     model: Model,
-    effort: Effort | None,
+    effort: schema.Effort | None,
 ) -> Estimator:
     if method == "ml":
         from rotorid.likelihood.estimator import MaximumLikelihood
@@ -571,7 +550,7 @@ def build_estimator(
     return (LeastSquares if method == "ls" else Sequential)(**told)
 
 
-def _modes(entry: ExperimentFile, model: Model) -> tuple[Mode, ...]:
+def _modes(entry: schema.ExperimentFile, model: Model) -> tuple[Mode, ...]:
     found = []
     for number, one in enumerate(entry.modes):
         place = f"modes.{number}"
@@ -585,7 +564,7 @@ def _modes(entry: ExperimentFile, model: Model) -> tuple[Mode, ...]:
     return tuple(found)
 
 
-def _of_ml_alone(entry: ExperimentFile) -> Iterator[tuple[str, str, str]]:
+def _of_ml_alone(entry: schema.ExperimentFile) -> Iterator[tuple[str, str, str]]:
     """Yield the place of what ml alone can weigh, what stands there, and what others expect."""
     exact = "exact values, the same in all records,"
     if entry.modes:
@@ -594,7 +573,9 @@ def _of_ml_alone(entry: ExperimentFile) -> Iterator[tuple[str, str, str]]:
         if value:
             told = f"{key} = {str(value).lower()}"
             yield f"estimator.{key}", told, "a measurement without unknown constants"
-    knowledge: dict[str, PriorKeys] = {f"parameters.{n}": p for n, p in entry.parameters.items()}
+    knowledge: dict[str, schema.PriorKeys] = {
+        f"parameters.{n}": p for n, p in entry.parameters.items()
+    }
     each = [f"parameters.{name}.each" for name, p in entry.parameters.items() if p.each]
     knowledge |= {f"constraints.{number}": c for number, c in enumerate(entry.constraints)}
     channels = {f"channels.{name}": channel for name, channel in entry.channels.items()}

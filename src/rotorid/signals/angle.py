@@ -95,9 +95,9 @@ def encoder_angle(
         return MeasuredAngle(angle, *_regression(time, angle))
     angle, missing, extra = _without_lost_lines(angle, step)
     middle, half = angle + step / 2, np.full(len(angle), step / 2)
-    spline, *said = fit_rotation(AngleReadings(time, middle, half))
+    spline, std, noise = fit_rotation(AngleReadings(time, middle, half))
     smooth = np.asarray(spline(time))
-    return MeasuredAngle(smooth, *_regression(time, smooth), *said, missing, extra)
+    return MeasuredAngle(smooth, *_regression(time, smooth), std, noise, missing, extra)
 
 
 def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
@@ -215,14 +215,14 @@ def keyphasor_angle(
     missing = int(turns[-1] - turns[0] + 1 - len(turns))
     t, angle = t[kept], 2 * np.pi * turns
     speed, _, _ = _regression(t, angle)
-    spline, *said = fit_rotation(AngleReadings(t, angle, abs(speed) * open_))
+    spline, std, noise = fit_rotation(AngleReadings(t, angle, abs(speed) * open_))
     time = np.arange(count) / sample_rate
     smooth = np.asarray(spline(np.clip(time, t[0], t[-1])))
     # Beyond the pulses the rotation goes on with the speed that it has there.
     for end, outside in ((t[0], time < t[0]), (t[-1], time > t[-1])):
         smooth[outside] += float(spline.derivative()(end)) * (time[outside] - end)
     extra = len(kept) - int(kept.sum())
-    return MeasuredAngle(smooth, *_regression(time, smooth), *said, missing, extra)
+    return MeasuredAngle(smooth, *_regression(time, smooth), std, noise, missing, extra)
 
 
 def _count_turns(times: Floats) -> tuple[Booleans, Floats]:
