@@ -43,7 +43,7 @@ NEARLY_ALL = 0.95
 """Share of the prints that are the same where samples are; coarse digits repeat by chance less."""
 
 
-_FACTORS = np.random.PCG64(1).random_raw(4096) | np.uint64(1)
+_FACTORS = np.random.default_rng(1).bit_generator.random_raw(4096) | np.uint64(1)
 """Odd numbers whose digits look like chance."""
 
 

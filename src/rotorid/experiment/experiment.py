@@ -128,7 +128,9 @@ class Experiment:
 
     def method(self, method: schema.Method | None = None) -> schema.Method:
         """Return the method to use: the one given, the file's, or what the model allows."""
-        return method or self.entry.estimator.method or default_method(self.model, self.entry)
+        filtered = any(record.cutoff is not None for record in self.entry.records)
+        allowed: schema.Method = "batch" if filtered or self.model.linear is None else "ml"
+        return method or self.entry.estimator.method or allowed
 
     def _observed(self, *, currents: bool) -> list[Measured]:
         """Read every record: cut into periods, as the lines of the whole, or filtered."""
@@ -210,9 +212,25 @@ class Experiment:
         InputError
             For a method that cannot honour what the file says.
         """
+        method, entry = self.method(method), self.entry
         with naming(self.file):
-            method = self.method(method)
-            return build_estimator(self.entry, method, self.priors, self.model, effort)
+            if method == "ml":
+                from rotorid.likelihood.estimator import MaximumLikelihood
+
+                return MaximumLikelihood(
+                    **vars(replace(self.priors, modes=_modes(entry, self.model))),
+                    **entry.estimator.unknown,
+                    each=tuple(name for name, p in entry.parameters.items() if p.each),
+                    effort=effort or entry.estimator.effort,
+                )
+            for place, found, expected in _of_ml_alone(entry):
+                raise InputError(found, f"{expected} for this method", "use ml", place=place)
+            from rotorid.linear.estimators import Batch, LeastSquares, Sequential
+
+            told: dict[str, Any] = {"fixed": self.priors.fixed, "constraints": self.constraints}
+            if method == "batch":
+                return Batch(free_weight=entry.estimator.free_weight, **told)
+            return (LeastSquares if method == "ls" else Sequential)(**told)
 
     def identify(self, method: schema.Method | None = None) -> Estimate:
         """Read the records and estimate, as ``rotorid identify`` does.
@@ -519,37 +537,6 @@ def _check_once(entry: schema.ExperimentFile, model: Model) -> None:
             )
 
 
-def default_method(model: Model, entry: schema.ExperimentFile) -> schema.Method:
-    filtered = any(record.cutoff is not None for record in entry.records)
-    return "batch" if filtered or model.linear is None else "ml"
-
-
-def build_estimator(
-    entry: schema.ExperimentFile,
-    method: schema.Method,
-    priors: Knowledge[float],
-    model: Model,
-    effort: schema.Effort | None,
-) -> Estimator:
-    if method == "ml":
-        from rotorid.likelihood.estimator import MaximumLikelihood
-
-        return MaximumLikelihood(
-            **vars(replace(priors, modes=_modes(entry, model))),
-            **entry.estimator.unknown,
-            each=tuple(name for name, p in entry.parameters.items() if p.each),
-            effort=effort or entry.estimator.effort,
-        )
-    for place, found, expected in _of_ml_alone(entry):
-        raise InputError(found, f"{expected} for this method", "use ml", place=place)
-    from rotorid.linear.estimators import Batch, LeastSquares, Sequential
-
-    told: dict[str, Any] = {"fixed": priors.fixed, "constraints": priors.constraints}
-    if method == "batch":
-        return Batch(free_weight=entry.estimator.free_weight, **told)
-    return (LeastSquares if method == "ls" else Sequential)(**told)
-
-
 def _modes(entry: schema.ExperimentFile, model: Model) -> tuple[Mode, ...]:
     found = []
     for number, one in enumerate(entry.modes):
@@ -573,18 +560,22 @@ def _of_ml_alone(entry: schema.ExperimentFile) -> Iterator[tuple[str, str, str]]
         if value:
             told = f"{key} = {str(value).lower()}"
             yield f"estimator.{key}", told, "a measurement without unknown constants"
-    knowledge: dict[str, schema.PriorKeys] = {
-        f"parameters.{n}": p for n, p in entry.parameters.items()
-    }
-    each = [f"parameters.{name}.each" for name, p in entry.parameters.items() if p.each]
-    knowledge |= {f"constraints.{number}": c for number, c in enumerate(entry.constraints)}
-    channels = {f"channels.{name}": channel for name, channel in entry.channels.items()}
+    differ = "parameters that differ between records"
+    known: dict[str, schema.PriorKeys] = {f"parameters.{n}": p for n, p in entry.parameters.items()}
+    known |= {f"constraints.{number}": c for number, c in enumerate(entry.constraints)}
+    for place, one in known.items():
+        if isinstance(one, schema.ParameterEntry) and one.each:
+            yield f"{place}.each", differ, exact
+        if one.std is not None:
+            yield f"{place}.std", "a deviation", exact
+        if one.bounded:
+            yield f"{place}.min, max", "a bound", exact
+    channels = [("", entry.channels)]
     for number, record in enumerate(entry.records):
-        channels |= {f"records.{number}.channels.{n}": c for n, c in record.channels.items()}
-        each += [f"records.{number}.parameters"] if record.parameters else []
-    stds = [f"{place}.std" for place, one in knowledge.items() if one.std is not None]
-    bounds = [f"{place}.min, max" for place, one in knowledge.items() if one.bounded]
-    stds += [f"{place}.{key}" for place, one in channels.items() for key in one.deviations]
-    yield from ((place, "parameters that differ between records", exact) for place in each)
-    yield from ((place, "a deviation", exact) for place in stds)
-    yield from ((place, "a bound", exact) for place in bounds)
+        channels.append((f"records.{number}.", record.channels))
+        if record.parameters:
+            yield f"records.{number}.parameters", differ, exact
+    for place, each in channels:
+        stds = ((name, key) for name, channel in each.items() for key in channel.deviations)
+        for name, key in stds:
+            yield f"{place}channels.{name}.{key}", "a deviation", exact
