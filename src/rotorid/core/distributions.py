@@ -37,11 +37,6 @@ def f_limit(chance: float, first: float, second: float) -> float:
     return float(second / first * (1 - share) / share)
 
 
-def t_limit(chance: float, freedom: Floats) -> Floats:
-    """Return what Student's t with these degrees of freedom exceeds with a chance."""
-    return np.asarray(-scipy.special.stdtrit(freedom, chance), dtype=float)
-
-
 def bound_of_length(mean: Floats, covariance: Floats, chance: float) -> float:
     """Return what the length of a normal vector, (2,), stays below with a chance."""
     size, axes = np.linalg.eigh(covariance)

@@ -27,8 +27,6 @@ _KINDS = {
     stat.S_IFBLK: "a device",
     stat.S_IFSOCK: "a socket",
 }
-_BLOCK = 512  # bytes of what `stat` counts as blocks
-_HOLLOW = 16_000_000  # bytes up to which holes do not matter: reading them takes 10 ms
 _NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)  # a pipe put there since is opened at once, too
 
 
@@ -84,12 +82,6 @@ def check_beside(name: str, record: str | Path) -> Path:
         )
     check_regular(path, f"a part of {record}")
     return path
-
-
-def is_hollow(found: os.stat_result) -> bool:
-    """Tell whether a file is made of holes for the most part: nobody measured those."""
-    held = _BLOCK * getattr(found, "st_blocks", found.st_size)
-    return found.st_size > _HOLLOW and 2 * held < found.st_size
 
 
 def _open(path: str, flags: int) -> int:

@@ -52,17 +52,6 @@ def _upper(rows: int, columns: int) -> Booleans:
     return np.triu(np.ones((rows, columns), dtype=bool))
 
 
-def null_space(matrix: Floats, rank: int) -> Floats:
-    """Return an orthonormal basis of what a matrix of this rank sends to zero, (column, n)."""
-    _, _, right = np.linalg.svd(matrix)
-    return np.asarray(right[rank:].T)
-
-
-def rank_of_columns(matrix: Complexes, tolerance: float) -> int:
-    """Return how many columns, each of length one, no others make up within a tolerance."""
-    return int((np.linalg.svd(matrix, compute_uv=False) > tolerance).sum())
-
-
 def coupled(matrix: NDArray[Any]) -> list[Integers]:
     """Return the groups that a matrix couples, the lowest first; scipy's graphs load slowly."""
     links = (matrix != 0) | (matrix != 0).T

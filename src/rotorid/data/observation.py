@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import null_space, sensor_rank
+from rotorid.core.linalg import sensor_rank
 from rotorid.core.values import Floats
 from rotorid.data.filtered import FilteredRecord
 from rotorid.data.lines import Lines, SampledClock, SilentClock
@@ -93,7 +93,7 @@ class Observation:
         """Coordinates that the direct sensors do not determine."""
         if not self.rank:
             return self.model.coordinates
-        open_ways = np.abs(null_space(self.reads, self.rank))
+        open_ways = np.abs(np.linalg.svd(self.reads)[2][self.rank :].T)
         names = zip(self.model.coordinates, open_ways, strict=True)
         return tuple(name for name, ways in names if (ways > HIDDEN).any())
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 from hashlib import blake2b
 from itertools import combinations
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -59,7 +58,8 @@ class Prints:
 
 
 class Printer:
-    def __init__(self) -> None:
+    def __init__(self, sensors: Sequence[str] = (), source: str = "", rate: float = 1.0) -> None:
+        self.sensors, self.source, self.rate = tuple(sensors), source, rate
         self.count, self.moves, self.digest = 0, False, blake2b()
         self.tail = np.empty(0, dtype=np.uint64)
         self.parts = [(self.tail, np.empty(0, dtype=np.int64))]
@@ -200,26 +200,19 @@ def check_modes(modes: Sequence[ModeEntry]) -> None:
             )
 
 
-class _Taken(NamedTuple):
-    sensors: tuple[str, ...]
-    printer: Printer
-    source: str
-    rate: float
-
-
 class Overlaps:
     """Finds samples that two records share, wherever they begin in each: excerpts of one run."""
 
     def __init__(self, records: Sequence[RecordEntry], model: Model, file: str) -> None:
         self.records, self.model, self.inputs, self.file = records, model, model.inputs, file
-        self.taken: dict[int, _Taken] = {}
+        self.taken: dict[int, Printer] = {}
         self.waves: list[Wave] = []
 
     def begin(self, number: int, record: Record | RecordBlocks) -> Callable[[Floats], None]:
         """Return what takes the prints of a record while its samples are read."""
         sensors = tuple(n for n in record.names if n not in self.inputs and not is_reference(n))
-        columns, printer = [record.names.index(n) for n in sensors], Printer()
-        self.taken[number] = _Taken(sensors, printer, record.source, record.sample_rate)
+        columns = [record.names.index(n) for n in sensors]
+        printer = self.taken[number] = Printer(sensors, record.source, record.sample_rate)
         several = len(self.records) > 1
         return lambda samples: printer.add(samples[:, columns]) if several else None
 
@@ -234,7 +227,7 @@ class Overlaps:
         """Return what was read, no two of it the same; of what may be, it is told."""
         by_sensors: dict[tuple[str, ...], dict[int, Prints]] = {}
         for number, taken in self.taken.items():
-            by_sensors.setdefault(taken.sensors, {})[number] = taken.printer.prints()
+            by_sensors.setdefault(taken.sensors, {})[number] = taken.prints()
         for prints in by_sensors.values():
             numbers = list(prints)
             for pair in candidates(list(prints.values())):
@@ -255,7 +248,7 @@ class Overlaps:
         # samples that neither record leaves out
         skips = [round((self.records[k].skip or 0.0) * rate) for k in pair]
         used = count - max(skips[0] - begins[0], skips[1] - begins[1], 0)
-        if used > _SHARE * min(one.printer.count, other.printer.count):
+        if used > _SHARE * min(one.count, other.count):
             there, here = (begin / rate for begin in begins)
             moved = f": what is at {here:.4g} s here is at {there:.4g} s there"
             raise InputError(

@@ -96,8 +96,6 @@ class _Hdf5File(ArrayFile):
         for node in nodes.values():
             if node.field is not None and len(node.dataset.shape) == 1:
                 fields.setdefault(node.dataset, []).append(node.field)
-        # Read at once: for one field the library goes through all of every record.
-        together = {table: names for table, names in fields.items() if len(names) > 1}
         count = max(max(self.shapes[path], default=1) for path in nodes)
         step = rows or max(count, 1)
         chunk = max((max(n.dataset.chunks) for n in nodes.values() if n.dataset.chunks), default=1)
@@ -105,7 +103,8 @@ class _Hdf5File(ArrayFile):
             step = chunk * max(1, round(rows / chunk))
         for begin in range(0, max(count, 1), step):
             samples = slice(begin, begin + step)
-            records = {table: table.fields(names)[samples] for table, names in together.items()}
+            # Read at once: for one field the library goes through all of every record.
+            records = {table: table.fields(names)[samples] for table, names in fields.items()}
             parts = (
                 {name: column[name](stored) for name, stored in found.items()}
                 for (path, _), asked in arrays.items()

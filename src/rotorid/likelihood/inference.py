@@ -21,8 +21,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
-from rotorid.core.distributions import Expectation, gamma_tail, line_moments, t_limit
+from rotorid.core.distributions import Expectation, gamma_tail, line_moments
 from rotorid.core.frozen import frozen
 from rotorid.core.linalg import leave_out
 from rotorid.core.values import Floats
@@ -104,7 +105,7 @@ def _widening(point: Point, shares: Floats, left: list[Floats]) -> Floats:
         freedom = at.problem.multiplicity * np.maximum(effective_dof(at) - t + 1, 1.0)
         unsure += (rows.sum(axis=1) ** 2 / freedom[:, None]).sum(axis=0)
     freedom = 1 / np.clip(unsure, 1e-9, 0.5)  # beyond a billion t is normal, and stdtrit imprecise
-    return t_limit(TAIL, freedom) / NORMAL
+    return np.asarray(-scipy.special.stdtrit(freedom, TAIL) / NORMAL)
 
 
 def _expected(at: Evaluation, leverage: Floats) -> RecordCost:

@@ -20,7 +20,6 @@ from rotorid.answer.estimate import Estimate
 from rotorid.core.distributions import bound_of_length
 from rotorid.core.errors import InputError, require_positive
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import rank_of_columns
 from rotorid.core.units import finite_speed, quantity
 from rotorid.core.values import ByContent, Complexes, Floats
 from rotorid.models.rotor import RotorModel
@@ -394,7 +393,8 @@ class _Task:
         effects, load = self.weigh(machine)
         size = np.linalg.norm(effects, axis=0)
         scaled = effects / np.where(size > 0, size, 1.0)
-        if (size == 0).any() or rank_of_columns(scaled, DEPENDENT) < effects.shape[1]:
+        apart = np.linalg.svd(scaled, compute_uv=False) > DEPENDENT
+        if (size == 0).any() or apart.sum() < effects.shape[1]:
             raise InputError(
                 "planes of which one does what others do, or nothing",
                 "planes whose effects differ where they are weighed",

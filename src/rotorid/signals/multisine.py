@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from rotorid.core.errors import InputError, require_positive
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.signals.spectrum import synthesize
 
 Phases = Literal["zero", "schroeder", "random"]
 
@@ -66,9 +67,7 @@ class Multisine:
         return self._periods(count)
 
     def _periods(self, count: int) -> Floats:
-        lines = np.zeros((count // 2 + 1, len(self.names)), dtype=complex)
-        lines[self.harmonics] = self.amplitudes / 2
-        return np.asarray(np.fft.irfft(lines, n=count, axis=0, norm="forward"))
+        return synthesize(self.amplitudes / 2, self.harmonics, count)
 
     @property
     def rms(self) -> Floats:
@@ -80,10 +79,8 @@ class Multisine:
         peak = np.abs(self._periods(_fine(self.harmonics))).max(axis=0)
         return np.asarray(peak / np.where(self.rms > 0, self.rms, np.inf))
 
-    def scaled(self, factors: ArrayLike, unit: str | None = None) -> Multisine:
-        return replace(
-            self, amplitudes=self.amplitudes * np.asarray(factors), unit=unit or self.unit
-        )
+    def scaled(self, factors: ArrayLike) -> Multisine:
+        return replace(self, amplitudes=self.amplitudes * np.asarray(factors))
 
 
 def _harmonics(harmonics: ArrayLike) -> Integers:
@@ -197,9 +194,7 @@ def _flattened(numbers: tuple[int, ...], phasors: tuple[complex, ...], steps: in
 
     def cost(angle: Floats, p: int) -> tuple[float, Floats]:
         """Logarithm of the norm of order 2p over the rms, and its gradient."""
-        spectrum = np.zeros(count // 2 + 1, dtype=complex)
-        spectrum[lines] = size * np.exp(1j * angle) / 2
-        u = np.fft.irfft(spectrum, n=count, norm="forward") / rms
+        u = synthesize((size * np.exp(1j * angle) / 2)[:, None], lines, count)[:, 0] / rms
         peak = np.abs(u).max()
         relative = (u / peak) ** (2 * p - 1)
         mean = np.mean(relative * u / peak)
