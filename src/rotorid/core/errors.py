@@ -15,8 +15,7 @@ PART = 240  # of one part of it, so that a long one leaves room for the others
 CELL = 300  # of a cell of a table: longer than any honest name or finding
 SENTENCE = 4_000  # of a sentence between tables: a warning may list fifty names
 NAMES, NAME_CHARACTERS = 500, 100
-"""Names, and characters of each, among which the nearest to a misspelt one is sought: likeness
-takes the product of two lengths, 10 us for two of ten letters."""
+"""Names, and their characters, among which the nearest is sought: two of ten letters take 10 us."""
 _GAP = " ... "
 
 

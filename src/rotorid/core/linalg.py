@@ -13,8 +13,7 @@ from rotorid.core.values import Booleans, Complexes, Floats, Integers
 Number = TypeVar("Number", np.float64, np.complex128)
 
 SENSORS = 1e-9
-"""Sensors whose combinations differ by less than this share read the same: gains, lengths and
-positions of sensors are known to 1e-4 at best, and a coordinate divided by 1e-9 is noise."""
+"""Share by which sensors that read the same differ: gains and places are known to 1e-4 at best."""
 
 
 def sensor_rank(reads: Floats) -> int:

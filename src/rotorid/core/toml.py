@@ -22,8 +22,7 @@ TOML_BYTES = 1_000_000
 """Of a model, an experiment or a rig: people write them, a few kB at most."""
 
 TOML_VALUES = 20_000
-"""Keys and members of lists of a TOML file: a hundred records with twenty channels of their own
-each; a wrong one takes 0.1 ms to be told."""
+"""Keys and members of lists: a hundred records of twenty channels; each takes 0.1 ms if wrong."""
 
 DIGITS = 400
 """Of a number: a double ends at 309 digits, and turning n digits into a number costs n^2."""

@@ -26,11 +26,8 @@ from rotorid.signals.spectrum import transfer_of_recording
 ORDER = 4
 """Of the Butterworth filter that is run forward and backward: the published one (Janot et al.)."""
 END = 1e-3
-"""Share of the weight of a filtered sample that may lie beyond the ends of its stretch.
-
-What the record would have gone on to there is guessed, at most as wrong as the motion is large;
-a thousandth of it is below what any model of friction leaves.
-"""
+"""Share of the weight of a filtered sample that may lie beyond the ends of its stretch: what is
+guessed there is at most as wrong as the motion is large, less than any model of friction leaves."""
 
 
 @frozen

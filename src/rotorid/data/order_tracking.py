@@ -28,8 +28,7 @@ ORDERS = 3
 NEIGHBOURS = 5
 """Segments over which bending is averaged: fewer are noise, more pass over a resonance."""
 BENT = 3.0
-"""Mean square of the bending over that of noise from which on a segment is too long: the largest of
-a hundred averages over five segments reaches 2 by chance."""
+"""Bending over that of noise from which on a segment is too long: chance reaches 2 in a hundred."""
 BEHIND = 1.0
 """Deviations by which phasors may lag behind a changing speed before it is told."""
 

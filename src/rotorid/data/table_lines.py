@@ -251,14 +251,12 @@ def _doubted(scatter: Complexes, groups: Integers, std: Floats) -> tuple[str, ..
 
 
 POOLED = 20
-"""Degrees of freedom to which deviations from coherence are pooled over neighbouring lines: with
-fewer, single lines get weights of three times what they deserve by chance."""
+"""Degrees of freedom to which lines are pooled: fewer give some of them three times the weight."""
 FAINT = 0.01
 """A coherence below this says that the line holds noise: its own deviation would be noise too."""
 
 SAME = 0.05
-"""Share of the stated noise within which two responses are one: noise of their own agrees so well
-on eight lines by a chance of 1e-20."""
+"""Share of the noise within which two responses are one: on eight lines chance is 1e-20."""
 LEAST_SAME = 8
 """Lines, fewer of which may agree by chance."""
 

@@ -63,8 +63,7 @@ _LIKE = 0.7  # likeness of names from which on a column is taken for a quantity
 _TIE = 0.05  # by which a name must be likelier than the next
 _PLANES = (*"ablr", "left", "right", "front", "rear", "top", "bottom", "de", "nde")
 _AXES = ("xyz", "vw", "hv")
-"""Letters of axes at right angles, in the order x, y: probes off the vertical are V and W, others
-H and V."""
+"""Letters of axes at right angles in the order x, y: V and W off the vertical, others H and V."""
 _MAGNETS = ("13", "24")
 """Figures of V13 and W24, the axes of a bearing by the numbers of their magnets."""
 _FIRST_OF_POSITION = ("p", "s", "d", "x")

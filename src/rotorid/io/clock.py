@@ -15,23 +15,14 @@ from rotorid.core.values import Booleans, Complexes, Floats
 from rotorid.io.table import Column, Rate
 
 LATE, EARLY = 1.75, 0.25
-"""Steps, in units of the median step, from which on a sample is missing, or one too many.
-
-Between 1.5, a sample half a step late, and 2, one that was dropped: halfway.
-"""
+"""Median steps from which on a sample is missing, or too many: halfway from 1.5, late, to 2."""
 SAME_RATE = 1e-4
-"""Relative difference of two statements of one sample rate that does not matter.
-
-It moves a mass by twice as much, .02 %, less than the deviation that the best records leave.
-"""
+"""Difference of two rates that does not matter: a mass moves by .02 %, less than any deviation."""
 BEARABLE = 1e-3
 """Error of the interpolation, relative to a line, up to which samples are put on a grid."""
 NEGLIGIBLE = 1e-4
-"""Error of a line, relative, that times off their grid may leave without being put right.
-
-A tenth of `BEARABLE`: below the noise of any line, and of what an interpolation may leave. On the
-highest line that is asked for, or, where that is not known, at half the sample rate.
-"""
+"""Error of a line, relative, that times off their grid may leave without being put right: below the
+noise of the highest line that is asked for, or of that at half the sample rate."""
 _ROUNDED = 0.6  # of the last digit of the stamps: half a digit, and what a line fitted to them adds
 _TAPS = 12  # of the interpolation: 1e-4 at a quarter of the sample rate, for a jitter of a tenth
 _BLOCK = 1 << 16

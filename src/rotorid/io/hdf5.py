@@ -36,8 +36,7 @@ CHUNK_BYTES = 256_000_000
 """Of a chunk, which is unpacked whole: writers choose from 10 kB to 10 MB."""
 
 NODES = 10_000
-"""Groups and data sets of a file that are looked through for a name: each takes 0.1 ms. A data set
-that is named by its whole path is found among any number."""
+"""Groups and data sets looked through for a name, 0.1 ms each; a whole path is found at once."""
 
 PARTS = 5_000
 """Files of a virtual data set, each of which is opened: one a second, for an hour."""

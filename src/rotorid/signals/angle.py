@@ -25,16 +25,13 @@ LOST = 0.6
 """Step of a counter, in lines, that is a line lost or counted twice: rounding leaves 0.15."""
 
 EXCURSION = 2.5
-"""Lines by which a counter goes off and comes back before that is taken out: jitter and rounding
-stay below, a line or two that are lost for less than a revolution do little."""
+"""Lines by which a counter goes off and comes back that are taken out: jitter stays below."""
 
 WINDOW = 64
-"""Samples before and behind a step of the counter that are compared: their means and slopes are
-known to an eighth of a line."""
+"""Samples on each side of a step of the counter: means and slopes to an eighth of a line."""
 
 OFF_BEAT = 0.15
-"""Part of a revolution by which a pulse may come early or late: what is further off is no pulse of
-the mark, and the speed does not change by that in a revolution."""
+"""Part of a revolution by which a pulse may be off: no speed changes by that in a revolution."""
 
 MOST_FAULTS = 0.2
 """Part of the pulses that may be missing or too many: beyond it the count of turns is a guess."""
@@ -280,12 +277,10 @@ READINGS = 4000
 """Readings that are used at most: the smooth angle of so many is known to a fortieth of one."""
 
 INDEPENDENT = 2000
-"""Readings whose errors are granted to be independent: an encoder's lines are off by the same in
-every revolution."""
+"""Readings of independent errors: an encoder's lines are off by the same in every revolution."""
 
 AS_LIKELY = 1.0
-"""Difference of log-likelihoods that says nothing: half of what one parameter more gains by chance
-in one case of six."""
+"""Difference of log-likelihoods that says nothing: half of what chance gains in one case of six."""
 
 PATIENCE = 2
 """Denser knots that must fail to help before no more are tried."""

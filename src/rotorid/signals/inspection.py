@@ -94,12 +94,10 @@ def _mean(power: Floats, harmonics: Integers) -> Floats:
 
 
 CREST = 3.0
-"""Crest factor of an input above which it is worth a note: a multisine of good phases has 1.4 to 2,
-noise 4; the same peak then excites less."""
+"""Crest factor of an input that is worth a note: a multisine has 1.4 to 2, noise 4."""
 
 CLEAR = 10.0
-"""Size of a mean line over its deviation from which on a record without a list of lines is said to
-hold it."""
+"""Size of a mean line over its deviation from which on a record without a list holds it."""
 
 ORDERS = (1, 2, 3)
 """Multiples of the rotation whose amplitudes are shown."""

@@ -20,14 +20,12 @@ from rotorid.core.values import Booleans, Complexes, Floats, Integers
 ORDERS = (2, 4, 6, 8)
 """S, of which the least is taken that leaves no bend: each is held against the next."""
 BENT = 1.03
-"""An order that leaves this much more than the next one leaves motion, not noise; the two differ
-by a percent by chance. Left in, motion makes deviations too wide (a resonance of 4 Hz in a window
-of 6 Hz: 1.3 times)."""
+"""An order that leaves this much more than the next one leaves motion: chance makes a percent.
+Motion makes deviations too wide (a resonance of 4 Hz in a window of 6 Hz: 1.3 times)."""
 PROBED = 200
 """Lines on which orders are compared."""
 PER_CHANNEL = 5
-"""n is at least this many times the channels: with fewer, V is estimated too badly to whiten with
-(n = 19 for 8 channels gave J / dof 1.08)."""
+"""n over the channels, at least: n = 19 for 8 channels gave J / dof 1.08, V being too bad."""
 ALONE = 1e-3
 """Chance with which noise alone makes some line of a record stand out of its window."""
 PASSES = 3

@@ -37,8 +37,7 @@ CLIPPED_SAMPLES = 5
 """Samples in flat tops from which on a channel is called clipped: one touch bends no line."""
 
 STEEP = 2.5
-"""Steps of the converter within one sample that a clipped signal has beside its flat top; one
-that comes to rest there creeps in by single steps."""
+"""Steps of the converter within one sample beside a flat top; what comes to rest creeps in."""
 
 TWO_LEVELS = 0.5
 """Part of the samples at the limits from which on the signal is one of two levels, not clipped."""
@@ -49,19 +48,16 @@ UNDITHERED = 0.3
 the characteristic function of the noise at the staircase's first harmonic)."""
 
 COARSE = 20.0
-"""Standard deviation of a channel over its quantum below which the rounding, q / sqrt(12), is more
-than about 1.5 % of the signal."""
+"""Deviation over quantum below which the rounding, q / sqrt(12), is more than 1.5 % of it."""
 
 COPY = 1e-9
-"""What is left of one channel when another is taken off, over its variance, below which the two
-are the same column: two converters share no noise."""
+"""Variance left of one channel without another, relative: two converters share no noise."""
 
 TELLING = 3
 """Values that tell a copy, at the least: of two, less their mean, all channels are the same."""
 
 DITHER = 2.5
-"""Steps of a converter within which the last digit of a channel plays that reads nothing: one up
-or down, and what rounding makes of it."""
+"""Steps within which the last digit plays that reads nothing: one up or down, and rounding."""
 
 REFERENCE = "stuck reference"
 """The check of references that stop: what they do not hold counts as noise, and rejects nothing."""
@@ -263,17 +259,14 @@ FEWEST_STUCK = 50
 STUCK_BESIDE = 10.0
 """How much longer than any other rest of the channel a stop is: one of steps rests every time."""
 FINE = 1e-4
-"""Part of a channel's deviation that counts as its last digit where it has no steps: no sensor is
-that free of noise."""
+"""Part of a channel's deviation that is its last digit without steps: no sensor has less noise."""
 ABRUPT = 10.0
 """Last digits that a sensor moves within the one sample before a stop: a motion that ends, and be
 it in ten samples a cycle, has less than three left."""
 MOVING = 0.5
-"""Part of the samples outside its rest in which a drive changes, if it stops: one of steps rests
-between them as well."""
+"""Part of the samples outside its rest in which a drive changes: one of steps rests between."""
 ASIDE = 0.2
-"""Deviations from its mean at which a drive has stopped; where it drives nothing it rests at the
-mean. Chance puts one stop in six nearer."""
+"""Deviations from its mean at which a drive has stopped; chance puts one stop in six nearer."""
 
 _POINTS = 5  # of a rest that are looked at: of a moving channel chance puts no five within a digit
 _TRIED = 3  # rests that are measured to their ends

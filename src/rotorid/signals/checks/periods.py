@@ -34,8 +34,7 @@ _DECAYS = 10.0
 """Ratio of the power at the begin and at the end of the first half from which on it dies away: what
 is left of a transient as long as half the record; samples lost in its middle leave one level."""
 _SLOPE = 15.0
-"""Square of the slope over its own from which on the second half drifts: of one line chance makes
-it so once in three million."""
+"""Square of the slope over its own from which on the second half drifts: chance is 3e-7."""
 
 
 @frozen
@@ -125,17 +124,14 @@ def _last_unsettled(d: Floats, terms: int) -> int:
 
 
 FALSE_ALARM = 1e-7
-"""Chance per period or channel of an alarm on noise: with 260 periods of 12 channels it comes to 3
-in 10,000 records."""
+"""Chance of an alarm on noise: with 260 periods of 12 channels 3 in 10,000 records."""
 
 MOST_DIRECTIONS = 4
-"""Independent directions that the scatter of one period is granted, however many lines there are.
-Random motion that carries over from period to period puts the same few numbers, position and
-velocity at the ends of the period, on all lines: a mode has two."""
+"""Independent directions of the scatter of a period: random motion that carries over puts the same
+few numbers, position and velocity at its ends, on all lines: a mode has two."""
 
 KNOCK = 3.0
-"""Deviation of a period, in units of the scatter, below which a knock is no matter for the mean of
-the others."""
+"""Deviation of a period, over the scatter, below which a knock does not matter for the mean."""
 
 LEAST_TO_JUDGE = 4
 """Periods below which none can be called the odd one: with three, two against one."""
@@ -151,8 +147,7 @@ UNLIKE = 0.5
 after all, seven of them leave a fifth of it, too much for parameters."""
 
 SILENT = 3.0
-"""Size of a mean line over its own deviation from which on it is there: noise alone exceeds it once
-in 8000 lines."""
+"""Size of a mean line over its deviation from which on it is there: of noise one in 8000."""
 
 
 @period_check("identical periods", "the periods scatter, so that deviations can be stated")
@@ -458,12 +453,10 @@ MULTIPLES = (2, 3)
 """Multiples of the period that are tried: half the line spacing given is the usual mistake."""
 
 BETTER = 4.0
-"""How many times less two periods must differ than one, for the record to repeat after two: noise
-and drift make both differ alike."""
+"""How many times less two periods differ than one if it is two: noise makes both differ alike."""
 
 DIFFERENT = 0.01
-"""Part of the power in which successive periods must differ at least: below it nothing is at
-stake."""
+"""Part of the power in which successive periods differ: below it nothing is at stake."""
 
 SYNCHRONOUS = 0.05
 """Distance from whole turns, in so many periods, within which the rotation explains it."""

@@ -22,16 +22,14 @@ STRONG = 1e-2
 SMOOTH = 9
 """Lines over which power is taken: a line alone is strong or weak by chance."""
 CLEAR = 6.0
-"""Height of the peak over the median from which on a channel follows a reference: of ten thousand
-places noise lifts one to 3.7, of a million to 4.5."""
+"""Height of the peak over the median from which on it is no noise: of a million places 4.5."""
 ABSENT = 5.0
 """Height below which a reference drives nothing."""
 WIDE = 1.5
 """Widths of the peak, 1 / bandwidth, by which it stands before zero: a loop that bends less than
 its excitation is wide moves it by less than one."""
 ALIKE = 0.8
-"""Part of the highest peak from which on one nearer to zero is taken: excitation with a period has
-one in each."""
+"""Part of the highest peak from which on a nearer one is taken: of each period there is one."""
 MOST = 1 << 14
 """Lines that are looked at, the lowest: of 13 s up to 1.3 kHz, in which machines are excited."""
 LEAST = 30

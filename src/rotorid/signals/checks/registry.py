@@ -24,8 +24,7 @@ from rotorid.core.values import Floats
 from rotorid.data.record import Channel, PeriodicRecord, Record
 
 NO_SCATTER = 1e-9
-"""Scatter over level of a channel below which its periods are the same: sums of 64-bit numbers
-leave 1e-13, no converter reaches 1e-8."""
+"""Scatter over level below which periods are the same: rounding is 1e-13, a converter 1e-8."""
 
 F = TypeVar("F", bound=Callable[..., Iterable[Note]])
 

@@ -91,16 +91,14 @@ def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
 
 
 TONE = 200.0
-"""Power of a line over the median around it from which on it is a tone: of 100,000 lines of noise
-chance lifts one to 25."""
+"""Power over the median around it from which on a line is a tone: noise in 100,000 lines has 25."""
 
 STEADY = 0.3
 """Difference between a tone's amplitudes in the two halves of the record, over their mean, up to
 which it is one: random vibration of a light mode comes and goes."""
 
 ALONE = 5.0
-"""Size of a line on the grid that was not excited over the next one, from which on it is no
-distortion, which spreads over many lines."""
+"""Size of a line on the grid over the next from which on it is no distortion, which spreads."""
 
 NEAR = 0.03
 """Part of the speed within which a tone is the rotation with a speed that is off."""
@@ -126,8 +124,7 @@ SQUARE = np.radians(20.0)
 from one source, and stands in all sensors with one phase or its opposite."""
 
 ROUND = 2.0
-"""Ratio of the axes up to which an orbit is one of a rotor, on bearings that are alike in x and y
-to a factor of two or so."""
+"""Ratio of the axes of an orbit of a rotor: bearings are alike in x and y to a factor of two."""
 
 CLEAR = 1e4
 """Power of a tone over the median from which on an orbit is the rotation: a light mode that random
@@ -373,8 +370,7 @@ def _wrong_speed(found: list[Tone], given: float, hidden: bool) -> Note:
 AROUND = 12
 """Lines on each side of the strongest that tell where the tone stands."""
 APART = 1.5
-"""Lines within which it is one tone with the rotation as stated: it stands in place of that one.
-Further off it is looked for beside it."""
+"""Lines within which a tone stands in place of the rotation as stated; further off, beside it."""
 GRID = 41
 """Places within a line of the strongest that are tried before the best is refined."""
 MUCH = 4.0

@@ -18,16 +18,14 @@ from rotorid.data.record import PeriodicRecord
 from rotorid.signals.checks.registry import NO_SCATTER, period_check
 
 STEP = 8.0
-"""Deviations by which the shift must change at one period to be called a step: with 1000 places to
-choose from, chance gives 4.5 or so."""
+"""Deviations by which the shift changes at a step: of 1000 places chance gives 4.5 or so."""
 
 SLOPE = 8.0
 """Deviations of the slope of the shift from which on the clocks differ: a lag of one period in the
 next widens them, which is allowed for, but not beyond a few periods."""
 
 WHOLE = 0.25
-"""Distance of a step from a whole number of samples up to which samples were lost; else the delay
-itself changed."""
+"""Distance of a step from whole samples up to which some were lost; else the delay changed."""
 
 EXPLAINED = 0.8
 """Part of the lines' turning, in units of its noise, that one shift of time must explain."""
@@ -50,8 +48,7 @@ LEAST_SHIFT = 1e-4
 """Shift over the record, in samples, below which it is rounding."""
 
 LITTLE = 1.0
-"""Turn of a line in rad up to which no period can be a turn further: noise alone, where a line is
-clear, turns it by a fifth, and by this much in none of a million periods."""
+"""Turn of a line in rad up to which no period is a turn further: noise has none in a million."""
 
 BETTER_MATCH = 0.5
 """Gain in the coherence of two periods, times the number of lines that share it, for which a jump
