@@ -66,11 +66,9 @@ def split_equations(
         with naming(place=f"equation {row + 1}"):
             products = _products(row, text, motion, forced, parameters, work)
             if len(left) + len(right) + len(products) > MAX_TERMS:
-                found, expected = (
-                    f"more than {MAX_TERMS} terms",
-                    f"{MAX_TERMS} in all equations at most",
-                )
-                raise ModelError(f"{found} when expanded", expected, "simplify the model")
+                found = f"more than {MAX_TERMS} terms when expanded"
+                expected = f"{MAX_TERMS} in all equations at most"
+                raise ModelError(found, expected, "simplify the model")
         forces = [p for p in products if p.signal in forced]
         others = [p for p in products if p.signal not in forced]
         inertia = [p for p in others if any(str(s).endswith("''") for s in p.signal.free_symbols)]

@@ -9,11 +9,10 @@ from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
 
-Floats = NDArray[np.float64]
 Source = Any  # what is drawn: records, answers and rotors, whose types lie above
 
 GREY = "#80868b"

@@ -110,12 +110,10 @@ def _handles(panels: Sequence[Panel]) -> list[Line2D]:
 
 def draw(axes: Axes, panel: Panel) -> None:
     axes.set_title(label(panel.title, 48), loc="left")
-    axes.set_xlabel(panel.x.title)
-    axes.set_ylabel(panel.y.title)
-    for axis, which in ((panel.x, "x"), (panel.y, "y")):
+    axes.set(xlabel=panel.x.title, ylabel=panel.y.title)
+    for axis, which, drawn in ((panel.x, "x", axes.xaxis), (panel.y, "y", axes.yaxis)):
         if axis.log:
-            (axes.set_xscale if which == "x" else axes.set_yscale)("log")
-            drawn = axes.xaxis if which == "x" else axes.yaxis
+            axes.set(**{f"{which}scale": "log"})
             drawn.set_major_locator(LogLocator(numticks=6))
             drawn.set_major_formatter(FuncFormatter(_power_of_ten))
             drawn.set_minor_formatter(NullFormatter())

@@ -23,8 +23,9 @@ from rotorid.core.errors import printable
 from rotorid.core.files import MARK
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import Table
+from rotorid.core.values import Floats
 from rotorid.models import Model
-from rotorid.report.drawn import Axis, Curve, Floats, Matrix, Panel, key_of, label, thinned
+from rotorid.report.drawn import Axis, Curve, Matrix, Panel, key_of, label, thinned
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -373,8 +374,8 @@ def _heatmap(matrix: Matrix) -> dict[str, Any]:
     }
     if not numeric:
         names = [shown(str(name)) for name in matrix.columns]
-        made["customdata"] = [names] * len(rows)
-        made["hovertemplate"] = "%{text}, %{customdata}: %{z:.3g}<extra></extra>"
+        made["customdata"] = [[f"{row}, {column}" for column in names] for row in rows]
+        made["hovertemplate"] = "%{customdata}: %{z:.3g}<extra></extra>"
     if matrix.written:
         made["text"] = [
             [_brief(z) if i != j else "" for j, z in enumerate(row)]
@@ -382,8 +383,6 @@ def _heatmap(matrix: Matrix) -> dict[str, Any]:
         ]
         made["texttemplate"] = "%{text}"
         made["textfont"] = {"size": 10}
-        made["customdata"] = [[f"{row}, {column}" for column in names] for row in rows]
-        made["hovertemplate"] = "%{customdata}: %{z:.3g}<extra></extra>"
     return made
 
 

@@ -95,8 +95,6 @@ class Machine:
     covariance: Floats | None  # (unknown, unknown), or None: ``None`` where nothing is known of it
     monomials: Monomials  # of the model's monomials, by the unknowns
     used: Floats  # (monomial,): 0 for those that are part of another one's base parameter, else 1
-    # unknowns behind those of the model that its matrices do not hold: constants of force laws
-    nuisance: tuple[str, ...] = ()
     fixed: tuple[tuple[str, float], ...] = ()  # sequence of (name, value): what was substituted, SI
     status: str = "ok"  # of the estimate; "ok" for a model
     remarks: tuple[str, ...] = ()  # what is to be said with every answer
@@ -358,7 +356,6 @@ def _machine(
         covariance,
         Monomials.from_exponents(np.pad(exponents, ((0, 0), (0, len(extra))))),
         used,
-        nuisance=tuple(extra),
         fixed=tuple((n, float(v)) for n, v in fixed.items()),
         status=status,
         remarks=remarks,

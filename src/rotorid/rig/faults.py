@@ -153,20 +153,16 @@ Change = Callable[[Floats, float, np.random.Generator], Floats]
 
 
 def _columns(chosen: Callable[[Rig, str], bool]) -> Callable[[Change], Apply]:
-    def of(change: Change) -> Apply:
-        def apply(rig: Rig, size: float) -> Rig:
-            return _spoiled(
-                rig,
-                lambda columns, rng: {
-                    name: change(samples, size, rng)
-                    for name, samples in columns.items()
-                    if chosen(rig, name)
-                },
-            )
-
-        return apply
-
-    return of
+    return lambda change: (
+        lambda rig, size: _spoiled(
+            rig,
+            lambda columns, rng: {
+                name: change(samples, size, rng)
+                for name, samples in columns.items()
+                if chosen(rig, name)
+            },
+        )
+    )
 
 
 _first_sensor = _columns(lambda rig, name: name == rig.sensors[0].name)

@@ -14,7 +14,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.record import Channel, Drive, Record
 from rotorid.force.channel_dynamics import Constant, FirstOrder
-from rotorid.force.laws import Differential, Linear
+from rotorid.force.laws import Differential
 from rotorid.force.reading import ForceReading, as_channels, forces
 from rotorid.rig.machine import RigMachine
 from rotorid.rig.parts import (
@@ -203,11 +203,8 @@ def _drive_columns(
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
         told = described.parts[j]
         samples = shown[:, j] + part.noise * rng.normal(size=len(shown))
-        dynamics = None
-        if command and told.bandwidth:
-            dynamics = FirstOrder(
-                bandwidth=Constant("bandwidth", "Hz", told.bandwidth), actuator=True
-            )
+        lag = command and told.bandwidth and Constant("bandwidth", "Hz", told.bandwidth)
+        dynamics = FirstOrder(bandwidth=lag, actuator=True) if lag else None
         how = how_recorded(described, told)
         found.append(LoggedColumn(label(name, part), part.unit, samples, *how, dynamics))
         if part.flux is not None and isinstance(part.law, Differential):
@@ -268,22 +265,16 @@ def _as_read(
     readings: dict[str, ForceReading] = {}
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
         place = actuator_position(rig, plant, j)
+        kinds = ("i",) if part.flux is None else ("b1", "b2")
+        sources = [columns[label(name, part, kind)] for kind in kinds]
         if isinstance(part.law, Differential):
-            if part.flux is None:
-                place = as_channels(sensors, place)
-                reading = ForceReading(part.law, (label(name, part),), place)
-            else:
-                both = (label(name, part, "b1"), label(name, part, "b2"))
-                reading = ForceReading(part.flux.law, both)
-            readings[name] = reading
-            sources = [columns[source] for source in reading.channels]
+            through = part.law if part.flux is None else part.flux.law
+            position = {} if part.flux is not None else as_channels(sensors, place)
+            readings[name] = ForceReading(through, tuple(c.name for c in sources), position)
             found += [(column.channel(column.name), column) for column in sources]
-            continue
-        column = columns[label(name, part)]
-        channel = column.channel(name)
-        if isinstance(part.law, Linear):
-            channel = replace(channel, drive=Drive(part.law.ki, part.law.ks, place))
-        found.append((channel, column))
+        else:
+            drive = None if part.law is None else Drive(part.law.ki, part.law.ks, place)
+            found.append((replace(sources[0].channel(name), drive=drive), sources[0]))
     found += [(sensor, columns[sensor.name]) for sensor in sensors]
     record = Record(
         channels=tuple(channel for channel, _ in found),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -350,19 +351,13 @@ def load_table(rig: RigMachine, plant: Plant, events: Events) -> Floats:
 
 
 def log_table(rig: RigMachine, samples: int) -> Log:
-    inputs = len(rig.model.inputs)
-    every = rig.logger.oversampling
-    states, sensors = 2 * len(rig.model.coordinates), len(rig.sensors)
-    return Log(
-        state=np.zeros((samples, states)),
-        reading=np.zeros((samples, sensors)),
-        command=np.zeros((samples, inputs)),
-        current=np.zeros((samples, inputs)),
-        force=np.zeros((samples, inputs)),
-        recorded=np.zeros((samples * every, inputs)),
-        effective=np.zeros((samples * every, inputs)),
-        every=every,
-    )
+    inputs, every = len(rig.model.inputs), rig.logger.oversampling
+    state, reading = 2 * len(rig.model.coordinates), len(rig.sensors)
+    widths = (state, reading, inputs, inputs, inputs)  # command, current and force are of inputs
+    tables: list[Any] = [np.zeros((samples, width)) for width in widths]
+    recorded, effective = np.zeros((2, samples * every, inputs))
+    tables += [recorded, effective, every]
+    return Log(*tables)
 
 
 def _loop_matrix(rig: RigMachine, steps: Steps, reads: Floats) -> Floats:

@@ -107,19 +107,17 @@ class RotorModel(Model):
     @cached_property
     def _stiffness(self) -> StiffnessTable:
         kinds: dict[TermKind, int] = {}
-        numbers: list[Integers] = []
-        places: list[tuple[Integers, Integers, Floats]] = []
+        parts = []
         for piece in self.pieces:
             speed = [(symbol("Omega"), Fraction(piece.power))] if piece.power else []
             kind = TermKind(piece.order, product(speed), piece.structural)
-            pair = kinds.setdefault(kind, len(kinds)), self._numbers[piece.factors]
             entries = piece.matrix.tocoo()
-            numbers.append(np.repeat([pair], entries.nnz, axis=0))
+            number = np.full(entries.nnz, kinds.setdefault(kind, len(kinds)))
+            monomial = np.full(entries.nnz, self._numbers[piece.factors])
             row, column = (part.astype(np.int64) for part in (entries.row, entries.col))
-            places.append((row, column, entries.data))
-        kind, monomial = np.concatenate(numbers).T
-        row, column, value = (np.concatenate(part) for part in zip(*places, strict=True))
-        return StiffnessTable(tuple(kinds), kind, row, column, monomial, value)
+            parts.append((number, row, column, monomial, entries.data))
+        columns: list[Any] = [np.concatenate(part) for part in zip(*parts, strict=True)]
+        return StiffnessTable(tuple(kinds), *columns)
 
     @cached_property
     def _load_terms(self) -> tuple[Term, ...]:
