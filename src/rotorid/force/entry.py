@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, StrictInt
@@ -11,23 +11,15 @@ from pydantic import BeforeValidator, Field, StrictInt
 from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
-from rotorid.force.laws import MU0, Differential, Flux, Linear
+from rotorid.force.laws import MU0, Differential, Flux, LawConstant, Linear
 
 LawName = Literal["linear", "differential", "flux"]
 
 
-class StatedConstant(NamedTuple):
-    """A constant of a force law, SI; `std` 0: exact, infinite: unknown, with a value to start."""
-
-    value: float
-    std: float = 0.0
-    shared: str = ""
-
-
-def stated_constant(value: object, unit: str, *, shares: bool = True) -> StatedConstant:
+def stated_constant(value: object, unit: str, *, shares: bool = True) -> LawConstant:
     """Read a quantity, value and std, or a start; with a name in `shared` where it `shares`."""
     if not isinstance(value, dict):
-        return StatedConstant(to_si(value, unit))
+        return LawConstant(unit, to_si(value, unit))
     keys, shared = set(value) - ({"shared"} if shares else set()), value.get("shared", "")
     if keys not in ({"value", "std"}, {"start"}) or not isinstance(shared, str):
         beside = ", or a quantity alone; a name in shared beside them" if shares else ""
@@ -37,9 +29,10 @@ def stated_constant(value: object, unit: str, *, shares: bool = True) -> StatedC
             f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}, or {{ start = '1 {unit}' }}",
         )
     if keys == {"start"}:
-        return StatedConstant(to_si(value["start"], unit, place="start"), np.inf, shared)
+        start = to_si(value["start"], unit, place="start")
+        return LawConstant(unit, start, np.inf, shared=shared)
     number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
-    return StatedConstant(number, std, shared)
+    return LawConstant(unit, number, std, shared=shared)
 
 
 def _constant(unit: str) -> BeforeValidator:
@@ -65,27 +58,27 @@ class LawEntry(Schema):
     """
 
     law: LawName
-    ki: Annotated[StatedConstant | None, _constant("N/A")] = None
-    ks: Annotated[StatedConstant | None, _constant("N/m")] = None
-    K: Annotated[StatedConstant | None, _constant("N m^2/A^2")] = None
-    area: Annotated[StatedConstant | None, _constant("m^2")] = None
+    ki: Annotated[LawConstant | None, _constant("N/A")] = None
+    ks: Annotated[LawConstant | None, _constant("N/m")] = None
+    K: Annotated[LawConstant | None, _constant("N m^2/A^2")] = None
+    area: Annotated[LawConstant | None, _constant("m^2")] = None
     turns: Annotated[float | None, Field(gt=0, allow_inf_nan=False)] = None
-    bias: Annotated[StatedConstant | None, _constant("A")] = None
-    gap: Annotated[StatedConstant | None, _constant("m")] = None
-    angle: Annotated[StatedConstant | None, _constant("rad")] = None
+    bias: Annotated[LawConstant | None, _constant("A")] = None
+    gap: Annotated[LawConstant | None, _constant("m")] = None
+    angle: Annotated[LawConstant | None, _constant("rad")] = None
     poles: StrictInt | None = None
-    bias_difference: Annotated[StatedConstant | None, _constant("A")] = None
-    iron: Annotated[StatedConstant | None, _constant("m")] = None
-    saturation: Annotated[StatedConstant | None, _constant("A/m")] = None
+    bias_difference: Annotated[LawConstant | None, _constant("A")] = None
+    iron: Annotated[LawConstant | None, _constant("m")] = None
+    saturation: Annotated[LawConstant | None, _constant("A/m")] = None
 
     @property
     def uncertain(self) -> tuple[str, ...]:
         return tuple(key for key, constant in self._constants.items() if constant.std)
 
     @property
-    def _constants(self) -> dict[str, StatedConstant]:
+    def _constants(self) -> dict[str, LawConstant]:
         every = {key: getattr(self, key) for key in type(self).model_fields}
-        return {key: value for key, value in every.items() if isinstance(value, StatedConstant)}
+        return {key: value for key, value in every.items() if isinstance(value, LawConstant)}
 
     def build(self) -> Linear | Differential | Flux:
         law, needed, more = _LAWS[self.law]
@@ -122,9 +115,9 @@ class LawEntry(Schema):
         shared = {name: constant.shared for name, constant in given.items() if constant.shared}
         return law(**values, std=std, shared=shared)
 
-    def _magnet(self) -> StatedConstant:
+    def _magnet(self) -> LawConstant:
         """Return K of one magnet, given or of its geometry."""
-        geometry = (self.area, self.turns)
+        geometry: Any = (self.area, self.turns)
         if (self.K is None) == (None in geometry):
             raise InputError(
                 "both K and a geometry" if self.K is not None else "no K",
@@ -133,9 +126,9 @@ class LawEntry(Schema):
             )
         if self.K is not None:
             return self.K
-        area, turns = self.area or StatedConstant(0.0), self.turns or 0.0
-        factor = MU0 * turns**2 / 4
-        return StatedConstant(factor * area.value, factor * area.std, area.shared)
+        area, turns = geometry
+        factor, unit = MU0 * turns**2 / 4, Differential.stated["K"].unit
+        return LawConstant(unit, factor * area.value, factor * area.std, shared=area.shared)
 
 
 def law_keys() -> tuple[str, ...]:

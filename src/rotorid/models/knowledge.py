@@ -333,13 +333,7 @@ class Knowledge(Generic[Amount]):
         return {n: float(v) for n, v in self.fixed.items() if n in model.parameter_names}
 
     def knowledge(self, model: Model) -> Knowledge[float]:
-        """Return what is known beforehand of the parameters of a model, in SI.
-
-        Raises
-        ------
-        InputError
-            For a text that is no quantity of its parameter's unit.
-        """
+        """Return what is known beforehand of the parameters of a model, in SI."""
         values, deviations = (
             in_si({name: pair[k] for name, pair in self.known.items()}, model) for k in (0, 1)
         )

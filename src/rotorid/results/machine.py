@@ -22,7 +22,7 @@ from rotorid.force.laws import Differential, Linear
 from rotorid.likelihood.mode_rows import Pencil
 from rotorid.likelihood.relations import Monomials
 from rotorid.models import LinearForm, Model, load_model, parse_model, shipped_models
-from rotorid.models.equations import polynomial
+from rotorid.models.equations import sensor_terms
 from rotorid.models.linear_form import StiffnessTable, solved
 from rotorid.models.rotor import RotorModel
 from rotorid.models.structure import ForceBalance, force_balance
@@ -458,22 +458,17 @@ def shares_of(machine: Machine, text: str) -> Floats | None:
     if isinstance(model, RotorModel) and text in model.readings:
         known = model.readings[text]
         return np.array([known.get(name, 0.0) for name in names])
-    if text in names:
-        return np.asarray(np.eye(len(names))[names.index(text)])
     values = {**dict(machine.fixed), **dict(zip(machine.names, machine.values, strict=True))}
     parameters = [name for name in values if name.isidentifier()]
     try:
-        terms = polynomial(text, [*names, *parameters])
+        terms = sensor_terms(text, names, parameters)
     except InputError:
         return None
     found = np.zeros(len(names))
-    for powers, coefficient in terms.items():
-        own = np.array(powers[: len(names)])
-        if own.sum() != 1:
-            return None
-        size = [values[p] ** n for p, n in zip(parameters, powers[len(names) :], strict=True)]
-        found[int(own.argmax())] += float(coefficient) * float(np.prod(size))
-    return found
+    for term in terms:
+        size = [values[p] ** n for p, n in zip(parameters, term.powers, strict=True)]
+        found[term.coordinate] += term.coefficient * float(np.prod(size))
+    return None if any(term.order for term in terms) else found
 
 
 def require_shares(machine: Machine, kind: str, text: str, cure: str) -> Floats:

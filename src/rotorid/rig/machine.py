@@ -186,11 +186,9 @@ class RigMachine:
         return exact and self.rotation.constant and self.contact == 0
 
     def plant(self, duration: float) -> Plant:
-        plant = rotor_plant(self.model, self.parameters, self.rotation, duration)
-        if self.work is not None:
-            plant = plant.with_work(self.work)
-        if self.cross:
-            plant = plant.with_stiffness(self.cross * quarter_turn(self.model.inputs))
+        plant = rotor_plant(self.model, self.parameters, self.rotation, duration, self.work)
+        turn = self.cross * quarter_turn(self.model.inputs)
+        plant.motion[0, :, : len(plant.mass)] -= plant.force @ turn @ plant.displacement
         return plant
 
     @cached_property

@@ -50,25 +50,17 @@ class Plant(NamedTuple):
             load=np.tensordot(load_powers, self.load, 1)[None],
         )
 
-    def with_work(self, work: Floats) -> Plant:
-        """Return the plant with other actuators: B, whose transpose is their displacement."""
-        force = np.asarray(np.linalg.solve(self.mass, work), dtype=float)
-        return self._replace(force=force, displacement=np.ascontiguousarray(work.T))
 
-    def with_stiffness(self, at_actuators: Floats) -> Plant:
-        """Return the plant with a stiffness more, shape (input, input), at the actuators."""
-        motion = self.motion.copy()
-        motion[0, :, : len(self.mass)] -= self.force @ at_actuators @ self.displacement
-        return self._replace(motion=motion)
-
-
-def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) -> Plant:
+def rotor_plant(
+    model: Model, values: Floats, rotation: Rotation, end: float, work: Floats | None = None
+) -> Plant:
+    """Return the plant; `work` is B as it really is, where it is not the model's."""
     linear = model.require_linear()
     low, high = rotation.range_until(end)
     centre, width = (low + high) / 2, (high - low) / 2 or 1.0
     nodes = [centre] if rotation.constant else list(centre + width * _chebyshev(_DEGREE + 1))
     mass = _mass(linear, values, nodes)
-    B = linear.matrices(values, centre).B
+    B = linear.matrices(values, centre).B if work is None else work
     if np.abs(mass - mass.T).max() > 1e-9 * np.abs(mass).max():
         raise ModelError(
             "a mass matrix that is not symmetric",
