@@ -1,10 +1,8 @@
 """Recorded currents, fluxes and positions to forces, sample by sample, and back to currents.
 
 A commanded current is held while the displacement goes on: its force is the sum of the law over
-Gauss's points in the hold (docs/rig.md), right up to 0.45 of the sample rate to 1e-9. A column with
-dynamics is first made the current that flows, or the displacement, line by line; what of the
-command's steps is left behind the amplifier enters a law that bends only by its square. For another
-constant of a law that bends, the current is found again by inverting the law.
+Gauss's points in the hold (docs/rig.md), right up to 0.45 of the sample rate to 1e-9. What of the
+command's steps is left behind an amplifier enters a law that bends only by its square.
 """
 
 from __future__ import annotations

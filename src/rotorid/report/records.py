@@ -213,10 +213,10 @@ def _weights(model: RotorModel) -> list[str]:
     missing = [name for name in model.parameter_names if name not in model.nominal]
     if missing:
         return [*told, f"no mass as a whole: {', '.join(missing)} without nominal"]
-    whole = inertia(model, model.nominal)
+    mass, centre, transverse, polar = inertia(model, model.nominal)
     return [
-        f"{whole.mass:.5g} kg, centre at {1e3 * whole.centre:.5g} mm; I_t {whole.transverse:.4g}, "
-        f"I_p {whole.polar:.4g} kg m^2 about it (nominal values)",
+        f"{mass:.5g} kg, centre at {1e3 * centre:.5g} mm; I_t {transverse:.4g}, "
+        f"I_p {polar:.4g} kg m^2 about it (nominal values)",
         *told,
     ]
 

@@ -287,33 +287,18 @@ def rotor_model(
     )
 
 
-@frozen
-class Inertia:
-    """Mass in kg, its centre in m from the left end, and moments of inertia about it in kg m^2."""
-
-    mass: float
-    centre: float
-    transverse: float
-    polar: float
-
-
-def inertia(model: RotorModel, values: Mapping[str, float]) -> Inertia:
+def inertia(model: RotorModel, values: Mapping[str, float]) -> tuple[float, ...]:
+    """Return mass, its centre from the left end, and I_t and I_p about it, in SI."""
     matrices = model.require_linear().matrices(model.values(values))
-    place = model.rotor.positions
-    across, tilt = np.zeros(len(model.coordinates)), np.zeros(len(model.coordinates))
+    across, tilt, other = np.zeros((3, len(model.coordinates)))
     across[0::4] = 1.0
-    tilt[0::4], tilt[3::4] = place, 1.0
-    mass, first = across @ matrices.M @ across, across @ matrices.M @ tilt
-    centre = first / mass
+    tilt[0::4], tilt[3::4] = model.rotor.positions, 1.0
+    mass = across @ matrices.M @ across
+    centre = across @ matrices.M @ tilt / mass
     turned = tilt - centre * across
-    other = np.zeros(len(model.coordinates))
     other[1::4], other[2::4] = -turned[0::4], turned[3::4]
-    return Inertia(
-        float(mass),
-        float(centre),
-        float(turned @ matrices.M @ turned),
-        float(other @ matrices.G @ turned),
-    )
+    about = turned @ matrices.M @ turned, other @ matrices.G @ turned
+    return float(mass), float(centre), *map(float, about)
 
 
 def structure_of(model: Model, values: Floats, speed: float) -> Structure | None:
