@@ -38,7 +38,6 @@ from rotorid.results.sensitivity import (
 )
 from rotorid.results.sensitivity_peak import (
     LineWindow,
-    LocatedPeak,
     LoopLines,
     Peak,
     RationalCurve,
@@ -442,7 +441,9 @@ def whole(monkeypatch, unsure: float) -> tuple[sensitivity.AxisSensitivity, list
             hertz=hertz,
             reach=1.0,
             unsure=0.0 if len(asked) == 1 else unsure,
-            peak=SimpleNamespace(size=size, value=size + 0j, std=0.01),
+            size=size,
+            value=size + 0j,
+            std=0.01,
             interval=lambda chance: (size - 0.02, size + 0.02),
         )
 
@@ -750,7 +751,7 @@ def test_deviations_of_peaks_hold_with_noise_on_all_lines_and_with_that_of_the_l
         held = []
         for _ in range(60):
             found = judged(best_curve(made(60, 0.1, rng, coloured)), -0.6, 0.6)
-            low, high = LocatedPeak(found, 0.0, 60, 1.0, 1.0).interval(0.95)
+            low, high = found.interval(0.95)
             held.append(low < 3.0 < high)
             assert high / low < 2
         assert np.mean(held) >= least
@@ -847,7 +848,7 @@ def climbing(monkeypatch):
     lines = np.arange(1000.0)
     band = LoopLines(lines, lines + 0j, lines[:, None] + 0j, np.zeros((1000, 0)) + 0j, 0)
 
-    def climb(target: float) -> tuple[LocatedPeak | None, int]:
+    def climb(target: float) -> tuple[Peak | None, int]:
         seen = []
 
         def highest(curve: float, low: float, high: float) -> Peak:
@@ -876,17 +877,15 @@ def test_lines_are_moved_on_to_the_highest_point(climbing):
     assert climbing(630.0) == (None, 4)
 
 
-def held(unsure: float, chance: float = 0.5) -> LocatedPeak:
-    return LocatedPeak(at(0.0, std=unsure, chance=chance), 500.0, 50, 50.0, np.inf)
+def held(unsure: float, chance: float = 0.5) -> Peak:
+    return replace(at(0.0, std=unsure, chance=chance), hertz=500.0, span=50.0)
 
 
-def times(
-    monkeypatch: pytest.MonkeyPatch, peaks: list[LocatedPeak | None]
-) -> tuple[LocatedPeak | None, int]:
+def times(monkeypatch: pytest.MonkeyPatch, peaks: list[Peak | None]) -> tuple[Peak | None, int]:
     """Return the peak near 500 Hz, and the windows that were tried, of peaks as they come."""
     sizes = []
 
-    def climbed(_: LoopLines, hertz: float, size: int) -> LocatedPeak | None:
+    def climbed(_: LoopLines, hertz: float, size: int) -> Peak | None:
         sizes.append(size)
         return peaks[min(len(sizes), len(peaks)) - 1]
 

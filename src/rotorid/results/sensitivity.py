@@ -27,8 +27,8 @@ from rotorid.results.sensitivity_peak import (
     LEAST,
     MOST,
     WEAK,
-    LocatedPeak,
     LoopLines,
+    Peak,
     peak_near,
     peak_of,
 )
@@ -326,7 +326,7 @@ class _Whole:
 
     def axis(self, name: str) -> AxisSensitivity:
         """Return S with its peak: the highest of those near the highest windows."""
-        found: list[LocatedPeak] = []
+        found: list[Peak] = []
         tried = 0
         for _, hertz in sorted(self.candidates, reverse=True):
             if _looked_at(hertz, found):
@@ -341,22 +341,22 @@ class _Whole:
                 break
         if not found:
             return replace(_axis(name, *self.raw), caveat=UNTOLD)
-        best = max(found, key=lambda each: each.peak.size)
+        best = max(found, key=lambda each: each.size)
         ends = np.max([each.interval(CONFIDENCE) for each in found], axis=0)
         frequency, values, variance, _ = self.raw
         at = int(np.searchsorted(frequency, best.hertz))
         return AxisSensitivity(
             name,
             np.insert(frequency, at, best.hertz),
-            np.insert(values, at, best.peak.value),
-            np.insert(np.sqrt(variance / 2), at, best.peak.std),
-            best.peak.size,
+            np.insert(values, at, best.value),
+            np.insert(np.sqrt(variance / 2), at, best.std),
+            best.size,
             best.hertz,
             (float(ends[0]), float(ends[1])),
         )
 
 
-def _looked_at(hertz: float, found: Sequence[LocatedPeak]) -> bool:
+def _looked_at(hertz: float, found: Sequence[Peak]) -> bool:
     return any(abs(hertz - each.hertz) < each.reach for each in found)
 
 

@@ -244,10 +244,39 @@ class Peak:
     dof: float
     chance: float  # with which noise alone misses the curve as much
     width: float  # between the half powers of the pole beneath it, in places; inf without
+    # of one in a band, in Hz: where it is, and the span of the lines that it was fitted to
+    hertz: float = 0.0
+    span: float = 0.0
 
     @property
     def size(self) -> float:
         return abs(self.value)
+
+    @property
+    def unsure(self) -> float:
+        return self.std / self.size
+
+    @property
+    def reach(self) -> float:
+        """Hz about it that were looked at."""
+        width = self.width * self.span / 2 if np.isfinite(self.width) else 0.0
+        return max(self.span * INNER / 2, 1.5 * width)
+
+    def beside(self, fewer: Peak | None) -> Peak:
+        """Return the peak with the difference to that of fewer lines, beyond chance, in its std.
+
+        The lines are chosen for their deviation, which is the smaller where a curve misses them.
+        """
+        if fewer is None or abs(self.hertz - fewer.hertz) > fewer.span:
+            return self
+        chance = max(fewer.std**2 - self.std**2, 0.0)
+        beyond = max((self.size - fewer.size) ** 2 - chance, 0.0)
+        return replace(self, std=float(np.hypot(self.std, np.sqrt(beyond))))
+
+    def interval(self, confidence: float) -> tuple[float, float]:
+        times = scipy.stats.t.ppf((1 + confidence) / 2, self.dof)
+        factor = float(np.exp(times * self.unsure))
+        return self.size / factor, self.size * factor
 
 
 def _largest(curve: RationalCurve, low: float, high: float) -> float:
@@ -365,7 +394,7 @@ class LoopLines:
         )
         return part, first
 
-    def climbed(self, hertz: float, size: int) -> LocatedPeak | None:
+    def climbed(self, hertz: float, size: int) -> Peak | None:
         """Return the peak next to a frequency by so many lines; None where it is none of them."""
         for _ in range(CLIMBS):
             part, first = self.part(hertz, size)
@@ -376,57 +405,19 @@ class LoopLines:
             reach = (self.frequency[first + size - 1] - self.frequency[first]) / 2
             hertz = float(self.frequency[first] + reach * (1 + peak.place))
             if peak.inside or abs(peak.place) > 1 - 1e-9:
-                return LocatedPeak(peak, hertz, size, 2 * float(reach), float(peak.width * reach))
+                return replace(peak, hertz=hertz, span=2 * float(reach))
         return None
 
 
-@frozen
-class LocatedPeak:
-    """A peak, where it is, the lines that it was fitted to, their span and its width in Hz."""
-
-    peak: Peak
-    hertz: float
-    lines: int
-    span: float
-    width: float
-
-    @property
-    def unsure(self) -> float:
-        return self.peak.std / self.peak.size
-
-    def beside(self, fewer: LocatedPeak | None) -> LocatedPeak:
-        """Return the peak with the difference to that of fewer lines, beyond chance, in its std.
-
-        The lines are chosen for their deviation, which is the smaller where a curve misses them.
-        """
-        if fewer is None or abs(self.hertz - fewer.hertz) > fewer.span:
-            return self
-        chance = max(fewer.peak.std**2 - self.peak.std**2, 0.0)
-        beyond = max((self.peak.size - fewer.peak.size) ** 2 - chance, 0.0)
-        return replace(
-            self, peak=replace(self.peak, std=float(np.hypot(self.peak.std, np.sqrt(beyond))))
-        )
-
-    @property
-    def reach(self) -> float:
-        """Hz about it that were looked at."""
-        return max(self.span * INNER / 2, 1.5 * self.width if np.isfinite(self.width) else 0.0)
-
-    def interval(self, confidence: float) -> tuple[float, float]:
-        times = scipy.stats.t.ppf((1 + confidence) / 2, self.peak.dof)
-        factor = float(np.exp(times * self.unsure))
-        return self.peak.size / factor, self.peak.size * factor
-
-
-def peak_near(band: LoopLines, hertz: float) -> LocatedPeak | None:
+def peak_near(band: LoopLines, hertz: float) -> Peak | None:
     """Return the peak near a frequency by the lines that tell it best; None if none does."""
     size = least_lines(band.r.shape[1], band.rotation.shape[1], 1)
-    best: LocatedPeak | None = None
-    before: LocatedPeak | None = None
+    best: Peak | None = None
+    before: Peak | None = None
     missed = 0
     while size <= len(band.frequency) and missed < MISSES:
         found = band.climbed(hertz, size)
-        good = found is not None and found.peak.chance > CHANCE and found.unsure < WEAK
+        good = found is not None and found.chance > CHANCE and found.unsure < WEAK
         if found is not None and good and (best is None or found.unsure < best.unsure):
             missed = 0
             best = found.beside(before)
