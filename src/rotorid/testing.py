@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError, require_names
+from rotorid.core.errors import require_names
 from rotorid.core.values import Floats
 from rotorid.data.observation import bind as bind
 from rotorid.data.observation import bind_all as bind_all
@@ -27,6 +27,7 @@ from rotorid.data.table_lines import phasor_lines as phasor_lines
 from rotorid.force.reading import forces as forces
 from rotorid.io import Source as Source
 from rotorid.io import open_table as open_table
+from rotorid.likelihood.bound import Plan
 from rotorid.models import Model
 from rotorid.rig.file import parse_rig as parse_rig
 from rotorid.signals.spectrum import line_spectra, synthesize
@@ -101,48 +102,29 @@ def line_record(
     >>> estimate.status, round(estimate.value("m"), 2)
     ('ok', 2.0)
     """
-    lines, force = np.array(harmonics, dtype=np.int64), np.asarray(forces, dtype=np.complex128)
-    if force.shape != (len(lines), len(model.inputs)):
-        raise InputError(
-            f"forces of shape {force.shape}",
-            f"({len(lines)}, {len(model.inputs)}): (line, input)",
-            "give one line per harmonic",
-        )
-    samples = round(sample_rate / fundamental)
-    channels = _channels(model, model.coordinates if sensors is None else sensors)
+    plan = Plan(forces, harmonics, fundamental, sample_rate, periods, {}, speed, sensors)
+    planned, inputs = plan.record(model), len(model.inputs)
+    for channel in planned.channels[inputs:]:
+        cure = "write the combination in these coordinates"
+        require_names(channel.combination, model.coordinates, "a sensor of {}", cure)
+    lines, samples, force = planned.harmonics, planned.samples, planned.spectra[0, :, :inputs]
     time = np.arange(periods * samples).reshape(periods, samples) / sample_rate
     linear, mu = model.require_linear(), model.monomial_values(np.asarray(values, dtype=float))
     omega = 2 * np.pi * lines * sample_rate / samples
     load = linear.load_columns(time[0], speed * time[0] + phase, speed) @ mu
     right = force @ linear.input_matrix(mu).T + line_spectra(load, lines)
     motion = linear.response(omega, np.asarray(values, dtype=float), speed, right)
-    reads = np.array(
-        [
-            [c.combination.get(q, 0.0) for q in model.coordinates]
-            for c in channels[len(model.inputs) :]
-        ]
-    )
+    read = (channel.combination for channel in planned.channels[inputs:])
+    reads = np.array([[each.get(q, 0.0) for q in model.coordinates] for each in read])
     mean = np.concatenate([force, motion @ reads.T], axis=1)
-    return PeriodicRecord(
-        channels=channels,
-        sample_rate=sample_rate,
-        harmonics=lines,
+    return replace(
+        planned,
         spectra=np.repeat(mean[None], periods, axis=0),
-        variance=np.zeros((samples, len(channels))),
         mean=synthesize(mean, lines, samples),
-        speed=speed,
         time=time,
         angle=speed * time + phase,
         source="simulation",
     )
-
-
-def _channels(model: Model, sensors: Sequence[Channel | str]) -> tuple[Channel, ...]:
-    read = [Channel(s, model.units.get(s, "")) if isinstance(s, str) else s for s in sensors]
-    for channel in read:
-        cure = "write the combination in these coordinates"
-        require_names(channel.combination, model.coordinates, "a sensor of {}", cure)
-    return (*(Channel(name, model.units[name]) for name in model.inputs), *read)
 
 
 def add_noise(

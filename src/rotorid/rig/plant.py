@@ -112,14 +112,9 @@ def _in_speed(values: Floats) -> Floats:
 
 
 def _mass(linear: LinearForm, values: Floats, nodes: Sequence[float]) -> Floats:
+    linear.require_square()
     masses = [linear.matrices(values, speed).M for speed in nodes]
     first = masses[0]
-    if first.shape[0] != first.shape[1]:
-        raise ModelError(
-            f"{first.shape[0]} equations of {first.shape[1]} coordinates",
-            "as many equations as coordinates",
-            "complete the model",
-        )
     scale = np.abs(first).max(initial=0.0)
     if any(np.abs(mass - first).max(initial=0.0) > 1e-12 * scale for mass in masses):
         raise ModelError(
