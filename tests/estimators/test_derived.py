@@ -143,7 +143,6 @@ def test_deviations_of_base_parameters_agree_with_scatter(problem):
 
 
 def made(name: str, deviation: float) -> tuple[rid.Model, rid.Estimate]:
-    """Return an estimate at the nominal values, all known equally well."""
     model = rid.load_model(name)
     sizes = deviation * np.array(list(model.nominal.values()))
     return model, estimate_of(model, covariance=np.diag(sizes**2))

@@ -16,7 +16,6 @@ from rotorid.answer.judge import CONTRADICTING, of_data
 from rotorid.core.distributions import Expectation
 from rotorid.linear.family import misfit
 
-# -------------------------------------------------------------------------------------------------
 # The gate of every method: can it be a machine, does it predict, do its halves agree.
 
 
@@ -25,7 +24,6 @@ RIGID = load_model("rigid")
 
 
 def rigid_estimate(std: float = 1e-4, **changes: float) -> Estimate:
-    """Return an estimate of a rigid rotor, some of its values changed."""
     return estimate_of(RIGID, {"m": 7.6, "I_t": 0.118, "I_p": 0.0212, **changes}, std=std)
 
 
@@ -117,18 +115,7 @@ def test_a_rotor_that_turns_the_other_way_is_told():
     assert "the speed is stated backwards" in fault
 
 
-COUPLED = """
-title = "a mass between two planes, coupled by the speed"
-equations = ["m*x'' + {g}*Omega*y' + k*x = F", "m*y'' - {g}*Omega*x' + k*y = G"]
-coordinates = {{ x = "m", y = "m" }}
-inputs = {{ F = "N", G = "N" }}
-[parameters]
-m = {{ unit = "kg", nominal = 2.0 }}
-k = {{ unit = "N/m", nominal = 1e5 }}
-{parameters}
-"""
-SEAL = ("cq", 'cq = { unit = "kg", nominal = 0.8 }')
-PLANES = ("16*I_p", 'I_p = { unit = "kg m^2", nominal = 0.05 }')  # over the square of .25 m
+SEAL, PLANES = ("cq", "cq 0.8 kg"), ("16*I_p", "I_p 0.05 kg m^2")  # over the square of .25 m
 
 
 @pytest.mark.parametrize(
@@ -137,22 +124,25 @@ PLANES = ("16*I_p", 'I_p = { unit = "kg m^2", nominal = 0.05 }')  # over the squ
 )
 def test_a_seal_is_no_polar_inertia(coupling, size, faults):
     """Of displacements only what is in kg m^2 is one: 2 m = 4 kg bounds 16 I_p."""
-    model = parse_model(COUPLED.format(g=coupling[0], parameters=coupling[1]))
+    name, parameter = coupling
+    text = model_text(
+        "a mass between two planes, coupled by the speed",
+        [f"m*x'' + {name}*Omega*y' + k*x = F", f"m*y'' - {name}*Omega*x' + k*y = G"],
+        "x m, y m",
+        "F N, G N",
+        f"m 2.0 kg, k 1e5 N/m, {parameter}",
+    )
+    model = parse_model(text)
     estimate = estimate_of(model, {"cq": size, "I_p": size}, std=1e-4)
     assert len(rejecting(gate.physical(model, estimate))) == faults
 
 
-PLANE = """
-title = "a mass in two planes"
-equations = {equations}
-coordinates = {{ x = "m", y = "m" }}
-inputs = {{ F = "N", G = "N" }}
-[parameters]
-m = {{ unit = "kg", nominal = 2.0 }}
-n = {{ unit = "kg", nominal = 3.0 }}
-k = {{ unit = "N/m", nominal = 1e5 }}
-"""
 IN_X, IN_Y = "m*x'' + k*x", "n*y'' + k*y"
+
+
+def in_planes(*equations: str) -> rid.Model:
+    parameters = "m 2.0 kg, n 3.0 kg, k 1e5 N/m"
+    return parse_model(model_text("two planes", equations, "x m, y m", "F N, G N", parameters))
 
 
 @pytest.mark.parametrize(
@@ -166,7 +156,7 @@ IN_X, IN_Y = "m*x'' + k*x", "n*y'' + k*y"
     ],
 )
 def test_equations_stand_in_any_order(equations):
-    model = parse_model(PLANE.format(equations=equations))
+    model = in_planes(*equations)
 
     def judged(m: float) -> list[rid.Note]:
         return gate.physical(model, estimate_of(model, {"m": m}, std=1e-4))
@@ -182,7 +172,7 @@ def test_equations_stand_in_any_order(equations):
 )
 def test_a_mass_that_is_rounding_of_the_forces_is_not_judged(mass, hertz, faults):
     """At 10 Hz 1e-9 of a stiffness of 1e5 N/m is the force of 2.5e-8 kg."""
-    model = parse_model(PLANE.format(equations=[f"{IN_X} = F", f"{IN_Y} = G"]))
+    model = in_planes(f"{IN_X} = F", f"{IN_Y} = G")
     estimate = estimate_of(model, {"m": mass}, std=0.0, lines_hz=hertz)
     assert len(rejecting(gate.physical(model, estimate))) == faults
 
@@ -350,16 +340,6 @@ def test_identical_periods_hold_no_noise_that_biases(monkeypatch):
         assert bool(judged) == bool(noise)
 
 
-def test_a_dead_sensor_is_refused_by_its_name():
-    model = parse_model(TOWER)
-    rng = np.random.default_rng(4)
-    motion = rng.standard_normal((500, 3)) * [1.0, 1e-3, 0.0]
-    channels = [rid.Channel(n, u) for n, u in (("F", "N"), ("x1", "m"), ("x2", "m"))]
-    periods = rid.average(rid.Record(channels, motion, 100.0), 1.0, harmonics=[1, 2])
-    with pytest.raises(rid.InputError, match=r"dead, x2: 0 in every sample"):
-        rid.identify(model, periods, "ls")
-
-
 def test_methods_go_by_their_names():
     with pytest.raises(rid.InputError, match="one of ls, batch, sequential, ml"):
         rid.identify(parse_model(TOWER), [], "mle")
@@ -410,7 +390,6 @@ def test_other_warnings_of_the_data_leave_the_answer():
     assert told.text == "before any suspect, see to quantized, x: coarse"
 
 
-# -------------------------------------------------------------------------------------------------
 # The residual of least squares against its scatter: moments, chances, and machines that differ.
 
 

@@ -46,7 +46,6 @@ family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
 
 
 def noisy(problem, periods, seed, grid=None, level=0.01):
-    """Return a record with noise of some per cent of each channel's rms."""
     clean = problem.record(grid, periods=2)
     size = clean.samples.std(axis=0)
     noise = dict(zip(clean.names, level * size, strict=True))
@@ -310,7 +309,6 @@ def test_machines_that_no_one_has_seen(method, problem):
         assert estimate.value(name) == pytest.approx(value, rel=1e-6)
 
 
-# ---------------------------------------------------------------------------------------------
 # What a record does not tell
 
 
@@ -428,7 +426,6 @@ def test_fewer_equations_than_unknowns():
         assert estimate.value("m") == pytest.approx(0.5 / 9.81)
 
 
-# ---------------------------------------------------------------------------------------------
 # Refusals
 
 
@@ -445,26 +442,6 @@ def test_fewer_equations_than_unknowns():
 def test_refused_knowledge(method, problem, options, message):
     with pytest.raises(InputError, match=message):
         method(**options).estimate(problem.model, problem.records)
-
-
-@family
-def test_refused_records(method):
-    record = TRAIN.records[0]
-
-    def without(name):
-        keep = [i for i, channel in enumerate(record.channels) if channel.name != name]
-        return replace(
-            record,
-            channels=tuple(record.channels[i] for i in keep),
-            spectra=record.spectra[..., keep],
-            mean=record.mean[:, keep],
-            variance=record.variance[:, keep],
-        )
-
-    with pytest.raises(InputError, match=r"^train: found no channel of the input u"):
-        method().estimate(TRAIN.model, [without("u")])
-    with pytest.raises(InputError, match=r"^train: found no sensor of y; .*use ml"):
-        method().estimate(TRAIN.model, [without("y")])
 
 
 @family
@@ -496,7 +473,6 @@ def test_free_weight_is_positive(weight):
         Batch(free_weight=weight)
 
 
-# ---------------------------------------------------------------------------------------------
 # Time, angle, lines
 
 
@@ -543,7 +519,6 @@ def test_lines_and_periods_are_reported(method):
     assert estimate.method == {v: k for k, v in METHODS.items()}[method]
 
 
-# ---------------------------------------------------------------------------------------------
 # Statistics
 
 

@@ -41,7 +41,6 @@ from rotorid.linear.solve import (
 from rotorid.models.knowledge import constraint_polynomial, eliminate
 from rotorid.testing import bind_all
 
-# -------------------------------------------------------------------------------------------------
 # The weighted solution, its gains and its sandwich, on plain matrices.
 
 
@@ -176,7 +175,6 @@ def test_no_noise_still_gives_weights(power):
     assert np.isfinite(1 / found).all()
 
 
-# -------------------------------------------------------------------------------------------------
 # Deviations by blocks: against leaving out by hand, and what the decisions decide.
 
 

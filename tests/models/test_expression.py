@@ -21,7 +21,6 @@ from rotorid.models.equations import polynomial, split_equations
 from rotorid.models.expressions import FUNCTIONS, Expression, evaluate, product
 from rotorid.models.parser import expression, read
 
-# -------------------------------------------------------------------------------------------------
 # The grammar: what a text means, what is refused and how it says so.
 
 
@@ -244,7 +243,6 @@ def test_copies_are_equal_though_a_name_is_its_own_free_symbol():
     assert pickle.loads(pickle.dumps(model)) == copy.deepcopy(model) == model
 
 
-# -------------------------------------------------------------------------------------------------
 # Texts that ask for too much: refused by counting, before the work, in one line.
 
 
@@ -280,7 +278,6 @@ def squared(levels: int) -> str:
 
 @pytest.fixture
 def spent(monkeypatch):
-    """What is spent while a test runs."""
     found, spend = [0], parser.Work.spend
 
     def counted(work: parser.Work, units: int) -> None:
@@ -422,7 +419,6 @@ def value_of(text, values, number):
 
 
 def larger(inner, operators, exponents):
-    """Return texts made of others."""
     pair = st.tuples(inner, st.sampled_from(operators), inner)
     power = st.tuples(inner, st.sampled_from(exponents))
     return (

@@ -463,18 +463,10 @@ UNITS |= {"w": "1/s^2", "b": "1/kg", "e": "m"}
 def one_of(*equations: str) -> rid.Model:
     """Return a model of what stands in some equations."""
     held = {name for text in equations for name in re.findall(r"\b[a-zA-Z]+", text)}
-
-    def model_text(names):
-        return ", ".join(f'{n} = {{ unit = "{UNITS[n]}" }}' for n in names if n in held)
-
-    inputs = ", ".join(f'{n} = "{UNITS[n]}"' for n in ("F", "i") if n in held)
-    places = ", ".join(f'{n} = "m"' for n in ("x", "y") if n in held)
-    return parse_model(f"""
-title = "one"
-equations = {list(equations)}
-coordinates = {{ {places} }}
-inputs = {{ {inputs} }}
-parameters = {{ {model_text([*UNITS][2:])} }}""")
+    units = {name: unit for name, unit in UNITS.items() if name in held}
+    inputs = {name: units.pop(name) for name in ("F", "i") if name in held}
+    places = dict.fromkeys((name for name in ("x", "y") if name in held), "m")
+    return parse_model(model_text("one", equations, places, inputs, units))
 
 
 TURNING = "Omega^2*cos(phi)"
@@ -562,19 +554,15 @@ def test_nothing_is_said_of_a_place_whose_forces_no_equation_tells():
 # What turns with the rotor: the line of a load once per revolution, against closed forms.
 
 
-FILE = """
-title = "a mass with an unbalance, and something more"
-equations = ["m*x'' + c*x' + k*x = F + Omega^2*u*cos(phi + 0.5) + {more}"]
-coordinates = {{ x = "m" }}
-inputs = {{ F = "N" }}
-parameters = {{ m = {{ unit = "kg", nominal = 2.0 }}, c = {{ unit = "N s/m", nominal = 30.0 }}, \
-k = {{ unit = "N/m", nominal = 2e5 }}, u = {{ unit = "kg m", nominal = 4e-5 }}, \
-b = {{ unit = "{unit}", nominal = 3e-5 }} }}
-"""
-
-
 def model_with(more: str, unit: str = "kg m") -> rid.Model:
-    return parse_model(FILE.format(more=more, unit=unit))
+    text = model_text(
+        "a mass with an unbalance, and something more",
+        [f"m*x'' + c*x' + k*x = F + Omega^2*u*cos(phi + 0.5) + {more}"],
+        "x m",
+        "F N",
+        f"m 2.0 kg, c 30.0 N s/m, k 2e5 N/m, u 4e-5 kg m, b 3e-5 {unit}",
+    )
+    return parse_model(text)
 
 
 def load_of(model: rid.Model, speed: float) -> complex:

@@ -1,6 +1,5 @@
 """Rotors from drawings: elements against ROSS and closed forms, files, and what they refuse."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from rotor_files import random_rotor, uniform
 import rotorid as rid
 import rotorid.models
 from rotorid.commands.files import models
-from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import starts as reduction
 from rotorid.likelihood.unknowns import Nuisances
@@ -30,7 +28,6 @@ GOLDEN = Path(__file__).with_name("ross.npz")
 
 
 def frequencies(model, speed=0.0):
-    """Return natural frequencies of the undamped model at rest, rad/s."""
     m = model.require_linear().matrices(model.values(model.nominal), speed)
     scale = 1 / np.sqrt(np.diag(m.M))
     scaled = [scale[:, None] * each * scale for each in (m.K, m.M)]
@@ -128,14 +125,6 @@ def recovered(model, record, start):
 
 
 @pytest.mark.slow
-def test_a_rotor_file_is_identified():
-    model = rid.load_model("flexible")
-    start = {name: value * 1.15 for name, value in model.nominal.items() if value > 0}
-    estimate = recovered(model, drawn_record(model, np.random.default_rng(1)), start)
-    assert estimate.std("s_A") < 0.01
-
-
-@pytest.mark.slow
 def test_internal_external_and_structural_damping_are_told_apart():
     text = FLEXIBLE.read_text(encoding="utf-8")
     text = text.replace(
@@ -184,7 +173,6 @@ def test_a_support_may_depend_on_the_speed():
 
 @pytest.fixture(scope="module")
 def reducible():
-    """The shipped rotor, and a record of it."""
     model = rid.load_model("flexible")
     return model, drawn_record(model, np.random.default_rng(3))
 
@@ -384,31 +372,6 @@ def test_a_rotor_is_drawn_with_what_stands_on_it():
     assert named["sensor"] == {"a": 115.0, "b": 500.0}
     assert named["actuator"] == {"A": 70.0, "B": 450.0}
     assert named["disc"] == {"wheel": 255.0}
-
-
-@pytest.mark.slow
-def test_the_bandwidth_of_an_amplifier_is_found_beside_the_rotor():
-    model = rid.load_model("flexible")
-    record = drawn_record(model, np.random.default_rng(5))
-    lines = rid.Lines.of_periods(record)
-    amplifier = FirstOrder(
-        bandwidth=Constant("bandwidth", "Hz", 1500.0, UNKNOWN), actuator=True, shared="amplifier"
-    )
-
-    def lag(bandwidth):
-        return amplifier.response(lines.omega, np.array([bandwidth]))
-
-    mean = lines.mean.copy()
-    mean[:, :4] *= (lag(1500.0) / lag(800.0))[:, None]  # as it is read with 1500 Hz
-    channels = [
-        replace(c, dynamics=amplifier) if c.name in model.inputs else c for c in lines.channels
-    ]
-    estimate = rid.identify(model, replace(lines, mean=mean, channels=tuple(channels)), "ml")
-    assert estimate.status == "ok"
-    assert 0 < estimate.std("bandwidth[amplifier]") < 2
-    assert abs(estimate.value("bandwidth[amplifier]") - 800) < 4 * estimate.std(
-        "bandwidth[amplifier]"
-    )
 
 
 @pytest.mark.parametrize("middle", ["0.3 m", "0.5 m"])

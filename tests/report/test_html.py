@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import browser
+from model_text import model_text
 from report_pages import Page, check_self_contained, titles
 from severities import causes
 
@@ -96,7 +97,6 @@ def estimate(model, periods):
 
 
 def gathered(model: Model, *periods: PeriodicRecord) -> Estimate:
-    """Return an estimate with the evidence of its records."""
     method = LeastSquares()
     return with_evidence(identify(model, periods, method), model, periods, method)
 
@@ -219,14 +219,7 @@ def test_hostile_names_are_text(estimate, periods):
 
 def test_forces_of_long_names_are_drawn():
     long = "F_" + "x" * 60
-    model = parse_model(
-        f"""
-        title = "a mass"
-        equations = ["m*x'' = {long}"]
-        coordinates = {{ x = "m" }}
-        inputs = {{ {long} = "N" }}
-        parameters = {{ m = {{ unit = "kg", nominal = 2.0 }} }}"""
-    )
+    model = parse_model(model_text("a mass", [f"m*x'' = {long}"], "x m", f"{long} N", "m 2.0 kg"))
     wave = 100 * np.cos(2 * np.pi * np.arange(50) / 50)[:, None]
     motion = simulate(model, [2.0], wave, sample_rate=500.0, periods=3)
     page = Page(estimate_report(gathered(model, average(motion, 10.0, harmonics=[1]))))
@@ -464,7 +457,6 @@ def _of_whole_records() -> str:
 
 
 def _by_least_squares() -> str:
-    """Return the page of an answer of least squares."""
     model = rid.load_model("three-mass")
     record = simulate_record(model, np.random.default_rng(1))
     periods = rid.average(record, "20 Hz", harmonics=[1, 3, 5, 7, 9, 11])

@@ -207,12 +207,6 @@ def test_deviations_of_an_estimate_are_drawn_in_percent(estimates):
         estimate.with_(covariance=np.zeros((0, 0))).plot()
 
 
-def test_records_draw_themselves(record, periods):
-    assert len(record.plot().axes) == 12
-    drawn = periods.plot().axes
-    assert [axes.get_title(loc="left") for axes in drawn] == [*periods.names]
-
-
 def test_every_panel_is_what_plotly_takes(record, periods, evidence):
     """The library that draws it knows every key, and the numbers are JSON."""
     predicted = evidence["ml"]

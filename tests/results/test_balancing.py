@@ -550,7 +550,6 @@ def test_it_does_not_part_runout_from_unbalance(runs, capsys):
 
 
 def rigid(**values: float) -> rid.Estimate:
-    """Return an estimate of the shipped rigid rotor."""
     return estimate_of(rid.load_model("rigid"), values, percent=0.1)
 
 

@@ -251,7 +251,6 @@ FREE = model_text(
 
 
 def identified(model: rid.Model) -> rid.Estimate:
-    """Identify from a response without noise."""
     frequency = np.array([2.0, 5.0, 9.0])
     s = 2j * np.pi * frequency
     response = 1 / (3.0 * s**2 + 4.0 * s + 5e3)

@@ -302,32 +302,33 @@ def test_with_damping_and_two_planes_the_frequency_is_that_of_the_rotation(sign)
     assert all(0 < ratio < 0.1 for ratio in ratios)
 
 
-FREE = """
-title = "a free body"
-equations = ["J*theta_x'' + I_p*Omega*theta_y' = T", "J*theta_y'' - I_p*Omega*theta_x' = 0"]
-coordinates = { theta_x = "rad", theta_y = "rad" }
-inputs = { T = "N m" }
-parameters = { J = { unit = "kg m^2", nominal = 1.0 }, I_p = { unit = "kg m^2", nominal = %r } }
-"""
-APART = """
-title = "two planes that hardly differ"
-equations = ["m*x'' + k*x = F", "m*y'' + k_y*y = 0"]
-coordinates = { x = "m", y = "m" }
-inputs = { F = "N" }
-parameters = { m = { unit = "kg", nominal = 1.0 }, k = { unit = "N/m", nominal = 1e4 }, \
-k_y = { unit = "N/m", nominal = %r } }
-"""
+FREE = model_text(
+    "a free body",
+    ["J*theta_x'' + I_p*Omega*theta_y' = T", "J*theta_y'' - I_p*Omega*theta_x' = 0"],
+    "theta_x rad, theta_y rad",
+    "T N m",
+    "J 1.0 kg m^2, I_p 0.5 kg m^2",
+)
+APART = model_text(
+    "two planes that hardly differ",
+    ["m*x'' + k*x = F", "m*y'' + k_y*y = 0"],
+    "x m, y m",
+    "F N",
+    "m 1.0 kg, k 1e4 N/m, k_y 1.5e4 N/m",
+)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.0000001, 0.9, 1.5])
 def test_what_turns_with_the_rotor_at_every_speed_is_not_critical(ratio):
     """The nutation of a free body is I_p / I_t times the speed: it crosses 1x nowhere."""
-    assert speeds_of(rid.campbell(model_of(FREE % ratio), 500.0)) == []
+    assert speeds_of(rid.campbell(model_of(FREE.replace("0.5", repr(ratio))), 500.0)) == []
 
 
 @pytest.mark.parametrize("apart", [1e-8, 1e-7, 1e-6, 4e-6, 1e-3])
 def test_two_planes_have_two_critical_speeds_however_close(apart):
-    found = speeds_of(rid.campbell(model_of(APART % (1e4 * (1 + apart))), 500.0))
+    found = speeds_of(
+        rid.campbell(model_of(APART.replace("1.5e4", repr(1e4 * (1 + apart)))), 500.0)
+    )
     assert sorted(found) == pytest.approx([100.0, 100.0 * np.sqrt(1 + apart)], rel=1.1e-6)
 
 

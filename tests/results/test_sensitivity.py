@@ -49,7 +49,6 @@ from rotorid.results.sensitivity_peak import (
     peak_of,
 )
 
-# -------------------------------------------------------------------------------------------------
 # Sensitivity after ISO 14839-3, held against the loop in closed form.
 
 
@@ -95,14 +94,6 @@ def test_a_peak_that_the_band_leaves_out_is_in_no_zone():
     assert small.zone == "A or worse"
     assert "not in one unit" in small.verdict
     assert curve([0.5, 0.99, 0.7], 0.97, 1.001).zone == "A"
-
-
-def test_a_peak_between_the_lines():
-    for spacing, error in ((5.0, 0.001), (8.0, 0.01)):
-        lines = spacing * np.arange(1, 40)
-        found, where, _ = peak_of(lines, exact(lines, 0))
-        assert found == pytest.approx(exact_peak(0), rel=error)
-        assert where == pytest.approx(24.9, abs=1.0)
 
 
 def test_how_many_lines_a_peak_is_fitted_to_and_what_they_leave():
@@ -158,7 +149,6 @@ def two_loops(rng: np.random.Generator, signs: np.ndarray, periods: int = 20) ->
 
 
 def synthetic(rng: np.random.Generator, signs: np.ndarray) -> rid.PeriodicRecord:
-    """Return the periods of two loops."""
     channels = [rid.Channel(n) for n in ("e1", "e2", "r1", "r2")]
     record = rid.Record(channels, two_loops(rng, signs), sample_rate=2000.0)
     return rid.average(record, 10.0, harmonics=[1, 2, 3, 4, 5])
@@ -345,7 +335,6 @@ def test_the_command_of_periods_with_their_references(tmp_path, monkeypatch, cap
     assert "an experiment file for each" in capsys.readouterr().err
 
 
-# -------------------------------------------------------------------------------------------------
 # Where a sensitivity turns over: what is a peak, what is an axis' own, what lines tell nothing.
 
 
@@ -665,7 +654,6 @@ def test_a_pole_on_the_right_has_gone_past_half_a_turn(away, angle):
     assert _from_above(np.array([7.0 * away]))[0] / np.pi == pytest.approx(angle, abs=1e-6)
 
 
-# -------------------------------------------------------------------------------------------------
 # The peak of S on the lines of whole records, held against loops in closed form.
 
 
@@ -763,7 +751,6 @@ def test_lines_that_tell_no_peak():
     assert peak_near(band, 100.0) is None
 
 
-# -------------------------------------------------------------------------------------------------
 # The decisions of a peak's fit, each at its edge.
 
 

@@ -27,13 +27,11 @@ def with_actuators(rig: Rig, **changes: object) -> Rig:
 
 @pytest.fixture(scope="session")
 def shipped():
-    """The shipped rig, with its noise."""
     return load_rig("three-mass").rig
 
 
 @pytest.fixture(scope="session")
 def quiet(shipped):
-    """The shipped rig without noise."""
     return without_noise(shipped)
 
 
@@ -61,7 +59,6 @@ def magnetic():
 
 @pytest.fixture
 def change():
-    """Change every actuator of a rig."""
     return with_actuators
 
 
@@ -71,7 +68,6 @@ def run():
 
 
 def _coil(part, command, current):
-    """Slope of a lagging current."""
     return np.clip((command - current) / part.time_constant, -part.slew, part.slew)
 
 

@@ -30,7 +30,6 @@ from rotorid.rig.parts import (
 from rotorid.rig.plant import eddy_weights
 from rotorid.rig.rig import Rig, bearing_table, growth, noise_matrix
 
-# -------------------------------------------------------------------------------------------------
 # Faults by name: each is one entry, vanishes as its size does, and acts where it belongs.
 
 
@@ -423,7 +422,6 @@ def test_counters_that_lose_lines():
     assert (found[begins] <= 1).all()
 
 
-# -------------------------------------------------------------------------------------------------
 # The page of faults is what a run gives; deviations hold on the shipped rigs. Slow.
 
 

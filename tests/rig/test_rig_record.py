@@ -232,7 +232,6 @@ KINDS: dict[str, Callable[[str], str]] = {"currents": lambda text: text, "forces
 
 
 def errors(parameters: list[dict]) -> dict[str, float]:
-    """Return the error of each base parameter in per cent."""
     return {p["name"]: 100 * (p["value"] / TRUTH[p["name"]] - 1) for p in parameters}
 
 
@@ -372,7 +371,6 @@ limit = "2 A"
 
 
 def magnets(text: str) -> str:
-    """The shipped rig on opposed magnets, without any noise."""
     head, rest = text.split("[actuators.all]")
     text = head + MAGNETS + rest.split("[sensors]")[1]
     text = re.sub(r'noise = "2 u(m|rad)"', r'noise = "0 \1"', text)

@@ -11,7 +11,6 @@ from rotorid.cli import run
 
 @pytest.fixture
 def rig(tmp_path):
-    """Return the path of a rig that runs for a fifth of a second."""
     path = tmp_path / "short rig.toml"
     path.write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
     return str(path)

@@ -444,8 +444,6 @@ def test_a_speed_that_wanders_scatters_the_line_of_the_rotation(swing, told):
 
 
 def stopping(part: float, value: float | None = None) -> Damage:
-    """Hold one value for a part of the record."""
-
     def change(samples: np.ndarray) -> np.ndarray:
         first = len(samples) // 3
         stays = samples[first] if value is None else value
@@ -698,10 +696,6 @@ def test_a_transient_of_one_period_is_told_as_one():
     assert more.told == f"a transient in the first 3 periods, {scatter}"
 
 
-# Channels before any model: that stay at their last value, that jump, and tables of phasors.
-
-
-# -------------------------------------------------------------------------------------------------
 # Channels that stay at their last value, exactly or to the last digit, where nothing repeats.
 
 
@@ -790,7 +784,6 @@ def test_a_channel_whose_last_digit_is_all_that_moves(levels, told):
     assert [check.verdict for check in of_check(check_record(force), "quantized")] == ["note"]
 
 
-# -------------------------------------------------------------------------------------------------
 # Samples that are missing in the middle of a whole record.
 
 
@@ -860,7 +853,6 @@ def test_a_whole_record_without_a_gap(seed):
     assert not found(record.samples, list(record.channels))
 
 
-# -------------------------------------------------------------------------------------------------
 # What a table of phasors shows before any model, at the limits.
 
 
@@ -901,7 +893,6 @@ def test_phases_that_are_hardly_in_their_unit(phases, degrees, verdicts):
     assert [c.verdict for c in checks] == verdicts
 
 
-# -------------------------------------------------------------------------------------------------
 # What is added to a command moves the machine later, never earlier.
 
 
@@ -916,7 +907,6 @@ def held_against(references: np.ndarray, channels: np.ndarray) -> list[rid.Note]
 
 
 def wave(top: float, seed: int = 1) -> np.ndarray:
-    """Return noise up to a frequency."""
     lines = np.fft.rfft(np.random.default_rng(seed).standard_normal(LENGTH))
     lines[round(top * LENGTH / REFERENCE_RATE) :] = 0.0
     return np.fft.irfft(lines)
@@ -1019,7 +1009,6 @@ def test_the_references_of_a_loop():
     assert all(re.search(" (9|10|11) samples: it is late by as much", c.found) for c in told)
 
 
-# -------------------------------------------------------------------------------------------------
 # A quiet record is held against the one it goes with, by what the unbalance does in both.
 
 

@@ -25,7 +25,6 @@ from rotorid.signals.checks.timing import _small_shifts, shifts_of
 from rotorid.signals.inspection import inspect_record
 from rotorid.signals.period_search import find_period
 
-# -------------------------------------------------------------------------------------------------
 # What is in a record before anything is identified.
 
 
@@ -62,20 +61,6 @@ def test_signal_over_noise_is_that_of_one_period():
     for channel in found.channels:
         assert channel.snr_db == pytest.approx(expected, abs=0.6)
         assert channel.coherence == pytest.approx(1.0, abs=1e-3)
-
-
-def test_even_distortion_is_told_from_odd():
-    found = inspect_record(record(square=0.05), period_samples=SIZE, harmonics=[1, 3, 5])
-    force, x = found.channels
-    assert force.even is not None
-    assert force.even < 0.003
-    assert x.even is not None
-    force_only = record(noise=0.0).column("F")[:SIZE]
-    lines = np.abs(np.fft.rfft(force_only + 0.05 * force_only**2, norm="forward")) ** 2
-    even = lines[2:16:2].sum() / lines[[1, 3, 5]].sum()
-    assert x.even == pytest.approx(np.sqrt(even), rel=0.05)
-    assert x.odd is not None
-    assert x.odd < 0.003
 
 
 def test_the_rotation_is_measured_by_the_angle():
@@ -120,7 +105,6 @@ def test_a_record_without_a_period():
     assert found.channels[0].snr_db is None
 
 
-# -------------------------------------------------------------------------------------------------
 # The period of a record, found from its samples alone.
 
 
@@ -194,7 +178,6 @@ def test_what_rings_has_no_period():
         assert find_period(signal.lfilter(*resonance, drive)) is None
 
 
-# -------------------------------------------------------------------------------------------------
 # Where what is said of a signal turns over, and how closely it is looked at.
 
 
@@ -285,7 +268,6 @@ def test_a_frequency_that_somebody_typed_has_four_digits(typed, found):
     assert periodicity.Period(1000.0, 0.5, 1.0).fundamental(1000 * typed) == found
 
 
-# -------------------------------------------------------------------------------------------------
 # Shifts of periods: all channels at once, against one by one.
 
 
@@ -354,7 +336,6 @@ def level(times: np.ndarray, width: float = 1e-3, flank: float = 1.0) -> np.ndar
 
 
 def off(found: MeasuredAngle, angle: np.ndarray) -> np.ndarray:
-    """Return the error of the angle, whole turns apart."""
     error = found.angle - angle
     return np.asarray(error - 2 * np.pi * np.round(error.mean() / (2 * np.pi)))
 
@@ -380,23 +361,6 @@ def test_what_a_speed_in_step_with_the_samples_leaves_open_is_stated():
     found = keyphasor_angle(rises + half, 40000, rate, half=half)
     width = 2 * np.pi * hz / rate / 3
     assert found.angle_std == pytest.approx(width / np.sqrt(12), rel=0.06)
-
-
-@pytest.mark.slow
-def test_what_a_whole_number_of_samples_leaves_open_is_stated():
-    """At 100 Hz and 5 kHz every edge falls at the same place between two samples."""
-    time = np.arange(25_000) / 5000.0
-    stated, errors = [], []
-    for start in np.linspace(0.02, 1.0, 7):
-        angle = start + 2 * np.pi * 100.0 * time
-        logic = (angle % (2 * np.pi) < 0.6).astype(float)
-        times, half = pulse_edges(logic, 5000.0)
-        found = keyphasor_angle(times, len(time), 5000.0, half=half)
-        errors.append(off(found, angle).mean())
-        stated.append(found.angle_std)
-    width = 2 * np.pi * 100.0 / 5000.0
-    np.testing.assert_allclose(stated, width / np.sqrt(12), rtol=0.12)
-    assert np.abs(errors).max() <= width / 2 * 1.01
 
 
 @pytest.mark.slow
@@ -428,13 +392,6 @@ def test_a_coarse_encoder_with_more_jitter_than_lines():
     found = encoder_angle(counts(STEADY + jitter, 8192), FAST_RATE, per_revolution=8192, lines=8192)
     assert found.jitter == pytest.approx(np.radians(0.2), rel=1.0)
     assert np.abs(off(found, STEADY)).max() < 4 * found.angle_std < np.radians(0.1)
-
-
-@pytest.mark.slow
-def test_encoder_speed_and_drift():
-    found = encoder_angle(counts(RAMP), FAST_RATE, per_revolution=1024, lines=1024)
-    assert found.speed == pytest.approx(SPEED + DRIFT * TIME.mean(), rel=1e-6)
-    assert found.drift == pytest.approx(DRIFT, rel=1e-2)
 
 
 @pytest.mark.parametrize(("scale", "turn"), [(1.0, 2 * np.pi), (180 / np.pi, 360.0)])

@@ -36,10 +36,6 @@ from rotorid.signals.spectrum import (
     transfer_of_recording,
 )
 
-# Line spectra and their covariance.
-
-
-# -------------------------------------------------------------------------------------------------
 # Lines of signals: DFT, synthesis, derivatives, hold and delay, against closed forms.
 
 
@@ -159,7 +155,6 @@ def test_hold_and_delay_of_each_channel():
     assert found[1, 3] == pytest.approx(found[1, 1] * found[1, 2])
 
 
-# -------------------------------------------------------------------------------------------------
 # Shifted samples against the shifted function.
 
 
@@ -189,7 +184,6 @@ def test_a_straight_line_stays_one_to_its_ends():
     np.testing.assert_allclose(shifted(line, 0.4), line + 0.2)
 
 
-# -------------------------------------------------------------------------------------------------
 # What a column says of its quantity: hold, delay and dynamics undone, sample by sample.
 
 

@@ -30,8 +30,6 @@ BEARINGS = ("x1", "y1", "x3", "y3")
 
 @dataclass(frozen=True)
 class Machine:
-    """A rotor with its excitation and its noise."""
-
     model: Model
     truth: Mapping[str, float]
     shares: Sequence[float] = (0.5, 1.0, 1.0, -0.5)
@@ -107,8 +105,6 @@ class Machine:
 
 @dataclass
 class Statistics:
-    """What many estimates say about an estimator."""
-
     names: list[str] = field(default_factory=list)
     directions: int = 0
     truth: list[float] = field(default_factory=list)
@@ -161,7 +157,6 @@ class Statistics:
 
     @property
     def coverage(self) -> Floats:
-        """Share of the 95 % intervals that hold the truth."""
         return (np.abs(self.errors) < 1.959964 * np.array(self.stds)).mean(axis=0)
 
     @property
@@ -179,7 +174,6 @@ class Statistics:
 
     @property
     def rejected(self) -> float:
-        """Share that a 5 % test rejects."""
         return float((np.array(self.p_values) < 0.05).mean())
 
 
@@ -220,7 +214,6 @@ class Levitated:
         return {**self.machine.truth, **constants, "ks": self.ks, **vectors}
 
     def slope(self, where: Mapping[str, str]) -> Model:
-        """Return the rotor with ks times a coordinate beside each input."""
         return with_force_slope(self.machine.model, where)
 
     def record(self, hertz: float, *, drives: bool = True) -> PeriodicRecord:
@@ -248,7 +241,6 @@ class Levitated:
 
 
 def with_force_slope(model: Model, where: Mapping[str, str]) -> Model:
-    """Return the model with ks times a coordinate beside each input."""
     texts = list(model.texts)
     for name, coordinate in where.items():
         texts = [re.sub(rf"\b{name}\b", f"{name} + ks*{coordinate}", text) for text in texts]
@@ -260,7 +252,6 @@ COORDINATE = re.compile(r"\b(theta_[xy]|[xy][123])\b")
 
 
 def with_term(model: Model, texts: Sequence[str], name: str, unit: str) -> Model:
-    """Return a model with other equations and one more parameter."""
     parameters = (*model.parameters, Parameter(name, unit))
     names = [p.name for p in parameters]
     return replace(

@@ -23,7 +23,6 @@ def percent(estimate, *names):
 
 
 def printed(text: str) -> list[tuple[float, float]]:
-    """Return the figures of a row and the rounding of each."""
     figures = []
     for word in text.split():
         digits = len(word.partition(".")[2])

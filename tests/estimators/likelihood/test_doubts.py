@@ -74,7 +74,6 @@ def recorded(rig, *speeds: float, drives: bool = True) -> list[PeriodicRecord]:
 
 
 def disc() -> PeriodicRecord:
-    """A record of one disc on a shaft, two forces and two sensors."""
     model = load_model("jeffcott")
     values = model.values(model.nominal)
     forces = np.full((5, 1), 4 - 3j) * np.array([1.0, 0.6j])
@@ -653,7 +652,6 @@ def test_a_creep_that_costs_amplitude_is_rejected():
 
 
 def creep(rate: float, std: float, step: float = 0.0, periods: int = 100) -> turning.Creep:
-    """Return a creep and a step of deviation one."""
     return turning.Creep(rate, std, step, 1.0, 1, periods, 0.0)
 
 

@@ -54,26 +54,6 @@ def test_starts_from_batch_without_nominal_values(demo):
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=5e-3)
 
 
-def test_asks_for_a_start_where_there_is_none(demo, bearings):
-    bare = replace(
-        demo.model, parameters=tuple(replace(p, nominal=None) for p in demo.model.parameters)
-    )
-    with pytest.raises(InputError, match=r"no start of m1, .*give start"):
-        identify(bare, demo.record(bearings), MaximumLikelihood(fixed={"L1": 0.3}))
-
-
-def test_nominal_values_never_bias(demo, bearings):
-    record = demo.noisy(demo.record(bearings), np.random.default_rng(3))
-    found = []
-    for seed in range(3):
-        start = demo.start(np.random.default_rng(seed))
-        del start["L1"]
-        estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
-        found.append([v.value for v in estimate.free])
-        deviations = [v.std for v in estimate.free]
-    np.testing.assert_allclose(np.std(found, axis=0) / deviations, 0, atol=1e-4)
-
-
 @pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(factor=st.floats(1e-3, 1e3))

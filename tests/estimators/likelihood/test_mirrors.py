@@ -47,7 +47,6 @@ SPEED = 2 * np.pi * 50
 
 
 def record_of(model, sensors, speed=0.0, seed=0, noise=2e-8, silent=False):
-    """Return a record of the nominal machine."""
     rng = np.random.default_rng(seed)
     forces = 2.5 * np.exp(2j * np.pi * rng.random((len(LINES), len(model.inputs))))
     record = line_record(
@@ -313,10 +312,9 @@ def drawn(rng):
                 rows[i] += f" + {name}*{names[j]}"
                 rows[j] += f" + {name}*{names[i]}"
     rows[0] += " - F"
-    lines = [f'{k} = {{ unit = "1", nominal = {float(v)!r} }}' for k, v in parameters.items()]
-    text = 'title = "drawn"\nequations = [' + ", ".join(f'"{row} = 0"' for row in rows) + "]\n"
-    text += "[coordinates]\n" + "".join(f'{name} = "m"\n' for name in names)
-    return text + '[inputs]\nF = "N"\n[parameters]\n' + "\n".join(lines) + "\n", names
+    told = {name: f"{float(value)!r} 1" for name, value in parameters.items()}
+    equations = [f"{row} = 0" for row in rows]
+    return model_text("drawn", equations, dict.fromkeys(names, "m"), "F N", told), names
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -286,24 +286,6 @@ def test_levers_of_a_force_law_are_parameters(tmp_path):
         rid.load_experiment(path)
 
 
-def test_refuses_channels_that_fit_nothing(demo, bearings):
-    clean = demo.record(bearings)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    strange = replace(clean.channels[5], name="z9")
-    with pytest.raises(InputError, match="z9: found a channel that reads 'z9'"):
-        identify(
-            demo.model,
-            replace(clean, channels=(*clean.channels[:5], strange, *clean.channels[6:])),
-            estimator,
-        )
-    fewer = replace(clean, channels=clean.channels[1:], spectra=clean.spectra[:, :, 1:])
-    with pytest.raises(InputError, match="no channel of the input F_x1"):
-        identify(demo.model, fewer, estimator)
-    blind = replace(clean, channels=clean.channels[:4], spectra=clean.spectra[:, :, :4])
-    with pytest.raises(InputError, match="no sensor of any coordinate"):
-        identify(demo.model, blind, estimator)
-
-
 def test_what_the_marks_leave_open_is_in_the_direction_of_the_unbalance(demo, bearings):
     """A phase known to 0.02 rad: the amplitude keeps its deviation, the direction takes it over."""
     rng = np.random.default_rng(41)

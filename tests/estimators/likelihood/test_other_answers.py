@@ -46,7 +46,6 @@ def problem_of(*names: str) -> SimpleNamespace:
 
 
 def solution_at(unknowns, cost: float = 100.0, problem=None) -> SimpleNamespace:
-    """Return a minimum."""
     point = SimpleNamespace(unknowns=np.array(unknowns), cost=cost, problem=problem)
     return SimpleNamespace(point=point, converged=True)
 
@@ -250,7 +249,6 @@ def problem_of_case(case):
 
 
 def explored(name, seed):
-    """Return names, the minimum and its valley."""
     problem = problem_of_case(rotor_case(SETTINGS[name], seed))
     solution = searched(problem, problem.layout.start)
     inference = solution.inference
@@ -375,7 +373,6 @@ def estimated(case):
 
 
 def worst(case, estimate):
-    """Return the largest error in stated deviations."""
     return max(
         abs(value.value - case.truth[value.name]) / value.std
         for value in estimate.parameters
@@ -459,7 +456,6 @@ def test_lightly_damped_from_ten_percent_off(make, modes):
 
 
 def problem_at(case, record):
-    """Return the problem of a record of a case, and its truth."""
     ready = prepare(case.model, Knowledge(case.fixed, start=case.truth), (), False, {})
     problem = ready.of(bind_all(case.model, [record]))
     return problem, np.array([case.truth[u.name] for u in ready.layout.unknowns])

@@ -46,7 +46,6 @@ def finding(term: str, left: float, kind="term", *, share=1.0, value=1.0, likely
 
 
 def case_of(cost: float, expected: float = 100.0, records=("record",)) -> Case:
-    """Return what was estimated, at this cost."""
     point = SimpleNamespace(cost=cost, unknowns=np.zeros(0))
     return Case(SimpleNamespace(), records, np.zeros(0), expected, None, point)
 
@@ -59,7 +58,6 @@ def named(case: Case) -> list[str]:
 
 @pytest.fixture
 def catalogue(monkeypatch):
-    """A catalogue of nothing, to be filled."""
     stages = {stage: [] for stage in rivals.CATALOGUE}
     monkeypatch.setattr(rivals, "CATALOGUE", stages)
     monkeypatch.setattr(Slopes, "turns", lambda case, small: [(case.point, small)])
@@ -592,7 +590,6 @@ def records():
 
 
 def told_otherwise(record, hertz):
-    """Return a record that is said to have turned at another speed."""
     speed = 2 * np.pi * hertz
     return replace(record, speed=speed, angle=np.asarray(record.time) * speed)
 

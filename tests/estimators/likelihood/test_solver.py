@@ -34,7 +34,6 @@ def found_from_start(case: Case) -> Fit:
 
 
 def problem_of(case: Case) -> Problem:
-    """Return the problem with the truth as its start."""
     start = {name: value for name, value in case.truth.items() if name not in case.fixed}
     known = Knowledge(fixed=case.fixed, start=start)
     records = bind_all(case.model, case.records)
@@ -196,8 +195,6 @@ class Stairs:
 
 @pytest.fixture
 def walk_down(monkeypatch):
-    """Return a function that makes a way down stairs."""
-
     def made(*stairs, **more):
         problem = Stairs(*stairs, **more)
         monkeypatch.setattr(solver, "anchored", lambda problem, start: problem)

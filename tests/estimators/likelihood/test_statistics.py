@@ -43,7 +43,6 @@ def check(found, least=None, *, joint=True, asked=slice(None)):
 
 
 def bounds_of(machine, found, sensors=None, **options):
-    """Return the Cramer-Rao bound of each quantity, for the truth of the machine."""
     estimator = MaximumLikelihood(**options)
     bound = predict_accuracy(machine.model, machine.plan(sensors), estimator, machine.truth)
     return np.array([bound.std(name) for name in found.names])

@@ -200,25 +200,6 @@ def test_structure_of_the_shipped_models():
         assert ("damping k1" in terms) == (name == "three-mass")
 
 
-def test_structure_does_not_depend_on_how_equations_are_written():
-    """Order and sign of the equations are conventions."""
-    model = load_model("three-mass")
-    values = model.values(model.nominal)
-    order = [3, 1, 0, 2, 7, 5, 6, 4]
-    left = tuple(
-        replace(p, row=order.index(p.row), coefficient=p.coefficient * (-1) ** p.row)
-        for p in model.sides[0]
-    )
-    other = replace(model, equations=(*left, *model.sides[1]))
-    one, two = (find_structure(m, values, 100.0) for m in (model, other))
-    for (name, matrix), (again, same) in zip(
-        (*one.springs, *one.masses), (*two.springs, *two.masses), strict=True
-    ):
-        assert name == again
-        np.testing.assert_allclose(matrix, same)
-    assert one.pairs == two.pairs
-
-
 # What the drawing of a rotor lacks is named first, with its size.
 
 
@@ -381,7 +362,6 @@ def test_a_reduced_rotor_is_searched_as_a_whole(monkeypatch):
 
 
 def matrices(term, shape):
-    """Return the matrices that the entries of a term make."""
     found = {at: np.zeros(shape) for at in (K, K_SPEED, D)}
     for entry in term.effects:
         found[entry.order, entry.speed_power][entry.row, entry.column] += entry.coefficient
@@ -500,9 +480,8 @@ def test_as_many_as_there_are_unknowns_check_nothing_and_say_so():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("at", ["0 mm", "500 mm"])
-def test_which_end_carries_a_mass_is_not_told_by_a_shaft_that_is_the_same_from_either(at):
-    modes = measured(with_mass(ALIKE, at), {}, count=4)
+def test_which_end_carries_a_mass_is_not_told_by_a_shaft_that_is_the_same_from_either():
+    modes = measured(with_mass(ALIKE, "500 mm"), {}, count=4)
     estimate = identified(modes, text=ALIKE)
     assert estimate.status == "rejected"
     first, second = estimate.suspects[:2]
@@ -512,8 +491,7 @@ def test_which_end_carries_a_mass_is_not_told_by_a_shaft_that_is_the_same_from_e
     assert second.value == pytest.approx(0.05, rel=0.01)
     told = "which end carries it is not determined by these frequencies"
     assert any(told in text for text in estimate.warnings)
-    mended = with_mass(ALIKE, at)
-    assert identified(modes, text=mended).status == "ok"
+    assert identified(modes, text=with_mass(ALIKE, "500 mm")).status == "ok"
 
 
 @pytest.mark.slow
@@ -525,13 +503,3 @@ def test_the_end_is_told_where_the_shaft_is_another_from_either():
     assert estimate.suspects[0].value == pytest.approx(0.05, rel=0.02)
     assert not any("which end" in text for text in estimate.warnings)
     assert identified(modes, KNOWN, with_mass(CORED, "0 mm")).status == "ok"
-
-
-@pytest.mark.slow
-def test_a_fit_that_is_stiffer_than_drawn_is_found_by_frequencies():
-    modes = measured(CORED, FREE, SPRUNG, s_A=1.2)
-    estimate = identified(modes, {"s_A": 1.0})
-    assert estimate.status == "rejected"
-    assert estimate.suspects[0].term == "prior s_A"
-    assert estimate.suspects[0].value == pytest.approx(1.2, rel=0.02)
-    assert "stiffness section 2" in {suspect.term for suspect in estimate.suspects[:4]}
