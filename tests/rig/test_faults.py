@@ -491,7 +491,7 @@ def test_intervals_hold_the_truth(case):
 
     Of the first minimum, which here is the one that full effort finds.
     """
-    ok, cover, rms, _ = script("calibration").calibration([case], 5, 2.5, 1, "quick")[case]
+    ok, cover, rms, _ = script("calibration").calibration([case], 5, 3.0, 1, "quick")[case]
     assert ok >= 4
     assert cover > 80.0
     assert 0.65 < rms < 1.4
