@@ -346,9 +346,7 @@ def test_the_right_speed_is_no_matter(speed):
     ("true", "given", "words"),
     [
         (93.37, 92.9, "at 93.37"),
-        (93.37, 93.37 * 2 * np.pi / 60, "rad/s given as rpm?"),
         (93.37, 93.37 / 60, "Hz given as rpm?"),
-        (93.37, 93.37 / (2 * np.pi), "Hz given as rad/s?"),
         (80.0, 91.0, "at 80 Hz (4800 rpm)"),
         (93.37, 75.0, "where nothing stands: give the speed at which"),
     ],
@@ -490,7 +488,6 @@ def rotating(hertz: float, y_phase: float, y_size: float = 1.0) -> Record:
 @pytest.mark.parametrize("hertz", [110.3, 120.0])
 def test_a_tone_that_goes_round_is_the_rotation(hertz):
     """Square to one another in x and y: an orbit. In phase: hum."""
-    assert (np.radians(20.0), 2.0) == (checks_rotation.SQUARE, checks_rotation.ROUND)
     for phase, size, verdict in (
         (np.pi / 2, 1.0, "warning"),
         (-np.pi / 2, 1.9, "warning"),
@@ -534,15 +531,13 @@ TIME = np.arange(int(PERIODS * SLOW_RATE / SLOW_F0)) / SLOW_RATE
 WAVE = sum(np.cos(2 * np.pi * SLOW_F0 * k * TIME + k) for k in (1, 3, 5))
 
 
-def wave_at(speed: float, drift: float = 0.0) -> PeriodicRecord:
-    record = Record(
-        [Channel("x", "m")],
-        WAVE[:, None],
-        SLOW_RATE,
-        speed=speed,
-        angle=speed * TIME + drift * TIME**2 / 2,
-    )
+def slow_periods(samples: np.ndarray, **turning: object) -> PeriodicRecord:
+    record = Record([Channel("x", "m")], samples[:, None], SLOW_RATE, **turning)
     return average(record, SLOW_F0, harmonics=[1, 3, 5])
+
+
+def wave_at(speed: float, drift: float = 0.0) -> PeriodicRecord:
+    return slow_periods(WAVE, speed=speed, angle=speed * TIME + drift * TIME**2 / 2)
 
 
 def test_synchronous_rotation_gives_no_warning():
@@ -582,10 +577,7 @@ def test_drift_is_said():
 def noisy(transient: float, sigma: float, seed: int) -> PeriodicRecord:
     rng = np.random.default_rng(seed)
     start = transient * np.exp(-8.0 * TIME) * np.cos(2 * np.pi * 11.0 * TIME)
-    samples = WAVE + start + sigma * rng.normal(size=len(TIME))
-    return average(
-        Record([Channel("x", "m")], samples[:, None], SLOW_RATE), SLOW_F0, harmonics=[1, 3, 5]
-    )
+    return slow_periods(WAVE + start + sigma * rng.normal(size=len(TIME)))
 
 
 def test_a_transient_is_found_and_twice_its_length_dropped():
@@ -609,29 +601,24 @@ def test_without_noise_the_transient_is_followed_far_down():
 
 
 def test_a_drift_is_no_transient():
-    samples = WAVE * (1 + 0.1 * np.exp(-0.1 * TIME))
-    record = Record([Channel("x", "m")], samples[:, None], SLOW_RATE)
-    assert detect_settling(average(record, SLOW_F0, harmonics=[1, 3, 5])).periods == 0
+    drifting = slow_periods(WAVE * (1 + 0.1 * np.exp(-0.1 * TIME)))
+    assert detect_settling(drifting).periods == 0
 
 
 def test_a_transient_longer_than_half_the_record_is_told():
     """It dies away by a factor of 40 in the first half, and stands a hundred times above noise."""
     start = np.exp(-1.25 * TIME) * np.cos(2 * np.pi * 11.0 * TIME)
     rng = np.random.default_rng(3)
-    samples = WAVE + start + 1e-4 * rng.normal(size=len(TIME))
-    record = Record([Channel("x", "m")], samples[:, None], SLOW_RATE)
-    found = detect_settling(average(record, SLOW_F0, harmonics=[1, 3, 5]))
+    found = detect_settling(slow_periods(WAVE + start + 1e-4 * rng.normal(size=len(TIME))))
     assert found.periods == PERIODS // 2
     assert found.drop == pytest.approx(PERIODS // 2 / SLOW_F0)
 
 
 def test_another_level_in_the_first_half_is_no_transient():
     rng = np.random.default_rng(3)
-    samples = WAVE * np.where(np.arange(len(TIME)) < 3120, 1.1, 1.0) + 0.01 * rng.normal(
-        size=len(TIME)
-    )
-    record = Record([Channel("x", "m")], samples[:, None], SLOW_RATE)
-    assert detect_settling(average(record, SLOW_F0, harmonics=[1, 3, 5])).periods == 0
+    level = np.where(np.arange(len(TIME)) < 3120, 1.1, 1.0)
+    stepping = slow_periods(WAVE * level + 0.01 * rng.normal(size=len(TIME)))
+    assert detect_settling(stepping).periods == 0
 
 
 def test_few_periods_tell_nothing():
