@@ -21,7 +21,6 @@ from working_folder import make
 from rotorid import InputError, ReadError, cli
 from rotorid.core.distributions import f_limit, f_tail
 from rotorid.core.errors import CELL, LINE, PART, SENTENCE, one_line, printable, shortened
-from rotorid.core.frozen import frozen
 from rotorid.core.tables import page_html, page_text, table
 from rotorid.core.toml import Schema, parse_toml
 from rotorid.core.units import (
@@ -34,7 +33,7 @@ from rotorid.core.units import (
     si_factor,
     to_si,
 )
-from rotorid.core.values import ByContent, read_only, same
+from rotorid.core.values import ByContent, frozen, read_only, same
 
 # What everything else stands on: TOML, tables, text on a screen, values, tails.
 

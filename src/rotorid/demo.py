@@ -31,9 +31,8 @@ from threadpoolctl import threadpool_limits
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.tables import Page, Table, table
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.core.watch import counting, silent, watched
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.likelihood.bound import Plan, predict_accuracy

@@ -17,10 +17,9 @@ from pydantic_core import to_json
 from rotorid.answer.judge import EFFORT, Status, judge, ordered
 from rotorid.core.errors import InputError
 from rotorid.core.files import MARK, Kind, write_whole
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import VERDICTS, Note
 from rotorid.core.tables import Page, page_html, page_text
-from rotorid.core.values import ByContent, Floats, read_only
+from rotorid.core.values import ByContent, Floats, frozen, read_only
 
 if TYPE_CHECKING:
     import pandas as pd

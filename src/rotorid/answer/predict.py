@@ -17,9 +17,8 @@ from rotorid.answer.derived import base_of
 from rotorid.answer.estimate import Estimate, Prediction, check_units
 from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import covariance_root
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.observation import Data, Observation, bind, bind_all
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Point

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import scipy
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 
 
 def median(values: Floats, axis: int = -1) -> Floats:

@@ -15,10 +15,9 @@ import numpy as np
 import scipy
 
 from rotorid.core.errors import InputError, naming
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity, to_si
-from rotorid.core.values import Booleans, Floats, Integers
+from rotorid.core.values import Booleans, Floats, Integers, frozen
 from rotorid.data.record import Channel, Known, OfMachine, Record, samples_between
 from rotorid.signals.checks.registry import check_record
 from rotorid.signals.spectrum import transfer_of_recording

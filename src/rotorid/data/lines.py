@@ -10,9 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers, frozen
 from rotorid.data.record import (
     Channel,
     Known,

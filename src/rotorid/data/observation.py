@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import sensor_rank
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.filtered import FilteredRecord
 from rotorid.data.lines import Lines, SampledClock, SilentClock
 from rotorid.data.record import Channel, Known, PeriodicRecord

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from rotorid.core.errors import InputError, naming
-from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Lines
 from rotorid.data.record import Record, part_of, samples_between
 from rotorid.data.table_lines import lines_at_speeds

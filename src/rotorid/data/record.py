@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
-from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers, read_only
+from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers, frozen, read_only
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.force.laws import Law
 

@@ -10,10 +10,9 @@ import numpy as np
 import scipy
 
 from rotorid.core.errors import InputError, naming, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Beside, Lines, SampledClock, Samples
 from rotorid.data.record import Channel, Record, part_of, samples_between
 from rotorid.signals.checks.channels import REFERENCE

@@ -17,10 +17,9 @@ import tomlkit.items
 
 from rotorid.core.errors import InputError, ReadError
 from rotorid.core.files import MARK, Kind
-from rotorid.core.frozen import frozen
 from rotorid.core.toml import inline
 from rotorid.core.units import converts, si_factor
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
 from rotorid.data.record import PeriodicRecord, Record

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.errors import InputError, naming, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.units import check_unit, converts, multiply_units, si_factor
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record, changed
 from rotorid.data.whole_record import spectra

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorid.core.errors import InputError, naming
-from rotorid.core.frozen import frozen
 from rotorid.core.units import si_factor, to_si
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.table_lines import phasor_lines, response_lines

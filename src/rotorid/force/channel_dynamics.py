@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Array, ByContent, read_only
+from rotorid.core.values import Array, ByContent, frozen, read_only
 
 UNKNOWN = float("inf")
 """The deviation of a constant that nothing is known of; its value is where the search starts."""

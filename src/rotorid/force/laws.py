@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 
 MU0 = 4e-7 * np.pi
 """Permeability of vacuum in N/A^2."""

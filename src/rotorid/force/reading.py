@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.errors import InputError, naming
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.lines import Lines, Samples
 from rotorid.data.record import Channel, Record
 from rotorid.force.laws import Differential, Flux, Law, Linear

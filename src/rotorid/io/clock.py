@@ -10,8 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from rotorid.core.errors import InputError, ReadError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, Complexes, Floats
+from rotorid.core.values import Booleans, Complexes, Floats, frozen
 from rotorid.io.table import Column, Rate
 
 LATE, EARLY = 1.75, 0.25

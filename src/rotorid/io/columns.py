@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.core.errors import InputError, ReadError, naming, printable
-from rotorid.core.frozen import frozen
 from rotorid.core.units import MAGNITUDE, check_unit, converts, quantity, si_factor
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Dynamics

@@ -17,8 +17,7 @@ import numpy as np
 
 from rotorid.core.errors import ReadError
 from rotorid.core.files import open_regular
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.io.clock import even_rate
 from rotorid.io.table import (
     COLUMNS,

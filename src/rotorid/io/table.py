@@ -21,8 +21,7 @@ import numpy as np
 
 from rotorid.core.errors import NAME_CHARACTERS, InputError, ReadError, nearest
 from rotorid.core.files import open_regular
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.io.sandbox import Sandbox
 
 RATES = (1e-9, 1e12)

@@ -21,9 +21,8 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.files import open_regular
-from rotorid.core.frozen import frozen
 from rotorid.core.units import check_unit, si_factor
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.io.sandbox import too_large
 from rotorid.io.table import COLUMNS, Column, Rate, content, no_column, not_what_it_says
 

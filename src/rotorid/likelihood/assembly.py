@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.lines import Clock, Lines, Signal
 from rotorid.data.observation import Observation, combined
 from rotorid.data.record import Channel

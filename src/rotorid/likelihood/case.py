@@ -14,8 +14,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer

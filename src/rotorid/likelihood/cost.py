@@ -26,9 +26,8 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import triangle
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Lines
 from rotorid.likelihood.effects import Calibration
 from rotorid.likelihood.relations import Monomials

@@ -17,9 +17,8 @@ import numpy as np
 import scipy
 
 from rotorid.answer.machine_checks import MOVED, REJECTED
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import Steady, changed, unread

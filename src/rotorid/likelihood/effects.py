@@ -19,8 +19,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Lines, Samples
 from rotorid.data.observation import Observation
 from rotorid.force.reading import Passed, displacement

@@ -15,8 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.core.distributions import Expectation
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Beside
 from rotorid.data.observation import Observation
 from rotorid.likelihood.cost import Evaluation

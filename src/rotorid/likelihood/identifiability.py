@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorid.answer.estimate import Value
-from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel

@@ -24,9 +24,8 @@ import numpy as np
 import scipy
 
 from rotorid.core.distributions import Expectation, gamma_tail, line_moments
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import leave_out
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.observation import Observation
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.linear import Linearized

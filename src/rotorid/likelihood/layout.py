@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, Floats, Integers
+from rotorid.core.values import Booleans, Floats, Integers, frozen
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import E, Effect, Reads, Replaces
 from rotorid.likelihood.unknowns import Scalar, Unknown

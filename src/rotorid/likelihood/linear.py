@@ -21,9 +21,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths, leave_out, triangle, whole_svd
-from rotorid.core.values import Booleans, Floats, Integers
+from rotorid.core.values import Booleans, Floats, Integers, frozen
 
 RANK = 1e-10
 """Singular values below this share of the largest count as zero."""

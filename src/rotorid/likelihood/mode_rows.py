@@ -15,9 +15,8 @@ import numpy as np
 
 from rotorid.answer.estimate import ModeFit
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.likelihood.assembly import Terms
 from rotorid.likelihood.effects import Entry, at_unknowns
 from rotorid.likelihood.layout import Layout

@@ -16,10 +16,9 @@ from itertools import product
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import covariance_root, whole_svd
 from rotorid.core.notes import Note
-from rotorid.core.values import Booleans, Floats
+from rotorid.core.values import Booleans, Floats, frozen
 from rotorid.core.watch import watch
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer

@@ -17,9 +17,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths, triangle
-from rotorid.core.values import Floats, Integers
+from rotorid.core.values import Floats, Integers, frozen
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Evaluation, Likelihood

@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats, Integers
+from rotorid.core.values import Floats, Integers, frozen
 
 
 @frozen

@@ -24,8 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import (
     Point,

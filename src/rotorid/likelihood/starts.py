@@ -19,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats, Integers
+from rotorid.core.values import Floats, Integers, frozen
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation, bind, combined
 from rotorid.data.record import changed

@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import every_load, other_terms, profile
 from rotorid.likelihood.inference import Inference

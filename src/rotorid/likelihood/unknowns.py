@@ -18,8 +18,7 @@ import numpy as np
 from pydantic import Field, Strict
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrder

@@ -18,9 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.signals.covariance import FLOOR, LineCovariance
 
 NOTHING = 1e-20

@@ -12,9 +12,8 @@ import numpy as np
 from rotorid.answer import machine_checks
 from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
 from rotorid.linear.regression import Regression, SampledRegression

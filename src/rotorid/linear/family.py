@@ -19,10 +19,9 @@ from rotorid.answer.estimate import Estimate, Value
 from rotorid.answer.judge import OPEN, judge
 from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths, whole_svd
 from rotorid.core.notes import Note, remarks
-from rotorid.core.values import Booleans, Complexes, Floats
+from rotorid.core.values import Booleans, Complexes, Floats, frozen
 from rotorid.data.observation import Data, Observation, bind
 from rotorid.linear.regression import Equations, Regression, relative_errors
 from rotorid.linear.solve import POOLING_PERIODS, Block, LeastSquaresSolution, pooled

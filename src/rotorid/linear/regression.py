@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from rotorid.answer.estimate import Prediction
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
 from rotorid.data.filtered import SPILLED, FilteredRecord, LowPass, told_of
 from rotorid.data.lines import PhasorClock, SampledClock
 from rotorid.data.observation import Observation

@@ -15,9 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths, leave_out
-from rotorid.core.values import Booleans, Floats, Integers
+from rotorid.core.values import Booleans, Floats, Integers, frozen
 from rotorid.data.record import PeriodicRecord
 from rotorid.signals.spectrum import synthesize
 

@@ -15,10 +15,9 @@ from itertools import islice
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths
 from rotorid.core.units import multiply_units
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.models.equations import Product
 from rotorid.models.expressions import (
     MAX_VALUE,

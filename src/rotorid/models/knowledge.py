@@ -11,9 +11,8 @@ import numpy as np
 import scipy
 
 from rotorid.core.errors import InputError, naming, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.units import finite_speed, multiply_units, quantity, to_si
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.observation import Observation
 from rotorid.models import Model
 from rotorid.models.equations import polynomial

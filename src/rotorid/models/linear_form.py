@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, ModelError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Array, Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Array, Booleans, Complexes, Floats, Integers, frozen
 from rotorid.models.equations import DERIVATIVES
 from rotorid.models.expressions import (
     FUNCTIONS,

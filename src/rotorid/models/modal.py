@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 
 Matrix = Floats | Complexes
 FREE = 1e-14

@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from rotorid.core.errors import InputError, ModelError, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.tables import page_html, table
 from rotorid.core.toml import Schema
 from rotorid.core.units import Dimension, check_unit, si_factor
-from rotorid.core.values import Floats, Integers
+from rotorid.core.values import Floats, Integers, frozen
 from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.equations import (
     DERIVATIVES,

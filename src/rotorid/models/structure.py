@@ -24,9 +24,8 @@ import numpy as np
 import scipy
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.units import dimension_of
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.models.expressions import Expression, Monomial
 from rotorid.models.linear_form import motion_factor
 from rotorid.models.model import Model, fact

@@ -32,9 +32,8 @@ from rotorid.answer.estimate_tables import (
 from rotorid.answer.predict import ChannelError
 from rotorid.answer.predict import verdict_of as validated
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.tables import Table, table
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.linear.family import Information
 from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel

@@ -19,9 +19,8 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.core.distributions import bound_of_length
 from rotorid.core.errors import InputError, require_positive
-from rotorid.core.frozen import frozen
 from rotorid.core.units import finite_speed, quantity
-from rotorid.core.values import ByContent, Complexes, Floats
+from rotorid.core.values import ByContent, Complexes, Floats, frozen
 from rotorid.models.rotor import RotorModel
 from rotorid.results.machine import (
     Machine,

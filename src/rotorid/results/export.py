@@ -19,9 +19,8 @@ from rotorid.answer.estimate import Estimate, Value
 from rotorid.answer.estimate_tables import value_tables
 from rotorid.core.errors import InputError, one_line, printable, require_names
 from rotorid.core.files import MARK, Kind, write_whole
-from rotorid.core.frozen import frozen
 from rotorid.core.units import finite_speed
-from rotorid.core.values import ByContent, Floats
+from rotorid.core.values import ByContent, Floats, frozen
 from rotorid.models import Model
 from rotorid.models.linear_form import solved
 from rotorid.results.machine import Machine, machine_of, require_shares

@@ -17,9 +17,8 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.units import finite_speed
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.models import Model
 from rotorid.models.modal import poles_of
 from rotorid.results.machine import Machine, directions_of, laws_of, machine_of, require_shares

@@ -13,10 +13,9 @@ import numpy as np
 from rotorid.answer.derived import physical_fit
 from rotorid.answer.estimate import Estimate, check_units
 from rotorid.core.errors import InputError, ModelError
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import covariance_root
 from rotorid.core.toml import table_within
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.force.entry import LawEntry, law_keys
 from rotorid.force.laws import Differential, Linear
 from rotorid.likelihood.mode_rows import Pencil

@@ -25,9 +25,8 @@ import scipy.optimize
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.units import finite_speed
-from rotorid.core.values import ByContent, Complexes, Floats, Integers
+from rotorid.core.values import ByContent, Complexes, Floats, Integers, frozen
 from rotorid.core.watch import counting
 from rotorid.models import Model
 from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, parted, poles_of

@@ -18,9 +18,8 @@ import numpy as np
 import scipy
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.whole_record import whole_lines
 from rotorid.results.sensitivity_peak import (

@@ -17,8 +17,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 
 POLES = (0, 1, 2, 3)
 """Poles of a curve, of which the least are taken that the next does not beat."""

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from scipy import linalg, signal
 
 from rotorid.core.errors import InputError, require_positive
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 
 
 @frozen

@@ -15,9 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from rotorid.core.errors import InputError, naming, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.units import to_si
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.controller import Controller
 from rotorid.rig.parts import (

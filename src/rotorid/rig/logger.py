@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.record import Channel, Drive, Record
 from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential

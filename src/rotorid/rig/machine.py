@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats, Integers
+from rotorid.core.values import Floats, Integers, frozen
 from rotorid.models.model import Model
 from rotorid.rig.controller import Controller
 from rotorid.rig.parts import (

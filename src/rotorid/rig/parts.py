@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, require_positive
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 

@@ -10,8 +10,7 @@ import numpy as np
 from scipy import linalg
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.core.watch import polled
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig import kernel

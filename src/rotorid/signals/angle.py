@@ -15,8 +15,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, naming
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, Floats, Integers
+from rotorid.core.values import Booleans, Floats, Integers, frozen
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.errors import InputError, naming, require_positive
-from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
-from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
 from rotorid.data.record import Channel, PeriodicRecord, Record, Steady, changed, check_samples
 from rotorid.signals.checks.periods import ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record

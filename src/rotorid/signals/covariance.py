@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Arrays, Complexes
+from rotorid.core.values import Arrays, Complexes, frozen
 
 Kind = Literal[
     "white",

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, worst
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Lines, PhasorClock
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.average import average

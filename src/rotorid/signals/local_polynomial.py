@@ -14,8 +14,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
 
 ORDERS = (2, 4, 6, 8)
 """S, of which the least is taken that leaves no bend: each is held against the next."""

@@ -12,8 +12,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, require_positive
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.signals.spectrum import synthesize
 
 Phases = Literal["zero", "schroeder", "random"]

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.signals.spectrum import top_of
 
 _MIDDLE = 0.15  # of the record left out at each end: approach and return are no part of a period

@@ -26,10 +26,9 @@ from pydantic import (
 )
 
 from rotorid.core.errors import InputError, ModelError, naming
-from rotorid.core.frozen import frozen
 from rotorid.core.toml import Schema
 from rotorid.core.units import dimension_of, multiply_units, to_si
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.models.equations import check_names, polynomial
 from rotorid.models.model import DeclaredParameter
 

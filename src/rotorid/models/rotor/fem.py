@@ -21,8 +21,7 @@ import numpy as np
 import scipy
 
 from rotorid.core.errors import ModelError
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.models.rotor.drawing import (
     MAX_ELEMENTS,
     PLANES,

@@ -12,8 +12,7 @@ import numpy as np
 import scipy
 
 from rotorid.core.errors import InputError, ModelError, require_names
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats, Integers
+from rotorid.core.values import Floats, Integers, frozen
 from rotorid.models.base import BaseParameters, monomial_name, monomial_unit
 from rotorid.models.equations import DERIVATIVES, sort_monomials
 from rotorid.models.expressions import Expression, Monomial, product, symbol

@@ -14,9 +14,8 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from rotorid.core.distributions import median
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.record import Channel, PeriodicRecord
 from rotorid.signals.checks.registry import (
     NO_SCATTER,

@@ -12,9 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.core.distributions import f_limit, median
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import inputs_of, is_input, sensors_of
 from rotorid.signals.checks.registry import (

@@ -12,9 +12,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import scipy
 
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.values import Booleans, Complexes, Floats
+from rotorid.core.values import Booleans, Complexes, Floats, frozen
 from rotorid.data.record import Channel
 
 STRONG = 1e-2

@@ -18,9 +18,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, frozen
 from rotorid.data.record import Channel, PeriodicRecord, Record
 
 NO_SCATTER = 1e-9

@@ -12,10 +12,9 @@ import numpy as np
 import scipy
 
 from rotorid.core.distributions import median
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note, Severity
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.record import PeriodicRecord, Record, Steady, unread
 from rotorid.signals.checks.channels import sensors_of
 from rotorid.signals.checks.registry import NO_SCATTER, Seen, first_used, period_check, record_check

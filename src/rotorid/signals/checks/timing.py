@@ -11,9 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.core.distributions import median
-from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
-from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
 from rotorid.data.record import PeriodicRecord
 from rotorid.signals.checks.registry import NO_SCATTER, period_check
 
