@@ -7,13 +7,14 @@ its words.
 
 import contextlib
 import io
-import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
+import rotorid as rid
+from rotorid import InputError
 from rotorid.cli import run
 
 Edit = Callable[[str], str]
@@ -273,6 +274,9 @@ LEVERS = "levers"
 MISTAKES_IN_LEVERS = tuple(_in_levers())
 
 
+BAD = ("warning", "refused")
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What `identify` said of a mistake: what stood first, and what named it (empty: nothing)."""
@@ -290,31 +294,23 @@ class Verdict:
 def judge(mistake: Mistake, folder: Path) -> Verdict:
     """Make a mistake in the experiment file of a rig, in a folder with its record, and identify."""
     text = (folder / f"{mistake.rig}.toml").read_text("utf-8")
-    experiment, result = (folder / f"{mistake.rig}-wrong.{end}" for end in ("toml", "json"))
-    experiment.write_text(mistake.edit(text), "utf-8")
-    result.unlink(missing_ok=True)
-    said = io.StringIO()
-    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
-        run(["identify", str(experiment), "--json", str(result)])
-    if not result.exists():
-        refusal = said.getvalue().strip()
-        by = "refusal" if _holds(mistake, [refusal]) else ""
-        return Verdict(mistake, "refused", refusal.split(": ", 2)[-1], by)
-    data = json.loads(result.read_text("utf-8"))
-    suspects, warnings = data["suspects"], data["warnings"]
+    path = folder / f"{mistake.rig}-wrong.toml"
+    path.write_text(mistake.edit(text), "utf-8")
+    try:
+        found = rid.load_experiment(path).identify()
+    except InputError as error:
+        by = "refusal" if _holds(mistake, [str(error)]) else ""
+        return Verdict(mistake, "refused", str(error).split(": ", 1)[-1], by)
+    suspects, warnings = found.suspects, found.warnings
     told = {
-        "first suspect": [s["term"] for s in suspects[:1]],
+        "first suspect": [s.term for s in suspects[:1]],
         "told with the first": warnings[:1] if suspects else [],
-        "check": [f"{c['check']}: {c['found']}" for c in data["checks"] if _bad(c)],
+        "check": [f"{c.about}: {c.found}" for c in found.checks if c.verdict in BAD],
         "warning": warnings[1:] if suspects else warnings,
     }
     first = next(text for texts in told.values() for text in texts)
     by = next((name for name, texts in told.items() if _holds(mistake, texts)), "")
-    return Verdict(mistake, data["status"], first, by)
-
-
-def _bad(check: dict[str, str]) -> bool:
-    return check["verdict"] in ("warning", "refused")
+    return Verdict(mistake, found.status, first, by)
 
 
 def _holds(mistake: Mistake, texts: Sequence[str]) -> bool:

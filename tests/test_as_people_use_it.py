@@ -149,7 +149,7 @@ def test_records_draw_themselves_in_a_notebook(record):
         np.random.default_rng(1).standard_normal((20_000, 40)),
         "1 kHz",
     )
-    for value in (record, rid.average(record, "20 Hz", harmonics=LINES), wide):
+    for value in (rid.average(record, "20 Hz", harmonics=LINES), wide):
         html = value._repr_html_()
         (image,) = re.findall(r'src="data:image/png;base64,([^"]+)"', html)
         assert b64decode(image).startswith(b"\x89PNG")

@@ -21,14 +21,20 @@ from fuzz_run import SEED, seed_of_commit
 
 from rotorid.io.sandbox import Sandbox
 
-GROUPS = (
-    "csv txt lvm",
-    "experiment phasors phasor-table equations rotor model rig result",
-    "hdf5 mat73",
-    "mat4 mat5 mat5-packed",
-    "parquet tdms mdf",
-    "uff uff-binary responses responses-binary",
-)
+TEXTS = [
+    "csv",
+    "txt",
+    "lvm",
+    "experiment",
+    "phasors",
+    "phasor-table",
+    "equations",
+    "rotor",
+    "model",
+    "rig",
+    "result",
+]
+GROUPS = (TEXTS, [name for name in FORMATS if name not in TEXTS])
 RUNNER = Path(__file__).with_name("fuzz_run.py")
 
 
@@ -50,14 +56,10 @@ def fuzz(*arguments: str) -> str:
 # hundred does is found with 96 %. What those find was there before, more often than not: it is a
 # fault all the same, and the seed that is printed finds it again.
 @pytest.mark.slow
-@pytest.mark.parametrize("formats", GROUPS)
+@pytest.mark.parametrize("formats", GROUPS, ids=["texts", "others"])
 def test_damaged_files_of_each_format(formats):
     counts = ("--each", "230", "--seed", str(SEED), "--own", "80", "--workers", "1")
-    assert "nothing found" in fuzz(*formats.split(), *counts)
-
-
-def test_every_format_is_damaged():
-    assert sorted(" ".join(GROUPS).split()) == sorted(FORMATS)
+    assert "nothing found" in fuzz(*formats, *counts)
 
 
 def test_the_seed_is_that_of_the_commit(tmp_path, monkeypatch, capsys):

@@ -33,10 +33,9 @@ KNOWN = MaximumLikelihood(start={"m": 5.5, "c": 450.0, "k": 4.3e5})
 
 
 def levitated(
-    seed: int, seconds: float = 5.0, excitation: float = 20.0, noise_std: float = 1e-6
-) -> Record:
-    """Return forces (held), positions, and the excitation that was added to the command."""
-    rng = np.random.default_rng(seed)
+    *seeds: int, seconds: float = 5.0, excitation: float = 20.0, noise_std: float = 1e-6
+) -> list[Record]:
+    """Return forces (held), positions, and the excitation that was added, of a record a seed."""
     m, c, k = TRUTH["m"], TRUTH["c"], TRUTH["k"]
     plant = np.zeros((8, 8))  # x, y, their rates, cos phi, sin phi, held forces
     plant[:2, 2:4] = np.eye(2)
@@ -47,22 +46,24 @@ def levitated(
     plant[2:4, 6:8] = np.eye(2) / m
     step = expm(plant / RATE)
     count = int(seconds * RATE)
-    added = excitation * rng.standard_normal((count, 2))
-    noise = noise_std * rng.standard_normal((count, 2))
-    state = np.array([0.0, 0, 0, 0, 1, 0, 0, 0])
-    position, force, last = np.empty((count, 2)), np.empty((count, 2)), np.zeros(2)
+    rngs = [np.random.default_rng(seed) for seed in seeds]
+    drawn = np.stack([rng.standard_normal((2, count, 2)) for rng in rngs], axis=-1)
+    added, position, force = excitation * drawn[0], noise_std * drawn[1], np.empty(drawn[0].shape)
+    state, last = np.zeros((8, len(seeds))), np.zeros((2, len(seeds)))
+    state[4] = 1.0
     for n in range(count):
-        position[n], force[n] = state[:2] + noise[n], state[6:8]
+        position[n] += state[:2]
+        force[n] = state[6:8]
         command = -2e5 * position[n] - 100.0 * (position[n] - last) * RATE * 0.2 + added[n]
         last = position[n]
         state = step @ state
         state[6:8] = command
-    force += 0.5 * rng.standard_normal((count, 2))
     channels = [Channel(name, "N", hold=True) for name in ("F_x", "F_y")]
     channels += [Channel(name, "m") for name in ("x", "y")]
     channels += [Channel(name) for name in ("r_x", "r_y")]
-    samples = np.column_stack([force, position, added])
-    return Record(channels, samples, RATE, speed=SPEED)
+    noisy = [force[..., k] + 0.5 * rng.standard_normal((count, 2)) for k, rng in enumerate(rngs)]
+    parts = [np.column_stack([f, position[..., k], added[..., k]]) for k, f in enumerate(noisy)]
+    return [Record(channels, samples, RATE, speed=SPEED) for samples in parts]
 
 
 def deviations(estimate) -> np.ndarray:
@@ -71,7 +72,7 @@ def deviations(estimate) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def record():
-    return levitated(1)
+    return levitated(1)[0]
 
 
 def lines_of(record, **more):
@@ -81,7 +82,7 @@ def lines_of(record, **more):
 @pytest.mark.slow
 def test_without_references_the_misfit_sees_the_closed_loop():
     """Inputs taken as free of noise, where the loop feeds the sensor's noise into them."""
-    loud = levitated(1, excitation=5.0, noise_std=1e-5)
+    (loud,) = levitated(1, excitation=5.0, noise_std=1e-5)
     strong = replace(loud, channels=loud.channels[:4], samples=loud.samples[:, :4])
     estimate = identify(MODEL, spectra(strong, (2.0, 200.0), inputs=MODEL.inputs), KNOWN)
     assert any("free of noise" in warning for warning in estimate.warnings)
@@ -106,7 +107,8 @@ def test_a_speed_otherwise_than_stated_is_named_before_anything_is_searched(
     """The lines show it by themselves; the model at that speed explains them."""
     monkeypatch.setattr(fit, "search", None)
     stated = replace(record, speed=-1.01 * SPEED)
-    more = {"quiet": replace(levitated(2, excitation=0.0), speed=-1.01 * SPEED)} if quiet else {}
+    (still,) = levitated(2, excitation=0.0)
+    more = {"quiet": replace(still, speed=-1.01 * SPEED)} if quiet else {}
     lines = lines_of(stated, **more)
     assert lines.shown == pytest.approx(-SPEED, rel=1e-5)
     lines = lines_of(replace(record, speed=1.01 * SPEED), **more)
@@ -211,7 +213,7 @@ def test_only_what_lies_between_skip_and_until_is_used(record):
 def test_deviations_hold():
     """40 records: rms of error over deviation, coverage, and the misfit test."""
     quick = replace(KNOWN, effort="quick")
-    found = [identify(MODEL, lines_of(levitated(seed)), quick) for seed in range(40)]
+    found = [identify(MODEL, lines_of(record), quick) for record in levitated(*range(40))]
     scaled = np.array([deviations(estimate) for estimate in found])
     p_values = np.array([estimate.misfit.p_value for estimate in found])
     assert 0.85 < np.sqrt((scaled**2).mean()) < 1.15
@@ -517,7 +519,7 @@ HEADER = "fx,fy,px,py,ex,ey,ay"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
-    for name, record in (("run", levitated(1)), ("quiet", levitated(2, excitation=0.0))):
+    for name, record in (("run", levitated(1)[0]), ("quiet", levitated(2, excitation=0.0)[0])):
         samples = record.samples * [1, 1, 1e6, 1e6, 1, 1]
         # The acceleration, as a sensor of its own would give it: from the equation of motion.
         y = record.column("y")
@@ -599,7 +601,7 @@ def turning(tmp_path_factory):
     folder = tmp_path_factory.mktemp("turning")
     later = round(np.pi / 4 / SPEED * RATE)
     for name, seed, first in (("first", 1, 0), ("second", 2, later)):
-        record = levitated(seed, excitation=5.0)
+        (record,) = levitated(seed, excitation=5.0)
         samples = (record.samples * [1, 1, 1e6, 1e6, 1, 1])[first:]
         np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER[:-3], comments="")
     return folder
@@ -632,7 +634,7 @@ def test_records_that_count_the_angle_from_two_zeros_are_refused(turning):
 def test_an_unknown_phase_starts_where_the_rotation_stands(turn):
     """From the other side of the circle the search ended nowhere, after minutes."""
     later = round(turn / SPEED * RATE)
-    runs = [levitated(seed) for seed in (1, 2)]
+    runs = levitated(1, 2)
     runs[1] = replace(runs[1], samples=runs[1].samples[later:], phase_known=False)
     lines = [rid.spectra(run, (2.0, 200.0), references=["r_x", "r_y"]) for run in runs]
     (asked,) = phases(bind_all(MODEL, lines), Nuisances())
