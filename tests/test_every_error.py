@@ -27,19 +27,6 @@ COMMANDS = {
     "schema": ["rig", "--out", "new.json"],
     "demo": ["--runs", "1", *OUTPUTS],
 }
-# What each command calls first, and what it calls for the most of its work.
-WORK = {
-    "identify": ("commands.identify.load_experiment", "commands.identify.identify"),
-    "inspect": ("commands.inspect.inspect_experiment",),
-    "validate": ("commands.validate.load_estimate", "commands.validate.channel_errors"),
-    "report": ("answer.result_file.load_estimate", "report.estimate_report.estimate_report"),
-    "export": ("answer.result_file.load_estimate", "results.export.exported"),
-    "simulate": ("rig.file.load_rig", "rig.files.record_bytes", "rig.files.experiment_text"),
-    "new": ("experiment.draft.draft",),
-    "models": ("models.load_model",),
-    "schema": ("core.toml.json_schema",),
-    "demo": ("demo.run_demo",),
-}
 ERRORS = {
     WRONG_INPUT: [
         InputError("this", "that", "do so"),
@@ -116,19 +103,6 @@ def test_an_error_is_one_line(command, here, monkeypatch, capsys):
             assert cli.run([command, *COMMANDS[command]]) == code, error
         assert "--debug" in one_line(capsys) or code == WRONG_INPUT
     assert sorted(here.iterdir()) == before
-
-
-@pytest.mark.sampled(6)
-@pytest.mark.parametrize("command", sorted(WORK))
-@pytest.mark.parametrize("error", [MemoryError(), KeyError("x")], ids=["memory", "key"])
-def test_wherever_it_is_raised(command, error, here, monkeypatch, capsys):
-    before = sorted(here.iterdir())
-    for name in WORK[command]:
-        with monkeypatch.context() as patch:
-            patch.setattr(f"rotorid.{name}", raiser(error))
-            assert cli.run([command, *COMMANDS[command]]) in (NO_ANSWER, WRONG_INPUT)
-        one_line(capsys)
-        assert sorted(here.iterdir()) == before
 
 
 @pytest.mark.sampled(4)

@@ -17,7 +17,7 @@ from rotorid.likelihood import rivals_model as trial_leads
 from rotorid.likelihood import rivals_read, solver
 from rotorid.likelihood.doubts import FAR, NEAR
 from rotorid.likelihood.effects import Replaces
-from rotorid.likelihood.unknowns import Scalar, Unknown, phase
+from rotorid.likelihood.unknowns import Scalar, Unknown
 
 # Mistakes of a table of phasors: none ends well with a wrong answer, and each is told.
 
@@ -41,11 +41,24 @@ t_y = { fixed = "20 g mm" }
 Change = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def unchanged(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return rpm, phasors
+def silent(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    parts = np.random.default_rng(1).standard_normal((2, len(rpm)))
+    return rpm, np.column_stack([phasors[:, 0], 0.5 * NOISE * (parts[0] + 1j * parts[1])])
 
 
-def measured(folder: Path, change: Change = unchanged, text: str = TWO) -> rid.Estimate:
+CHANGES: dict[str, Change] = {
+    "": lambda rpm, phasors: (rpm, phasors),
+    "swapped": lambda rpm, phasors: (rpm, phasors[:, ::-1]),
+    # What `write` calls degrees are radians.
+    "radians": lambda rpm, x: (rpm, np.abs(x) * np.exp(1j * np.radians(np.angle(x)))),
+    "silent": silent,
+    "backward": lambda rpm, phasors: (-rpm, phasors),
+    "slower": lambda rpm, phasors: (rpm / 60, phasors),
+    "faster": lambda rpm, phasors: (rpm * 60, phasors),
+}
+
+
+def measured(folder: Path, change: Change = CHANGES[""], text: str = TWO) -> rid.Estimate:
     """Identify two noisy coast-downs whose tables were changed."""
     (folder / "model.toml").write_text(MODEL)
     rng = np.random.default_rng(3)
@@ -62,32 +75,6 @@ def worst(estimate: rid.Estimate) -> float:
     return max(abs(estimate.value(n) - v) / (estimate.std(n) or 0.0) for n, v in TRUTH.items())
 
 
-def swapped(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return rpm, phasors[:, ::-1]
-
-
-def in_radians(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What `write` calls degrees are radians."""
-    return rpm, np.abs(phasors) * np.exp(1j * np.radians(np.angle(phasors)))
-
-
-def silent(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    parts = np.random.default_rng(1).standard_normal((2, len(rpm)))
-    return rpm, np.column_stack([phasors[:, 0], 0.5 * NOISE * (parts[0] + 1j * parts[1])])
-
-
-def backward(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return -rpm, phasors
-
-
-def slower(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return rpm / 60, phasors
-
-
-def faster(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return rpm * 60, phasors
-
-
 def test_the_tables_as_they_are(tmp_path):
     estimate = measured(tmp_path)
     assert estimate.status == "ok"
@@ -98,16 +85,16 @@ def test_the_tables_as_they_are(tmp_path):
 @pytest.mark.parametrize(
     ("change", "old", "new", "told"),
     [
-        (unchanged, "std =", "lag = true, std =", "first suspect: phases that count the other"),
-        (unchanged, 'phase = "px",', 'phase = "px", lag = true,', "first suspect: the phase of x"),
-        (swapped, "", "", "first suspect: x with y exchanged"),
-        (in_radians, "", "", "first suspect: phases in radians taken for degrees"),
-        (backward, "", "", "first suspect: the rotor turning the other way"),
-        (silent, "", "", r"first suspect: gain\[y\]"),
-        (slower, "", "", "speeds of the table 60 times as large .Hz taken for rpm"),
-        (faster, "", "", "speeds of the table 0.01667 times as large .rpm taken for Hz"),
+        ("", "std =", "lag = true, std =", "first suspect: phases that count the other"),
+        ("", 'phase = "px",', 'phase = "px", lag = true,', "first suspect: the phase of x"),
+        ("swapped", "", "", "first suspect: x with y exchanged"),
+        ("radians", "", "", "first suspect: phases in radians taken for degrees"),
+        ("backward", "", "", "first suspect: the rotor turning the other way"),
+        ("silent", "", "", r"first suspect: gain\[y\]"),
+        ("slower", "", "", "speeds of the table 60 times as large .Hz taken for rpm"),
+        ("faster", "", "", "speeds of the table 0.01667 times as large .rpm taken for Hz"),
         (
-            unchanged,
+            "",
             '"20 g mm"',
             '"-20 g mm"',
             r"first suspect: the trial mass .* at 21[.0-9]+ deg instead of -21.8",
@@ -115,7 +102,7 @@ def test_the_tables_as_they_are(tmp_path):
     ],
 )
 def test_a_mistake_is_told(tmp_path, change, old, new, told):
-    estimate = measured(tmp_path, change, TWO.replace(old, new) if old else TWO)
+    estimate = measured(tmp_path, CHANGES[change], TWO.replace(old, new) if old else TWO)
     assert estimate.status in ("rejected", "not_converged", "not_identifiable")
     assert any(re.search(told, warning) for warning in estimate.warnings)
 
@@ -133,11 +120,8 @@ def test_a_silent_probe_is_seen_before_any_model(tmp_path):
     [(0.0, "dead, y: 0 in every row"), (3e-5, "dead, y: the same in all 20 rows")],
 )
 def test_a_dead_probe_is_refused(tmp_path, value, message):
-    def dead(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return rpm, np.column_stack([phasors[:, 0], np.full(len(rpm), value)])
-
     with pytest.raises(InputError, match=message):
-        measured(tmp_path, dead)
+        measured(tmp_path, lambda rpm, x: (rpm, np.column_stack([x[:, 0], 0j * rpm + value])))
 
 
 def test_degrees_read_as_radians_are_refused(tmp_path):
@@ -148,7 +132,7 @@ def test_degrees_read_as_radians_are_refused(tmp_path):
 
 @pytest.mark.slow
 def test_radians_look_like_it(tmp_path):
-    checks = measured(tmp_path, in_radians).checks
+    checks = measured(tmp_path, CHANGES["radians"]).checks
     assert {(c.about, ", ".join(c.on), c.verdict) for c in checks} == {
         ("phase unit", "x", "warning"),
         ("phase unit", "y", "warning"),
@@ -156,10 +140,8 @@ def test_radians_look_like_it(tmp_path):
 
 
 def test_a_row_that_is_written_twice_counts_once(tmp_path):
-    def doubled(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return np.append(rpm, rpm[3]), np.vstack([phasors, phasors[3]])
-
-    estimate, plain = measured(tmp_path, doubled), measured(tmp_path)
+    estimate = measured(tmp_path, lambda rpm, x: (np.append(rpm, rpm[3]), np.vstack([x, x[3]])))
+    plain = measured(tmp_path)
     assert estimate.status == "ok"
     assert any("1 row at 2769.23 rpm, the same" in w for w in estimate.warnings)
     np.testing.assert_allclose(estimate.covariance, plain.covariance, rtol=1e-9)
@@ -171,23 +153,17 @@ def test_a_row_that_is_written_twice_counts_once(tmp_path):
 )
 def test_only_speeds_off_by_a_unit_are_doubted(tmp_path, factor, status):
     """A start that is far off is none of the speeds' business, but for the factors of units."""
-
-    def slow(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return rpm / factor, phasors
-
-    assert measured(tmp_path, slow).status == status
+    found = measured(tmp_path, lambda rpm, phasors: (rpm / factor, phasors))
+    assert found.status == status
 
 
 def test_a_start_that_is_off_in_one_parameter_says_nothing_of_the_speeds(tmp_path):
     text = TWO + f'c = {{ start = "{60 * 1.2 * NEAR} N s/m" }}\n'
-    assert measured(tmp_path, slower, text).status == "ok"
+    assert measured(tmp_path, CHANGES["slower"], text).status == "ok"
 
 
 def test_rad_per_s_for_hz_is_a_doubt_only(tmp_path):
-    def slow(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return rpm / (2 * np.pi), phasors
-
-    estimate = measured(tmp_path, slow)
+    estimate = measured(tmp_path, lambda rpm, phasors: (rpm / (2 * np.pi), phasors))
     assert estimate.status == "ok"
     assert any("6.283 times as large (Hz taken for rad/s)" in w for w in estimate.warnings)
 
@@ -274,9 +250,6 @@ def test_a_row_beyond_all_hope_is_soon_told(tmp_path, monkeypatch):
 # A trial mass at another angle than was said, and exchanged files: both named, with a cure.
 
 
-SAT = np.degrees(np.angle(TRIAL))
-
-
 def typed(trial: complex) -> str:
     """Return the experiment with another trial mass than the one that was there."""
     told = text().replace('"5e-5 kg m"', f'"{trial.real!r} kg m"')
@@ -361,14 +334,3 @@ def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(off, found, way)
     case = SimpleNamespace(prepared=SimpleNamespace(layout=layout))
     order = (0, 1) if way == 1j else (1, 0)
     assert list(trial_leads.trials(case)) == ([(1, *order)] if found else [])
-
-
-@pytest.mark.parametrize("table", [True, False])
-def test_what_is_told_of_a_turned_mark_can_be_done(monkeypatch, table):
-    """A table has no key that sets its phase free."""
-    monkeypatch.setattr(rivals_read, "is_table", lambda record: table)
-    monkeypatch.setattr(rivals_read, "later_phases", lambda records, starts: [(1, phase(1))])
-    layout = SimpleNamespace(index={})
-    case = SimpleNamespace(records=["bare", "run"], prepared=SimpleNamespace(layout=layout))
-    (rival,) = rivals_read._angles(case)
-    assert ('phase = "unknown"' in rival.added.cure) != table

@@ -506,14 +506,15 @@ band = ["2 Hz", "200 Hz"]
 F_x = {{ column = "fx", unit = "N", hold = "zero-order" }}
 F_y = {{ column = "fy", unit = "N", hold = "zero-order" }}
 x = {{ column = "px", unit = "um" }}
-{y}
+y = {{ column = "py", unit = "um" }}
 
 [parameters]
 m = {{ start = "5.5 kg" }}
 c = {{ start = "450 N s/m" }}
 k = {{ start = "4.3e5 N/m" }}
 """
-HEADER = "fx,fy,px,py,ex,ey,ay"
+HEADER = "fx,fy,px,py,ex,ey"
+REFERENCES = 'references = ["ex", "ey"]'
 
 
 @pytest.fixture(scope="module")
@@ -521,23 +522,19 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     for name, record in (("run", levitated(1)[0]), ("quiet", levitated(2, excitation=0.0)[0])):
         samples = record.samples * [1, 1, 1e6, 1e6, 1, 1]
-        # The acceleration, as a sensor of its own would give it: from the equation of motion.
-        y = record.column("y")
-        rate = np.gradient(y, 1 / RATE)
-        samples = np.column_stack([samples, np.gradient(rate, 1 / RATE)])
         np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER, comments="")
     return folder
 
 
-def identify_whole(folder: Path, noise: str, y: str = 'y = { column = "py", unit = "um" }') -> dict:
-    text = EXPERIMENT.format(noise=noise, y=y, rpm=SPEED * 30 / np.pi)
+def identify_whole(folder: Path, noise: str) -> dict:
+    text = EXPERIMENT.format(noise=noise, rpm=SPEED * 30 / np.pi)
     (folder / "run.toml").write_text(text, encoding="utf-8")
     assert cli.run(["identify", str(folder / "run.toml"), "--json", str(folder / "run.json")]) == 0
     return json.loads((folder / "run.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("noise", ['references = ["ex", "ey"]', 'quiet = "quiet.csv"'])
+@pytest.mark.parametrize("noise", [REFERENCES, 'quiet = "quiet.csv"'])
 def test_a_record_without_periods_is_identified(folder, noise):
     found = identify_whole(folder, noise)
     assert found["status"] == "ok"
@@ -554,7 +551,7 @@ def test_a_record_without_periods_is_identified(folder, noise):
     ],
 )
 def test_what_does_not_go_together_is_refused(folder, noise, message, capsys):
-    text = EXPERIMENT.format(noise=noise, y='y = { column = "py", unit = "um" }', rpm=3000)
+    text = EXPERIMENT.format(noise=noise, rpm=3000)
     (folder / "wrong.toml").write_text(text, encoding="utf-8")
     assert cli.run(["identify", str(folder / "wrong.toml")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -563,36 +560,18 @@ def test_what_does_not_go_together_is_refused(folder, noise, message, capsys):
 
 @pytest.mark.slow
 def test_least_squares_asks_for_periods(folder, capsys):
-    identify_whole(folder, 'references = ["ex", "ey"]')
+    identify_whole(folder, REFERENCES)
     capsys.readouterr()
     assert cli.run(["identify", str(folder / "run.toml"), "--method", "batch"]) == 2
     assert "whole periods for this method" in capsys.readouterr().err
 
 
-TURNING = """
-model = "jeffcott"
-
-[[records]]
-file = "first.csv"
-sample_rate = "5 kHz"
-{turning}
-band = ["2 Hz", "200 Hz"]
-references = ["ex", "ey"]
-
-[[records]]
-file = "second.csv"
-sample_rate = "5 kHz"
-{turning}
-band = ["2 Hz", "200 Hz"]
-references = ["ex", "ey"]
-{second}
-
-[channels]
-F_x = {{ column = "fx", unit = "N", hold = "zero-order" }}
-F_y = {{ column = "fy", unit = "N", hold = "zero-order" }}
-x = {{ column = "px", unit = "um" }}
-y = {{ column = "py", unit = "um" }}
-"""
+def of_two(turning: str, second: str) -> str:
+    """Return the experiment of two records of one rotor."""
+    text = EXPERIMENT.format(noise=REFERENCES, rpm=0).replace('speed = "0 rpm"', turning)
+    head, record, rest = re.split(r"(?=\[\[records|\[channels)", text)
+    both = "".join(record.replace("run.csv", f"{name}.csv") for name in ("first", "second"))
+    return head + both + second + "\n" + rest.partition("[parameters]")[0]
 
 
 @pytest.fixture(scope="module")
@@ -603,13 +582,13 @@ def turning(tmp_path_factory):
     for name, seed, first in (("first", 1, 0), ("second", 2, later)):
         (record,) = levitated(seed, excitation=5.0)
         samples = (record.samples * [1, 1, 1e6, 1e6, 1, 1])[first:]
-        np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER[:-3], comments="")
+        np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER, comments="")
     return folder
 
 
 def turning_file(folder: Path, turning: str, second: str = "") -> Path:
     path = folder / "run.toml"
-    path.write_text(TURNING.format(turning=turning, second=second), encoding="utf-8")
+    path.write_text(of_two(turning, second), encoding="utf-8")
     return path
 
 

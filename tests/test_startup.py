@@ -4,45 +4,16 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
+from working_folder import make
 
 import rotorid as rid
 
 HEAVY = {
-    "h5py",
-    "jinja2",
-    "matplotlib",
-    "numba",
-    "numpy",
-    "pandas",
-    "pint",
-    "plotly",
-    "pydantic",
-    "rich",
-    "scipy",
-    "sympy",
+    *("h5py", "jinja2", "matplotlib", "numba", "numpy", "pandas", "pint", "plotly", "pydantic"),
+    *("rich", "scipy", "sympy"),
 }
 COMPLETION = {"_ROTORID_COMPLETE": "bash_complete", "COMP_WORDS": "rotorid id", "COMP_CWORD": "1"}
-
-
-EXPERIMENT = """
-model = "jeffcott"
-[[records]]
-file = "run.csv"
-sample_rate = "2 kHz"
-speed = "10 Hz"
-fundamental = "10 Hz"
-harmonics = [1, 3]
-skip = "0 s"
-[channels]
-F_x = { column = "fx", unit = "N" }
-F_y = { column = "fy", unit = "N" }
-x = { column = "x", unit = "um" }
-y = { column = "y", unit = "um" }
-[estimator]
-method = "batch"
-"""
 
 
 def loaded(code: str, environment: dict[str, str] | None = None) -> tuple[set[str], str]:
@@ -85,14 +56,7 @@ def test_what_is_not_needed_is_not_loaded(code, environment, printed):
 @pytest.mark.slow
 def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path):
     """No algebra, no formats but the file's own, no other method, no pictures."""
-    path = tmp_path / "run.toml"
-    path.write_text(EXPERIMENT)
-    time = np.arange(2000) / 2000
-    angle = 2 * np.pi * np.outer(time, [10, 30])
-    force, position = np.sin(angle).sum(axis=1), np.cos(angle) @ [1.0, 0.3]
-    noise = 0.1 * np.random.default_rng(1).standard_normal((2000, 4))
-    columns = np.column_stack([force, force, position, position]) + noise
-    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="fx,fy,x,y", comments="")
+    path = make(tmp_path) / "run.toml"
     names, out = modules(f"from rotorid.cli import run; run(['identify', {str(path)!r}])")
     assert "jeffcott, batch" in out
     packages = {name.partition(".")[0] for name in names}

@@ -81,9 +81,9 @@ Clock;x1 (um);Fx1 (N)
 """
 
 
-def table(folder: Path, text: str, name: str = "run.txt") -> Path:
-    path = folder / name
-    path.write_text(text, encoding="utf-8")
+def table(folder: Path, text: str | bytes) -> Path:
+    path = folder / "run.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
     return path
 
 
@@ -246,6 +246,16 @@ def test_what_pyarrow_does_not_take_is_explained(tmp_path, monkeypatch):
         ("Sampling time 101 ms", "1\t2", None),
         ("Sampling interval: 200 us", "1\t2", 5000),
         ("Sample time: 12:30:05\nSample rate: 5 kHz", "1\t2", 5000),
+        ("Sample rate [kHz]: 5", "1,2", 5000),
+        ("Sampling Rate (Hz),5000", "1,2", 5000),
+        ("Sample Rate: 10 kHz", "1,2", 10_000),
+        ("scan rate (Hz)=2000", "1,2", 2000),
+        ("Delta_X\t0.001", "1,2", 1000),
+        ("Sample interval [ms]: 0.5", "1,2", 2000),
+        ("sampling frequency 1e4 Hz", "1,2", 10_000),
+        ("sample time;0.1 ms", "1,2", 10_000),
+        ("x" * (PREAMBLE_CHARACTERS - 25) + " sample rate 2000 Hz kept", "1,2", 2000),
+        ("x" * (PREAMBLE_CHARACTERS - 10) + " sample rate 2000 Hz", "1,2", None),
     ],
 )
 def test_rates_beyond_doubt(line, rows, hertz):
@@ -310,12 +320,6 @@ def test_a_row_of_units_may_hold_some_that_no_record_needs(other):
 # Text tables as data loggers and spreadsheets write them.
 
 
-def written(folder: Path, text: str | bytes) -> Path:
-    path = folder / "record.csv"
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return path
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -334,7 +338,7 @@ def written(folder: Path, text: str | bytes) -> Path:
     ],
 )
 def test_dialects(tmp_path, text):
-    opened = open_delimited(written(tmp_path, text))
+    opened = open_delimited(table(tmp_path, text))
     assert opened.names == ("t", "x1", "F")
     columns = opened.read(["F", "x1", "t"])
     assert columns["x1"].values.tolist() == [1.5, 2.0]
@@ -346,23 +350,23 @@ def test_dialects(tmp_path, text):
 
 
 def test_names_without_units(tmp_path):
-    opened = open_delimited(written(tmp_path, "pos (filtered),n [-],m/s^2\n1,2,3\n"))
+    opened = open_delimited(table(tmp_path, "pos (filtered),n [-],m/s^2\n1,2,3\n"))
     assert opened.names == ("pos (filtered)", "n", "m/s^2")
     assert [column.unit for column in opened.read(opened.names).values()] == [None, None, None]
 
 
 def test_a_row_of_ones_is_data(tmp_path):
-    opened = open_delimited(written(tmp_path, "a,b\n1,1\n2,1\n"))
+    opened = open_delimited(table(tmp_path, "a,b\n1,1\n2,1\n"))
     assert opened.read(["a"])["a"].values.tolist() == [1.0, 2.0]
 
 
 def test_columns_not_asked_for_need_not_be_numbers(tmp_path):
-    opened = open_delimited(written(tmp_path, "clock,x\n12:00:01,1\n12:00:02,2\n"))
+    opened = open_delimited(table(tmp_path, "clock,x\n12:00:01,1\n12:00:02,2\n"))
     assert opened.read(["x"])["x"].values.tolist() == [1.0, 2.0]
 
 
 def test_not_a_number_is_read_as_such(tmp_path):
-    opened = open_delimited(written(tmp_path, "a,b\n1,NaN\n2,inf\n"))
+    opened = open_delimited(table(tmp_path, "a,b\n1,NaN\n2,inf\n"))
     np.testing.assert_array_equal(opened.read(["b"])["b"].values, [np.nan, np.inf])
 
 
@@ -379,7 +383,7 @@ def test_not_a_number_is_read_as_such(tmp_path):
     ],
 )
 def test_fields_that_are_no_numbers(tmp_path, text, place, found):
-    opened = open_delimited(written(tmp_path, text))
+    opened = open_delimited(table(tmp_path, text))
     with pytest.raises(ReadError, match="expected") as caught:
         opened.read(["a", "b"])
     assert caught.value.place == place
@@ -399,11 +403,11 @@ def test_fields_that_are_no_numbers(tmp_path, text, place, found):
 )
 def test_files_that_are_no_tables(tmp_path, text, found):
     with pytest.raises(ReadError, match=found):
-        open_delimited(written(tmp_path, text))
+        open_delimited(table(tmp_path, text))
 
 
 def test_columns_by_name(tmp_path):
-    opened = open_delimited(written(tmp_path, "force_x,b,b\n1,2,3\n"))
+    opened = open_delimited(table(tmp_path, "force_x,b,b\n1,2,3\n"))
     assert opened.find("force_x") == "force_x"
     with pytest.raises(ReadError, match="did you mean force_x"):
         opened.find("force_y")
@@ -423,7 +427,7 @@ def test_columns_by_name(tmp_path):
 )
 def test_written_then_read(tmp_path_factory, rows, mark):
     text = mark.join("abc") + "\n" + "".join(mark.join(map(repr, row)) + "\n" for row in rows)
-    opened = open_delimited(written(tmp_path_factory.mktemp("csv"), text))
+    opened = open_delimited(table(tmp_path_factory.mktemp("csv"), text))
     read = opened.read(["a", "b", "c"])
     np.testing.assert_array_equal(np.column_stack([read[n].values for n in "abc"]), rows)
 
@@ -449,12 +453,6 @@ def test_memory_is_a_few_times_that_of_the_numbers(tmp_path):
 ROWS = "1,2\n" * 600
 
 
-def csv_of(folder: Path, text: str | bytes) -> Path:
-    path = folder / "run.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return path
-
-
 @pytest.mark.parametrize(
     "head",
     [
@@ -470,7 +468,7 @@ def csv_of(folder: Path, text: str | bytes) -> Path:
 )
 def test_heads_take_time_by_their_length(head, tmp_path):
     """Regular expressions that go back took 49 s for the first, and minutes for the last."""
-    path, started = csv_of(tmp_path, head + ROWS), time.process_time()
+    path, started = table(tmp_path, head + ROWS), time.process_time()
     opened = open_table(path)
     assert opened.read([opened.names[0]])[opened.names[0]].values[0] == 1
     assert time.process_time() - started < 2
@@ -499,51 +497,29 @@ def test_names_with_units(name, found):
     assert (dialect.names[0], dialect.units[0]) == found
 
 
-@pytest.mark.parametrize(
-    ("line", "hertz"),
-    [
-        ("Sample rate [kHz]: 5", 5000),
-        ("Sampling Rate (Hz),5000", 5000),
-        ("Sample Rate: 10 kHz", 10_000),
-        ("scan rate (Hz)=2000", 2000),
-        ("Delta_X\t0.001", 1000),
-        ("Sample interval [ms]: 0.5", 2000),
-        ("sampling frequency 1e4 Hz", 10_000),
-        ("sample time;0.1 ms", 10_000),
-        ("x" * (PREAMBLE_CHARACTERS - 25) + " sample rate 2000 Hz kept", 2000),
-        ("x" * (PREAMBLE_CHARACTERS - 10) + " sample rate 2000 Hz", None),
-    ],
-)
-def test_rates_in_the_head(line, hertz):
-    """The unit may stand before the number or behind it: a kHz is not a Hz."""
-    dialect = find_dialect([line, "x,y", *["1,2"] * 4])
-    assert dialect is not None
-    assert (dialect.rate and dialect.rate.hertz) == (hertz and pytest.approx(hertz))
-
-
 def test_rates_that_no_logger_has(tmp_path):
     for interval, kept in (("1e-320", False), ("1e-13", False), ("1e-11", True)):
-        path = csv_of(tmp_path, f"Delta_X {interval}\nx,y\n{ROWS}")
+        path = table(tmp_path, f"Delta_X {interval}\nx,y\n{ROWS}")
         assert (open_table(path).read(["x"])["x"].rate is not None) == kept
 
 
 @pytest.mark.slow
 def test_long_lines(tmp_path, monkeypatch):
-    path, started = csv_of(tmp_path, "x,y\n" + ROWS + "1," * 7_990_000), time.process_time()
+    path, started = table(tmp_path, "x,y\n" + ROWS + "1," * 7_990_000), time.process_time()
     assert path.stat().st_size < SMALL_TEXT == 16_000_000
     assert len(open_table(path).read(["x"])["x"].values) == 601
     assert time.process_time() - started < 3
     monkeypatch.setattr(delimited, "SMALL_TEXT", 0)
     last = "1," + "2" + " " * (LINE_CHARACTERS - 5) + "\n"
-    assert open_table(csv_of(tmp_path, "x,y\n" + ROWS + last)).read(["y"])["y"].values[-1] == 2
+    assert open_table(table(tmp_path, "x,y\n" + ROWS + last)).read(["y"])["y"].values[-1] == 2
     for more in ("1,2 " + " " * (LINE_CHARACTERS - 4), "1," * LINE_CHARACTERS):
         with pytest.raises(ReadError, match="a line of more than 1048576 characters"):
-            open_table(csv_of(tmp_path, "x,y\n" + ROWS + more)).read(["x"])
+            open_table(table(tmp_path, "x,y\n" + ROWS + more)).read(["x"])
 
 
 def test_a_hole_in_the_file(tmp_path):
     """A file of which a terabyte was never written: the line that it makes is not read."""
-    path = csv_of(tmp_path, "x,y\n" + "1,2\n" * 20_000)
+    path = table(tmp_path, "x,y\n" + "1,2\n" * 20_000)
     with path.open("r+b") as stream:
         stream.truncate(10**12)
     with pytest.raises(ReadError, match="a line of more than"):
@@ -553,7 +529,7 @@ def test_a_hole_in_the_file(tmp_path):
 def test_bounds_of_columns_and_fields(tmp_path):
     for count in (COLUMNS, COLUMNS + 1):
         rows = [",".join(f"c{i}" for i in range(count)), *[",".join("1" * count)] * 3]
-        path = csv_of(tmp_path, "\n".join(rows) + "\n")
+        path = table(tmp_path, "\n".join(rows) + "\n")
         if count == COLUMNS:
             assert len(open_table(path).names) == 10_000
         else:
@@ -567,12 +543,12 @@ def test_bounds_of_columns_and_fields(tmp_path):
 def test_names_like_a_misspelt_one(tmp_path):
     """The nearest is told, in a time that names of any length and number bear."""
     with pytest.raises(ReadError, match="did you mean fx"):
-        open_table(csv_of(tmp_path, "fx,y\n" + ROWS)).find("fxx")
+        open_table(table(tmp_path, "fx,y\n" + ROWS)).find("fxx")
     for count, length in ((10_000, 90), (3, 100_000)):
         names = ",".join(f"{'ab' * (length // 2)}{i}" for i in range(count))
         rows = (",".join("1" * count) + "\n") * 3
         opened, started = (
-            open_table(csv_of(tmp_path, names + "\n" + rows)),
+            open_table(table(tmp_path, names + "\n" + rows)),
             time.process_time(),
         )
         with pytest.raises(ReadError, match="no column"):
@@ -582,14 +558,14 @@ def test_names_like_a_misspelt_one(tmp_path):
 
 @pytest.mark.parametrize("day", ["2024-99-45 12:00:00", "2024-02-30T12:00:00Z"])
 def test_days_that_are_none(day, tmp_path):
-    path = csv_of(tmp_path, "t,y\n" + f"{day},2\n" * 20)
+    path = table(tmp_path, "t,y\n" + f"{day},2\n" * 20)
     with pytest.raises(ReadError, match=r"column t: found .* out of range"):
         open_table(path).read(["t"])
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
 def test_letters_of_windows(encoding, tmp_path):
-    path = csv_of(tmp_path, ("Kr\xe4fte [\xb5m],y\n" + ROWS).encode(encoding))
+    path = table(tmp_path, ("Kr\xe4fte [\xb5m],y\n" + ROWS).encode(encoding))
     assert open_table(path).names == ("Kr\xe4fte", "y")
 
 

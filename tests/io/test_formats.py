@@ -548,15 +548,16 @@ def test_the_sum_of_packed_bytes_tells_of_damage(tmp_path):
         open_table(run_mat)
 
 
-def test_packed_elements_that_stand_for_too_much(tmp_path):
-    """Zeros pack a thousandfold: 64 MB are nothing, more is too much, in one or in many."""
+def test_packed_elements_that_stand_for_too_much(tmp_path, monkeypatch):
+    """Zeros pack a thousandfold: some are nothing, more is too much, in one or in many."""
+    monkeypatch.setattr("rotorid.io.table.UNPACKED_BYTES", 6_400_000)
     run_mat = tmp_path / "c.mat"
-    run_mat.write_bytes(mat5(packed(matrix("x", np.zeros(7_900_000)))))
-    assert len(open_table(run_mat).read(["x"])["x"].values) == 7_900_000
-    run_mat.write_bytes(mat5(packed(matrix("x", np.zeros(8_100_000)))))
+    run_mat.write_bytes(mat5(packed(matrix("x", np.zeros(790_000)))))
+    assert len(open_table(run_mat).read(["x"])["x"].values) == 790_000
+    run_mat.write_bytes(mat5(packed(matrix("x", np.zeros(810_000)))))
     with pytest.raises(ReadError, match="bytes of numbers declared"):
         open_table(run_mat)
-    run_mat.write_bytes(mat5(*[packed(structure(f"s{k}", np.zeros(1_500_000))) for k in range(8)]))
+    run_mat.write_bytes(mat5(*[packed(structure(f"s{k}", np.zeros(150_000))) for k in range(8)]))
     with pytest.raises(ReadError, match="bytes of numbers declared"):
         open_table(run_mat)
 

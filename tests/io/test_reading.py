@@ -413,7 +413,7 @@ def test_what_is_no_number_before_skip_does_no_harm(tmp_path):
 # Records read in blocks give what they give at once.
 
 
-SIZE, PERIODS, RATE = 50, 67, 1000.0
+SIZE, PERIODS, RATE = 50, 27, 1000.0
 DRAWN = np.random.default_rng(8)
 ANGLE = 2 * np.pi * np.arange(SIZE * PERIODS + 17) / SIZE
 FORCE = np.cos(ANGLE) + 0.1 * DRAWN.normal(size=len(ANGLE))
@@ -454,7 +454,7 @@ def path(request, tmp_path):
 
 
 @pytest.mark.sampled(8)
-@pytest.mark.parametrize("rows", [1, 7, 100, 1001, 10**6])
+@pytest.mark.parametrize("rows", [1, 7, 100, 501, 10**6])
 def test_blocks_are_the_whole(path, rows, monkeypatch):
     monkeypatch.setattr(blocks, "WORTH", 0)
     monkeypatch.setattr(blocks, "ROWS", rows)
@@ -467,7 +467,7 @@ def test_blocks_are_the_whole(path, rows, monkeypatch):
     record = rid.read_record(path, columns=sources, sample_rate=RATE, speed=3.0, phase=0.2)
     whole = rid.average(record, 20.0, **OPTIONS)
     assert found.channels == whole.channels
-    assert found.periods == whole.periods == 64
+    assert found.periods == whole.periods == 24
     assert {check.about for check in found.checks} == {check.about for check in whole.checks}
     for name in ("spectra", "mean", "variance", "time", "angle"):
         ours, theirs = getattr(found, name), getattr(whole, name)
@@ -494,16 +494,16 @@ def test_faults_are_told_with_their_sample(tmp_path, monkeypatch):
     monkeypatch.setattr(blocks, "ROWS", 100)
     write_hdf5(tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5", "a") as data:
-        data["px"][1234] = np.nan
+        data["px"][1034] = np.nan
     opened = open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE)
     assert opened is not None
-    with pytest.raises(InputError, match="found nan in sample 1234 of channel 'x'"):
+    with pytest.raises(InputError, match="found nan in sample 1034 of channel 'x'"):
         average_blocks(opened, 20.0, **OPTIONS)
-    until = open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE, until=1.2)
+    until = open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE, until=1.0)
     assert until is not None
-    assert average_blocks(until, 20.0, **OPTIONS).periods == 21
+    assert average_blocks(until, 20.0, **OPTIONS).periods == 17
     with pytest.raises(InputError, match=r"87 samples|50 samples|1 whole periods"):
-        average_blocks(until, 20.0, harmonics=[1], skip=1.12)
+        average_blocks(until, 20.0, harmonics=[1], skip=0.92)
     with pytest.raises(InputError, match="no column 'fz'"):
         open_blocks([tmp_path / "run.h5"], columns={"F": Source("fz")}, sample_rate=RATE)
 
