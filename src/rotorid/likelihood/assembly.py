@@ -56,6 +56,7 @@ class Terms:
     @classmethod
     def of(cls, layout: Layout, further: Sequence[Entry], loads: Sequence[RowLoad] = ()) -> Terms:
         table, products = layout.model.require_linear().stiffness, layout.monomial_factors
+        further = [replace(term, factors=tuple(sorted(term.factors))) for term in further]
         used = {factors for factors in products if factors is not None}
         used |= {term.factors for term in further} | {load.factors for load in loads}
         where = {factors: i for i, factors in enumerate(sorted(used))}
@@ -131,20 +132,16 @@ def other_terms(layout: Layout, observation: Observation) -> list[Entry]:
         levers = [(*e.arms[b.row], (at,)) for e, at in acting if e.part == "lever"]
         for row, arm, lever in [(b.row, 1.0, ()), *levers]:
             common, size = factors + scale + lever, -b.coefficient * arm
-            terms.append(Entry(row, column, 0, size * ki, factors=_sorted(common + gain)))
+            terms.append(Entry(row, column, 0, size * ki, factors=common + gain))
             if channel.drive is None:
                 continue
             ks, slope = _constant(acting, "ks", channel.drive.ks)
             for t in _displacement(layout, channel):
-                there = _sorted(common + slope + _parameters(layout, t))
+                there = common + slope + _parameters(layout, t)
                 coefficient = size * ks * t.coefficient
                 terms.append(Entry(row, t.coordinate, 0, coefficient, factors=there))
     further = at_unknowns(layout.acting(Entry))
     return [*terms, *further, *_sensor_rows(layout, observation)]
-
-
-def _sorted(factors: Factors) -> Factors:
-    return tuple(sorted(factors))
 
 
 def _constant(

@@ -105,6 +105,11 @@ class Case:
         unknowns = np.concatenate([self.unknowns, [scalar.start for scalar in scalars]])
         return replace(self.prepared_as(prepared), unknowns=unknowns)
 
+    def beside(self, added: Iterable[Unknown]) -> Point:
+        """Return the point where it is with further unknowns, for their derivatives."""
+        more = tuple(added)
+        return self.plus(*more, fixed=True).point if more else self.point
+
     def freed(self, *names: str) -> Case:
         return self._anew({name: {"std": None} for name in names})
 
@@ -232,60 +237,35 @@ class Rival:
 
     def value_at(self, point: Point) -> float | None:
         if self.size is not None:
-            index = point.problem.layout.index
-            return self.size(point.unknowns[[index[name] for name in self.frees]])
+            return self.size(point.unknowns[point.problem.layout.where(*self.frees)])
         return self.value(point) if callable(self.value) else self.value
 
-    def score(self, slopes: Slopes) -> tuple[float, float | None]:
-        """Return the drop of the cost to first order, and the value after the first step."""
-        columns = np.column_stack([slopes.by(*self.frees), slopes.slack(self.forgets)])
-        drop, step = slopes.point.linear.score(columns)
+    def score(self, point: Point) -> tuple[float, float | None]:
+        """Return the drop of the cost to first order, and the value after the first step.
+
+        The point is that of the estimate, with what is freed among its unknowns.
+        """
+        columns = np.column_stack([point.by(*self.frees), point.slack(self.forgets)])
+        drop, step = point.linear.score(columns)
         if self.size is None:
             return drop, None
-        at = slopes.where(*self.frees)
-        return drop, self.size(slopes.point.unknowns[at] + step[: len(at)])
+        at = point.problem.layout.where(*self.frees)
+        return drop, self.size(point.unknowns[at] + step[: len(at)])
 
 
-@frozen
-class Slopes:
-    """The whitened residual at an estimate by all unknowns, fixed ones and rivals included."""
+def apart(case: Case, rivals: Sequence[Rival]) -> Iterator[tuple[Point, list[Rival]]]:
+    """Yield the estimate with all unknowns that rivals add, evaluated once, and the rivals.
 
-    point: Point  # the estimate, with the rivals fixed
-    columns: Floats
-
-    @classmethod
-    def turns(cls, case: Case, rivals: Sequence[Rival]) -> Iterator[tuple[Slopes, list[Rival]]]:
-        """Yield the derivative by all unknowns that rivals add, evaluated once, and the rivals.
-
-        What excludes others has a turn of its own, and what changes how sensors read: with these
-        the same residual is whitened in other rows.
-        """
-        turns: dict[tuple[bool, bool], list[Rival]] = {}
-        for rival in rivals:
-            added = rival.added
-            turn = added and (bool(added.alternative_to), any(of_kind(Reads, added.effects)))
-            turns.setdefault(turn or (False, False), []).append(rival)
-        for among in turns.values():
-            yield cls.of(case, [rival.added for rival in among if rival.added]), among
-
-    @classmethod
-    def of(cls, case: Case, added: Sequence[Unknown]) -> Slopes:
-        wide = case.plus(*added, fixed=True) if added else case
-        rows = [record.jacobian() for record in wide.point.records]
-        known = wide.point.problem.known.jacobian(wide.unknowns)
-        return cls(wide.point, np.concatenate([*rows, known]))
-
-    def where(self, *names: str) -> list[int]:
-        return [self.point.problem.layout.index[name] for name in names]
-
-    def by(self, *names: str) -> Floats:
-        return self.columns[:, self.where(*names)]
-
-    def slack(self, text: str) -> Floats:
-        """Return the columns that take what is known of something out of the residual."""
-        texts, count = self.point.problem.known.texts, len(self.columns)
-        rows = np.flatnonzero([each == text for each in texts]) + count - len(texts)
-        return np.asarray(np.arange(count)[:, None] == rows, dtype=float)
+    What excludes others has a turn of its own, and what changes how sensors read: with these the
+    same residual is whitened in other rows.
+    """
+    turns: dict[tuple[bool, bool], list[Rival]] = {}
+    for rival in rivals:
+        added = rival.added
+        turn = added and (bool(added.alternative_to), any(of_kind(Reads, added.effects)))
+        turns.setdefault(turn or (False, False), []).append(rival)
+    for among in turns.values():
+        yield case.beside(rival.added for rival in among if rival.added), among
 
 
 Entry = Callable[[Case], Iterator[Rival]]

@@ -21,7 +21,6 @@ from rotorid.core.values import Floats
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
-from rotorid.likelihood.case import Slopes
 from rotorid.likelihood.doubts_angle import ANGLE, against_angle, told
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
@@ -98,12 +97,12 @@ def taken_as_exact(fit: Fit) -> Iterator[Note]:
     units = [model.units[name] for name in model.coordinates]
     parts = parts_between(structure, units) if structure is not None and records else []
     every = (unknown for _, unknowns in exact for unknown in unknowns)
-    slopes = Slopes.of(fit.case, [*scales, *every, *parts])
-    scale = list(_scale_notes(fit, slopes.by(*(u.term for u in scales))[:, 0]))
+    point = fit.case.beside([*scales, *every, *parts])
+    scale = list(_scale_notes(fit, point.by(*(u.term for u in scales))[:, 0]))
     yield from [*scale, *_angle_notes(fit)]
     for plausible, unknowns in exact:
         names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
-        effect = slopes.by(*names) * plausible.size
+        effect = point.by(*names) * plausible.size
         if scale and plausible.in_scale:  # beside a scale common to all inputs, or to all sensors
             inputs = {c.name for record in records for c in record.inputs}
             driven = np.array([bool(inputs & gain.on) for gain in unknowns])
@@ -114,7 +113,7 @@ def taken_as_exact(fit: Fit) -> Iterator[Note]:
             text = f"{plausible.text} would shift {name} by {_figure(size)} std unseen"
             yield Note(plausible.about, "says", text, plausible.cure, value=size, unit="1")
     if parts and structure is not None:
-        columns = {part.term: slopes.by(part.term) for part in parts}
+        columns = {part.term: point.by(part.term) for part in parts}
         yield from _part_left_out(fit, structure.mass(units), columns)
 
 

@@ -298,16 +298,7 @@ class Calibration:
         """Unknowns on which the equation error depends linearly, whitening not at all."""
         return np.unique(np.array([b.unknowns[:2] for b in self.rotating], dtype=np.int64))
 
-    @cached_property
-    def _idle(self) -> CalibrationState | None:
-        if self.every or self.phase_unknown is not None:
-            return None
-        none = np.zeros(self.shape, dtype=np.complex128)
-        return CalibrationState(none + 1, none, np.ones(len(self.phase_orders), np.complex128))
-
     def at(self, unknowns: Floats) -> CalibrationState:
-        if self._idle is not None:
-            return self._idle
         factors = np.ones(self.shape, dtype=np.complex128)
         added = np.zeros(self.shape, dtype=np.complex128)
         for bound in self.every:

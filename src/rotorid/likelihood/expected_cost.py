@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.core.distributions import Expectation
-from rotorid.core.values import Complexes, Floats, Integers, frozen
+from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Beside
 from rotorid.data.observation import Observation
 from rotorid.likelihood.cost import Evaluation
@@ -34,13 +34,6 @@ CHUNK = 256
 """Windows at a time, so that memory stays that of the lines."""
 
 
-@frozen
-class Sum:
-    cost: float
-    mean: float
-    variance: float
-
-
 def by_equation_errors(
     inference: Inference, point: Point, records: Sequence[Observation]
 ) -> Inference:
@@ -49,12 +42,13 @@ def by_equation_errors(
         beside, expected = record.lines.beside, float(cost.means.sum())
         found = None if beside is None else _sum_of(at, beside, at.problem.order)
         if found is not None and expected > 0:
+            own, mean, variance = found
             share = cost.left / (at.problem.multiplicity.sum() * at.problem.equations)
-            moved = at.cost * found.mean * share / found.cost / expected
-            means, variance = cost.means, found.variance * share
+            moved, variance = at.cost * mean * share / own / expected, variance * share
+            means = cost.means
             if abs(moved - 1) <= SLIGHT:
                 means = means * moved
-                variance *= (at.cost / found.cost) ** 2
+                variance *= (at.cost / own) ** 2
             cost = replace(cost, means=means, variance=variance)
         costs.append(cost)
     before, pairs = inference.expectation, list(zip(costs, inference.records, strict=True))
@@ -64,8 +58,8 @@ def by_equation_errors(
     return replace(inference, expectation=told, records=tuple(costs))
 
 
-def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> Sum | None:
-    """Return K of one record; None where it has too few lines, or no noise."""
+def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> tuple[float, float, float] | None:
+    """Return K of one record, its mean and its variance; None with too few lines, or no noise."""
     count = at.problem.equations
     try:
         errors, noise = _whitened(at, beside, order)
@@ -103,8 +97,8 @@ def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> Sum | None:
         pairs = len(chosen) * count * (1 + 4 * width / (3 * n)) / n
     weight = at.problem.multiplicity.sum() / c.sum()  # lines without a whole window beside them
     variance = float((c**2).mean()) * count * (spread + pairs)
-    total = Sum(float(c @ costs) * weight, float(c @ mean) * weight, variance * weight**2)
-    return total if total.cost > 0 else None
+    total = float(c @ costs) * weight
+    return (total, float(c @ mean) * weight, variance * weight**2) if total > 0 else None
 
 
 def _whitened(at: Evaluation, beside: Beside, order: list[int]) -> tuple[Complexes, Complexes]:

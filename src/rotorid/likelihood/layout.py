@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
 
@@ -44,12 +44,8 @@ class Layout:
         """Return the names of the free unknowns, or of some."""
         return tuple(self.unknowns[i].name for i in self.free[which])
 
-    def places(self) -> Iterator[tuple[Unknown, Integers]]:
-        first = self.parameters
-        for nuisance in self.nuisances:
-            last = first + len(nuisance.scalars)
-            yield nuisance, np.arange(first, last)
-            first = last
+    def where(self, *names: str) -> list[int]:
+        return [self.index[name] for name in names]
 
     def acting(self, kind: type[E]) -> list[tuple[E, Integers]]:
         """Return the effects of a kind on the record, each with the indices of its scalars."""
@@ -60,7 +56,12 @@ class Layout:
 
     @cached_property
     def _effects(self) -> list[tuple[int | None, Effect, Integers]]:
-        return [(u.record, effect, at) for u, at in self.places() for effect in u.effects]
+        found, last = list[tuple[int | None, Effect, Integers]](), self.parameters
+        for unknown in self.nuisances:
+            at = last + np.arange(len(unknown.scalars))
+            found += [(unknown.record, effect, at) for effect in unknown.effects]
+            last += len(at)
+        return found
 
     @cached_property
     def replaced(self) -> tuple[tuple[int, Replaces, int], ...]:

@@ -50,16 +50,12 @@ class Known:
         return self.relations.texts + self.modes.texts
 
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        related = self.relations.values(unknowns)
-        if not self.modes.configurations:
-            return related
-        return np.concatenate([related, self.modes.values(unknowns, relaxation)])
+        measured = self.modes.values(unknowns, relaxation)
+        return np.concatenate([self.relations.values(unknowns), measured])
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        related = self.relations.jacobian(unknowns)
-        if not self.modes.configurations:
-            return related
-        return np.concatenate([related, self.modes.jacobian(unknowns, relaxation)])
+        measured = self.modes.jacobian(unknowns, relaxation)
+        return np.concatenate([self.relations.jacobian(unknowns), measured])
 
     def joined(self, rows: Iterable[Relation]) -> Known:
         return replace(self, relations=self.relations.joined(rows))
@@ -178,11 +174,23 @@ class Point:
         return np.concatenate([*(record.residual for record in self.records), self.known])
 
     @cached_property
-    def jacobian(self) -> Floats:
-        free = self.problem.layout.free
-        blocks = [record.jacobian()[:, free] for record in self.records]
+    def columns(self) -> Floats:
+        """The derivative of the residual by all unknowns, fixed ones included."""
         known = self.problem.known.jacobian(self.unknowns, self.relaxation)
-        return np.concatenate([*blocks, known[:, free]])
+        return np.concatenate([*(record.jacobian() for record in self.records), known])
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        return self.columns[:, self.problem.layout.free]
+
+    def by(self, *names: str) -> Floats:
+        return self.columns[:, self.problem.layout.where(*names)]
+
+    def slack(self, text: str) -> Floats:
+        """Return the columns that take what is known of something out of the residual."""
+        texts, count = self.problem.known.texts, len(self.residual)
+        rows = np.flatnonzero([each == text for each in texts]) + count - len(texts)
+        return np.asarray(np.arange(count)[:, None] == rows, dtype=float)
 
     @cached_property
     def sizes(self) -> Floats:

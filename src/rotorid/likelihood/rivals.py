@@ -19,7 +19,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
 from rotorid.likelihood import rivals_model, rivals_read
-from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes, Way
+from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Way, apart
 from rotorid.likelihood.effects import Entry, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.problem import Point, Problem
@@ -172,9 +172,9 @@ class RivalSearch:
     @quiet
     def scored(self, small: Sequence[Rival]) -> list[Finding]:
         found = []
-        for slopes, among in Slopes.turns(self.case, small):
+        for point, among in apart(self.case, small):
             for rival in among:
-                drop, value = rival.score(slopes)
+                drop, value = rival.score(point)
                 left = self.case.point.cost - drop
                 found.append(Finding(rival, left, drop, self.share(drop), value, tried=False))
         return sorted((f for f in found if f.drop > 0), key=lambda f: -f.drop)

@@ -19,7 +19,7 @@ import numpy as np
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats, frozen
 from rotorid.data.observation import Observation
-from rotorid.likelihood.assembly import every_load, other_terms, profile
+from rotorid.likelihood.assembly import Terms, every_load, other_terms, profile
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.problem import Problem, outside
@@ -210,25 +210,23 @@ def _links(
 
 def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
     """Return the coefficient of each kind, row, column and product; no `record`: of modes alone."""
-    n, rows = len(layout.model.coordinates), len(layout.model.texts)
+    n, rows, still = len(layout.model.coordinates), len(layout.model.texts), set[int]()
     found: dict[Entry, float] = defaultdict(float)
-    table = layout.model.require_linear().stiffness
     observed = None if record is None else layout.observed(record)
-    others = [] if observed is None else other_terms(layout, observed)
-    kinds = {*table.kinds, *(t.kind for t in others)}
-    sizes = {k: 1.0 if observed is None else profile(k, observed.lines)[0] for k in kinds}
-    for term in table:
-        factors, size = layout.monomial_factors[term.monomial], sizes[term.kind] * term.coefficient
-        if factors is not None and size:
-            found[term.kind, ("row", term.row), ("coordinate", term.column), factors] += size
-    if observed is None:
-        return found
-    driven = np.append(np.ones(n), observed.lines.mean[:, list(observed.input_columns)].any(axis=0))
-    for t in (t for t in others if t.column >= len(driven) or driven[t.column]):
+    terms = Terms.of(layout, [] if observed is None else other_terms(layout, observed))
+    sizes = {
+        k: 1.0 if observed is None else profile(k, observed.lines)[0] for k in terms.table.kinds
+    }
+    if observed is not None:
+        moving = observed.lines.mean[:, list(observed.input_columns)].any(axis=0)
+        still = {n + k for k in np.flatnonzero(~moving).tolist()}
+    products = list(terms.where)
+    for t in (t for t in terms.table if t.column not in still):
         row = ("row" if t.row < rows else "sensor row", t.row)
         column = ("coordinate" if t.column < n else "input", t.column)
-        key = ("other", t.order), row, column, tuple(sorted(t.factors))
-        found[key] += sizes[t.kind] * t.coefficient
+        found[t.kind, row, column, products[t.monomial]] += sizes[t.kind] * t.coefficient
+    if observed is None:
+        return found
     for load in every_load(layout):
         found["load", ("row", load.row), ("load", load.signal), load.factors] += load.coefficient
     reads = observed.reads

@@ -10,7 +10,7 @@ apart.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import field, replace
+from dataclasses import KW_ONLY, replace
 from inspect import cleandoc
 from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
@@ -120,23 +120,20 @@ class Unknown:
     on: frozenset[str]  # names of the channels or parameters that it acts on
     effects: tuple[Effect, ...]
     name: str = ""  # that its scalars share, where they are several
-    record: int | None = field(default=None, kw_only=True)  # the only record that has it, if one
+    _: KW_ONLY
+    record: int | None = None  # the only record that has it, if one
     # as what it is set free by itself where the data reject the model, if at all
-    rival: Literal["", "term", "lag"] = field(default="", kw_only=True)
-    # the term that stands for the same: of the two the first in the layout acts
-    alternative_to: str = field(default="", kw_only=True)
+    rival: Literal["", "term", "lag"] = ""
+    alternative_to: str = ""  # the term that stands for the same: the first in the layout acts
     # what it is said to be, without its name; what is said of its size besides; what to do about it
-    phrase: str = field(default="", kw_only=True)
-    remark: Callable[[float], str] = field(default=lambda size: "", kw_only=True)
-    cure: str = field(default="add the term to the model", kw_only=True)
+    phrase: str = ""
+    remark: Callable[[float], str] = lambda size: ""
+    cure: str = "add the term to the model"
     # what takes it as stated, where it was asked for: no parameter of the file stands for it
-    held: str = field(default="state its value in the channel", kw_only=True)
-    # what a person is told of the values of its scalars
-    size: Callable[[Floats], float] = field(default=_amplitude, kw_only=True)
+    held: str = "state its value in the channel"
+    size: Callable[[Floats], float] = _amplitude  # what is told of the values of its scalars
     # of a size and the inputs: another unknown that at first looks like this one, if one does
-    instead: Callable[[float, Collection[str]], Unknown | None] = field(
-        default=lambda size, inputs: None, kw_only=True
-    )
+    instead: Callable[[float, Collection[str]], Unknown | None] = lambda size, inputs: None
 
     @property
     def term(self) -> str:
@@ -213,6 +210,15 @@ def _nearest(size: float) -> tuple[str, float] | None:
     return (name, exact) if abs(size / exact - 1) < SNAP else None
 
 
+def _scaled(on: frozenset[str], power: int) -> Scales:
+    """Return quantity = reading * s^power."""
+    return Scales(
+        on,
+        lambda values, omega: np.full(len(omega), values[0] ** power, dtype=np.complex128),
+        lambda values, omega: np.full((len(omega), 1), power / (values[0] or 1e-300) + 0j),
+    )
+
+
 def gains(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return gains: reading = gain * quantity."""
     found = []
@@ -221,27 +227,17 @@ def gains(records: Records, wanted: Nuisances | None) -> list[Unknown]:
             name, std = f"gain[{channel.name}]", None if wanted is None else channel.gain_std
             scalar = Scalar(name, "1", 1.0, std, positive=True, anchored=True)
             on = frozenset([channel.name])
-            scales = Scales(
-                on,
-                lambda values, omega: np.full(len(omega), 1 / values[0], dtype=np.complex128),
-                lambda values, omega: np.full((len(omega), 1), -1 / values[0], np.complex128),
-            )
-            found.append(Unknown((scalar,), on, (scales,)))
+            found.append(Unknown((scalar,), on, (_scaled(on, -1),)))
     return found
 
 
 def multiplier(name: str, channels: Iterable[str], start: float = 1.0) -> Unknown:
     """Return quantity = s * reading: linear in s, so that a search may pass through zero."""
     on = frozenset(channels)
-    scales = Scales(
-        on,
-        lambda values, omega: np.full(len(omega), values[0], dtype=np.complex128),
-        lambda values, omega: np.full((len(omega), 1), 1 / (values[0] or 1e-300), np.complex128),
-    )
     return Unknown(
         (Scalar(f"gain[{name}]", "1", start, additive=True),),
         on,
-        (scales,),
+        (_scaled(on, 1),),
         remark=factor_name,
         cure="check the unit, the sign and the calibration of the channel",
         size=lambda values: float(1 / values[0]) if values[0] else np.nan,
@@ -363,26 +359,20 @@ def _response(
 # How channels bend: they read too much by ``unknown * shape(samples)``.
 
 
-def cubics(records: Records, wanted: Nuisances | None) -> list[Unknown]:
-    """Return ``reading = quantity (1 + unknown * quantity^2)``, as of opposed sensors."""
-    if wanted is not None:
-        return []
-    units = {s.channel.name: s.channel.unit for r in _with_samples(records) for s in r.direct}
-    found = []
+def bends(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return ``reading = quantity (1 + unknown * quantity^2)`` of sensors, as of opposed ones.
+
+    And inputs that lag by half the width of a loop, whichever way they go.
+    """
+    held, found = _with_samples(records) if wanted is None else [], list[Unknown]()
+    units = {s.channel.name: s.channel.unit for r in held for s in r.direct}
     for unit in dict.fromkeys(units.values()):
         names = [name for name, of in units.items() if of == unit]
         for on in [*([name] for name in names), *([names] if len(names) > 1 else [])]:
             term = f"nonlinear {on[0]}" + (f" ... {on[-1]}" if len(on) > 1 else "")
             found.append(_bend(term, f"1/{unit}^2" if unit else "1", on, lambda x: x**3))
-    return found
-
-
-def hystereses(records: Records, wanted: Nuisances | None) -> list[Unknown]:
-    """Return inputs that lag by half the width of a loop, whichever way they go."""
-    if wanted is not None:
-        return []
-    units = {name: c.unit for name, c in _inputs(_with_samples(records)).items()}
-    found = [_bend(f"hysteresis {name}", unit, [name], _loop) for name, unit in units.items()]
+    units = {name: c.unit for name, c in _inputs(held).items()}
+    found += [_bend(f"hysteresis {name}", unit, [name], _loop) for name, unit in units.items()]
     if len(units) > 1:
         found.append(_bend("hysteresis force", next(iter(units.values())), list(units), _loop))
     return found
@@ -677,8 +667,7 @@ KINDS: tuple[Kind, ...] = (
     force_scale,
     law_constants,
     knees,
-    cubics,
-    hystereses,
+    bends,
     runouts,
     gains,
     common_delays,

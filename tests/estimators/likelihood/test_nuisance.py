@@ -38,7 +38,7 @@ from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.effects import Scales
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.rivals_read import multiplied
-from rotorid.likelihood.unknowns import Nuisances, Scalar, Unknown, cubics, hystereses, unknowns_of
+from rotorid.likelihood.unknowns import Nuisances, Scalar, Unknown, bends, unknowns_of
 from rotorid.models.knowledge import Knowledge
 from rotorid.signals.spectrum import shifted, synthesize
 from rotorid.testing import bind
@@ -587,12 +587,12 @@ def test_constants_of_forces_need_a_force(asked, told):
 
 def test_derivatives_of_bends_against_differences():
     observation = bind(MODEL, periods(MAGNET))
-    bends = [*cubics([observation], None), *hystereses([observation], None)]
-    assert {n.scalars[0].name for n in bends} == {
+    found = bends([observation], None)
+    assert {n.scalars[0].name for n in found} == {
         "nonlinear x", "nonlinear y", "nonlinear x ... y",
         "hysteresis F_x", "hysteresis F_y", "hysteresis force",
     }  # fmt: skip
-    derivatives_hold(observation, bends)
+    derivatives_hold(observation, found)
 
 
 def bent(change: Callable[[np.ndarray], np.ndarray], which: Sequence[int]) -> PeriodicRecord:

@@ -13,7 +13,7 @@ from rotorid.answer.estimate import EXPLAINS
 from rotorid.likelihood import rivals
 from rotorid.likelihood import rivals_read as leads
 from rotorid.likelihood import unknowns as channels
-from rotorid.likelihood.case import Case, Rival, Slopes
+from rotorid.likelihood.case import Case, Rival
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.unknowns import Nuisances
@@ -36,7 +36,7 @@ def rival(
 
     changed = SimpleNamespace(screened=lambda: screened, minimized=at_minimum)
     made = Rival(term, term, "add it", lambda case: changed, 1.0, "kg", on, kind, **more)
-    object.__setattr__(made, "score", lambda slopes: (drop, 1.0))
+    object.__setattr__(made, "score", lambda point: (drop, 1.0))
     return made
 
 
@@ -60,7 +60,7 @@ def named(case: Case) -> list[str]:
 def catalogue(monkeypatch):
     stages = {stage: [] for stage in rivals.CATALOGUE}
     monkeypatch.setattr(rivals, "CATALOGUE", stages)
-    monkeypatch.setattr(Slopes, "turns", lambda case, small: [(case.point, small)])
+    monkeypatch.setattr(rivals, "apart", lambda case, small: [(case.point, small)])
     monkeypatch.setattr(Case, "screened", lambda case: 1000.0)
 
     def enter(stage: str, *entered: Rival) -> None:
