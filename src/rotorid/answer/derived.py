@@ -73,8 +73,15 @@ def physical_fit(model: Model, base: Floats, covariance: Floats) -> tuple[Floats
     count = len(model.parameters)
     if not known.any():
         return np.full(count, np.nan), np.zeros((count, 0)), np.zeros(count, dtype=bool)
-    start = physical_start(model, base)
-    whitener = _whitener(base[known], covariance[np.ix_(known, known)])
+    start, told = physical_start(model, base), base[known]
+    covariance = covariance[np.ix_(known, known)]
+    # A floor keeps C positive.
+    floor = 1e-9 * np.where(told != 0, np.abs(told), np.abs(told).max() or 1.0)
+    scale = np.maximum(np.sqrt(np.diag(covariance).clip(0)), floor)
+    correlation = covariance / np.outer(scale, scale)
+    np.fill_diagonal(correlation, 1.0)
+    variances, directions = np.linalg.eigh(correlation)
+    whitener = directions.T / np.sqrt(np.maximum(variances, 1e-12))[:, None] / scale
     size = np.where(start != 0, np.abs(start), 1.0)
 
     def residual(scaled: Floats) -> Floats:
@@ -112,16 +119,6 @@ def _gauss_newton(
                 break
             x, value = x + step, trial
     return x
-
-
-def _whitener(base: Floats, covariance: Floats) -> Floats:
-    """Return ``C^-1/2``; a floor keeps C positive."""
-    floor = 1e-9 * np.where(base != 0, np.abs(base), np.abs(base).max() or 1.0)
-    scale = np.maximum(np.sqrt(np.diag(covariance).clip(0)), floor)
-    correlation = covariance / np.outer(scale, scale)
-    np.fill_diagonal(correlation, 1.0)
-    size, directions = np.linalg.eigh(correlation)
-    return np.asarray(directions.T / np.sqrt(np.maximum(size, 1e-12))[:, None] / scale)
 
 
 def physical_start(model: Model, base: Floats) -> Floats:

@@ -185,7 +185,10 @@ def _polar(
 ) -> Iterator[Note]:
     """Judge G by M, and by the sense that the model's author gave it."""
     turning = (gyroscopic - gyroscopic.transpose(0, 2, 1)) / 2
-    drawn = _drawn(reduced, turning)
+    # G at the nominal values, whose sense the model's author gave it; zero without any.
+    nominal = [reduced.nominal.get(name, np.nan) for name in reduced.parameter_names]
+    author = np.append(reduced.base_values(nominal), 1.0)
+    drawn = np.nan_to_num(np.tensordot(author, turning, 1)) * bool(np.isfinite(author).all())
     for i, j in np.argwhere(np.triu(np.tensordot(base, turning, 1)) != 0).tolist():
         if not _by_inertia(reduced, (i, j), gyroscopic):
             continue
@@ -223,13 +226,6 @@ def _by_inertia(reduced: Model, pair: tuple[int, int], gyroscopic: Floats) -> bo
     there = (gyroscopic[:-1, pair[0], pair[1]] != 0) | (gyroscopic[:-1, pair[1], pair[0]] != 0)
     monomials = reduced.monomials[list(reduced.base.kept)][there]
     return bool(there.any() and (monomials[:, inertial] > 0).any(axis=1).all())
-
-
-def _drawn(reduced: Model, turning: Floats) -> Floats:
-    """Return G at the nominal values, whose sense the model's author gave it; zero without any."""
-    nominal = [reduced.nominal.get(name, np.nan) for name in reduced.parameter_names]
-    base = np.append(reduced.base_values(nominal), 1.0)
-    return np.nan_to_num(np.tensordot(base, turning, 1)) * bool(np.isfinite(base).all())
 
 
 def prediction(estimate: Estimate, noise: Mapping[str, float]) -> Iterator[Note]:

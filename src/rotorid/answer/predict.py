@@ -141,12 +141,9 @@ def _at_estimate(
     numbered, names = list[Observation](), model.parameter_names
     for number, record in enumerate(records, first):
         if not record.lines.phase_known:
-            raise InputError(
-                "a rotor angle of unknown phase",
-                "a known phase",
-                "give the phase, or a keyphasor or angle column",
-                file=record.lines.source,
-            )
+            told = "a rotor angle of unknown phase"
+            cure = "give the phase, or a keyphasor or angle column"
+            raise InputError(told, "a known phase", cure, file=record.lines.source)
         found = {n: values[f"{n}[{number}]"] for n in names if f"{n}[{number}]" in values}
         numbered.append(replace(record, own={**found, **record.own}))
     own = own_parameters(numbered, Nuisances())
@@ -180,11 +177,9 @@ def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) 
     check_units(estimate, model.parameter_units)
     unknown = [value.name for value in estimate.parameters if not np.isfinite(value.value)]
     if unknown:
-        raise InputError(
-            f"a result that leaves {', '.join(unknown)} undetermined",
-            "a value of every parameter",
-            "fix one or measure more, then identify again",
-        )
+        expected = "a value of every parameter"
+        cure = "fix one or measure more, then identify again"
+        raise InputError(f"a result that leaves {', '.join(unknown)} undetermined", expected, cure)
 
 
 @frozen

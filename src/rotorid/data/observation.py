@@ -122,6 +122,8 @@ class Observation:
         return replace(self, lines=lines, sensors=(*self.sensors, added), periodic=None)
 
 
+Records = Sequence[Observation]
+
 Measured = PeriodicRecord | Lines | FilteredRecord
 """What is made of a record before it meets a model."""
 Data = Measured | Observation

@@ -156,24 +156,18 @@ def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
     assert channel.drive is not None
     terms = combined(channel.drive.position, layout.model, "a force law at", channel.name)
     if any(t.order for t in terms):
-        raise InputError(
-            "a force law at a velocity or an acceleration",
-            "the displacement in that bearing",
-            "leave the dots out",
-            place=channel.name,
-        )
+        told, cure = "a force law at a velocity or an acceleration", "leave the dots out"
+        raise InputError(told, "the displacement in that bearing", cure, place=channel.name)
     _require_known(layout, terms, "a force law at a displacement", channel.name)
     return terms
 
 
 def _require_known(layout: Layout, terms: Sequence[SensorTerm], what: str, place: str) -> None:
     if layout.base and any(any(t.powers) for t in terms):
-        raise InputError(
-            f"{what} with parameters among its coefficients",
-            "known coefficients, where base parameters are asked for",
-            "put their values in, or estimate the physical parameters",
-            place=place,
-        )
+        told = f"{what} with parameters among its coefficients"
+        expected = "known coefficients, where base parameters are asked for"
+        cure = "put their values in, or estimate the physical parameters"
+        raise InputError(told, expected, cure, place=place)
 
 
 def _parameters(layout: Layout, term: SensorTerm) -> Factors:
@@ -294,7 +288,7 @@ def assemble(
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     entries = terms.entries(lines, reads.shape[1] + width)
     monomials = terms.monomials
-    scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
+    scales = _scales(entries.matrix(monomials.values(layout.start), rows), reads, data, ordered)
     on_channels = layout.acting(Scales), layout.acting(Adds), layout.acting(Rereads)
     turned = phase is not None
     load, orders = load_lines(loads, lines, scales.rows, turned)
@@ -343,17 +337,9 @@ def _transient(observation: Observation) -> Transient | None:
     return Transient.of(orders, observation.lines.omega)
 
 
-def _scales(
-    layout: Layout,
-    entries: Entries,
-    monomials: Monomials,
-    rows: int,
-    reads: Floats,
-    data: Complexes,
-    covariance: LineCovariance,
-) -> Sizes:
-    n, inputs = len(layout.model.coordinates), data.shape[1] - len(reads)
-    matrix = entries.matrix(monomials.values(layout.start), rows)
+def _scales(matrix: Complexes, reads: Floats, data: Complexes, covariance: LineCovariance) -> Sizes:
+    """Return the sizes of rows and coordinates; `matrix`: [P, B] at the start."""
+    n, inputs = reads.shape[1], data.shape[1] - len(reads)
     forces = (matrix[:, :, n:] @ data[:, :inputs, None])[:, :, 0]
     variance = np.einsum("kii->ki", covariance.matrices).real.clip(0)
     pushed = (np.abs(matrix[:, :, n:]) ** 2 @ variance[:, :inputs, None])[:, :, 0]

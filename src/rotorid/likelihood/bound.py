@@ -86,11 +86,8 @@ class Plan:
         lines = np.array(self.harmonics, dtype=np.int64)
         forces = np.asarray(self.forces, dtype=np.complex128)
         if forces.shape != (len(lines), len(model.inputs)):
-            raise InputError(
-                f"forces of shape {forces.shape}",
-                f"({len(lines)}, {len(model.inputs)}): (line, input)",
-                "give one line per harmonic",
-            )
+            told, cure = f"forces of shape {forces.shape}", "give one line per harmonic"
+            raise InputError(told, f"({len(lines)}, {len(model.inputs)}): (line, input)", cure)
         rate = quantity(self.sample_rate, "Hz", place="sample_rate")
         speed = quantity(self.speed, "rad/s", place="speed")
         exact = rate / quantity(self.fundamental, "Hz", place="fundamental")
@@ -225,11 +222,8 @@ def _guess(
 ) -> dict[str, float]:
     missing = [name for name in model.parameter_names if name not in truth]
     if missing:
-        raise InputError(
-            f"no value of {', '.join(missing)}",
-            "a value of every parameter",
-            "give values, or nominal values in the model file",
-        )
+        told, expected = f"no value of {', '.join(missing)}", "a value of every parameter"
+        raise InputError(told, expected, "give values, or nominal values in the model file")
     if not base:
         return dict(truth)
     reduced = model.substitute(known.held(model))

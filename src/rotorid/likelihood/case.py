@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from rotorid.core.values import Floats, frozen
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import rows_of_modes
@@ -39,7 +39,6 @@ STEPS = 6
 """Steps of a screening at each stage. What is right needs three or four, and the few per cent that
 would be left to gain after six decide nothing."""
 
-Records = Sequence[Observation]
 Way = Literal["near", "far", "both", "start"]
 """From where a case is minimized: where it is, its starts, both, or the first start alone."""
 

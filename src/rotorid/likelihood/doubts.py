@@ -110,7 +110,7 @@ def taken_as_exact(fit: Fit) -> Iterator[Note]:
                 effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
         name, size = moved_unseen(fit, effect)
         if size > MATTERS:
-            text = f"{plausible.text} would shift {name} by {_figure(size)} std unseen"
+            text = f"assumed {plausible.text} would shift {name} by {_figure(size)} std unseen"
             yield Note(plausible.about, "says", text, plausible.cure, value=size, unit="1")
     if parts and structure is not None:
         columns = {part.term: point.by(part.term) for part in parts}

@@ -10,7 +10,7 @@ samples lost between the mark and the columns a step.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from rotorid.answer.machine_checks import MOVED, REJECTED
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats, frozen
 from rotorid.data.lines import SampledClock
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Observation, Records
 from rotorid.data.record import Steady, changed, unread
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.problem import Point
@@ -39,7 +39,7 @@ STEP = 1e-3
 PLACES = np.linspace(-1.0, 1.0, 201)
 
 
-def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note]:
+def against_angle(point: Point, records: Records) -> Iterator[Note]:
     layout, std = point.problem.layout, point.linear.std
     held = np.isin(layout.free, layout.held) & (std > 0)
     for at, rows, record in zip(point.records, point.rows, records, strict=True):
@@ -137,7 +137,7 @@ class Creep:
         return abs(self.step) > JUMPS * self.step_std
 
 
-def creeps(point: Point, records: Sequence[Observation]) -> tuple[Creep | None, ...]:
+def creeps(point: Point, records: Records) -> tuple[Creep | None, ...]:
     return tuple(_creep(at, r) for at, r in zip(point.records, records, strict=True))
 
 

@@ -5,8 +5,8 @@ readings and rotor angle come to on the lines of a record, with derivatives; ter
 drives the model go into its equations (`assembly`).
 
 A constant of a force law is no factor of a line. The samples behind the lines go through the law
-again; only what changes is added to the lines. The force of a magnet is computed from a current and
-a displacement: a gain, a lag or a runout of the sensor is in the force as well, k_s times as large.
+again; only what changes is added to the lines. What a sensor reads wrong is in the forces that were
+read with it too (docs/maximum-likelihood.md, section 6).
 """
 
 from __future__ import annotations
@@ -169,23 +169,22 @@ class Bound:
     slopes: Callable[[Floats], tuple[Line, Line]]
 
 
-def _factor(channel: int, scales: Scales, at: Integers, omega: Floats) -> Bound:
-    return Bound(
-        channel,
-        at,
-        lambda x: (scales.factor(x[at], omega), 0.0),
-        lambda x: (scales.slopes(x[at], omega)[:, None], 0.0),
-    )
+def _factor(
+    channel: int, scales: Scales, at: Integers, omega: Floats, part: Complexes | None = None
+) -> Bound:
+    """Return a factor of a channel, or of the `part` of a force that a sensor was read for."""
 
-
-def _passage(channel: int, scales: Scales, at: Integers, omega: Floats, lines: Complexes) -> Bound:
-    """Return a sensor's factor in a force read with it; `lines`: slope of the law times reading."""
+    def change(x: Floats) -> tuple[Line, Line]:
+        factor = scales.factor(x[at], omega)
+        return (factor, 0.0) if part is None else (1.0, (1 - factor) * part)
 
     def slopes(x: Floats) -> tuple[Line, Line]:
-        changed = scales.factor(x[at], omega) * lines
-        return 0.0, -(changed[:, None] * scales.slopes(x[at], omega))[:, None]
+        slope = scales.slopes(x[at], omega)[:, None]
+        if part is None:
+            return slope, 0.0
+        return 0.0, -(scales.factor(x[at], omega) * part)[:, None, None] * slope
 
-    return Bound(channel, at, lambda x: (1.0, (1 - scales.factor(x[at], omega)) * lines), slopes)
+    return Bound(channel, at, change, slopes)
 
 
 def _addition(channel: int, at: Integers, lines: Complexes) -> Bound:
@@ -332,7 +331,7 @@ def _passages(observation: Observation, scales: Placed[Scales]) -> Iterator[Boun
             if shares.any():
                 moved = passed.slope * displacement(lines, lines.samples, shares)
                 found = lines.samples.lines(moved[:, None])[:, 0]
-                yield _passage(number, effect, at, lines.omega, found)
+                yield _factor(number, effect, at, lines.omega, found)
 
 
 def _rotations(

@@ -16,7 +16,7 @@ from rotorid.core.errors import NotConvergedError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.watch import Pace, watch, words
-from rotorid.data.observation import Data, Observation, bind_all
+from rotorid.data.observation import Data, Records, bind_all
 from rotorid.likelihood.doubts import doubted
 from rotorid.likelihood.fit import CovarianceChoice, Fitting, Step
 from rotorid.likelihood.rivals import Tried
@@ -245,7 +245,7 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
         return Search(self._answers(model, bound, knowledge))
 
     def _answers(
-        self, model: Model, bound: Sequence[Observation], knowledge: Knowledge[float]
+        self, model: Model, bound: Records, knowledge: Knowledge[float]
     ) -> Iterator[Progress]:
         """Yield the answer so far at each step of a fit, and at last the estimate."""
         fitting = Fitting(model, knowledge, self, self.base, self.covariance, self.neighbours)

@@ -9,7 +9,6 @@ p_k = (P)_kk of the line itself, T = sum_k P_k / n the weight of every pair of l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from rotorid.core.distributions import Expectation
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Beside
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Records
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.problem import Point
@@ -34,9 +33,7 @@ CHUNK = 256
 """Windows at a time, so that memory stays that of the lines."""
 
 
-def by_equation_errors(
-    inference: Inference, point: Point, records: Sequence[Observation]
-) -> Inference:
+def by_equation_errors(inference: Inference, point: Point, records: Records) -> Inference:
     costs = []
     for record, at, cost in zip(records, point.records, inference.records, strict=True):
         beside, expected = record.lines.beside, float(cost.means.sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -15,9 +15,8 @@ from rotorid.core.errors import InputError, NotConvergedError
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.core.watch import watch
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.case import Case
-from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.expected_cost import by_equation_errors
 from rotorid.likelihood.inference import Inference, SharedNoise, shared_noise
@@ -151,7 +150,7 @@ class Fitting:
     covariance: CovarianceChoice = "auto"
     neighbours: int | None = None
 
-    def steps(self, bound: Sequence[Observation]) -> Iterator[Step]:
+    def steps(self, bound: Records) -> Iterator[Step]:
         """Yield the best so far, the last with the answer.
 
         Where the model is reduced, until the whole one would not move the estimate.
@@ -177,7 +176,7 @@ class Fitting:
             share *= FINER
             records = reduced(bound, rough.values, share=share)
 
-    def prepared(self, records: Sequence[Observation]) -> Problem:
+    def prepared(self, records: Records) -> Problem:
         _refuse_silence(records)
         model = records[0].model if records else self.model
         guess = starting_values(model, records, self.knowledge, self.base)
@@ -187,13 +186,11 @@ class Fitting:
             raise InputError("every parameter fixed", "something to estimate", "free one")
         return problem
 
-    def approached(
-        self, records: Sequence[Observation], bound: Sequence[Observation]
-    ) -> Rough | None:
+    def approached(self, records: Records, bound: Records) -> Rough | None:
         """Follow the homotopy once with few shapes on few lines; None where it leads nowhere."""
         watch("finding a rotor of fewer shapes")
 
-        def posed(chosen: Sequence[Observation], few: int) -> Problem:
+        def posed(chosen: Records, few: int) -> Problem:
             chosen = thinned(chosen, few, periodic=True) or chosen
             return replace(self.prepared(chosen).of(chosen), tolerance=ROUGHLY)
 
@@ -208,9 +205,7 @@ class Fitting:
             return None
         return replace(rough, unknowns=nearer.point.unknowns) if nearer.converged else rough
 
-    def located(
-        self, records: Sequence[Observation], rough: Rough | None = None
-    ) -> Generator[Step, None, Fit]:
+    def located(self, records: Records, rough: Rough | None = None) -> Generator[Step, None, Fit]:
         if self.covariance == "correlated":
             records = _correlated(records, self.neighbours)
         for step in _globally(self.prepared(records), records, rough):
@@ -229,10 +224,14 @@ class Fitting:
         crept = creeps(found.solution.point, found.records)
         if not any(c is not None and c.creeps for c in crept):
             return replace(found, creeps=crept)
-        loose = tuple(_less_sure(r, c) for r, c in zip(found.records, crept, strict=True))
-        wider = self.prepared(loose)
-        again = _again(wider, loose, found.solution)
-        return Fit(again, again.inference, loose, creeps=crept, plain=found.plain)
+        loose = list(found.records)
+        for number, creep in enumerate(crept):
+            if creep is not None and creep.creeps:  # the angle is known no better than by that
+                lines = loose[number].lines
+                std = float(np.hypot(lines.phase_std, creep.angle))
+                loose[number] = loose[number].with_lines(replace(lines, phase_std=std))
+        again = _again(self.prepared(loose), loose, found.solution)
+        return Fit(again, again.inference, tuple(loose), creeps=crept, plain=found.plain)
 
 
 def _stands(found: Fit) -> bool:
@@ -253,7 +252,11 @@ def answered(found: Fit, *, ask: bool = True) -> Fit:
     if ask and solution.converged and inference.explained:
         solution, inference, answers, notes = questioned(solution, mirrors)
     inference = by_equation_errors(inference, solution.point, found.records)
-    inference = _by_misfit(solution, inference)
+    unsure = any(at.problem.noise.shrunk > 0 for at in solution.point.records)
+    if unsure and 0 < (mean := inference.expectation.mean) < inference.cost:
+        # The misfit tells the size of the noise as well as two or three periods' scatter does.
+        wider = inference.covariance * (inference.cost / mean)
+        inference = replace(inference, covariance=wider)
     common = None
     if solution.converged and inference.explained:
         common = shared_noise(solution.point, inference, found.records)
@@ -264,43 +267,17 @@ def answered(found: Fit, *, ask: bool = True) -> Fit:
     return replace(answer, alternatives=answers, shared=common)
 
 
-def _by_misfit(solution: Solution, inference: Inference) -> Inference:
-    """Widen deviations by a misfit where few periods leave the noise itself unsure.
-
-    The misfit then tells its size as well as the scatter between two or three periods does.
-    """
-    unsure = any(at.problem.noise.shrunk > 0 for at in solution.point.records)
-    mean = inference.expectation.mean
-    if not unsure or not 0 < mean < inference.cost:
-        return inference
-    return replace(inference, covariance=inference.covariance * (inference.cost / mean))
-
-
-def _less_sure(record: Observation, creep: Creep | None) -> Observation:
-    """Return a record whose angle is known no better than by its creep."""
-    if creep is None or not creep.creeps:
-        return record
-    std = float(np.hypot(record.lines.phase_std, creep.angle))
-    return record.with_lines(replace(record.lines, phase_std=std))
-
-
-def _refuse_silence(records: Sequence[Observation]) -> None:
+def _refuse_silence(records: Records) -> None:
     """Refuse records whose sensors read nothing: any machine at rest fits them."""
     for record in records:
         columns = [sensor.column for sensor in record.sensors]
         if not np.abs(record.lines.mean[:, columns]).any():
             names = ", ".join(sensor.channel.name for sensor in record.sensors)
-            raise InputError(
-                f"zero on every line of {names}",
-                "sensors that read the motion",
-                "check their columns and cables",
-                file=record.lines.source,
-            )
+            told, cure = f"zero on every line of {names}", "check their columns and cables"
+            raise InputError(told, "sensors that read the motion", cure, file=record.lines.source)
 
 
-def _globally(
-    prepared: Problem, records: Sequence[Observation], rough: Rough | None
-) -> Iterator[Step]:
+def _globally(prepared: Problem, records: Records, rough: Rough | None) -> Iterator[Step]:
     """Look for plain mistakes, then for the minimum, from the start and with reason from others."""
 
     def step(found: Solution, *said: Any, plain: Plain | None = None) -> Step:
@@ -342,7 +319,7 @@ def _globally(
 
 
 def _in_other_places(
-    problem: Problem, start: Floats, records: Sequence[Observation]
+    problem: Problem, start: Floats, records: Records
 ) -> Iterator[Solution | None]:
     """Yield None after each way, and the answer from a start with hidden parts in other places.
 
@@ -360,12 +337,12 @@ def _in_other_places(
             return
 
 
-def _problem(prepared: Problem, records: Sequence[Observation]) -> Problem:
+def _problem(prepared: Problem, records: Records) -> Problem:
     problem, fewer = prepared.of(records), thinned(records)
     return problem if fewer is None else replace(problem, sketch=prepared.of(fewer))
 
 
-def _again(prepared: Problem, records: Sequence[Observation], before: Solution) -> Solution:
+def _again(prepared: Problem, records: Records, before: Solution) -> Solution:
     """Minimize again from near a minimum, with other noise or further unknowns."""
     problem, old, layout = _problem(prepared, records), before.point.problem, prepared.layout
     start = layout.start.copy()
@@ -378,30 +355,29 @@ def _again(prepared: Problem, records: Sequence[Observation], before: Solution) 
 
 
 def _correlated(
-    records: Sequence[Observation], neighbours: int | None, at: Solution | None = None
+    records: Records, neighbours: int | None, at: Solution | None = None
 ) -> list[Observation]:
     """Take the covariance from neighbouring lines of the whole record, where there are periods.
 
     With a solution, only where the residual of one period resembles the next.
     """
-    found = []
+    found = list(records)
     for number, record in enumerate(records):
-        scatter = record.lines.scatter
-        if scatter is not None and (at is None or _resembles(at.point.records[number], scatter)):
-            covariance = correlated_covariance(scatter, neighbours)
-            record = record.with_lines(replace(record.lines, covariance=covariance))
-        found.append(record)
+        if (scatter := record.lines.scatter) is None:
+            continue
+        if at is not None:
+            there = at.point.records[number]
+            residual = there.period_residual(scatter[:, :, there.problem.order])
+            # Whitened rows are independent of one another: each counts as a line of its own.
+            if not is_correlated(residual.reshape(len(residual), -1, 1)):
+                continue
+        covariance = correlated_covariance(scatter, neighbours)
+        found[number] = record.with_lines(replace(record.lines, covariance=covariance))
     return found
 
 
-def _resembles(at: Evaluation, scatter: Complexes) -> bool:
-    residual = at.period_residual(scatter[:, :, at.problem.order])
-    # Whitened rows are independent of one another: each counts as a line of its own.
-    return is_correlated(residual.reshape(len(residual), -1, 1))
-
-
 def starting_values(
-    model: Model, records: Sequence[Observation], knowledge: Knowledge[float], base: bool
+    model: Model, records: Records, knowledge: Knowledge[float], base: bool
 ) -> dict[str, float]:
     """Return starts by name, of batch or nominal; what loads alone hold is left out, to be zero."""
     nominal = model.nominal
@@ -426,7 +402,7 @@ def starting_values(
     return {name: value for name, value in nominal.items() if name not in loads}
 
 
-def _batch(model: Model, records: Sequence[Observation]) -> Floats | None:
+def _batch(model: Model, records: Records) -> Floats | None:
     if any(channel.drive is not None for record in records for channel in record.channels):
         return None
     try:

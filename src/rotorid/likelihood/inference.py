@@ -1,19 +1,9 @@
 """Covariance, null space and expected cost at a minimum.
 
-How few periods widen deviations and what noise leaves of J stands in docs/maximum-likelihood.md,
-section 2. Where one size of the noise is shared by many lines, as of whole records, nothing is
-widened: it is known far better than by one line, and the weights hold what it adds.
-
-Deviations and coherences tell the noise of each response, and nothing of what several have in
-common: a force that nobody measured moves all accelerometers of a test. Each line then tells less
-than its sensors do by themselves. By the scores of the lines, u_k what the residual of line k does
-to the unknowns, their covariance is
-
-    sum_k v_k v_k^T,   v_k = (1 - S_k)^-1 u_k,
-
-S_k the share of line k in the information: what it was without line k (White's estimator, a cluster
-for each line, by the jackknife), whatever is common to the rows of a line. It is used where the
-residuals of sensors are alike, and in no direction is anything taken off.
+How few periods widen deviations, what noise leaves of J, and how sensors share their noise stands
+in docs/maximum-likelihood.md, sections 2 and 5. Where one size of the noise is shared by many
+lines, as of whole records, nothing is widened: it is known far better than by one line, and the
+weights hold what it adds.
 """
 
 from __future__ import annotations
@@ -26,7 +16,7 @@ import scipy
 from rotorid.core.distributions import Expectation, gamma_tail, line_moments
 from rotorid.core.linalg import leave_out
 from rotorid.core.values import Floats, frozen
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.problem import Point
@@ -165,9 +155,7 @@ class SharedNoise:
     names: tuple[str, ...]  # the sensors that share it
 
 
-def shared_noise(
-    point: Point, inference: Inference, records: Sequence[Observation]
-) -> SharedNoise | None:
+def shared_noise(point: Point, inference: Inference, records: Records) -> SharedNoise | None:
     """Return the covariance that the scatter of the lines shows; None where it shows no more.
 
     Only lines of records whose noise was stated channel by channel count so; that of other records,

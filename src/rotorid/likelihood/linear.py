@@ -8,10 +8,8 @@ orthonormal basis of the directions along which the exact relations do not chang
     C = U U' C + (1 - U U') C          of columns C beside J: what the unknowns take over, the rest
 
 Freeing what columns C stand for lowers the cost by the squared length of r along the rest of C, to
-first order (a score test). Leaving out rows k lowers it by r_k' (1 - U_k U_k')^-1 r_k. An error v
-of what is taken as exact moves the unknowns by M v deviations and leaves L v in the residual. It is
-unseen where it adds no more than s to the cost: of all v with |v|^2 + |L v|^2 / s <= 1 the worst
-moves unknown i by the root of M_i (1 + L' L / s)^-1 M_i'.
+first order (a score test). Leaving out rows k lowers it by r_k' (1 - U_k U_k')^-1 r_k. How far an
+error of what is taken as exact moves the unknowns unseen: docs/maximum-likelihood.md, section 6.
 """
 
 from __future__ import annotations

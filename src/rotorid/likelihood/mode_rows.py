@@ -21,7 +21,7 @@ from rotorid.likelihood.assembly import Terms
 from rotorid.likelihood.effects import Entry, at_unknowns
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
-from rotorid.models.knowledge import Mode, configurations, number
+from rotorid.models.knowledge import Mode, number
 from rotorid.models.linear_form import StiffnessTable
 from rotorid.models.modal import Eigenmodes, eigenmodes, parted
 
@@ -209,13 +209,7 @@ class ModalRows:
         return np.array(rows).reshape(len(rows), len(unknowns))
 
 
-def modal_rows(layout: Layout, modes: Sequence[Mode], generic: Floats) -> ModalRows:
-    """Build the rows of measured modes; `generic` are unknowns about the start without symmetry."""
-    groups = configurations(modes)
-    return ModalRows(tuple(_configuration(layout, group, generic) for group in groups))
-
-
-def _configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Configuration:
+def configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Configuration:
     """Return one configuration; the pattern of its modes is that of the generic machine."""
     pencil = _pencil(layout, modes[0])
     free = Configuration(tuple(modes), pencil, (), generic - layout.start)
@@ -242,23 +236,17 @@ def _configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Co
 def _pencil(layout: Layout, mode: Mode) -> Pencil:
     layout.model.require_linear().require_square()
     if layout.base and mode.parameters:
-        raise InputError(
-            f"{next(iter(mode.parameters))} of a mode",
-            "a machine as in the records, where base parameters are asked for",
-            "estimate the physical parameters",
-            place="modes",
-        )
+        expected = "a machine as in the records, where base parameters are asked for"
+        cure = "estimate the physical parameters"
+        raise InputError(f"{next(iter(mode.parameters))} of a mode", expected, cure, place="modes")
     held = {layout.index[name]: float(value) for name, value in mode.parameters.items()}
     pencil = replace(pencil_at(layout, mode.in_si[2]), held=held)
     used = set(pencil.monomials.factors[pencil.terms.monomial].ravel().tolist()) - held.keys()
     if used & layout.idle:  # of which record it would be is not known
         name = layout.unknowns[min(used & layout.idle)].name
-        raise InputError(
-            f"a mode of {name}, which every record has to itself",
-            f"the value of {name} in the test",
-            f"state it: parameters = {{ {name} = ... }}",
-            place="modes",
-        )
+        told = f"a mode of {name}, which every record has to itself"
+        cure = f"state it: parameters = {{ {name} = ... }}"
+        raise InputError(told, f"the value of {name} in the test", cure, place="modes")
     return pencil
 
 

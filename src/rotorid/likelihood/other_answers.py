@@ -2,8 +2,6 @@
 
 Where the excitation leaves something at rest, the record fits with more than one answer, and
 neither rank nor condition number at the estimate shows it (docs/maximum-likelihood.md, section 2).
-Would the noise-free response to the measured forces give the stated deviations? Do other starts, or
-the equations, give another answer with as low a cost? Is the valley of the cost bent?
 """
 
 from __future__ import annotations

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.values import Floats
 from rotorid.likelihood.layout import Layout
-from rotorid.likelihood.mode_rows import ModalRows, modal_rows
+from rotorid.likelihood.mode_rows import ModalRows, configuration
 from rotorid.likelihood.problem import Known, Problem, retract
 from rotorid.likelihood.relations import Limit, Polynomial, Relation, Relations
 from rotorid.likelihood.unknowns import Scalar, Unknown
@@ -21,6 +20,7 @@ from rotorid.models.knowledge import (
     Knowledge,
     Mode,
     base_row,
+    configurations,
     constraint_polynomial,
 )
 
@@ -85,20 +85,16 @@ def _unknowns(
         found[i] = replace(found[i], start=1.0, std=0.0)
     missing = [u.name for u in found if np.isnan(u.start)]
     if missing:
-        raise InputError(
-            f"no start of {', '.join(missing)}",
-            "a starting value of every parameter, where some coordinates are not measured",
-            "give start (in the experiment file) or nominal (in the model file)",
-            place=f"parameters.{missing[0]}",
-        )
+        told = f"no start of {', '.join(missing)}"
+        expected = "a starting value of every parameter, where some coordinates are not measured"
+        cure = "give start (in the experiment file) or nominal (in the model file)"
+        raise InputError(told, expected, cure, place=f"parameters.{missing[0]}")
     wrong = [u.name for u in found if u.positive and not u.fixed and u.start <= 0]
     if wrong:
-        raise InputError(
-            f"a start of {wrong[0]} that is not positive",
-            "a positive number, as the model declares",
-            "start above 0, or take positive out of the model",
-            place=f"parameters.{wrong[0]}",
-        )
+        told = f"a start of {wrong[0]} that is not positive"
+        expected = "a positive number, as the model declares"
+        cure = "start above 0, or take positive out of the model"
+        raise InputError(told, expected, cure, place=f"parameters.{wrong[0]}")
     return tuple(found)
 
 
@@ -200,27 +196,19 @@ def _bounds(layout: Layout, knowledge: Knowledge[float]) -> Iterator[Relation]:
         if unknown.positive and not unknown.fixed:
             yield Relation({(i,): 1.0, (): 0.0}, Limit(unknown.name, 1.0, 0.0))
     for expression, (lower, upper) in knowledge.bounds.items():
-        _refuse_empty(expression, lower, upper, layout)
+        positive = any(u.name == expression and u.positive for u in layout.unknowns)
+        least = max(-np.inf if lower is None else lower, 0.0 if positive else -np.inf)
+        if upper is not None and least >= upper:
+            said = ", which the model calls positive" if positive and least == 0 else ""
+            told = f"{expression} from {least:g} to {upper:g}{said}"
+            expected = "a lower bound below the upper one"
+            cure = "exchange them, or correct one; for an exact value write fixed, or value alone"
+            raise InputError(told, expected, cure, place=f"bounds of {expression[:60]!r}")
         for limit, way in ((lower, 1.0), (upper, -1.0)):
             constraint = Constraint(expression, limit or 0.0)
             for polynomial in [] if limit is None else _polynomials(layout, constraint):
                 signed = {powers: way * c for powers, c in polynomial.items()}
                 yield Relation(signed, Limit(expression, way, constraint.in_si[0]))
-
-
-def _refuse_empty(
-    expression: str, lower: float | None, upper: float | None, layout: Layout
-) -> None:
-    positive = any(u.name == expression and u.positive for u in layout.unknowns)
-    least = max(-np.inf if lower is None else lower, 0.0 if positive else -np.inf)
-    if upper is not None and least >= upper:
-        told = ", which the model calls positive" if positive and least == 0 else ""
-        raise InputError(
-            f"{expression} from {least:g} to {upper:g}{told}",
-            "a lower bound below the upper one",
-            "exchange them, or correct one; for an exact value write fixed, or value alone",
-            place=f"bounds of {expression[:60]!r}",
-        )
 
 
 def _check_relations(layout: Layout, exact: Relations) -> None:
@@ -231,20 +219,13 @@ def _check_relations(layout: Layout, exact: Relations) -> None:
     length = np.sqrt((normal**2).sum(axis=1))
     idle = np.flatnonzero(length == 0)
     if idle.size:
-        raise InputError(
-            f"the constraint {exact.texts[idle[0]]!r}, which holds no free parameter",
-            "a relation between free parameters",
-            "drop it, or free one of its parameters",
-            place="constraints",
-        )
+        told = f"the constraint {exact.texts[idle[0]]!r}, which holds no free parameter"
+        cure = "drop it, or free one of its parameters"
+        raise InputError(told, "a relation between free parameters", cure, place="constraints")
     values = np.linalg.svd(normal / length[:, None], compute_uv=False)
     if len(exact) > normal.shape[1] or values[-1] < 1e-9 * values[0]:
-        raise InputError(
-            "constraints that repeat or contradict one another",
-            "independent constraints",
-            "drop one",
-            place="constraints",
-        )
+        told, cure = "constraints that repeat or contradict one another", "drop one"
+        raise InputError(told, "independent constraints", cure, place="constraints")
 
 
 def _refuse_contradicted(layout: Layout, known: Relations, bounds: Relations) -> None:
@@ -273,16 +254,14 @@ def _refuse_contradicted(layout: Layout, known: Relations, bounds: Relations) ->
 
 
 def rows_of_modes(layout: Layout, modes: Sequence[Mode], exact: Relations) -> ModalRows:
-    return modal_rows(layout, modes, _generic(layout, exact)) if modes else ModalRows()
-
-
-def _generic(layout: Layout, exact: Relations) -> Floats:
-    """Return unknowns about the start that keep the exact relations and no symmetry but theirs."""
+    """Return rows of modes, told apart about the start, where relations hold and no symmetry."""
+    if not modes:
+        return ModalRows()
     rng, start, free = np.random.default_rng(GENERATOR), layout.start, layout.free
     x = start.copy()
     x[free] *= 1 + GENERIC * rng.uniform(-1, 1, len(free))
-    if not len(exact):
-        return x
-    scale = np.where(start[free] != 0, np.abs(start[free]), 1.0)
-    kept = retract(x, free, exact, scale)
-    return x if kept is None else kept
+    if len(exact):
+        scale = np.where(start[free] != 0, np.abs(start[free]), 1.0)
+        kept = retract(x, free, exact, scale)
+        x = x if kept is None else kept
+    return ModalRows(tuple(configuration(layout, group, x) for group in configurations(modes)))

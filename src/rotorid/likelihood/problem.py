@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rotorid.core.linalg import column_lengths, triangle
 from rotorid.core.values import Floats, Integers, frozen
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout
@@ -82,7 +82,7 @@ class Problem:
     # share of the cost left to gain at which the search for the minimum ends
     tolerance: float = 1e-10
 
-    def of(self, records: Sequence[Observation], alike: Sequence[Likelihood] = ()) -> Problem:
+    def of(self, records: Records, alike: Sequence[Likelihood] = ()) -> Problem:
         """Return the problem of some records; `alike`: likelihoods of the same ones."""
         likelihoods = tuple(
             assemble(self.layout, record, number, like)

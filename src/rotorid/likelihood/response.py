@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout
@@ -87,9 +87,7 @@ def simulated(
     return assemble(layout, observation.with_lines(replace(lines, mean=mean)), number)
 
 
-def by_likelihood(
-    records: Sequence[Observation], evaluations: Sequence[Evaluation]
-) -> list[Predicted]:
+def by_likelihood(records: Records, evaluations: Sequence[Evaluation]) -> list[Predicted]:
     """Predict inputs, or readings where a record hides a coordinate; linear models."""
     hidden = any(r.hidden or not r.inputs or r.lines.passive for r in records)
     return [

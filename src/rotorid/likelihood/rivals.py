@@ -17,7 +17,7 @@ from rotorid.answer.estimate import EXPLAINS
 from rotorid.answer.judge import SUSPECTS
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Records
 from rotorid.likelihood import rivals_model, rivals_read
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Way, apart
 from rotorid.likelihood.effects import Entry, of_kind
@@ -369,7 +369,7 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
     if shown.notes:
         yield shown
         return
-    few = _on_whole_rotor(_on_fewer_lines(case))
+    few = _on_whole_rotor(case)
     besides = _by_lines(few, case)
     if any(record.lines.covariance.kind == "inputs" for record in case.records):
         besides += (
@@ -379,15 +379,14 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
     yield from RivalSearch(few, plain.tried if plain else frozenset(), besides).trials()
 
 
-def _on_fewer_lines(case: Case) -> Case:
-    """Return a case on some of the lines of whole records, where the misfit is as plain there."""
+def _on_whole_rotor(case: Case) -> Case:
+    """Return a case on some of the lines of whole records, where the misfit is as plain there.
+
+    On the whole rotor where it was reduced, on as many lines as that bears.
+    """
     few = case.on_lines(PLAIN_LINES if case.costs(HOPELESS) else FEW)
     there = few.settled() if few is not case and case.costs(PLAIN) else None
-    return there if there is not None and there.costs(PLAIN) else case
-
-
-def _on_whole_rotor(case: Case) -> Case:
-    """Return a case on the whole rotor where it was reduced, on as many lines as that bears."""
+    case = there if there is not None and there.costs(PLAIN) else case
     whole = case.model.whole if isinstance(case.model, RotorModel) else None
     if whole is None or (cubed := len(whole.coordinates) ** 3) > LARGEST / FEWEST:
         return case
@@ -433,7 +432,7 @@ class Plain:
     tried: frozenset[str] = frozenset()
 
 
-def plainly(prepared: Problem, records: Sequence[Observation], problem: Problem) -> Plain | None:
+def plainly(prepared: Problem, records: Records, problem: Problem) -> Plain | None:
     """Return what is plainly wrong; None where nothing is.
 
     By the speed that the records show: at the one stated the rotor is that which they show at

@@ -4,9 +4,8 @@ Lines are changed as if the mistake had not been made, and the likelihood is min
 unit of the speeds of a table is no such mistake: time itself may run faster or slower, and no table
 tells (see `rotorid.likelihood.doubts`, which holds the answer against its start).
 
-A line that something else makes contradicts all others, whatever is freed in the model. Without it,
-its covariance beyond all bounds, the cost falls by r_k' (1 - H_k)^-1 r_k to first order, r_k its
-rows of the residual and H_k what the unknowns can do there: no refit is needed to find it.
+A line that something else makes contradicts all others, whatever is freed in the model. By how much
+the cost falls without it, `Linearized.without` tells to first order: no refit is needed to find it.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ import numpy as np
 
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PhasorClock, SilentClock
-from rotorid.data.observation import Observation
-from rotorid.likelihood.case import Case, Records, Rival, each_record, freed, not_asked, rivals
+from rotorid.data.observation import Observation, Records
+from rotorid.likelihood.case import Case, Rival, each_record, freed, not_asked, rivals
 from rotorid.likelihood.effects import Reads, Replaces, of_kind
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.unknowns import (

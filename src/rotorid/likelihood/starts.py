@@ -21,7 +21,7 @@ import numpy as np
 
 from rotorid.core.values import Floats, Integers, frozen
 from rotorid.data.lines import SampledClock
-from rotorid.data.observation import Observation, bind, combined
+from rotorid.data.observation import Observation, bind, combined, Records
 from rotorid.data.record import changed
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
@@ -44,7 +44,7 @@ WORTH = 2
 
 
 def thinned(
-    records: Sequence[Observation], few: int = FEW, *, periodic: bool = False
+    records: Records, few: int = FEW, *, periodic: bool = False
 ) -> list[Observation] | None:
     """Return the records with fewer lines, those of periods on demand; None where they have few."""
     found = [_thinned(record, few, periodic) for record in records]
@@ -94,10 +94,7 @@ LINES = 200
 
 
 def reduced(
-    records: Sequence[Observation],
-    values: Mapping[str, float],
-    modes: Sequence[Mode] = (),
-    share: float = SHARE,
+    records: Records, values: Mapping[str, float], modes: Sequence[Mode] = (), share: float = SHARE
 ) -> tuple[Observation, ...]:
     """Bind records to a model with fewer coordinates, where that pays; `modes` were measured."""
     model = records[0].model
@@ -121,7 +118,7 @@ def moved(record: Observation, model: Model) -> Observation:
     return replace(bind(model, record.lines), periodic=record.periodic, own=record.own)
 
 
-def shift_by_reduction(point: Point, covariance: Floats, records: Sequence[Observation]) -> float:
+def shift_by_reduction(point: Point, covariance: Floats, records: Records) -> float:
     """Return the deviations by which the whole rotor would move the parameter it moves most."""
     pairs = zip(point.records, records, strict=True)
     parts = [_change(at, record, point, number) for number, (at, record) in enumerate(pairs)]

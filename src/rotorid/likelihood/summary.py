@@ -12,7 +12,7 @@ from rotorid.answer.estimate import DOUBTFUL, Alternative, Estimate, LineMisfit,
 from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.machine_checks import REJECTED
 from rotorid.core.notes import Note, remarks
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Records
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.identifiability import (
     determined_combinations,
@@ -54,7 +54,13 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
         prediction=relative_errors(by_likelihood(fit.records, point.records)),
         notes=notes,
         condition_number=inference.linear.condition_number,
-        line_misfit=tuple(_line_misfits(fit)),
+        line_misfit=tuple(
+            LineMisfit(number, *map(float, line))
+            for number, (record, at) in enumerate(zip(fit.records, point.records, strict=True))
+            for line in zip(
+                record.lines.frequency, at.line_costs, inference.records[number].means, strict=True
+            )
+        ),
         modes=mode_fits(fit.problem.known.modes, point.unknowns, layout.free, inference.covariance),
         alternatives=tuple(
             Alternative(
@@ -67,7 +73,7 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
     )
 
 
-def _seen(records: Sequence[Observation]) -> dict[str, Any]:
+def _seen(records: Records) -> dict[str, Any]:
     return {
         "lines_hz": tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
         "periods": min((r.lines.periods for r in records), default=0),
@@ -84,7 +90,7 @@ def _values(fit: Fit) -> list[Value]:
 
 
 def nothing_found(
-    model: Model, records: Sequence[Observation], fixed: Mapping[str, float], message: str
+    model: Model, records: Records, fixed: Mapping[str, float], message: str
 ) -> Estimate:
     told = remarks("record", (w for r in records for w in r.lines.warnings))
     notes = (*told, Note("search", "unfinished", message))
@@ -99,14 +105,6 @@ def nothing_found(
 def trials_of(fit: Fit) -> Iterator[Tried]:
     if fit.inference.p_value < REJECTED:
         yield from suspected(fit.case, fit.plain)
-
-
-def _line_misfits(fit: Fit) -> Iterator[LineMisfit]:
-    for number, (record, at, expected) in enumerate(
-        zip(fit.records, fit.solution.point.records, fit.inference.records, strict=True)
-    ):
-        for line in zip(record.lines.frequency, at.line_costs, expected.means, strict=True):
-            yield LineMisfit(number, *map(float, line))
 
 
 def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:

@@ -10,15 +10,16 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import combinations
+from operator import xor
 from typing import Any
 
 import numpy as np
 
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats, frozen
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.assembly import Terms, every_load, other_terms, profile
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.layout import Layout
@@ -84,12 +85,7 @@ class Mirrors:
 
     @classmethod
     def of(
-        cls,
-        problem: Problem,
-        records: Sequence[Observation],
-        unknowns: Floats,
-        *,
-        as_free: bool = False,
+        cls, problem: Problem, records: Records, unknowns: Floats, *, as_free: bool = False
     ) -> Mirrors:
         """Find the symmetries of a machine at an answer; `as_free`: as if nothing were fixed."""
         layout = problem.layout
@@ -187,7 +183,7 @@ class Mirrors:
 
 
 def _links(
-    layout: Layout, records: Sequence[Observation], unknowns: Floats, most: float
+    layout: Layout, records: Records, unknowns: Floats, most: float
 ) -> tuple[list[Place], list[Link]]:
     """Return nodes and terms of records that differ, the first that have no more than `most`."""
     nodes: dict[Place, int] = {("unknown", i): i for i in range(len(layout.unknowns))}
@@ -236,11 +232,7 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
 
 
 def _web(
-    problem: Problem,
-    layout: Layout,
-    records: Sequence[Observation],
-    unknowns: Floats,
-    most: float = np.inf,
+    problem: Problem, layout: Layout, records: Records, unknowns: Floats, most: float = np.inf
 ) -> Web:
     names, links = _links(layout, records, unknowns, most)
     used = {f for link in links for f in link.factors}
@@ -254,32 +246,21 @@ def _web(
             continue
         unknown = layout.unknowns[node] if node in movable else None
         colours.append((what, unknown.unit, unknown.fixed) if unknown else ("alone", node))
-        if not unknown or unknown.fixed or unknown.positive or _held(problem, node, unknowns):
+        if not unknown or unknown.fixed or unknown.positive:
             still.add(node)
+        elif unknown.std and 4 * unknowns[node] * unknown.prior / unknown.std**2 > CLOSE:
+            still.add(node)  # its sign alone would raise the cost of its prior too far
     priors = [u.name for u in layout.unknowns]
     alike = [*_alike(problem.exact, ()), *_alike(problem.known.relations, priors)]
     return Web(tuple(links), tuple(colours), still, alike, names)
 
 
-def _held(problem: Problem, node: int, unknowns: Floats) -> bool:
-    """Tell whether the sign of an unknown alone would raise the cost of its prior too far."""
-    unknown = problem.layout.unknowns[node]
-    return bool(unknown.std and 4 * unknowns[node] * unknown.prior / unknown.std**2 > CLOSE)
-
-
-def _alike(relations: Relations, priors: Sequence[str]) -> Iterator[frozenset[int]]:
+def _alike(relations: Relations, priors: Sequence[str]) -> Iterator[Bits]:
     """Yield sets of unknowns whose signs must multiply to one for relations to hold."""
-    factors, count = relations.monomials.factors, relations.monomials.unknowns
-    for row, text in zip(relations.matrix, relations.texts, strict=True):
-        if text in priors:
-            continue
-        odd = []
-        for monomial in np.flatnonzero(row):
-            nodes: set[int] = set()
-            for f in factors[monomial].tolist():
-                nodes ^= {f} if f < count else set()
-            odd.append(nodes)
-        yield from (frozenset(odd[0] ^ nodes) for nodes in odd[1:])
+    for row in relations.rows:
+        if row.stated not in priors:
+            odd = [_odd(product) for product, size in row.polynomial.items() if size]
+            yield from (odd[0] ^ nodes for nodes in odd[1:])
 
 
 @fact
@@ -396,17 +377,14 @@ class Web:
     links: tuple[Link, ...]
     colours: Sequence[Hashable]  # of each node; only those of one colour may change places
     still: frozenset[int] | set[int]  # nodes that keep their signs
-    alike: Sequence[frozenset[int]] = ()  # nodes whose signs must multiply to one
+    alike: Sequence[Bits] = ()  # nodes whose signs must multiply to one
     names: Sequence[Place] = ()  # what each node is
 
     def turns(self, still: Sequence[int] = ()) -> list[Bits]:
         """Return a basis of the sets of nodes that may turn their signs together."""
-        kept = [*self.still, *still]
-        # The nodes that stand an odd number of times in a link.
-        odd = {sum((n % 2) << node for node, n in link.powers.items()) for link in self.links}
-        equations = odd | {1 << node for node in kept}
-        equations |= {sum(1 << node for node in nodes) for nodes in self.alike}
-        return _null_space(equations, len(self.colours))
+        odd = {_odd((link.row, link.column, *link.factors)) for link in self.links}
+        kept = {1 << node for node in (*self.still, *still)}
+        return _null_space({*odd, *kept, *self.alike}, len(self.colours))
 
     def exchanges(self, among: Sequence[int]) -> Iterator[list[int]]:
         """Yield ways to change places, as where each node goes, that move some nodes in pairs."""
@@ -518,6 +496,11 @@ def _key(link: Link, places: Sequence[int]) -> Hashable:
 
 def _signs(turned: Bits, count: int) -> Floats:
     return np.array([-1.0 if turned >> node & 1 else 1.0 for node in range(count)])
+
+
+def _odd(nodes: Iterable[int]) -> Bits:
+    """Return the nodes that stand an odd number of times among some."""
+    return reduce(xor, (1 << node for node in nodes), 0)
 
 
 def _lowest(bits: Bits) -> int:

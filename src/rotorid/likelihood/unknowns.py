@@ -19,7 +19,7 @@ from pydantic import Field, Strict
 
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.values import Complexes, Floats, frozen
-from rotorid.data.observation import Observation
+from rotorid.data.observation import Observation, Records
 from rotorid.data.record import Channel
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
 from rotorid.force.laws import KNEE, KNEE_CONSTANT, Law
@@ -153,7 +153,6 @@ def amount(value: float | None, unit: str) -> str:
     return "" if value is None else f" = {value:.4g}{'' if unit == '1' else f' {unit}'}"
 
 
-Records = Sequence[Observation]
 Kind = Callable[[Records, Nuisances | None], list[Unknown]]
 
 
@@ -265,12 +264,9 @@ def common_delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
 def _require_forces(records: Records, what: str, place: str) -> None:
     if not any(record.lines.mean[:, list(record.input_columns)].any() for record in records):
-        raise InputError(
-            f"{what}, but no force in any record",
-            "a record with forces, or with currents that make them",
-            "name their columns in [channels], or leave it out",
-            place=place,
-        )
+        expected = "a record with forces, or with currents that make them"
+        cure = "name their columns in [channels], or leave it out"
+        raise InputError(f"{what}, but no force in any record", expected, cure, place=place)
 
 
 def _late(
@@ -289,7 +285,14 @@ def _late(
         late = size < 0 if actuator else size > 0 and not on & {*inputs}
         if len(on) > 1:
             name = "force" if actuator else "position"
-        return _bandwidth(name, on, size, actuator=actuator) if late else None
+        if not late:
+            return None
+        flat = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
+        start = 1 / (2 * np.pi * abs(size))
+        scalar = Scalar(f"bandwidth[{name}]", "Hz", start, positive=True)
+        return _response(
+            (scalar,), on, flat, "declare it: dynamics = { bandwidth = .. } of the channels"
+        )
 
     return Unknown(
         (Scalar(f"delay[{label}]", "s", known, std, additive=True),),
@@ -327,15 +330,6 @@ def dynamics(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 
 FLAT = 1e15
 """Bandwidth in Hz of what has none: of light."""
-
-
-def _bandwidth(label: str, on: frozenset[str], lag: float, *, actuator: bool) -> Unknown:
-    """Return the bandwidth of channels that are said to have none, from a delay alike in s."""
-    flat = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
-    start = 1 / (2 * np.pi * abs(lag))
-    scalar = Scalar(f"bandwidth[{label}]", "Hz", start, positive=True)
-    cure = "declare it: dynamics = { bandwidth = .. } of the channels"
-    return _response((scalar,), on, flat, cure)
 
 
 def _response(
@@ -407,12 +401,9 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
         _require_forces(records, f"an unknown {' and '.join(wanted.gains)}", "gains")
     driven = {n: c.drive for n, c in inputs.items() if c.drive is not None}
     if asked & {"ks", "ks*"} and not driven and wanted is not None:
-        raise InputError(
-            "an unknown ks, but forces instead of currents",
-            "channels with a linear force law",
-            "give law, current, position and ki of each",
-            place="gains",
-        )
+        told = "an unknown ks, but forces instead of currents"
+        cure = "give law, current, position and ki of each"
+        raise InputError(told, "channels with a linear force law", cure, place="gains")
     found = []
     for name in inputs if "ki" in asked else ():
         unit, ki = ("N/A", driven[name].ki) if name in driven else ("1", 1.0)
@@ -468,12 +459,10 @@ def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
         first, *others = dict.fromkeys(laws[each].constants[name] for each in on)
         if label and others:
             listed = ", ".join(f"{of.value:g} +- {of.std:g}" for of in sorted([first, *others]))
-            raise InputError(
-                f"{name} of {label} as {listed}",
-                "one value and deviation of a constant that is shared",
-                "write the same in every channel, or drop shared",
-                place=f"channels.{on[0]}.{name}",
-            )
+            told = f"{name} of {label} as {listed}"
+            expected = "one value and deviation of a constant that is shared"
+            cure = "write the same in every channel, or drop shared"
+            raise InputError(told, expected, cure, place=f"channels.{on[0]}.{name}")
         mean = float(np.mean([laws[each].constants[name].value for each in on]))
         if label or np.isfinite(mean):
             scalar = Scalar(
@@ -696,31 +685,17 @@ class Plausible:
     in_scale: bool = False  # one of all forces, or of all sensors, is the scale, told by itself
 
 
-_SAYS = "says how well it is known"
+_SAYS, _ANGLE = "says how well it is known", "unbalance angles refer to the stated rotor angle"
 TAKEN_AS_EXACT = (
     # Runout of a ground journal; balancing standards allow the probes several times it.
-    Plausible(
-        runouts, "runout", "m", 1e-6, "assumed zero: 1 um of it", "runout = true estimates it"
-    ),
+    Plausible(runouts, "runout", "m", 1e-6, "zero: 1 um of it", "runout = true estimates it"),
     # A mark is glued on, and a filter of 9 kHz turns 9000 rpm by as much.
-    Plausible(
-        phases,
-        "rotor angle",
-        "rad",
-        np.pi / 180,
-        "assumed exact: 1 deg of error",
-        "unbalance angles refer to the stated rotor angle",
-    ),
+    Plausible(phases, "rotor angle", "rad", np.pi / 180, "exact: 1 deg of error", _ANGLE),
     # What calibrating by hand reaches.
-    Plausible(gains, "gain", "1", 0.01, "assumed exact: 1 % of error", f"gain_std {_SAYS}", True),
+    Plausible(gains, "gain", "1", 0.01, "exact: 1 % of error", f"gain_std {_SAYS}", True),
     # A tenth of the sample time of many loggers, and the lag of a filter of 16 kHz.
     Plausible(
-        delays,
-        "delay",
-        "s",
-        10e-6,
-        "assumed exact: 10 us of error",
-        f'delay = {{ std = ".." }} {_SAYS}',
+        delays, "delay", "s", 1e-5, "exact: 10 us of error", f'delay = {{ std = ".." }} {_SAYS}'
     ),
 )
 """Kinds that are taken as exact where nobody asks for them, in the order in which they are told."""

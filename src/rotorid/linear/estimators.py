@@ -14,7 +14,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats, frozen
-from rotorid.data.observation import Data, Observation, bind_all
+from rotorid.data.observation import Data, Observation, bind_all, Records
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
 from rotorid.linear.regression import Regression, SampledRegression
 from rotorid.linear.solve import (
@@ -47,19 +47,16 @@ what the gate is sure of. Deviations from 32 blocks are an eighth off, from eigh
 cut-off that moves a parameter by the second turns the answer away too: the bias is larger still."""
 
 
-def filtered_records(records: Sequence[Observation]) -> bool:
+def filtered_records(records: Records) -> bool:
     found = [record.filtered is not None for record in records]
     if len({*found}) > 1:
-        raise InputError(
-            "records with a cut-off beside others",
-            "all of one kind",
-            "give every record a cut-off (cutoff, rid.filtered), or none",
-            file=records[found.index(False)].lines.source,
-        )
+        told, expected = "records with a cut-off beside others", "all of one kind"
+        cure = "give every record a cut-off (cutoff, rid.filtered), or none"
+        raise InputError(told, expected, cure, file=records[found.index(False)].lines.source)
     return all(found)
 
 
-def refuse_filtered(records: Sequence[Observation], method: str) -> None:
+def refuse_filtered(records: Records, method: str) -> None:
     for record in records:
         if record.filtered is not None:
             raise InputError(
@@ -296,11 +293,8 @@ class Batch(LinearEstimator):
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.free_weight) and self.free_weight > 0):
-            raise InputError(
-                f"free_weight {self.free_weight}",
-                "a positive number",
-                "take 100, as the paper does",
-            )
+            expected, cure = "a positive number", "take 100, as the paper does"
+            raise InputError(f"free_weight {self.free_weight}", expected, cure)
 
     def _variance(self, problem: Problem, regression: Any) -> Floats:
         variance, free = problem.variance(regression), ~problem.model.input_matrix.any(axis=1)

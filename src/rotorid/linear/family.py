@@ -22,7 +22,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.linalg import column_lengths, whole_svd
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Booleans, Complexes, Floats, frozen
-from rotorid.data.observation import Data, Observation, bind
+from rotorid.data.observation import Data, Observation, bind, Records
 from rotorid.linear.regression import Equations, Regression, relative_errors
 from rotorid.linear.solve import POOLING_PERIODS, Block, LeastSquaresSolution, pooled
 from rotorid.models import Model
@@ -52,7 +52,7 @@ class Posed:
     @classmethod
     def of(
         cls,
-        records: Sequence[Observation],
+        records: Records,
         given: Mapping[str, float | str],
         constraints: Sequence[Constraint],
     ) -> Self:
@@ -167,8 +167,6 @@ class Posed:
         *,
         inflation: float = 1.0,
         unknown: Iterable[bool] = (),
-        lines_hz: tuple[float, ...] = (),
-        periods: int = 1,
     ) -> Estimate:
         """Return the base parameters as an `Estimate`, with the physical ones that follow.
 
@@ -201,8 +199,7 @@ class Posed:
             derived=physical_from_base(model, base, covariance),
             covariance=covariance,
             prediction=relative_errors([r.predicted(known) for r in self.regressions]),
-            lines_hz=lines_hz,
-            periods=periods,
+            periods=1,
             notes=notes,
             condition_number=number if np.isfinite(number) else None,
         )
@@ -363,14 +360,10 @@ class LeastSquaresProblem(Posed):
         ]
         nonlinear = self.model.nonlinear and fewest >= POOLING_PERIODS
         free = scatter_of_answers(records) if nonlinear else sandwich(records)
-        estimate = self.estimate(
-            method,
-            solution,
-            free,
-            inflation=inflation(records) if np.isfinite(values).all() else 1.0,
-            lines_hz=tuple(sorted({float(f) for r in measured for f in r.frequency})),
-            periods=fewest,
-        )
+        wider = inflation(records) if np.isfinite(values).all() else 1.0
+        hertz = tuple(sorted({float(f) for r in measured for f in r.frequency}))
+        estimate = self.estimate(method, solution, free, inflation=wider)
+        estimate = estimate.with_(lines_hz=hertz, periods=fewest)
         notes = machine_checks.physical(self.full, estimate)
         notes += machine_checks.prediction(estimate, _noise(records))
         if judge(notes) == "ok":  # one reason is enough

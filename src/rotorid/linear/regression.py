@@ -103,12 +103,10 @@ class Equations(ABC):
     def _value(self, index: int, motion: Motion) -> Floats:
         value = self.model.signal_value(index, motion)
         if not is_usable(value):
-            raise InputError(
-                f"{self.model.signals[index]} without a finite value on this record",
-                "a division by something other than zero, a root of something positive",
-                "rewrite the term, or check the channels in it",
-                file=self.observation.lines.source,
-            )
+            told = f"{self.model.signals[index]} without a finite value on this record"
+            expected = "a division by something other than zero, a root of something positive"
+            cure = "rewrite the term, or check the channels in it"
+            raise InputError(told, expected, cure, file=self.observation.lines.source)
         return value
 
     @property

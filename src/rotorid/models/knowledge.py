@@ -39,13 +39,10 @@ def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
         given = known if isinstance(known, tuple) else (known, 0.0)
         value, std = (quantity(number, units[name], place=place) for number in given)
         if not np.isfinite([value, std]).all() or std < 0:
-            raise InputError(
-                f"{value:g} with a deviation of {std:g}",
-                "finite numbers, the deviation 0 or more",
-                "give the value of this record, and one standard deviation or none",
-                file=file,
-                place=place,
-            )
+            told = f"{value:g} with a deviation of {std:g}"
+            expected = "finite numbers, the deviation 0 or more"
+            cure = "give the value of this record, and one standard deviation or none"
+            raise InputError(told, expected, cure, file=file, place=place)
         found[name] = (value, std)
     return found
 
@@ -74,11 +71,9 @@ class Constraint:
     def __post_init__(self) -> None:
         numbers = [n for n in (self.value, self.std) if not isinstance(n, str)]
         if not np.isfinite(numbers).all() or (not isinstance(self.std, str) and self.std < 0):
-            raise InputError(
-                f"value {self.value} and std {self.std} of {self.expression[:60]!r}",
-                "finite numbers, the deviation not negative",
-                "give the value that the expression has, and one standard deviation or none",
-            )
+            told = f"value {self.value} and std {self.std} of {self.expression[:60]!r}"
+            cure = "give the value that the expression has, and one standard deviation or none"
+            raise InputError(told, "finite numbers, the deviation not negative", cure)
 
     @property
     def in_si(self) -> tuple[float, float]:
@@ -110,12 +105,8 @@ def unit_of_expression(expression: str, model: Model, place: str) -> str:
     units = [parameter.unit for parameter in model.parameters]
     found = {multiply_units(list(zip(units, p, strict=True))) for p in terms if any(p)}
     if not found:
-        raise InputError(
-            repr(expression[:60]),
-            "an expression of parameters",
-            "write parameters of the model, such as k1 - k2",
-            place=place,
-        )
+        told, cure = repr(expression[:60]), "write parameters of the model, such as k1 - k2"
+        raise InputError(told, "an expression of parameters", cure, place=place)
     first, *others = sorted(found)
     for other in others:
         to_si(f"1 {other}", first, place=f"{place}.expression")
@@ -160,12 +151,8 @@ def eliminate(model: Model, constraints: Sequence[Constraint]) -> Elimination:
     _, triangle, order = scipy.linalg.qr(matrix, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     if len(rows) > size or diagonal[-1] < 1e-10 * diagonal[0]:
-        raise InputError(
-            "constraints that repeat or contradict one another",
-            "independent constraints",
-            "drop one",
-            place="constraints",
-        )
+        told, cure = "constraints that repeat or contradict one another", "drop one"
+        raise InputError(told, "independent constraints", cure, place="constraints")
     gone, kept = order[: len(rows)], np.sort(order[len(rows) :])
     solved = np.linalg.solve(matrix[:, gone], np.column_stack([right, -matrix[:, kept]]))
     origin, basis = np.zeros(size), np.zeros((size, len(kept)))
@@ -194,11 +181,8 @@ def base_row(model: Model, constraint: Constraint) -> tuple[Floats, float]:
     row = np.linalg.lstsq(model.base.gather.T, wanted, rcond=None)[0]
     residual = model.base.gather.T @ row - wanted
     if len(known) < len(terms) or np.abs(residual).max() > 1e-9 * max(np.abs(wanted).max(), 1e-300):
-        raise InputError(
-            f"{shown}, not linear in the base parameters",
-            f"a combination of {', '.join(model.base.names)}",
-            "use ml",
-        )
+        expected, cure = f"a combination of {', '.join(model.base.names)}", "use ml"
+        raise InputError(f"{shown}, not linear in the base parameters", expected, cure)
     return np.asarray(row, dtype=np.float64), value
 
 
@@ -248,12 +232,9 @@ class Mode:
             value, std = map(float, self.damping)
             object.__setattr__(self, "damping", (value, std))
             if not -1 < value < 1:
-                raise InputError(
-                    f"a damping ratio of {value:g}",
-                    "a number between -1 and 1, such as 0.0025",
-                    "divide percent by 100",
-                    place="damping",
-                )
+                expected = "a number between -1 and 1, such as 0.0025"
+                cure = "divide percent by 100"
+                raise InputError(f"a damping ratio of {value:g}", expected, cure, place="damping")
             _positive(std, "", "damping.std")
         if self.mode is not None and self.mode < 1:
             raise InputError(f"{self.mode}", "1 or more", "count from 1", place="mode")
@@ -307,12 +288,9 @@ def configurations(modes: Sequence[Mode]) -> list[list[Mode]]:
             last = number(found[-1]) if found else 0
             own = last + 1 if mode.mode is None else mode.mode
             if own < last:
-                raise InputError(
-                    f"{mode}, above {found[-1]}",
-                    "numbers that rise with the frequencies",
-                    "correct mode, or a frequency",
-                    place="modes",
-                )
+                expected = "numbers that rise with the frequencies"
+                cure = "correct mode, or a frequency"
+                raise InputError(f"{mode}, above {found[-1]}", expected, cure, place="modes")
             found.append(replace(mode, mode=own))
         numbered.append(found)
     return numbered
