@@ -195,17 +195,11 @@ def with_unbalance(model: Model, estimate: Estimate) -> Estimate:
         _plane(model, rows, complex(amounts[rows[0]]), answers[rows[0]], estimate)
         for rows in _planes(amounts)
     )
-    notes = (
-        Note(
-            "unbalance",
-            "remarks",
-            f"no unbalance of {model.coordinates[c]} in g mm, and no correction mass, from the "
-            f"model's {fault}",
-            f"write that equation as the force on {model.coordinates[c]}",
-            on=(model.coordinates[c],),
-        )
-        for c, fault in lost
-    )
+    notes = []
+    for name, fault in ((model.coordinates[c], fault) for c, fault in lost):
+        text = f"no unbalance of {name} in g mm, and no correction mass, from the model's {fault}"
+        cure = f"write that equation as the force on {name}"
+        notes.append(Note("unbalance", "remarks", text, cure, on=(name,)))
     return estimate.with_(unbalance=planes).with_notes(*notes)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from rotorid.core.notes import VERDICTS, Note
+from rotorid.core.notes import VERDICTS, Note, Severity
 
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
 STATUSES: dict[str, Status] = {
@@ -97,17 +97,12 @@ def _place(note: Note) -> int:
 
 def of_data(checks: Sequence[Note], status: Status) -> list[Note]:
     """Return what the data, before any model, say against an answer of a status."""
-    found = [
-        Note(
-            c.about,
-            "rejects" if c.about in CONTRADICTING else "doubts",
-            f"{'before any suspect, see to' if c.about in SILENT else 'the data say otherwise:'} "
-            f"{c}",
-            on=c.on,
-        )
-        for c in sorted(checks, key=lambda c: c.about not in SILENT)
-        if c.severity == "warns" and c.about in CONTRADICTING | SILENT
-    ]
+    found = []
+    for c in sorted(checks, key=lambda c: c.about not in SILENT):
+        if c.severity == "warns" and c.about in CONTRADICTING | SILENT:
+            severity: Severity = "rejects" if c.about in CONTRADICTING else "doubts"
+            said = "before any suspect, see to" if c.about in SILENT else "the data say otherwise:"
+            found.append(Note(c.about, severity, f"{said} {c}", on=c.on))
     if judge(found, status) != "ok":
         return found
     return [note for note in found if note.about not in SILENT]

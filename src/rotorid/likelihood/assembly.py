@@ -89,15 +89,9 @@ class Terms:
         every = np.array(sizes)[table.kind]
         place = np.array([list(weights).index(key) for key in keys])
         table, every = table.where(every != 0), every[every != 0]
-        return Entries(
-            table.row,
-            table.column,
-            table.monomial,
-            place[table.kind],
-            -table.coefficient * every,
-            np.stack(list(weights.values()), axis=1),
-            columns,
-        )
+        coefficient, along = -table.coefficient * every, np.stack(list(weights.values()), axis=1)
+        kinds = place[table.kind]
+        return Entries(table.row, table.column, table.monomial, kinds, coefficient, along, columns)
 
 
 def profile(kind: TermKind, lines: Lines) -> tuple[float, Complexes | None]:

@@ -105,18 +105,9 @@ class Plan:
         spectra = np.zeros((1, len(lines), len(channels)), dtype=np.complex128)
         spectra[0, :, : len(model.inputs)] = forces
         blank = np.zeros((samples, len(channels)))
+        every, angle, known = tuple(channels), speed * time, self.phase_known
         return PeriodicRecord(
-            tuple(channels),
-            rate,
-            lines,
-            spectra,
-            blank,
-            blank,
-            speed,
-            time,
-            speed * time,
-            self.phase_known,
-            source="plan",
+            every, rate, lines, spectra, blank, blank, speed, time, angle, known, source="plan"
         )
 
     def covariance(self, record: PeriodicRecord) -> LineCovariance:

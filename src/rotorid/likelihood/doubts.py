@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.answer import machine_checks
+from rotorid.answer.derived import deviation
 from rotorid.answer.estimate import DOUBTFUL, Estimate
 from rotorid.answer.judge import Status
 from rotorid.core.errors import InputError
@@ -344,7 +345,7 @@ def growing(fit: Fit) -> Iterator[Note]:
         for value, left, right in zip(modes.values, modes.left, modes.right, strict=True):
             gram = left.conj() @ (2 * value * mass + damping) @ right
             slope = pencil.slopes(value, left[None], right[None], unknowns)[0, 0] / gram
-            std = float(np.sqrt(max(float(slope.real @ covariance @ slope.real), 0.0)))
+            std = deviation(slope.real, covariance)
             if value.real > max(GROWS * std, NONE * abs(value)):
                 text = (
                     f"a mode at {value.imag / (2 * np.pi):.4g} Hz with a damping ratio of "

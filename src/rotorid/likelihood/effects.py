@@ -279,14 +279,10 @@ class Calibration:
             for channel, name in enumerate(names)
             if name in effect.channels
         ]
-        return cls(
-            (len(omega), len(names)),
-            phase,
-            orders,
-            (*acting, *_additions(observation, names, adds)),
-            tuple(_rotations(observation, names, adds, phase)),
-            (*_laws(observation, rereads), *_passages(observation, scales)),
-        )
+        added = (*acting, *_additions(observation, names, adds))
+        rotating = tuple(_rotations(observation, names, adds, phase))
+        reread = (*_laws(observation, rereads), *_passages(observation, scales))
+        return cls((len(omega), len(names)), phase, orders, added, rotating, reread)
 
     @cached_property
     def every(self) -> tuple[Bound, ...]:

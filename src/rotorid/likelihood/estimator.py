@@ -14,7 +14,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import EFFORT
 from rotorid.core.errors import NotConvergedError, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.notes import Note
+from rotorid.core.notes import Note, Severity
 from rotorid.core.watch import Pace, watch, words
 from rotorid.data.observation import Data, Records, bind_all
 from rotorid.likelihood.doubts import doubted
@@ -130,13 +130,9 @@ def _first(model: Model, step: Step) -> Estimate:
         if none
         else "whether other answers fit as well was not asked"
     )
-    note = Note(
-        EFFORT,
-        "unfinished" if none else "doubts",
-        f"the first minimum, with little effort: {told}",
-        "identify with full effort",
-    )
-    return _ended_by(note, estimate)
+    severity: Severity = "unfinished" if none else "doubts"
+    text = f"the first minimum, with little effort: {told}"
+    return _ended_by(Note(EFFORT, severity, text, "identify with full effort"), estimate)
 
 
 def _ended_by(note: Note, estimate: Estimate) -> Estimate:

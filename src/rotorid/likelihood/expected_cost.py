@@ -99,11 +99,7 @@ def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> tuple[float, fl
 
 
 def _whitened(at: Evaluation, beside: Beside, order: list[int]) -> tuple[Complexes, Complexes]:
-    """Return the errors of the record and those that tell the noise, about one on every line.
-
-    Beside a mode the equations change from line to line, and the size of their errors with them;
-    noise of the channels that is the same on every line says how.
-    """
+    """Return the errors of the record and those that tell the noise, about one on every line."""
     turns = _turns(at)
     rows, errors = at.columns, at.errors()
     if at.null_h is not None and turns is not None:

@@ -13,6 +13,7 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorid.answer.derived import deviation
 from rotorid.answer.estimate import Value
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, frozen
@@ -146,7 +147,7 @@ def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> It
         slopes = {c.names[0]: c.slopes[k] for c, k in involved}
         gradient = np.zeros(len(unknowns))
         gradient[[layout.index[n] for n in (name, *slopes)]] = (1, *(-s for s in slopes.values()))
-        spread = float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
+        spread = deviation(gradient, covariance)
         own = layout.unknowns[layout.index[name]].unit
         if not all(c.exponents for c, _ in involved):
             signed = (f" {'-' if s > 0 else '+'} {abs(s):.6g}*{n}" for n, s in slopes.items())

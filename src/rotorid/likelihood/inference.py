@@ -28,11 +28,7 @@ SUSPICIOUS = 1e-6
 
 
 def shared_variance(mean: Floats, left: Floats, at: Evaluation) -> Floats:
-    """Return the variance of the costs of lines that share an estimate of C, of n degrees.
-
-    Its error is common to them: ``tr(C_est^-1 C)`` scatters by ``1 / sqrt(n e)``, e the equations,
-    and the sum of their costs with it; beside that each line is chi-squared.
-    """
+    """Return the variance of the costs of lines that share an estimate of C (section 12)."""
     noise = at.problem.noise
     alone = 2 * mean**2 / np.maximum(left, 1e-300)
     common = noise.shared * mean**2 / (noise.dof * at.problem.equations)

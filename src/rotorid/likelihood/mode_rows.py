@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorid.answer.derived import deviation
 from rotorid.answer.estimate import ModeFit
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
@@ -267,22 +268,12 @@ def mode_fits(
     found = []
     for each in modes.measured(unknowns):
         hertz, std, speed = each.mode.in_si
-        along = each.slope()[free].imag / (2 * np.pi)
+        fitted = deviation(each.slope()[free].imag / (2 * np.pi), covariance)
         ratio, spread = each.mode.damping or (None, None)
-        found.append(
-            ModeFit(
-                number(each.mode),
-                speed,
-                hertz,
-                std,
-                float(each.hertz),
-                float(np.sqrt(max(float(along @ covariance @ along), 0.0))),
-                ratio,
-                spread,
-                float(each.ratio),
-                tuple((name, float(v)) for name, v in each.mode.parameters.items()),
-            )
-        )
+        held = tuple((name, float(v)) for name, v in each.mode.parameters.items())
+        measured = number(each.mode), speed, hertz, std
+        frequency, damping = float(each.hertz), float(each.ratio)
+        found.append(ModeFit(*measured, frequency, fitted, ratio, spread, damping, held))
     return tuple(found)
 
 

@@ -108,11 +108,10 @@ class Problem:
         return Point(self, unknowns, records, known, relaxation)
 
     def best_at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
-        """Evaluate with the affine unknowns at their best for the others.
+        """Evaluate with the affine unknowns at their best for the others, by linear regression.
 
-        The residual is linear in them, so one linear regression finds it. It also takes the
-        solver through points where a load loses its factor (I_t - I_p = 0 for the dynamic
-        unbalance), which no path of steps in all unknowns could cross.
+        It takes the solver through points where a load loses its factor, as where I_t = I_p, which
+        no path of steps in all unknowns could cross.
         """
         affine = self.affine
         at = self.at(unknowns, relaxation, affine=affine)

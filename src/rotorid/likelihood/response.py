@@ -114,10 +114,6 @@ def _predicted_readings(record: Observation, at: Evaluation) -> Predicted:
     channels = [record.lines.channels[column] for column in at.problem.order[at.forces :]]
     measured = (at.state.factors * at.problem.data)[:, at.forces :]
     motion = _motion(-at.stiffness[:, : at.equations], _pushed(at)[:, :, None])
-    return Predicted(
-        tuple(c.name for c in channels),
-        tuple(c.unit for c in channels),
-        measured,
-        _readings(at, motion[:, :, 0]),
-        at.problem.multiplicity,
-    )
+    readings = _readings(at, motion[:, :, 0])
+    names, units = tuple(c.name for c in channels), tuple(c.unit for c in channels)
+    return Predicted(names, units, measured, readings, at.problem.multiplicity)

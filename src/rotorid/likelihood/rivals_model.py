@@ -437,15 +437,8 @@ def _moved_masses(case: Case) -> Iterator[Rival]:
             "files of two records are exchanged"
         )
         held = dict(zip(names, (there.real, there.imag), strict=True))
-        yield Rival(
-            f"trial mass[{record}]",
-            said,
-            cure,
-            partial(Case.held, values=held),
-            float(np.radians(now)),
-            "rad",
-            on=(f"record {record + 1}",),
-        )
+        turned, on = partial(Case.held, values=held), (f"record {record + 1}",)
+        yield Rival(f"trial mass[{record}]", said, cure, turned, float(np.radians(now)), "rad", on)
 
 
 def trials(case: Case) -> Iterator[tuple[int, int, int]]:

@@ -61,14 +61,11 @@ def multiplied(observation: Observation, factors: Mapping[str, float]) -> Observ
 
 
 def _swap(pairs: Sequence[tuple[str, str]]) -> Rival:
-    told = " and ".join(f"{a} with {b}" for a, b in pairs)
-    return Rival(
-        "swap[" + "; ".join(f"{a}, {b}" for a, b in pairs) + "]",
-        f"the columns of {told} exchanged" if len(pairs) > 1 else f"{told} exchanged",
-        "exchange their columns in [channels]",
-        each_record(partial(exchanged, pairs=pairs)),
-        on=tuple(name for pair in pairs for name in pair),
-    )
+    told, on = " and ".join(f"{a} with {b}" for a, b in pairs), tuple(n for p in pairs for n in p)
+    term = f"swap[{'; '.join(f'{a}, {b}' for a, b in pairs)}]"
+    said = f"the columns of {told} exchanged" if len(pairs) > 1 else f"{told} exchanged"
+    change = each_record(partial(exchanged, pairs=pairs))
+    return Rival(term, said, "exchange their columns in [channels]", change, on=on)
 
 
 def _sign(names: Sequence[str]) -> Rival:
@@ -247,13 +244,10 @@ def _positions(case: Case) -> Iterator[Rival]:
             continue
         for other in lengths:
             if dict(channel.drive.position) != {other: 1.0}:
-                yield Rival(
-                    f"position[{channel.name}]",
-                    f"the force law of {channel.name} at {other}",
-                    f'set position = "{other}" of {channel.name} in [channels]',
-                    each_record(partial(_driven_at, name=channel.name, other=other)),
-                    on=(channel.name,),
-                )
+                said = f"the force law of {channel.name} at {other}"
+                cure = f'set position = "{other}" of {channel.name} in [channels]'
+                change = each_record(partial(_driven_at, name=channel.name, other=other))
+                yield Rival(f"position[{channel.name}]", said, cure, change, on=(channel.name,))
 
 
 def _driven_at(record: Observation, name: str, other: str) -> Observation:
@@ -509,15 +503,15 @@ def _all_rows(case: Case) -> Iterator[Rival]:
     tables = [record for record in case.records if is_table(record)]
     if not tables or not case.gross:
         return
-    names, of = [s.channel.name for s in tables[0].sensors], partial(each_record, of=is_table)
-    yield _lag("phases that count", "their channels", of, names)
+    names = [s.channel.name for s in tables[0].sensors]
+    yield _lag("phases that count", "their channels", is_table, names)
     said, cure = "phases in radians taken for degrees", 'set phase_unit = "rad" in the channels'
-    yield Rival("phase_unit", said, cure, of(_radians))
+    yield Rival("phase_unit", said, cure, each_record(_radians, is_table))
     said, cure = "the rotor turning the other way", "turn the sign of the speed"
-    yield Rival("speed", said, cure, of(_reversed), kind="speed")
+    yield Rival("speed", said, cure, each_record(_reversed, is_table), kind="speed")
     for name in names if len(names) > 1 else ():
         said, where = f"the phase of {name} counting", f"the channel of {name}"
-        yield replace(_lag(said, where, of, [name]), term=f"lag[{name}]", on=(name,))
+        yield replace(_lag(said, where, is_table, [name]), term=f"lag[{name}]", on=(name,))
 
 
 @rivals("table")
@@ -526,37 +520,22 @@ def _responses(case: Case) -> Iterator[Rival]:
     orders = {s.order for record in responses for s in record.sensors}
     if not orders or not case.gross:
         return
-    of = partial(each_record, of=is_response)
     for order in range(len(KINDS)) if len(orders) == 1 else ():
-        (said,) = orders
-        if order != said:
-            yield Rival(
-                "derivative",
-                f"responses of {KINDS[order]}, where {KINDS[said]} are said to be read",
-                f'write reads = "x{chr(39) * order}" in channels of names of their own',
-                of(partial(_shifted, order=said - order)),
-                float(order),
-            )
+        (read,) = orders
+        if order != read:
+            said = f"responses of {KINDS[order]}, where {KINDS[read]} are said to be read"
+            cure = f'write reads = "x{chr(39) * order}" in channels of names of their own'
+            change = each_record(partial(_shifted, order=read - order), is_response)
+            yield Rival("derivative", said, cure, change, float(order))
     every = [name for record in responses for name in record.lines.names]
-    yield _lag("phases that count", "the channels", of, every)
-    yield Rival(
-        "sign[force]",
-        "all responses upside down, as where the force sensor or the shaker is turned about",
-        "set scale = -1 in each channel of the responses, or turn the force sensor",
-        of(partial(_shifted, order=0, sign=-1.0)),
-        on=("force",),
-    )
+    yield _lag("phases that count", "the channels", is_response, every)
+    said = "all responses upside down, as where the force sensor or the shaker is turned about"
+    cure = "set scale = -1 in each channel of the responses, or turn the force sensor"
+    turned = each_record(partial(_shifted, order=0, sign=-1.0), is_response)
+    yield Rival("sign[force]", said, cure, turned, on=("force",))
 
 
-Change = Callable[[Observation], Observation]
-
-
-def _lag(
-    said: str,
-    where: str,
-    of: Callable[[Change], Callable[[Case], Case]],
-    names: Sequence[str],
-) -> Rival:
+def _lag(said: str, where: str, of: Callable[[Observation], bool], names: Sequence[str]) -> Rival:
     """Return the rival that the phases of some channels count the other way."""
 
     def change(record: Observation) -> Observation:
@@ -568,7 +547,7 @@ def _lag(
         return _with(record, np.where(turned, lines.mean.conj(), lines.mean), matrices)
 
     cure = f"set lag = true in {where}, or take it out where it stands"
-    return Rival("lag", f"{said} the other way, lag for lead", cure, of(change))
+    return Rival("lag", f"{said} the other way, lag for lead", cure, each_record(change, of))
 
 
 def _with(record: Observation, mean: Complexes, matrices: Complexes) -> Observation:

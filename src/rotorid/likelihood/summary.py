@@ -39,6 +39,7 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
         *(Note(OPEN, "open", cure=cure) for cure in find_cures(fit, combinations)),
     )
     values, units, held = _values(fit), model.parameter_units, fit.problem.substituted
+    names = layout.names()
     return Estimate(
         model=model.name,
         method="ml",
@@ -63,11 +64,8 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
         ),
         modes=mode_fits(fit.problem.known.modes, point.unknowns, layout.free, inference.covariance),
         alternatives=tuple(
-            Alternative(
-                other.cost,
-                tuple((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free),
-            )
-            for other in fit.alternatives
+            Alternative(x.cost, tuple(zip(names, x.unknowns[layout.free].tolist(), strict=True)))
+            for x in fit.alternatives
         ),
         **_seen(fit.records),
     )
@@ -117,26 +115,18 @@ def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
         values = fit.solution.point.unknowns[held]
         return physical_from_base(layout.model, values, fit.covariance[np.ix_(held, held)])
     found: dict[str, Value] = {}
-    for number in range(max(1, len(fit.records))):  # measured modes need no record
-        for value in _base_of(model, fit, number):
-            found.setdefault(value.name, value)
+    # Of each record under the names of what it has to itself; measured modes need no record.
+    for number in range(max(1, len(fit.records))):
+        held = layout.of_record(number).held
+        values, covariance = fit.solution.point.unknowns[held], fit.covariance[np.ix_(held, held)]
+        names = [layout.unknowns[i].name for i in held]
+        base = base_from_physical(model, values, covariance, names)
+        every = np.zeros((len(base), len(layout.unknowns)))
+        every[:, held] = model.base_jacobian(values)
+        lost = inference.linear.left_open(every[:, layout.free])
+        for v, none in zip(base, lost, strict=True):
+            found.setdefault(v.name, Value(v.name, v.unit, np.nan, np.nan) if none else v)
     return tuple(found.values())
-
-
-def _base_of(model: Model, fit: Fit, number: int) -> list[Value]:
-    """Return the base parameters of one record, under the names of what it has to itself."""
-    layout, linear = fit.layout.of_record(number), fit.inference.linear
-    held = layout.held
-    values, covariance = fit.solution.point.unknowns[held], fit.covariance
-    names = [layout.unknowns[i].name for i in held]
-    found = base_from_physical(model, values, covariance[np.ix_(held, held)], names)
-    every = np.zeros((len(found), len(layout.unknowns)))
-    every[:, held] = model.base_jacobian(values)
-    lost = linear.left_open(every[:, layout.free])
-    return [
-        Value(v.name, v.unit, np.nan, np.nan) if none else v
-        for v, none in zip(found, lost, strict=True)
-    ]
 
 
 def _notes(fit: Fit) -> Iterator[Note]:

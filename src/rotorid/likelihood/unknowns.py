@@ -98,12 +98,9 @@ class Nuisances:
                 cure = "name one of these, or leave it out"
                 require_names(given, allowed, cure=cure, place=name)
         if not 0 <= self.force_scale_std < 1:
-            raise InputError(
-                f"{self.force_scale_std}",
-                "a share of the forces: 0.01 where they are known to 1 %",
-                "give a share below 1, or leave it out",
-                place="force_scale_std",
-            )
+            expected = "a share of the forces: 0.01 where they are known to 1 %"
+            cure = "give a share below 1, or leave it out"
+            raise InputError(f"{self.force_scale_std}", expected, cure, place="force_scale_std")
         if {"ks", "ks*"} <= set(self.gains):
             raise InputError("both ks and ks*", "one of them", "drop one", place="gains")
 
@@ -377,13 +374,10 @@ def _loop(samples: Floats) -> Floats:
 
 
 def _bend(term: str, unit: str, names: Sequence[str], shape: Callable[[Floats], Floats]) -> Unknown:
-    return Unknown(
-        (Scalar(term, unit, 0.0, additive=True),),
-        frozenset(names),
-        tuple(Adds(name, shape=shape) for name in names),
-        rival="term",
-        cure="calibrate what bends over its range, or excite less",
-    )
+    scalars = (Scalar(term, unit, 0.0, additive=True),)
+    effects = tuple(Adds(name, shape=shape) for name in names)
+    cure = "calibrate what bends over its range, or excite less"
+    return Unknown(scalars, frozenset(names), effects, rival="term", cure=cure)
 
 
 # Constants of forces. They are no factors of a line: the record's samples go through the law again.
@@ -615,15 +609,10 @@ def _runout(channel: str, unit: str, order: int) -> Unknown:
     cure = "have it estimated: runout = true"
     if order > 1:
         cure = "true the track of that sensor, or leave lines of that order out of the harmonics"
-    return Unknown(
-        tuple(Scalar(f"{term}.{part}", unit, 0.0, additive=True) for part in ("cos", "sin")),
-        frozenset([channel]),
-        (Adds(channel, order),),
-        term,
-        rival="term",
-        cure=cure,
-        held="leave runout out of [estimator]",
-    )
+    parts = [Scalar(f"{term}.{part}", unit, 0.0, additive=True) for part in ("cos", "sin")]
+    on, effects = frozenset([channel]), (Adds(channel, order),)
+    held = "leave runout out of [estimator]"
+    return Unknown(tuple(parts), on, effects, term, rival="term", cure=cure, held=held)
 
 
 def _holds(record: Observation, order: int) -> bool:

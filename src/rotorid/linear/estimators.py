@@ -337,49 +337,40 @@ class Sequential(LinearEstimator):
     on_samples = False
 
     def _solved(self, problem: Problem) -> LeastSquaresSolution:
-        return _solve_stages(problem)
-
-
-def _solve_stages(problem: Problem) -> LeastSquaresSolution:
-    """Solve stage by stage; the gains carry the error of each stage into the next."""
-    count, holds = len(problem.names), (problem.structure != 0).any(axis=0)
-    values = np.full(count, np.nan)
-    equations = [problem.free_equations(r) for r in problem.regressions]
-    gains = [np.zeros((count, *target.shape), dtype=complex) for _, target in equations]
-    condition, directions = 1.0, np.zeros((count, 0))
-    waiting: list[int] = []
-    for planned, _ in problem.stages:
-        # Rows whose unknowns the stage before left open wait for the rows of this one.
-        rows = [*waiting, *planned]
-        own = np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))
-        known = np.flatnonzero(np.isfinite(values))
-        designs = [design[:, rows] for design, _ in equations]
-        blocks = [
-            Block(
-                design[:, :, own],
-                target[:, rows] - design[:, :, known] @ values[known],
-                _variance(problem, regression, rows, values),
-                regression.record,
-            )
+        """Solve stage by stage; the gains carry the error of each stage into the next."""
+        count, holds = len(problem.names), (problem.structure != 0).any(axis=0)
+        values = np.full(count, np.nan)
+        equations = [problem.free_equations(r) for r in problem.regressions]
+        gains = [np.zeros((count, *target.shape), dtype=complex) for _, target in equations]
+        condition, directions = 1.0, np.zeros((count, 0))
+        waiting: list[int] = []
+        for planned, _ in problem.stages:
+            # Rows whose unknowns the stage before left open wait for the rows of this one.
+            rows = [*waiting, *planned]
+            own = np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))
+            known = np.flatnonzero(np.isfinite(values))
+            designs, blocks = [design[:, rows] for design, _ in equations], list[Block]()
             for regression, design, (_, target) in zip(
                 problem.regressions, designs, equations, strict=True
+            ):
+                right = target[:, rows] - design[:, :, known] @ values[known]
+                variance = _variance(problem, regression, rows, values)
+                blocks.append(Block(design[:, :, own], right, variance, regression.record))
+            solution = solve(blocks)
+            # d theta_i = P_i (e_i - D_ij d theta_j), d theta_j as found before.
+            response = sum(
+                np.einsum("fkr,krj->fj", gain, design[:, :, known]).real
+                for gain, design in zip(solution.gains, designs, strict=True)
             )
-        ]
-        solution = solve(blocks)
-        # d theta_i = P_i (e_i - D_ij d theta_j), d theta_j as found before.
-        response = sum(
-            np.einsum("fkr,krj->fj", gain, design[:, :, known]).real
-            for gain, design in zip(solution.gains, designs, strict=True)
-        )
-        for total, gain in zip(gains, solution.gains, strict=True):
-            total[own] = -np.einsum("fj,jkr->fkr", response, total[known])
-            total[np.ix_(own, np.arange(total.shape[1]), np.array(rows))] += gain
-        values[own] = solution.values
-        condition = max(condition, solution.condition_number)
-        directions = np.zeros((count, solution.undetermined.shape[1]))
-        directions[own] = solution.undetermined
-        waiting = [row for row in rows if (holds[row] & np.isnan(values))[own].any()]
-    return LeastSquaresSolution(values, tuple(gains), condition, directions)
+            for total, gain in zip(gains, solution.gains, strict=True):
+                total[own] = -np.einsum("fj,jkr->fkr", response, total[known])
+                total[np.ix_(own, np.arange(total.shape[1]), np.array(rows))] += gain
+            values[own] = solution.values
+            condition = max(condition, solution.condition_number)
+            directions = np.zeros((count, solution.undetermined.shape[1]))
+            directions[own] = solution.undetermined
+            waiting = [row for row in rows if (holds[row] & np.isnan(values))[own].any()]
+        return LeastSquaresSolution(values, tuple(gains), condition, directions)
 
 
 def _variance(problem: Problem, regression: Regression, rows: list[int], values: Floats) -> Floats:

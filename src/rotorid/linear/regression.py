@@ -119,11 +119,6 @@ class Equations(ABC):
     def inputs(self) -> Any:
         """Shape (line or sample, input)."""
 
-    @property
-    def forces(self) -> Any:
-        """B u, shape (line or sample, row)."""
-        return self.inputs @ self.model.input_matrix.T
-
     def counting(self, rows: Any) -> Any:
         """Return rows, (line or sample, row, ...), with zeros where no equation counts."""
         return rows
@@ -135,7 +130,9 @@ class Equations(ABC):
 
     @cached_property
     def target(self) -> Any:
-        return self.counting(self.forces - self.signals @ self.model.coefficients[1])
+        """``B u - known``, shape (line or sample, row)."""
+        known = self.signals @ self.model.coefficients[1]
+        return self.counting(self.inputs @ self.model.input_matrix.T - known)
 
     def residual(self, base: Floats) -> Any:
         """Return ``Phi base + known - B u``, shape (line or sample, row)."""

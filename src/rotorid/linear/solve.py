@@ -105,15 +105,9 @@ def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
         own = open_directions[np.sort(order[: open_directions.shape[1]])]
         open_directions = np.linalg.solve(own.T, open_directions.T).T
     split = np.split(gains, np.cumsum([len(r) for _, r in whitened])[:-1], axis=1)
-    condition = singular[0] / singular[-1] if 0 < rank == len(values) else np.inf
-    return LeastSquaresSolution(
-        values,
-        tuple(b.gains_of(g) for b, g in zip(blocks, split, strict=True)),
-        float(condition),
-        open_directions,
-        matrix,
-        right,
-    )
+    parts = tuple(b.gains_of(g) for b, g in zip(blocks, split, strict=True))
+    condition = float(singular[0] / singular[-1]) if 0 < rank == len(values) else np.inf
+    return LeastSquaresSolution(values, parts, condition, open_directions, matrix, right)
 
 
 BLOCKS = 32
