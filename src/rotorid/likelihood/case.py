@@ -240,10 +240,7 @@ class Rival:
         return self.value(point) if callable(self.value) else self.value
 
     def score(self, point: Point) -> tuple[float, float | None]:
-        """Return the drop of the cost to first order, and the value after the first step.
-
-        The point is that of the estimate, with what is freed among its unknowns.
-        """
+        """Return the drop of the cost to first order, and the value after a step; see `beside`."""
         columns = np.column_stack([point.by(*self.frees), point.slack(self.forgets)])
         drop, step = point.linear.score(columns)
         if self.size is None:

@@ -369,7 +369,7 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
     if shown.notes:
         yield shown
         return
-    few = _on_whole_rotor(case)
+    few = _affordable(case)
     besides = _by_lines(few, case)
     if any(record.lines.covariance.kind == "inputs" for record in case.records):
         besides += (
@@ -379,10 +379,10 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
     yield from RivalSearch(few, plain.tried if plain else frozenset(), besides).trials()
 
 
-def _on_whole_rotor(case: Case) -> Case:
-    """Return a case on some of the lines of whole records, where the misfit is as plain there.
+def _affordable(case: Case) -> Case:
+    """Return a case that some hundred refits bear: on fewer lines where the misfit is as plain.
 
-    On the whole rotor where it was reduced, on as many lines as that bears.
+    And on the whole rotor where it was reduced, on as many lines as that bears.
     """
     few = case.on_lines(PLAIN_LINES if case.costs(HOPELESS) else FEW)
     there = few.settled() if few is not case and case.costs(PLAIN) else None

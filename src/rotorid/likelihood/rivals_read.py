@@ -169,11 +169,9 @@ def planes(case: Case) -> list[tuple[str, str]]:
     structure, model = case.structure, case.model
     if structure is None:
         return []
-    pushed = {name: np.zeros(len(model.coordinates)) for name in model.inputs}
-    to = {int(row): k for k, row in enumerate(structure.balance.rows)}
-    for term in model.require_linear().input_terms:
-        if term.row in to and model.monomials[term.monomial].sum() == 0:
-            pushed[model.inputs[term.input]][to[term.row]] = 1.0
+    constant = (~model.monomials.any(axis=1)).astype(float)
+    acting = model.require_linear().input_matrix(constant)[structure.balance.rows] != 0
+    pushed = dict(zip(model.inputs, acting.T.astype(float), strict=True))
     # Sensors by what they read, inputs by the pattern of what they push.
     turn = structure.turn()
     kinds = (turn, _read(case)), (np.abs(turn), pushed)
