@@ -13,7 +13,7 @@ import numpy as np
 from rotorid.answer.derived import physical_start
 from rotorid.core.errors import InputError, NotConvergedError
 from rotorid.core.notes import Note
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Floats, frozen
 from rotorid.core.watch import watch
 from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.case import Case

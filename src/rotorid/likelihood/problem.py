@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rotorid.core.linalg import column_lengths, triangle
 from rotorid.core.values import Floats, Integers, frozen
-from rotorid.data.observation import Observation, Records
+from rotorid.data.observation import Records
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout

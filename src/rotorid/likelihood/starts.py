@@ -21,7 +21,7 @@ import numpy as np
 
 from rotorid.core.values import Floats, Integers, frozen
 from rotorid.data.lines import SampledClock
-from rotorid.data.observation import Observation, bind, combined, Records
+from rotorid.data.observation import Observation, Records, bind, combined
 from rotorid.data.record import changed
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer

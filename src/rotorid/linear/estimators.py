@@ -14,7 +14,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats, frozen
-from rotorid.data.observation import Data, Observation, bind_all, Records
+from rotorid.data.observation import Data, Records, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
 from rotorid.linear.regression import Regression, SampledRegression
 from rotorid.linear.solve import (

@@ -22,7 +22,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.linalg import column_lengths, whole_svd
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Booleans, Complexes, Floats, frozen
-from rotorid.data.observation import Data, Observation, bind, Records
+from rotorid.data.observation import Data, Records, bind
 from rotorid.linear.regression import Equations, Regression, relative_errors
 from rotorid.linear.solve import POOLING_PERIODS, Block, LeastSquaresSolution, pooled
 from rotorid.models import Model
