@@ -314,26 +314,17 @@ def test_displacement_as_a_combination_of_sensors():
 
 
 @pytest.mark.parametrize(
-    ("record", "reading", "message"),
+    ("law", "current", "place", "message"),
     [
-        (
-            recorded(False, 0.0, 0.0),
-            ForceReading(Differential(1e-6, 0.5, 4e-4), ("i",)),
-            r"run.h5: F: found current .* A at sample \d+, \d+ such in all; expected less than "
-            "the bias of 0.5 A",
-        ),
-        (
-            recorded(False, 0.0, 0.0),
-            ForceReading(Differential(1e-6, 2.0, 3e-5), ("i",), {"x": 1.0}),
-            "less than the gap of 3e-05 m",
-        ),
-        (recorded(False, 0.0, 0.0), ForceReading(LINEAR, ("j",)), "no channel 'j'"),
-        (recorded(False, 0.0, 0.0), ForceReading(LINEAR, ("i",), {"z": 1.0}), "no channel 'z'"),
+        (Differential(1e-6, 2.0, 3e-5), "i", "x", "run.h5: F: .* less than the gap of 3e-05 m"),
+        (LINEAR, "j", "x", "no channel 'j'"),
+        (LINEAR, "i", "z", "no channel 'z'"),
     ],
 )
-def test_bad_readings_are_refused(record, reading, message):
+def test_bad_readings_are_refused(law, current, place, message):
+    reading = ForceReading(law, (current,), {place: 1.0})
     with pytest.raises(InputError, match=message):
-        forces(record, {"F": reading})
+        forces(recorded(False, 0.0, 0.0), {"F": reading})
 
 
 # Laws kept with the forces that they read: inverted, and followed with other constants.

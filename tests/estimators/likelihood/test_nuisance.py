@@ -458,18 +458,31 @@ def samples(size: float) -> np.ndarray:
     return np.tile(np.concatenate([current, position], axis=1), (PERIODS, 1))
 
 
+COLUMNS = {n: Channel(n, u) for n, u in (("i", "A"), ("j", "A"), ("x", "m"), ("y", "m"))}
+
+
+def read_by(
+    law: Differential,
+    columns: np.ndarray,
+    channels: Mapping[str, Channel] = COLUMNS,
+    change: Callable[[np.ndarray], None] | None = None,
+    seed: int = 2,
+    speed: float = 0.0,
+) -> Record:
+    """Return a record of columns with noise, changed or not, its forces read by a law."""
+    noise = np.random.default_rng(seed).standard_normal(columns.shape) * [5e-3, 5e-3, 1e-7, 1e-7]
+    values = columns + noise
+    if change is not None:
+        change(values)
+    record = Record([*channels.values()], values, RATE, speed=speed)
+    pairs = (("x", "i"), ("y", "j"))
+    readings = {f"F_{axis}": ForceReading(law, (flow,), {axis: 1.0}) for axis, flow in pairs}
+    return forces(record, readings, period=SIZE)
+
+
 def recorded(law: Differential, shared: dict[str, str] | None = None, size: float = 3.0) -> Record:
     """Return the record with its forces, of this size on each line, read with a law."""
-    rng = np.random.default_rng(2)
-    noise = rng.standard_normal((PERIODS * SIZE, 4)) * [5e-3, 5e-3, 1e-7, 1e-7]
-    channels = [Channel(n, u) for n, u in (("i", "A"), ("j", "A"), ("x", "m"), ("y", "m"))]
-    record = Record(channels, samples(size) + noise, RATE)
-    law = replace(law, shared=shared or {})
-    readings = {
-        "F_x": ForceReading(law, ("i",), {"x": 1.0}),
-        "F_y": ForceReading(law, ("j",), {"y": 1.0}),
-    }
-    return forces(record, readings, period=SIZE)
+    return read_by(replace(law, shared=shared or {}), samples(size))
 
 
 def periods(
@@ -688,18 +701,11 @@ def misread(
     dynamics: Mapping[str, Dynamics] | None = None,
 ) -> PeriodicRecord:
     """Return a record whose columns, i, j, x and y, are not what they are said to be."""
-    values = samples(1.0)
-    values += np.random.default_rng(2).standard_normal(values.shape) * [5e-3, 5e-3, 1e-7, 1e-7]
-    change(values)
-    channels = [
-        replace(channel, dynamics=(dynamics or {}).get(channel.name))
-        for channel in (Channel("i", "A"), Channel("j", "A"), sensor, Channel("y", "m"))
-    ]
-    laws = {
-        f"F_{axis}": ForceReading(MAGNET, (flow,), {axis: 1.0})
-        for axis, flow in (("x", "i"), ("y", "j"))
+    channels = {
+        name: replace(channel, dynamics=(dynamics or {}).get(name))
+        for name, channel in (COLUMNS | {"x": sensor}).items()
     }
-    return average(forces(Record(channels, values, RATE), laws, period=SIZE), F0, harmonics=LINES)
+    return average(read_by(MAGNET, samples(1.0), channels, change), F0, harmonics=LINES)
 
 
 def larger(values: np.ndarray) -> None:
@@ -834,14 +840,7 @@ def turning(line: int) -> PeriodicRecord:
     track[at] = 0.5 * np.array(list(RUNOUT.values()))
     read = moved + synthesize(track, LINES, SIZE)
     values = np.tile(np.concatenate([current, read], axis=1), (PERIODS, 1))
-    noise = np.random.default_rng(9).standard_normal(values.shape) * [5e-3, 5e-3, 1e-7, 1e-7]
-    channels = [Channel(n, u) for n, u in (("i", "A"), ("j", "A"), ("x", "m"), ("y", "m"))]
-    record = Record(channels, values + noise, RATE, speed=speed)
-    laws = {
-        f"F_{axis}": ForceReading(MAGNET, (flow,), {axis: 1.0})
-        for axis, flow in (("x", "i"), ("y", "j"))
-    }
-    return average(forces(record, laws, period=SIZE), F0, harmonics=LINES)
+    return average(read_by(MAGNET, values, seed=9, speed=speed), F0, harmonics=LINES)
 
 
 def test_runout_goes_through_the_law_of_the_magnet():
