@@ -52,7 +52,6 @@ class Machine:
         return np.asarray(np.linalg.solve(whole, load))
 
     def reading(self, name: str) -> Floats:
-        """Return what a sensor reads, as a row."""
         row = np.zeros(len(self.inertia))
         for coordinate, share in self.sensors[name].items():
             row[self.model.coordinates.index(coordinate)] = share
@@ -136,7 +135,6 @@ class Trial:
         return round(RATE / FUNDAMENTAL)
 
     def change(self, **matrices: Any) -> None:
-        """Give the machine other matrices."""
         self.machine = replace(self.machine, **matrices)
 
 
@@ -207,7 +205,6 @@ def _bent(
 
 
 def record_of(trial: Trial) -> Record:
-    """Return the record as it is said to be."""
     units, model = trial.machine.model.units, trial.machine.model
     channels = []
     for name in trial.columns:
@@ -255,7 +252,6 @@ class Outcome:
 
 
 def outcome(estimate: Estimate, truth: Mapping[str, float]) -> Outcome:
-    """Hold an estimate against the truth."""
     off = {
         v.name: abs(v.value - truth[v.name]) / v.std
         for v in estimate.parameters

@@ -12,7 +12,6 @@ from scipy import signal
 
 
 def sensor(trial: Trial, number: int = 0) -> str:
-    """Return the name of a sensor."""
     return trial.sensors[number]
 
 
@@ -28,7 +27,6 @@ def scaled(which: str, factor: float, count: int = 1) -> Edit:
 
 
 def swapped(which: str, *pairs: tuple[int, int]) -> Edit:
-    """Exchange columns."""
 
     def edit(trial: Trial) -> None:
         names: list[str] = getattr(trial, which)
@@ -62,7 +60,6 @@ def told(kind: str, name: str, make: Callable[[float], Any]) -> Edit:
 
 
 def both(*edits: Edit) -> Edit:
-    """Do several things."""
 
     def edit(trial: Trial) -> None:
         for each in edits:
@@ -83,13 +80,11 @@ def column(change: Callable[[Trial, Floats], Floats], number: int = 0, which: st
 
 
 def clipped(_: Trial, x: Floats) -> Floats:
-    """Cut at nine tenths of the peak."""
     limit = 0.8 * np.abs(x).max()
     return np.clip(x, -limit, limit)
 
 
 def coarse(steps: float) -> Callable[[Trial, Floats], Floats]:
-    """Round to so many steps from peak to peak."""
 
     def change(_: Trial, x: Floats) -> Floats:
         step = np.ptp(x) / steps
@@ -110,7 +105,6 @@ def lost(count: int, at: float = 0.4) -> Callable[[Trial, Floats], Floats]:
 
 
 def late(time: float) -> Callable[[Trial, Floats], Floats]:
-    """Delay a column."""
 
     def change(_: Trial, x: Floats) -> Floats:
         omega = TURN * np.fft.rfftfreq(len(x), 1 / RATE)
@@ -151,18 +145,15 @@ def added(make: Callable[[Trial, Floats, Floats], Floats]) -> Callable[[Trial, F
 
 
 def line(hertz: float, size: float) -> Callable[[Trial, Floats], Floats]:
-    """Add a tone."""
     return added(lambda _t, time, _x: size * np.cos(TURN * hertz * time + 1.0))
 
 
 def once(size: float, order: int = 1) -> Callable[[Trial, Floats], Floats]:
-    """Add runout of an order."""
     turn = TURN * ROTATION * FUNDAMENTAL * order
     return added(lambda _t, time, _x: size * np.cos(turn * time + 0.7))
 
 
 def spikes(count: int) -> Callable[[Trial, Floats], Floats]:
-    """Throw single samples far off."""
 
     def make(trial: Trial, time: Floats, _x: Floats) -> Floats:
         found = np.zeros(len(time))
@@ -213,13 +204,11 @@ def bent(size: float) -> Callable[[Trial, Floats], Floats]:
 
 
 def tiled(trial: Trial) -> None:
-    """Copy the first period."""
     for name, x in trial.columns.items():
         trial.columns[name] = np.tile(x[: trial.size], trial.periods)
 
 
 def first_only(count: int) -> Edit:
-    """Keep so many periods."""
 
     def edit(trial: Trial) -> None:
         for name, x in trial.columns.items():
@@ -233,7 +222,6 @@ def gap(trial: Trial) -> None:
 
 
 def copied(which: str) -> Edit:
-    """Read one column twice."""
 
     def edit(trial: Trial) -> None:
         names: list[str] = getattr(trial, which)
@@ -316,7 +304,6 @@ def one_axis(trial: Trial) -> None:
 
 
 def weak(factor: float) -> Edit:
-    """Excite less."""
 
     def edit(trial: Trial) -> None:
         trial.forces = trial.forces * factor
@@ -338,7 +325,6 @@ def turning(factor: float) -> Edit:
 
 
 def noisier(factor: float) -> Edit:
-    """Raise the noise of the sensors."""
 
     def edit(trial: Trial) -> None:
         trial.noise *= factor

@@ -8,7 +8,6 @@ def symbol(name):
 
 
 def to_sympy(value):
-    """Return the sympy expression that a signal stands for."""
     if value.kind == "name":
         return symbol(value.parts[0])
     if value.kind == "pi":

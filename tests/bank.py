@@ -160,7 +160,6 @@ def line_response(
 def rotor_columns(
     rotor: Callable[[Mapping[str, float]], Rotor], names: str, harmonics: Sequence[int]
 ) -> Callable[[SimpleNamespace, Grid], Columns]:
-    """Return what makes the columns of a rotor under four multisines and its unbalance."""
 
     def columns(p: SimpleNamespace, grid: Grid) -> Columns:
         M, D, G, K, B, _ = made = rotor(vars(p))

@@ -142,7 +142,6 @@ class Browser:
 
 @contextmanager
 def browser(folder: Path) -> Iterator[Browser]:
-    """Run a browser with a folder of its own."""
     one = Browser(found(), folder)
     try:
         one.start()

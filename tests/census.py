@@ -15,13 +15,11 @@ FACE = {"rotorid", "rotorid.testing", "rotorid.cli"}  # the package, its machine
 
 
 def name_of(file: Path) -> str:
-    """Return the name by which a module is imported."""
     parts = file.relative_to(SOURCE.parent).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def imported(tree: ast.AST, known: set[str]) -> Iterator[str]:
-    """Yield the modules of the package that a file imports."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in known)
@@ -34,7 +32,6 @@ def imported(tree: ast.AST, known: set[str]) -> Iterator[str]:
 
 
 def packages(trees: Mapping[Path, ast.AST], lengths: Mapping[Path, int]) -> None:
-    """Print lines and modules of each package."""
     lines, modules = Counter[str](), Counter[str]()
     for file in trees:
         inside = file.relative_to(SOURCE).parts
@@ -46,7 +43,6 @@ def packages(trees: Mapping[Path, ast.AST], lengths: Mapping[Path, int]) -> None
 
 
 def single_importers(trees: Mapping[Path, ast.AST], known: set[str]) -> int:
-    """Count the modules that exactly one other imports."""
     importers = defaultdict[str, set[str]](set)
     for file, tree in trees.items():
         for name in imported(tree, known):
@@ -55,12 +51,10 @@ def single_importers(trees: Mapping[Path, ast.AST], known: set[str]) -> int:
 
 
 def repeated(names: Iterable[str]) -> int:
-    """Count the names that several things have."""
     return sum(count > 1 for count in Counter(names).values())
 
 
 def main() -> None:
-    """Print the figures."""
     files = sorted((*SOURCE.rglob("*.py"), *SOURCE.rglob("*.pyi")))
     tests = sorted((ROOT / "tests").rglob("*.py"))
     texts = {file: file.read_text(encoding="utf-8") for file in (*files, *tests)}

@@ -237,7 +237,6 @@ def columns() -> dict[str, tuple[np.ndarray, str]]:
 
 
 def written(write: Callable[[Path], object], name: str) -> bytes:
-    """Return what a writer puts into a file."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         write(Path(folder) / name)
@@ -327,7 +326,6 @@ def phasor_table(rows: np.ndarray | None = None) -> bytes:
 
 
 def _result(method: str) -> bytes:
-    """Return a result file, made by the command itself."""
     from rotorid.cli import run
 
     def write(path: Path) -> None:
@@ -348,7 +346,6 @@ def _result(method: str) -> bytes:
 
 
 def _odd_array(rng: Random) -> np.ndarray:
-    """Return an array of an odd kind, shape or content."""
     shape = rng.choice(
         [(80,), (80, 1), (1, 80), (80, 2), (2, 80), (), (0,), (0, 2), (79,), (4, 20, 1), (1, 1),
          (2,), (3, 80), (8000,)]
@@ -501,7 +498,6 @@ class Format:
         return Case(name, arguments, self.files(damaged), outputs=outputs)
 
     def whole(self) -> list[Case]:
-        """Return the good files with every command."""
         return [
             Case(f"{self.name} {arguments[0]}", arguments, self.files(data), outputs=outputs)
             for data in _good(self.name)
@@ -559,7 +555,6 @@ _RESULT_COMMANDS = (
 
 
 def good_csv() -> bytes:
-    """Return the record as a table."""
     return _columns_of(writers.write_csv, "run.csv")
 
 

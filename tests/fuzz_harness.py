@@ -95,7 +95,6 @@ def faults_of(case: Case, code: object, out: str, told: str) -> list[str]:
 
 
 def _contents(folder: Path) -> dict[str, tuple[int, int, int]]:
-    """Return what tells a file that was changed."""
     found = {}
     for root, folders, files in os.walk(folder):
         for name in [*folders, *files]:
@@ -107,7 +106,6 @@ def _contents(folder: Path) -> dict[str, tuple[int, int, int]]:
 
 
 def _file_faults(case: Case, code: object, before: object, folder: Path) -> list[str]:
-    """Return which files are new or changed that should not be."""
     after = _contents(folder)
     assert isinstance(before, dict)
     changed = {name for name in {*before, *after} if before.get(name) != after.get(name)}
@@ -174,7 +172,6 @@ def _captured(folder: Path) -> Iterator[list[str]]:
 
 
 def _peak() -> int:
-    """Return the most memory that this process has held, in bytes."""
     status = Path("/proc/self/status").read_text()
     return next(int(s.split()[1]) for s in status.splitlines() if s.startswith("VmHWM")) * 1024
 
@@ -191,7 +188,6 @@ def _processor() -> float:
 
 
 def _largest() -> int:
-    """Return the most memory that any of its children has held, in bytes."""
     return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
 
 

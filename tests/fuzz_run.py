@@ -45,7 +45,6 @@ def seed_of_commit() -> tuple[int, str]:
 
 
 def _group(outcome: Outcome) -> str:
-    """Return the format, or what stands for all of the corpus."""
     name, _, number = outcome.name.partition(":")
     return name if number.isdigit() else "corpus"
 
@@ -68,7 +67,6 @@ def table(outcomes: Iterable[Outcome]) -> str:
 
 
 def findings(outcomes: Iterable[Outcome], most: int = 40) -> str:
-    """Return what was found, the same faults of a format together."""
     groups: dict[tuple[str, tuple[str, ...], str], list[Outcome]] = collections.defaultdict(list)
     for outcome in outcomes:
         if outcome.faults:
@@ -83,7 +81,6 @@ def findings(outcomes: Iterable[Outcome], most: int = 40) -> str:
 
 
 def run(builds: Sequence[Build], workers: int, warm: Sequence[Case] = ()) -> list[Outcome]:
-    """Run cases, print their table and what was found, and return their outcomes."""
     started = time.monotonic()
     outcomes = list(run_cases(builds, workers=workers, warm=warm))
     order = {name: number for number, name in enumerate(FORMATS)}
@@ -106,7 +103,6 @@ def _named(name: str, make: Build) -> Case:
 
 
 def main() -> int:
-    """Run what the command line asks for."""
     parser = argparse.ArgumentParser()
     parser.add_argument("formats", nargs="*", help=f"{', '.join(FORMATS)}")
     parser.add_argument("--each", type=int, default=50, help="files of every format")

@@ -47,7 +47,6 @@ class Good:
 
 
 def sampled(kind: str, seed: int) -> Good:
-    """Return a machine with samples."""
     rng = np.random.default_rng([seed, 41])
     if kind == "three" and seed % 2:
         kind = "eight"
@@ -132,7 +131,6 @@ _plan = cache(lambda: load_rig("three-mass"))
 
 
 def levitated(kind: str, seed: int) -> Good:
-    """Return the shipped rig in closed loop."""
     rng = np.random.default_rng([seed, 43])
     rig, seconds = _plan().rig, float(rng.choice([3.0, 6.0, 10.0]))
 
@@ -155,5 +153,4 @@ MACHINES: dict[str, Callable[[str, int], Good]] = {
 
 
 def good_record(kind: str, seed: int) -> Good:
-    """Return one good record of a machine."""
     return MACHINES[kind](kind, seed)

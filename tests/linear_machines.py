@@ -23,7 +23,6 @@ SUPPORTED = model_text(
 
 
 def model_of(text: str, name: str = "machine") -> rid.Model:
-    """Return the model of a text."""
     return rid.parse_model(text, name=name)
 
 

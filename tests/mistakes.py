@@ -21,7 +21,6 @@ Edit = Callable[[str], str]
 
 
 def put(old: str, new: str, count: int = -1) -> Edit:
-    """Replace a text that must be there."""
 
     def edit(text: str) -> str:
         assert old in text, old
@@ -31,7 +30,6 @@ def put(old: str, new: str, count: int = -1) -> Edit:
 
 
 def swap(a: str, b: str) -> Edit:
-    """Exchange two columns."""
 
     def edit(text: str) -> str:
         names = {f'"{a}"': f'"{b}"', f'"{b}"': f'"{a}"'}
@@ -41,12 +39,10 @@ def swap(a: str, b: str) -> Edit:
 
 
 def scale(column: str, factor: float) -> Edit:
-    """Give a column a scale."""
     return put(f'column = "{column}"', f'column = "{column}", scale = {factor!r}')
 
 
 def both(*edits: Edit) -> Edit:
-    """Make several edits, one mistake."""
 
     def edit(text: str) -> str:
         for each in edits:
@@ -57,7 +53,6 @@ def both(*edits: Edit) -> Edit:
 
 
 def known(line: str) -> Edit:
-    """Give a parameter a value."""
     return lambda text: f"{text}\n[parameters]\n{line}\n"
 
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 Units = str | Mapping[str, str]
-PARAMETER = re.compile(r"(?:(?P<plus>\+)?(?P<nominal>-?[\d.]+(?:e-?\d+)?) )?(?P<unit>.+)")
+PARAMETER = re.compile(r"(?P<plus>\+)?(?:(?P<nominal>-?[\d.]+(?:e-?\d+)?) )?(?P<unit>.+)")
 
 
 def model_text(title: str, equations: Sequence[str], *units: Units) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from model_text import model_text
 from numpy.typing import NDArray
 
 from rotorid import Channel, Model, PeriodicRecord, load_model, parse_model
@@ -223,10 +224,9 @@ ADVERSE = {
 
 def model_of(equations: list[str], coordinates: list[str], units: Mapping[str, str]) -> Model:
     """Return a model with one input F and parameters above 0, by their units."""
-    lines = ["title = 'a structure'", f"equations = {equations}", "[coordinates]"]
-    lines += [*(f'{q} = "m"' for q in coordinates), "[inputs]", 'F = "N"', "[parameters]"]
-    lines += [f'{name} = {{ unit = "{unit}", positive = true }}' for name, unit in units.items()]
-    return parse_model("\n".join(lines))
+    parameters = {name: f"+{unit}" for name, unit in units.items()}
+    where = dict.fromkeys(coordinates, "m")
+    return parse_model(model_text("a structure", equations, where, "F N", parameters))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from model_text import model_text
+from working_folder import shaken
 
 import rotorid as rid
 from rotorid import InputError
@@ -30,22 +31,11 @@ from rotorid.experiment.draft import (
 from rotorid.signals.period_search import Period
 
 MODEL = rid.load_model("jeffcott")
-RATE, PERIOD = 2000.0, 200
+RATE = 2000.0
 
 
-def simulated(axes: str = "xy", speed: float = 0.0) -> rid.Record:
-    angle = 2 * np.pi * np.outer(np.arange(PERIOD) / PERIOD, [1, 2, 5])
-    forces = np.column_stack([np.cos(angle) @ [3.0, 2, 1], np.sin(angle) @ [2.0, 1, 3]])
-    return rid.simulate(
-        MODEL,
-        MODEL.values(MODEL.nominal),
-        forces * [axis in axes for axis in "xy"],
-        sample_rate=RATE,
-        periods=12,
-        speed=speed,
-        noise={"F_x": 1e-3, "F_y": 1e-3, "x": 1e-9, "y": 1e-9},
-        rng=np.random.default_rng(4),
-    )
+def simulated(axes: str = "xy") -> rid.Record:
+    return shaken(axes, periods=12, speed=0.0, noise=1e-3)
 
 
 def write_csv(

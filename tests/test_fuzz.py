@@ -115,7 +115,6 @@ def work(file: str) -> contextlib.AbstractContextManager[Work]:
 
 
 def outcomes(*cases: Case) -> list[tuple[str, ...]]:
-    """Run cases in this process's children, and return what was found of each."""
     builds = [lambda case=case: case for case in cases]
     return [o.faults for o in harness.run_cases(builds, workers=1)]
 

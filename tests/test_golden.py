@@ -38,7 +38,6 @@ Change = Callable[[dict], object]
 
 
 def moved(change: Change) -> list:
-    """Return what the comparer finds after a change."""
     new = copy.deepcopy(STEP)
     change(new)
     return compare("case", {"steps": [STEP]}, {"steps": [new]})

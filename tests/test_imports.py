@@ -105,7 +105,6 @@ def label(path: Path) -> str:
 
 
 def calls(path: Path) -> set[str]:
-    """Return what a module calls, as it is written."""
     nodes = ast.walk(tree_of(path))
     return {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
 

@@ -1,11 +1,10 @@
 """Run-ups cut into tables of phasors by the rotor angle."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from coast_down import MODEL, TRUTH, run_down
+from coast_down import MODEL, TRUTH, load, run_down
 
 import rotorid as rid
 from rotorid import InputError
@@ -205,11 +204,6 @@ def folder(tmp_path):
     )
     (tmp_path / "model.toml").write_text(MODEL)
     return tmp_path
-
-
-def load(folder: Path, text: str) -> rid.Experiment:
-    (folder / "experiment.toml").write_text(text)
-    return rid.load_experiment(folder / "experiment.toml")
 
 
 @pytest.mark.slow

@@ -28,7 +28,6 @@ speed = { column = "n", unit = "rpm" }
 
 
 def table(trial: complex = 0.0, noise: float = 0.0, seed: int = 1) -> rid.Lines:
-    """Return the lines of a coast-down with a trial mass."""
     rng = np.random.default_rng(seed)
     parts = rng.standard_normal((2, len(RPM), 2)) * noise
     channels = [rid.Channel("x", "m"), rid.Channel("y", "m")]

@@ -71,7 +71,6 @@ def measured(folder: Path, change: Change = CHANGES[""], text: str = TWO) -> rid
 
 
 def worst(estimate: rid.Estimate) -> float:
-    """Return the largest error over its stated deviation."""
     return max(abs(estimate.value(n) - v) / (estimate.std(n) or 0.0) for n, v in TRUTH.items())
 
 

@@ -106,24 +106,6 @@ def test_only_unbalance_over_mass_is_known_of_a_free_scale(folder):
     assert "a further run with a trial mass" in cures[1]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('file = "run.csv"', 'file = "run.csv"\nskip = "1 s"', "skip in a table of phasors"),
-        ('speed = { column = "n", unit = "rpm" }', "", "no speed"),
-        ('kind = "phasors"', "", "a column of speeds in a record of samples"),
-        ('kind = "phasors"', 'kind = "phasor"', "'samples', 'phasors' or 'responses'"),
-        ('amplitude = "ax", phase = "px"', 'column = "ax"', r"std in a channel of samples"),
-        ('phase = "px", ', "", r"channels\.x: phase: found no such key"),
-        ('amplitude = "ax"', 'amplitude = "ax", hold = "zero-order"', "hold in a phasor's"),
-        ('phase = "px"', 'phase = "qx"', "no column 'qx'|'qx'"),
-    ],
-)
-def test_keys_of_a_table(folder, old, new, message):
-    with pytest.raises(InputError, match=message):
-        identify(folder, EXPERIMENT.replace(old, new, 1))
-
-
 def test_a_table_has_no_samples_to_inspect(folder):
     with pytest.raises(InputError, match=r"records\.0\.kind: found a table of phasors"):
         load(folder).measured()
@@ -318,6 +300,14 @@ def test_repeated_readings_that_belie_their_std_are_told():
         ("3000,-1,2,3,4", "", "", r"channels\.x\.amplitude: found the amplitude -1e-06 in row 41"),
         ("fast,1,2,3,4", "", "", r"run\.csv: "),
         ("3000,1,2,3", "", "", r"run\.csv: "),
+        ("", 'file = "run.csv"', 'file = "run.csv"\nskip = "1 s"', "skip in a table of phasors"),
+        ("", 'speed = { column = "n", unit = "rpm" }', "", "no speed"),
+        ("", 'kind = "phasors"', "", "a column of speeds in a record of samples"),
+        ("", 'kind = "phasors"', 'kind = "phasor"', "'samples', 'phasors' or 'responses'"),
+        ("", 'amplitude = "ax", phase = "px"', 'column = "ax"', r"std in a channel of samples"),
+        ("", 'phase = "px", ', "", r"channels\.x: phase: found no such key"),
+        ("", 'amplitude = "ax"', 'amplitude = "ax", hold = "zero-order"', "hold in a phasor's"),
+        ("", 'phase = "px"', 'phase = "qx"', "no column 'qx'|'qx'"),
     ],
 )
 def test_bad_input_is_one_line(folder, row, old, new, message, capsys):

@@ -61,7 +61,6 @@ def estimate(found: np.ndarray, sensors=(X1, X3), *, effort="full", **told) -> r
 
 
 def wrong(estimate: rid.Estimate) -> float:
-    """Return the largest error in deviations."""
     return max(abs(v.value - TRUTH[v.name]) / v.std for v in estimate.parameters)
 
 

@@ -455,7 +455,6 @@ def shaken(rng: np.random.Generator, stiffer: float = 0.0, gain: float = 0.0) ->
 
 
 def step_of(stiffness: float) -> np.ndarray:
-    """Return the step of a sample, of position, velocity and force, exactly."""
     matrix = np.zeros((3, 3))
     matrix[0, 1] = 1.0
     matrix[1] = [-stiffness / 2, -30.0, 0.5]
@@ -567,7 +566,6 @@ def test_least_squares_asks_for_periods(folder, capsys):
 
 
 def of_two(turning: str, second: str) -> str:
-    """Return the experiment of two records of one rotor."""
     text = EXPERIMENT.format(noise=REFERENCES, rpm=0).replace('speed = "0 rpm"', turning)
     head, record, rest = re.split(r"(?=\[\[records|\[channels)", text)
     both = "".join(record.replace("run.csv", f"{name}.csv") for name in ("first", "second"))

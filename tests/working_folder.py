@@ -26,21 +26,34 @@ y = { column = "y", unit = "m" }
 BY_BATCH = EXPERIMENT + '\n[estimator]\nmethod = "batch"\n'
 
 
-def write_record(folder: Path, scale: float = 1.0) -> None:
-    """Write run.csv, a noisy record; all columns times `scale`."""
+def shaken(
+    axes: str = "xy",
+    *,
+    periods: int = 20,
+    speed: float = 2 * np.pi * 30,
+    phase: float = 0.0,
+    noise: float = 0.01,
+) -> rid.Record:
+    """Return the shipped rotor under three lines: periods of 200 samples at 2 kHz; noise in N."""
     model = rid.load_model("jeffcott")
     angle = 2 * np.pi * np.outer(np.arange(200) / 200, [1, 2, 5])
-    record = rid.simulate(
+    forces = np.column_stack([np.cos(angle) @ [3.0, 2, 1], np.sin(angle) @ [2.0, 1, 3]])
+    return rid.simulate(
         model,
         model.values(model.nominal),
-        np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)]),
+        forces * [axis in axes for axis in "xy"],
         sample_rate=2000.0,
-        periods=20,
-        speed=2 * np.pi * 30,
-        noise={"F_x": 0.01, "F_y": 0.01, "x": 1e-9, "y": 1e-9},
+        periods=periods,
+        speed=speed,
+        phase=phase,
+        noise={"F_x": noise, "F_y": noise, "x": 1e-9, "y": 1e-9} if noise else None,
         rng=np.random.default_rng(5),
     )
-    samples = record.samples * scale
+
+
+def write_record(folder: Path, scale: float = 1.0) -> None:
+    """Write run.csv, a noisy record; all columns times `scale`."""
+    samples = shaken().samples * scale
     np.savetxt(folder / "run.csv", samples, delimiter=",", header="fx,fy,x,y", comments="")
 
 

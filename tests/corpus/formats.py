@@ -22,7 +22,6 @@ def case(
     says: str = "",
     arguments: tuple[str, ...] = IDENTIFY,
 ) -> Callable[[], Case]:
-    """Return what makes a case of one record."""
     told = good.EXPERIMENT.format(name=name).encode()
 
     def make() -> Case:
@@ -40,7 +39,6 @@ def _prepared(write: Callable[[Path], object], name: str, folder: Path) -> None:
 
 
 def hdf5(fill: Callable[[h5py.File], object], **options: object) -> Callable[[Path], object]:
-    """Return a writer of an HDF5 file."""
 
     def write(path: Path) -> None:
         with h5py.File(path, "w", **options) as data:
@@ -50,14 +48,12 @@ def hdf5(fill: Callable[[h5py.File], object], **options: object) -> Callable[[Pa
 
 
 def samples(data: h5py.Group, *but: str) -> None:
-    """Put the good columns into a file."""
     for name, (values, _) in good.columns().items():
         if name not in but:
             data[name] = values
 
 
 def declared(shape: tuple[int, ...], chunks: tuple[int, ...]) -> Callable[[h5py.File], object]:
-    """Declare numbers that nobody wrote."""
 
     def fill(data: h5py.File) -> None:
         for name in ("fx", "px"):
@@ -85,7 +81,6 @@ def only_odd_names(data: h5py.File) -> None:
 
 
 def doubles(name: str) -> bytes:
-    """Return a good column."""
     values = good.columns()[name][0]
     return matrix_of(name.encode(), (len(values), 1), element(9, values.tobytes()))
 
@@ -93,7 +88,6 @@ def doubles(name: str) -> bytes:
 def mat4(
     rows: int, columns: int, kind: int = 0, imaginary: int = 0, name: bytes = b"fx\0"
 ) -> bytes:
-    """Return the head of a matrix of version 4."""
     return struct.pack("<IIIII", kind, rows, columns, imaginary, len(name)) + name
 
 

@@ -25,7 +25,6 @@ def refused(
     arguments: Sequence[str] = IDENTIFY,
     says: str = "",
 ) -> Callable[[], Case]:
-    """Return what makes a case that must be refused."""
     return lambda: Case("", tuple(arguments), files, outputs=("out.json",), codes=(2,), says=says)
 
 
@@ -35,7 +34,6 @@ def answered(
     codes: tuple[int, ...] = (0, 1, 2),
     outputs: tuple[str, ...] = ("out.json",),
 ) -> Callable[[], Case]:
-    """Return what makes a case that may be answered, with one of these exit codes."""
     return lambda: Case("", tuple(arguments), files, None, outputs, codes)
 
 
@@ -50,7 +48,6 @@ def record(**changed: bytes) -> dict[str, bytes]:
 
 
 def model(head: str) -> Callable[[], Case]:
-    """Return what makes a case of an equation: shown, or refused."""
     return lambda: Case("", ("models", "model.toml"), {"model.toml": named(head)})
 
 
@@ -98,7 +95,6 @@ EXPRESSIONS = {
 
 
 def rig_with(old: bytes, new: bytes) -> dict[str, bytes]:
-    """Return a rig with one thing changed."""
     if old not in good.RIG:
         raise ValueError(f"{old!r} is not in the rig")
     return {"model.toml": good.MODEL, "rig.toml": good.RIG.replace(old, new)}
@@ -135,12 +131,10 @@ ODD_COLUMN = good.good_csv().replace(b"fx", b"\x1b[2Jf\x07x")
 
 
 def in_model(old: bytes, new: bytes) -> dict[str, bytes]:
-    """Return the files of a good record, but for a text of its model."""
     return record(model_toml=good.MODEL.replace(old, new))
 
 
 def in_experiment(old: bytes, new: bytes) -> dict[str, bytes]:
-    """Return the files of a good record, but for a text of its experiment file."""
     return record(experiment_toml=good.OF_CSV.replace(old, new))
 
 

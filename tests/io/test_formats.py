@@ -190,7 +190,6 @@ def test_data_sets_that_their_names_do_not_tell_apart(tmp_path):
 
 
 def two_starts(path: Path, apart: float) -> None:
-    """Write two columns of 1 kHz, the second of which begins later."""
     force, motion = np.arange(50.0), np.arange(50.0) ** 2
     if path.suffix == ".mf4":
         from asammdf import MDF, Signal
@@ -468,7 +467,6 @@ def test_tags_that_contradict_one_another(tmp_path):
 
 
 def matrix(name: str, values: np.ndarray, *, stored: int = 9, order: str = "<") -> bytes:
-    """Return a matrix as version 5 has it."""
     data = values.astype(np.dtype(values.dtype).newbyteorder(order)).tobytes(order="F")
     shape = (*values.shape, 1)[:2]
     return matrix_of(name.encode(), shape, element(stored, data, order), order=order)
