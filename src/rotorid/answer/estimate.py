@@ -431,11 +431,8 @@ class Estimate(ByContent):
         object.__setattr__(self, "covariance", read_only(covariance))
         object.__setattr__(self, "notes", ordered(self.notes))
         if self.status == "ok" and (found := _not_finite(self)):
-            raise InputError(
-                f"no finite {found} in an estimate called ok",
-                "finite numbers",
-                "check units and scales of the columns, or call it not_converged",
-            )
+            cure = "check units and scales of the columns, or call it not_converged"
+            raise InputError(f"no finite {found} in an estimate called ok", "finite numbers", cure)
 
     @property
     def on_answer(self) -> tuple[Note, ...]:
@@ -680,9 +677,6 @@ def check_units(estimate: Estimate, units: Mapping[str, str]) -> None:
     for value in estimate.parameters:
         unit = units.get(value.name.partition("[")[0], value.unit)
         if value.unit != unit:
-            raise InputError(
-                f"{value.name} in {value.unit[:60]!r}",
-                f"{unit}, as its model has it",
-                "identify again: the values of a result are in SI",
-                place="parameters",
-            )
+            told, expected = f"{value.name} in {value.unit[:60]!r}", f"{unit}, as its model has it"
+            cure = "identify again: the values of a result are in SI"
+            raise InputError(told, expected, cure, place="parameters")

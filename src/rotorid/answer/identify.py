@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from rotorid.answer.derived import with_unbalance
-from rotorid.answer.estimate import Estimate, Provenance, Value
+from rotorid.answer.estimate import Estimate, Provenance
 from rotorid.answer.judge import of_data
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.notes import Note
@@ -92,12 +92,9 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
         if refusal is not None:
             table = isinstance(getattr(each, "clock", None), PhasorClock)
             more = "" if table else "; rotorid inspect shows more"
-            raise InputError(
-                str(refusal),
-                "a record that can be identified",
-                f"mend the record or leave that channel out{more}",
-                file=each.lines.source if isinstance(each, Observation) else each.source,
-            )
+            cure = f"mend the record or leave that channel out{more}"
+            file = each.lines.source if isinstance(each, Observation) else each.source
+            raise InputError(str(refusal), "a record that can be identified", cure, file=file)
     checks = tuple(dict.fromkeys(check for checks in found for check in checks))
     chosen = by_name(estimator) if isinstance(estimator, str) else estimator
     estimate = chosen.estimate(model, data)
@@ -107,9 +104,8 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     told = of_data(checks, estimate.status)
     # What a result must hold of its model to be used without the model's file.
     text = Provenance(model=model.file_text, held=model.held) if model.file_text else None
-    estimate = estimate.with_(
-        notes=(*checks, *estimate.notes), provenance=estimate.provenance or text
-    )
+    every = (*checks, *estimate.notes)
+    estimate = estimate.with_(notes=every, provenance=estimate.provenance or text)
     return with_unbalance(model, estimate.with_notes(*told))
 
 
@@ -124,17 +120,14 @@ def _checks(data: Data) -> tuple[Note, ...]:
 
 def without_deviations(estimate: Estimate) -> Estimate:
     """Return an estimate from periods that do not scatter: values, and no deviations, never 0."""
-
-    def bare(values: tuple[Value, ...]) -> tuple[Value, ...]:
-        return tuple(v if v.fixed else replace(v, std=None, std_inflated=None) for v in values)
-
+    bare = {
+        kind: tuple(
+            v if v.fixed else replace(v, std=None, std_inflated=None)
+            for v in getattr(estimate, kind)
+        )
+        for kind in ("parameters", "nuisance", "derived")
+    }
     told = "the periods are identical: without scatter no deviations can be stated"
-    return estimate.with_(
-        parameters=bare(estimate.parameters),
-        nuisance=bare(estimate.nuisance),
-        derived=bare(estimate.derived),
-        covariance=np.full(estimate.covariance.shape, np.nan),
-        misfit=None,
-        line_misfit=(),
-        notes=(Note(NO_SCATTER, "doubts", told), *(n for n in estimate.notes if n.drop is None)),
-    )
+    notes = (Note(NO_SCATTER, "doubts", told), *(n for n in estimate.notes if n.drop is None))
+    none = np.full(estimate.covariance.shape, np.nan)
+    return estimate.with_(**bare, covariance=none, misfit=None, line_misfit=(), notes=notes)

@@ -174,9 +174,8 @@ def _inertia(
         slopes = np.einsum("i,bij,j->b", lowest, mass, lowest)
         std = deviation(slopes, covariance)
         where = reduced.coordinates[int(np.abs(vectors[:, 0]).argmax())]
-        yield from _negative(
-            "inertia", float(values[0]), std, f"a negative inertia of {where}", where
-        )
+        text = f"a negative inertia of {where}"
+        yield from _negative("inertia", float(values[0]), std, text, where)
     yield from _polar(reduced, mass, gyroscopic, base, covariance)
 
 

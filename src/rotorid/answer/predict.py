@@ -19,7 +19,7 @@ from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.errors import InputError
 from rotorid.core.linalg import covariance_root
 from rotorid.core.values import Complexes, Floats, frozen
-from rotorid.data.observation import Data, Observation, bind, bind_all
+from rotorid.data.observation import Data, Observation, Records, bind, bind_all
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
@@ -134,9 +134,7 @@ def missing_values(
     return [name for name in model.substitute(fixed).base.names if name not in found]
 
 
-def _at_estimate(
-    model: Model, estimate: Estimate, records: Sequence[Observation], first: int
-) -> Point:
+def _at_estimate(model: Model, estimate: Estimate, records: Records, first: int) -> Point:
     values = {v.name: v.value for v in (*estimate.parameters, *estimate.nuisance)}
     numbered, names = list[Observation](), model.parameter_names
     for number, record in enumerate(records, first):

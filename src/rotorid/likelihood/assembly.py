@@ -68,9 +68,8 @@ class Terms:
         others = [(number[t.kind], t.row, t.column, where[t.factors]) for t in further]
         behind = np.array(others, dtype=np.int64).reshape(-1, 4).T
         kept = place[table.monomial] >= 0
-        kind, row, column, monomial = (
-            np.append(a[kept], b) for a, b in zip(own, behind, strict=True)
-        )
+        pairs = zip(own, behind, strict=True)
+        kind, row, column, monomial = (np.append(a[kept], b) for a, b in pairs)
         coefficient = np.append(table.coefficient[kept], [t.coefficient for t in further])
         monomials = Monomials.of(list(where), len(layout.unknowns))
         table = StiffnessTable(kinds, kind, row, column, monomial, coefficient)

@@ -240,11 +240,9 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
         refuse_filtered(bound, "ml")
         return Search(self._answers(model, bound, knowledge))
 
-    def _answers(
-        self, model: Model, bound: Records, knowledge: Knowledge[float]
-    ) -> Iterator[Progress]:
+    def _answers(self, model: Model, bound: Records, known: Knowledge[float]) -> Iterator[Progress]:
         """Yield the answer so far at each step of a fit, and at last the estimate."""
-        fitting = Fitting(model, knowledge, self, self.base, self.covariance, self.neighbours)
+        fitting = Fitting(model, known, self, self.base, self.covariance, self.neighbours)
         try:
             for step in fitting.steps(bound):
                 if self.effort == "quick":  # the first minimum is the last step
@@ -252,7 +250,7 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
                     return
                 yield Progress(step.say, step.done, step.of, answer=partial(_so_far, model, step))
         except NotConvergedError as error:
-            none = nothing_found(model, bound, knowledge.fixed, str(error))
+            none = nothing_found(model, bound, known.fixed, str(error))
             yield Progress(DONE, answer=lambda: none)
             return
         trial, step = NOTHING_TRIED, replace(step, say=TRYING)

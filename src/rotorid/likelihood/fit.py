@@ -307,7 +307,7 @@ def _globally(prepared: Problem, records: Records, rough: Rough | None) -> Itera
     for number, found in enumerate(search(problem, start), 1):
         yield step(found, SEARCHING, min(number, WAYS), WAYS)
     if found is None or not (found.converged and found.inference.explained):
-        for other in _in_other_places(problem, start, records):
+        for other in _in_new_places(problem, start, records):
             found = other or found
             if found is not None:
                 yield step(found, "trying hidden parts in other places")
@@ -318,9 +318,7 @@ def _globally(prepared: Problem, records: Records, rough: Rough | None) -> Itera
     yield step(best, "weighing the noise")
 
 
-def _in_other_places(
-    problem: Problem, start: Floats, records: Records
-) -> Iterator[Solution | None]:
+def _in_new_places(problem: Problem, start: Floats, records: Records) -> Iterator[Solution | None]:
     """Yield None after each way, and the answer from a start with hidden parts in other places.
 
     Fixed values and bounds that tell the places shut a start with the parts in the wrong ones off.

@@ -231,9 +231,7 @@ def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> Iterator[st
     if fit.records or not len(modes):
         return
     unknowns = fit.layout.unknowns
-    held = [
-        {unknowns[i].name: v for i, v in each.pencil.held.items()} for each in modes.configurations
-    ]
+    held = [{unknowns[i].name: v for i, v in c.pencil.held.items()} for c in modes.configurations]
     members = {name for combination in combinations for name in combination.names}
     for name in sorted(members.intersection(*held)):
         said = " and ".join(dict.fromkeys(f"{each[name]:g}" for each in held))

@@ -49,27 +49,22 @@ class Linearized:
 
     @classmethod
     def of(
-        cls,
-        jacobian: Floats,
-        residual: Floats,
-        relations: Floats,
-        typical: Floats,
-        shifts: Booleans,
+        cls, jacobian: Floats, residual: Floats, relations: Floats, sizes: Floats, shifts: Booleans
     ) -> Linearized:
         """Factor a Jacobian (row, free) where relations (relation, free) of the unknowns hold.
 
-        `typical` are the sizes of the unknowns. A column that is rounding for an unknown of that
-        size is zero: scaled to length one, it would count as information. What `shifts` (a phase,
+        `sizes` are those of the unknowns. A column that is rounding for an unknown of that size is
+        zero: scaled to length one, it would count as information. What `shifts` (a phase,
         a delay) may well be zero itself; its column counts all the same.
         """
         with np.errstate(over="ignore"):
-            size = np.sqrt((jacobian**2).sum(axis=0))
-        if not np.isfinite(size).all():
+            length = np.sqrt((jacobian**2).sum(axis=0))
+        if not np.isfinite(length).all():
             raise np.linalg.LinAlgError("a derivative beyond all bounds")
-        effect = size * typical
+        effect = length * sizes
         seen = (effect > IDLE) & (effect > ROUNDING * effect.max(initial=0.0))
-        seen |= shifts & (size > 0)
-        scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
+        seen |= shifts & (length > 0)
+        scale = np.where(seen, 1 / np.where(seen, length, 1.0), sizes)
         scaled, basis = np.where(seen, jacobian, 0.0) * scale, None
         if len(relations):
             basis = tangent_basis(relations * scale)

@@ -174,11 +174,10 @@ def _polynomials(layout: Layout, constraint: Constraint) -> list[Polynomial]:
     if layout.base:
         row, value = base_row(layout.model, constraint)
         return [{(): -value} | {(i,): x for i, x in enumerate(row.tolist()) if x}]
+    terms = constraint_polynomial(layout.model, constraint.expression)
     polynomial = {
         tuple(i for i, power in enumerate(powers) for _ in range(power)): coefficient
-        for powers, coefficient in constraint_polynomial(
-            layout.model, constraint.expression
-        ).items()
+        for powers, coefficient in terms.items()
     }
     polynomial[()] = polynomial.get((), 0.0) - constraint.in_si[0]
     if not any(i in layout.idle for product in polynomial for i in product):

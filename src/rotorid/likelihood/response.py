@@ -76,15 +76,13 @@ def _length(columns: Complexes) -> Floats:
     return np.asarray(np.sqrt(np.einsum("krcp,krcp->kc", parts, parts)))
 
 
-def simulated(
-    layout: Layout, observation: Observation, unknowns: Floats, number: int = 0
-) -> Likelihood:
+def simulated(layout: Layout, record: Observation, unknowns: Floats, number: int = 0) -> Likelihood:
     """Return the likelihood of a record whose sensors read exactly what the unknowns say."""
-    lines = observation.lines
+    lines = record.lines
     mean = np.empty_like(lines.mean)
-    likelihood = assemble(layout, observation, number)
+    likelihood = assemble(layout, record, number)
     mean[:, likelihood.order] = response(likelihood.evaluate(unknowns))
-    return assemble(layout, observation.with_lines(replace(lines, mean=mean)), number)
+    return assemble(layout, record.with_lines(replace(lines, mean=mean)), number)
 
 
 def by_likelihood(records: Records, evaluations: Sequence[Evaluation]) -> list[Predicted]:

@@ -43,9 +43,7 @@ WORTH = 2
 """Times as many lines from which on some are left out."""
 
 
-def thinned(
-    records: Records, few: int = FEW, *, periodic: bool = False
-) -> list[Observation] | None:
+def thinned(records: Records, few: int = FEW, *, periodic: bool = False) -> Records | None:
     """Return the records with fewer lines, those of periods on demand; None where they have few."""
     found = [_thinned(record, few, periodic) for record in records]
     same = all(new is old for new, old in zip(found, records, strict=True))

@@ -87,17 +87,13 @@ def _values(fit: Fit) -> list[Value]:
     return [Value(u.name, u.unit, x, s, wider, u.fixed) for u, x, s, wider in rows]
 
 
-def nothing_found(
-    model: Model, records: Records, fixed: Mapping[str, float], message: str
-) -> Estimate:
+def nothing_found(model: Model, records: Records, fixed: Mapping[str, float], why: str) -> Estimate:
     told = remarks("record", (w for r in records for w in r.lines.warnings))
-    notes = (*told, Note("search", "unfinished", message))
+    notes = (*told, Note("search", "unfinished", why))
     known = {name: (value, 0.0, 0.0, True) for name, value in fixed.items()}
     open_ = (np.nan, np.nan, np.nan)
-    parameters = (Value(p.name, p.unit, *known.get(p.name, open_)) for p in model.parameters)
-    return Estimate(
-        model.name, "ml", judge(notes), tuple(parameters), notes=notes, **_seen(records)
-    )
+    values = (Value(p.name, p.unit, *known.get(p.name, open_)) for p in model.parameters)
+    return Estimate(model.name, "ml", judge(notes), tuple(values), notes=notes, **_seen(records))
 
 
 def trials_of(fit: Fit) -> Iterator[Tried]:

@@ -210,9 +210,7 @@ def _terms_of(layout: Layout, record: Observation | None) -> dict[Entry, float]:
     found: dict[Entry, float] = defaultdict(float)
     observed = None if record is None else layout.observed(record)
     terms = Terms.of(layout, [] if observed is None else other_terms(layout, observed))
-    sizes = {
-        k: 1.0 if observed is None else profile(k, observed.lines)[0] for k in terms.table.kinds
-    }
+    sizes = {k: profile(k, observed.lines)[0] if observed else 1.0 for k in terms.table.kinds}
     if observed is not None:
         moving = observed.lines.mean[:, list(observed.input_columns)].any(axis=0)
         still = {n + k for k in np.flatnonzero(~moving).tolist()}

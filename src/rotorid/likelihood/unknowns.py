@@ -287,9 +287,8 @@ def _late(
         flat = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
         start = 1 / (2 * np.pi * abs(size))
         scalar = Scalar(f"bandwidth[{name}]", "Hz", start, positive=True)
-        return _response(
-            (scalar,), on, flat, "declare it: dynamics = { bandwidth = .. } of the channels"
-        )
+        cure = "declare it: dynamics = { bandwidth = .. } of the channels"
+        return _response((scalar,), on, flat, cure)
 
     return Unknown(
         (Scalar(f"delay[{label}]", "s", known, std, additive=True),),
@@ -675,6 +674,7 @@ class Plausible:
 
 
 _SAYS, _ANGLE = "says how well it is known", "unbalance angles refer to the stated rotor angle"
+_DELAY = f'delay = {{ std = ".." }} {_SAYS}'
 TAKEN_AS_EXACT = (
     # Runout of a ground journal; balancing standards allow the probes several times it.
     Plausible(runouts, "runout", "m", 1e-6, "zero: 1 um of it", "runout = true estimates it"),
@@ -683,8 +683,6 @@ TAKEN_AS_EXACT = (
     # What calibrating by hand reaches.
     Plausible(gains, "gain", "1", 0.01, "exact: 1 % of error", f"gain_std {_SAYS}", True),
     # A tenth of the sample time of many loggers, and the lag of a filter of 16 kHz.
-    Plausible(
-        delays, "delay", "s", 1e-5, "exact: 10 us of error", f'delay = {{ std = ".." }} {_SAYS}'
-    ),
+    Plausible(delays, "delay", "s", 1e-5, "exact: 10 us of error", _DELAY),
 )
 """Kinds that are taken as exact where nobody asks for them, in the order in which they are told."""

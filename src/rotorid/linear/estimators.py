@@ -381,9 +381,8 @@ def _variance(problem: Problem, regression: Regression, rows: list[int], values:
         return variance
     base = problem.base(np.where(np.isfinite(values), values, 0.0))
     record = regression.record
-    right = synthesize(
-        -regression.period_residual(base)[..., rows], record.harmonics, record.samples
-    )
+    left = -regression.period_residual(base)[..., rows]
+    right = synthesize(left, record.harmonics, record.samples)
     power = (right.mean(axis=0) ** 2).mean(axis=0)
     transmitted = pooled(right.var(axis=0, ddof=1), power, record.periods)
     return np.where(forced, variance, transmitted)

@@ -51,10 +51,7 @@ class Posed:
 
     @classmethod
     def of(
-        cls,
-        records: Records,
-        given: Mapping[str, float | str],
-        constraints: Sequence[Constraint],
+        cls, records: Records, given: Mapping[str, float | str], constraints: Sequence[Constraint]
     ) -> Self:
         model = records[0].model
         fixed = in_si(given, model)
@@ -405,9 +402,7 @@ def information_of(model: Model, estimate: Estimate, record: Data) -> Informatio
     seen = bind(model, record)
     if estimate.method == "ml" or seen.hidden or seen.filtered is not None:
         return None
-    model = model.substitute(
-        {value.name: value.value for value in estimate.parameters if value.fixed}
-    )
+    model = model.substitute({v.name: v.value for v in estimate.parameters if v.fixed})
     regression = Regression(bind(model, seen))
     periodic, design, target = regression.record, regression.design, regression.target
     plain, _ = Block(design, target, np.ones(len(model.texts)), periodic).whitened()

@@ -178,19 +178,17 @@ def block_numbers(samples: Sequence[int], blocks: int) -> Integers:
     return np.concatenate(found).astype(np.int64)
 
 
-def scatter_of_blocks(
-    matrix: Floats, residual: Floats, gains: Floats, numbers: Integers
-) -> Scatter:
+def scatter_of_blocks(matrix: Floats, residual: Floats, gains: Floats, blocks: Integers) -> Scatter:
     """Return the covariance of an answer by leaving out each block in turn (the jackknife).
 
     ``values - values without b = (1 - G_b X_b)^-1 G_b e_b``, exactly, with the whitened design X,
-    its residual e and gains G, (free, equation); `numbers` are the blocks of the equations.
+    its residual e and gains G, (free, equation); `blocks` are those of the equations.
     Neighbours that depend on one another are merged.
     """
     length = column_lengths(gains.T)
     while True:
-        count, found = int(numbers.max()) + 1, []
-        edges = np.searchsorted(numbers, np.arange(count + 1))
+        count, found = int(blocks.max()) + 1, []
+        edges = np.searchsorted(blocks, np.arange(count + 1))
         for own in (slice(*pair) for pair in pairwise(edges)):
             shift = gains[:, own] @ residual[own]
             share = gains[:, own] @ matrix[own] * length / length[:, None]
@@ -203,7 +201,7 @@ def scatter_of_blocks(
         memory = count >= FEWEST and bool((lagged > MEMORY / np.sqrt(count)).any())
         if not memory or count // 2 < FEWEST:
             break
-        numbers = numbers // 2
+        blocks = blocks // 2
     apart = without - without.mean(axis=0)
     covariance = apart.T @ apart * ((count - 1) / count)
     # A variance from so few is itself uncertain: that of Student's t.

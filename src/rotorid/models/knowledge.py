@@ -24,9 +24,7 @@ Amount = TypeVar("Amount", float, float | str)
 def in_si(values: Mapping[str, float | str], model: Model) -> dict[str, float]:
     """Return values by name in SI: numbers as they are, texts with the units of parameters."""
     units = model.parameter_units
-    return {
-        name: quantity(value, units.get(name, "1"), place=name) for name, value in values.items()
-    }
+    return {name: quantity(x, units.get(name, "1"), place=name) for name, x in values.items()}
 
 
 def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
