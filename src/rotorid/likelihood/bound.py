@@ -93,13 +93,10 @@ class Plan:
         exact = rate / quantity(self.fundamental, "Hz", place="fundamental")
         samples = round(exact)
         if abs(exact - samples) > 1e-6 * exact:
-            raise InputError(
-                f"a period of {exact:.6g} samples", "a whole number", "change the sample rate"
-            )
+            told = f"a period of {exact:.6g} samples"
+            raise InputError(told, "a whole number", "change the sample rate")
         read = model.coordinates if self.sensors is None else self.sensors
-        channels = [
-            Channel(name, model.units[name], drive=self.drives.get(name)) for name in model.inputs
-        ]
+        channels = [Channel(n, model.units[n], drive=self.drives.get(n)) for n in model.inputs]
         channels += [Channel(s, model.units.get(s, "")) if isinstance(s, str) else s for s in read]
         time = np.arange(samples)[None] / rate
         spectra = np.zeros((1, len(lines), len(channels)), dtype=np.complex128)

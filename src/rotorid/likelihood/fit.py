@@ -352,9 +352,7 @@ def _again(prepared: Problem, records: Records, before: Solution) -> Solution:
     return replace(solution, trail=before.trail) if same else solution
 
 
-def _correlated(
-    records: Records, neighbours: int | None, at: Solution | None = None
-) -> list[Observation]:
+def _correlated(records: Records, neighbours: int | None, at: Solution | None = None) -> Records:
     """Take the covariance from neighbouring lines of the whole record, where there are periods.
 
     With a solution, only where the residual of one period resembles the next.

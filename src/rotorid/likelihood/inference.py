@@ -214,9 +214,8 @@ def _by_line(point: Point, apart: Sequence[bool]) -> tuple[Floats, Floats, Float
     told = point.linear.range
     known = point.of_known(told)
     scores, shares, certain = [], [], known.T @ known
-    for rows, residual, each in zip(
-        point.by_line(told), point.by_line(point.residual), apart, strict=True
-    ):
+    residuals = point.by_line(point.residual)
+    for rows, residual, each in zip(point.by_line(told), residuals, apart, strict=True):
         share = np.einsum("krf,krg->kfg", rows, rows)
         if each:
             scores.append(np.einsum("kr,krf->kf", residual, rows))

@@ -406,10 +406,9 @@ def _raised(mode: Mode, above: Sequence[Mode]) -> Mode:
 
 def _with_modes(case: Case, change: Callable[[Mode], Mode]) -> Case:
     known = case.prepared.known
-    configurations = (
-        replace(each, modes=tuple(map(change, each.modes))) for each in known.modes.configurations
-    )
-    other = replace(known, modes=ModalRows(tuple(configurations)))
+    before = known.modes.configurations
+    changed = tuple(replace(each, modes=tuple(map(change, each.modes))) for each in before)
+    other = replace(known, modes=ModalRows(changed))
     return case.prepared_as(replace(case.prepared, known=other))
 
 

@@ -104,9 +104,8 @@ def reduced(
             position = {} if channel.drive is None else channel.drive.position
             terms = combined(position, model, "a force law at", channel.name)
             reads |= {model.coordinates[t.coordinate] for t in terms}
-    omega, speed = (
-        np.concatenate([getattr(r.lines, name) for r in records]) for name in ("omega", "speed")
-    )
+    omega = np.concatenate([r.lines.omega for r in records])
+    speed = np.concatenate([r.lines.speed for r in records])
     smaller = model.reduced(reads, omega, speed, values, share if share > SMALLEST else 0.0)
     return tuple(records) if smaller is model else tuple(moved(r, smaller) for r in records)
 

@@ -350,9 +350,8 @@ class Sequential(LinearEstimator):
             own = np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))
             known = np.flatnonzero(np.isfinite(values))
             designs, blocks = [design[:, rows] for design, _ in equations], list[Block]()
-            for regression, design, (_, target) in zip(
-                problem.regressions, designs, equations, strict=True
-            ):
+            every = zip(problem.regressions, designs, equations, strict=True)
+            for regression, design, (_, target) in every:
                 right = target[:, rows] - design[:, :, known] @ values[known]
                 variance = _variance(problem, regression, rows, values)
                 blocks.append(Block(design[:, :, own], right, variance, regression.record))

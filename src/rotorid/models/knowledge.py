@@ -169,9 +169,8 @@ def base_row(model: Model, constraint: Constraint) -> tuple[Floats, float]:
     terms = constraint_polynomial(model, constraint.expression)
     value -= terms.pop((0,) * len(model.parameters), 0.0)
     if not terms:
-        raise InputError(
-            f"{shown}, which holds no free parameter", "a parameter that is not fixed", "drop it"
-        )
+        told = f"{shown}, which holds no free parameter"
+        raise InputError(told, "a parameter that is not fixed", "drop it")
     wanted = np.zeros(len(index))
     known = [(index[monomial], c) for monomial, c in terms.items() if monomial in index]
     for place, coefficient in known:
