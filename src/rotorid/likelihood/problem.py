@@ -322,9 +322,10 @@ class Tangent:
     @cached_property
     def decrease(self) -> float:
         """The drop of the cost that a full Gauss-Newton step would bring."""
-        along = self.whole
-        if along is None:
-            return 0.0
+        return 0.0 if self.whole is None else self.promised(self.whole)
+
+    def promised(self, along: Floats) -> float:
+        """Return the drop of the cost that a step would bring, were the residual linear."""
         values, reached = self._told
         left = values * along[: len(values)] + reached
         return float(reached @ reached - left @ left)

@@ -45,6 +45,8 @@ EFFORT = 1000
 """Jacobians of one way. The longest of the bank that arrived took 500."""
 BRIEF = 60
 """Jacobians of the last stage from a further start that only checks an answer, and of a suspect."""
+PROMISE = 0.1
+"""Share of the tolerance of a stage below which what a shortened step promises is not worth it."""
 HOPELESS = 10.0
 """Cost per residual from which a way is not worth going on with: a brief one, or on all lines."""
 JOINED = 0.01
@@ -102,7 +104,8 @@ class _Walk:
             where = tangent(point, self.bounded)
             if where.decrease <= tolerance * max(point.cost, floor):
                 return point, True
-            trial, radius = self._forward(point, where, radius)
+            worth = PROMISE * tolerance * max(point.cost, floor)
+            trial, radius = self._forward(point, where, radius, worth)
             if trial is None:
                 # No step helps: rounding, if what was left to gain is next to nothing.
                 least = 0.0 if relaxation > 0 else ARRIVED
@@ -111,15 +114,17 @@ class _Walk:
             self.unknowns = point.unknowns
         return point, False
 
-    def _forward(self, point: Point, where: Tangent, radius: float) -> tuple[Point | None, float]:
+    def _forward(
+        self, point: Point, where: Tangent, radius: float, worth: float
+    ) -> tuple[Point | None, float]:
         """Return a point with a lower cost, and the radius to try next."""
         for attempt in range(25):
             along = where.step(radius)
             if along is None or self.iterations > self.effort:
                 return None, radius
             length = math.sqrt(along @ along)
-            if length == 0:  # the bounds leave no way
-                return None, radius
+            if length == 0 or (attempt and where.promised(along) < worth):
+                return None, radius  # the bounds leave no way, or shorter steps gain nothing
             trial = _stepped(point, where, along, self.bounded)
             for _ in range(BENDS):
                 if trial is None or trial.cost < point.cost:

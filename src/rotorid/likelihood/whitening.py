@@ -227,10 +227,13 @@ def by_reflections(stiffness: Complexes, hidden: Floats) -> Projection:
     from scipy.linalg.lapack import zgeqrf, ztrtrs, zunmqr  # where needed: it takes its time
 
     rows, count = stiffness.shape[1], hidden.shape[1]
+    where = np.abs(hidden).argmax(axis=0)
+    alone = np.count_nonzero(hidden) == count  # a product takes as long as the factorization
+    columns = stiffness[:, :, where] * hidden[where, range(count)] if alone else stiffness @ hidden
     last = np.eye(rows, dtype=np.complex128, order="F")[:, count:]
     null_h = np.zeros((len(stiffness), rows - count, rows), dtype=np.complex128)
     factors = []
-    for line, into in zip(as_complex(stiffness @ hidden), null_h, strict=True):
+    for line, into in zip(as_complex(columns), null_h, strict=True):
         reflected, sizes, _, failed = zgeqrf(line, lwork=BLOCK * rows)
         null, _, lost = zunmqr("L", "N", reflected, sizes, last, BLOCK * rows)
         if failed or lost:
