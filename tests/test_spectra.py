@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,8 +33,12 @@ RATE, SPEED = 5000.0, 2 * np.pi * 61.37
 KNOWN = MaximumLikelihood(start={"m": 5.5, "c": 450.0, "k": 4.3e5})
 
 
-def levitated(
-    *seeds: int, seconds: float = 5.0, excitation: float = 20.0, noise_std: float = 1e-6
+def levitated(seed: int, seconds: float = 5.0, **more: float) -> Record:
+    return levitated_together([seed], seconds, **more)[0]
+
+
+def levitated_together(
+    seeds: Sequence[int], seconds: float = 5.0, excitation: float = 20.0, noise_std: float = 1e-6
 ) -> list[Record]:
     """Return forces (held), positions, and the excitation that was added, of a record a seed."""
     m, c, k = TRUTH["m"], TRUTH["c"], TRUTH["k"]
@@ -72,7 +77,7 @@ def deviations(estimate) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def record():
-    return levitated(1)[0]
+    return levitated(1)
 
 
 def lines_of(record, **more):
@@ -82,7 +87,7 @@ def lines_of(record, **more):
 @pytest.mark.slow
 def test_without_references_the_misfit_sees_the_closed_loop():
     """Inputs taken as free of noise, where the loop feeds the sensor's noise into them."""
-    (loud,) = levitated(1, excitation=5.0, noise_std=1e-5)
+    loud = levitated(1, excitation=5.0, noise_std=1e-5)
     strong = replace(loud, channels=loud.channels[:4], samples=loud.samples[:, :4])
     estimate = identify(MODEL, spectra(strong, (2.0, 200.0), inputs=MODEL.inputs), KNOWN)
     assert any("free of noise" in warning for warning in estimate.warnings)
@@ -107,7 +112,7 @@ def test_a_speed_otherwise_than_stated_is_named_before_anything_is_searched(
     """The lines show it by themselves; the model at that speed explains them."""
     monkeypatch.setattr(fit, "search", None)
     stated = replace(record, speed=-1.01 * SPEED)
-    (still,) = levitated(2, excitation=0.0)
+    still = levitated(2, excitation=0.0)
     more = {"quiet": replace(still, speed=-1.01 * SPEED)} if quiet else {}
     lines = lines_of(stated, **more)
     assert lines.shown == pytest.approx(-SPEED, rel=1e-5)
@@ -213,7 +218,7 @@ def test_only_what_lies_between_skip_and_until_is_used(record):
 def test_deviations_hold():
     """40 records: rms of error over deviation, coverage, and the misfit test."""
     quick = replace(KNOWN, effort="quick")
-    found = [identify(MODEL, lines_of(record), quick) for record in levitated(*range(40))]
+    found = [identify(MODEL, lines_of(record), quick) for record in levitated_together(range(40))]
     scaled = np.array([deviations(estimate) for estimate in found])
     p_values = np.array([estimate.misfit.p_value for estimate in found])
     assert 0.85 < np.sqrt((scaled**2).mean()) < 1.15
@@ -519,7 +524,7 @@ REFERENCES = 'references = ["ex", "ey"]'
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
-    for name, record in (("run", levitated(1)[0]), ("quiet", levitated(2, excitation=0.0)[0])):
+    for name, record in (("run", levitated(1)), ("quiet", levitated(2, excitation=0.0))):
         samples = record.samples * [1, 1, 1e6, 1e6, 1, 1]
         np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER, comments="")
     return folder
@@ -578,7 +583,7 @@ def turning(tmp_path_factory):
     folder = tmp_path_factory.mktemp("turning")
     later = round(np.pi / 4 / SPEED * RATE)
     for name, seed, first in (("first", 1, 0), ("second", 2, later)):
-        (record,) = levitated(seed, excitation=5.0)
+        record = levitated(seed, excitation=5.0)
         samples = (record.samples * [1, 1, 1e6, 1e6, 1, 1])[first:]
         np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER, comments="")
     return folder
@@ -611,7 +616,7 @@ def test_records_that_count_the_angle_from_two_zeros_are_refused(turning):
 def test_an_unknown_phase_starts_where_the_rotation_stands(turn):
     """From the other side of the circle the search ended nowhere, after minutes."""
     later = round(turn / SPEED * RATE)
-    runs = levitated(1, 2)
+    runs = levitated_together([1, 2])
     runs[1] = replace(runs[1], samples=runs[1].samples[later:], phase_known=False)
     lines = [rid.spectra(run, (2.0, 200.0), references=["r_x", "r_y"]) for run in runs]
     (asked,) = phases(bind_all(MODEL, lines), Nuisances())

@@ -205,6 +205,23 @@ def walk_down(monkeypatch):
     return made
 
 
+@pytest.mark.parametrize(("promise", "tried"), [(1.1e-4, 25), (0.9e-4, 1)])
+def test_a_shortened_step_promises_a_tenth_of_the_tolerance(walk_down, promise, tried):
+    """Of a cost of 10.0 and a tolerance of 1e-4; the first step is tried in any case."""
+    walk, lengths = walk_down(10, cost=10.0), list[float]()
+    where = walk.problem.gradient(walk.problem.best_at(np.zeros(1)))
+    where.promised = lambda along: promise
+
+    def higher(point, where, along, bounded):
+        lengths.append(along)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solver, "tangent", lambda *at: where)
+        patch.setattr(solver, "_stepped", higher)
+        walk.descend(0.0, tolerance=1e-4, limit=1)
+    assert len(lengths) == tried
+
+
 def test_a_homotopy_grants_each_stage_a_tenth_of_the_last_and_none_in_the_end(walk_down):
     problem = walk_down(0).problem
     found = solver._descended(problem, np.zeros(1), solver.STAGES, False)
@@ -245,8 +262,8 @@ def test_four_steps_lead_back_to_the_floor_of_a_valley(walk_down, monkeypatch, b
     lower = iter(heights[-2::-1])
     monkeypatch.setattr(solver, "_across", lambda *step: next(lower))
     point = SimpleNamespace(cost=10.0, unknowns=np.zeros(1))
-    where = SimpleNamespace(step=lambda radius: np.ones(1))
-    trial, radius = walk._forward(point, where, np.inf)
+    where = SimpleNamespace(step=lambda radius: np.ones(1), promised=lambda along: 1.0)
+    trial, radius = walk._forward(point, where, np.inf, worth=0.0)
     assert trial is not None
     assert (radius == 4.0) == at_once  # a step that is good at once makes the next one longer
 
