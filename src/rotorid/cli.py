@@ -34,9 +34,10 @@ _FILE = click.Path(path_type=Path)
 _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
 _PLANE = "A place, or the pair of coordinates or inputs of its force: x2,y2. Again for more."
-_MODULES = dict.fromkeys(("balance", "modes"), "machines") | dict.fromkeys(
-    ("demo", "export", "models", "new", "report", "schema", "simulate"), "files"
-)
+_MODULES = {
+    **{"balance": "machines", "modes": "machines", "validate": "identify"},
+    **dict.fromkeys(("demo", "export", "models", "new", "report", "schema", "simulate"), "files"),
+}
 _Command = Callable[..., Any]
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 

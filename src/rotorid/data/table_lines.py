@@ -63,7 +63,8 @@ def phasor_lines(
     given = np.asarray(phasors, dtype=np.complex128)
     with naming(source):
         still = "a speed other than 0"
-        _refuse_rows("phasor", given, "speed", turning, "channel", channels, turning == 0, still)
+        named, stands = "phasor speed channel", turning == 0
+        _refuse_rows(named, given, turning, len(channels), stands, still)
         known = None if std is None else _deviations(std, given, PHASOR_STD)
         order = np.argsort(turning, kind="stable")
         as_lines: Complexes = given / 2
@@ -126,20 +127,14 @@ def _diagonal(variance: Floats, dof: int, kind: Kind) -> LineCovariance:
 
 
 def _refuse_rows(
-    what: str,
-    values: Complexes,
-    row: str,
-    rows: Floats,
-    column: str,
-    columns: Sequence[Channel],
-    wrong: Booleans,
-    otherwise: str,
+    named: str, values: Complexes, rows: Floats, columns: int, wrong: Booleans, otherwise: str
 ) -> None:
     """Refuse a table of another shape, and rows that are `wrong` or not finite."""
-    if rows.ndim != 1 or not values.size or values.shape != (len(rows), len(columns)):
+    what, row, column = named.split()
+    if rows.ndim != 1 or not values.size or values.shape != (len(rows), columns):
         raise InputError(
             f"{what}s of shape {values.shape} for rows of shape {rows.shape}",
-            f"a row per {row}, {len(columns) or 'some'} {column}s",
+            f"a row per {row}, {columns or 'some'} {column}s",
             f"give one {what} per {row} and {column}",
         )
     possible = (np.abs(values) < MAGNITUDE).all(axis=1) & (np.abs(rows) < MAGNITUDE)
@@ -321,7 +316,8 @@ def response_lines(
     found = np.asarray(responses, dtype=np.complex128)
     with naming(source):
         positive = "no negative frequency"
-        _refuse_rows("response", found, "frequency", hertz, "sensor", sensors, hertz < 0, positive)
+        named, below = "response frequency sensor", hertz < 0
+        _refuse_rows(named, found, hertz, len(sensors), below, positive)
         apart = np.diff(np.sort(hertz[hertz > 0]))
         if not len(apart) or not (apart > 0).all():
             raise InputError(

@@ -430,16 +430,9 @@ def lines_of(plan: Recording, record: Record, model: Model, *, currents: bool) -
 
 
 def said_of(entry: RecordKeys) -> dict[str, Any]:
-    return {
-        "sample_rate": entry.sample_rate,
-        "time": None if entry.time is None else Source(entry.time.column, entry.time.unit),
-        "speed": entry.speed.value,
-        "phase": entry.phase,
-        "until": entry.until,
-        "fundamental": entry.fundamental,
-        "header_row": entry.header_row,
-        "overrule": entry.overrule,
-    }
+    keys = ("sample_rate", "phase", "until", "fundamental", "header_row", "overrule")
+    time = None if entry.time is None else Source(entry.time.column, entry.time.unit)
+    return {key: getattr(entry, key) for key in keys} | {"time": time, "speed": entry.speed.value}
 
 
 Watch = Callable[[Record | RecordBlocks], Callable[[Floats], None]]

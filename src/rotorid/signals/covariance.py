@@ -11,16 +11,17 @@ from rotorid.core.errors import InputError
 from rotorid.core.values import Arrays, Complexes, frozen
 
 Kind = Literal[
-    "white",
-    "correlated",
-    "references",
-    "quiet",
-    "inputs",
-    "stated",
-    "known",
-    "repeated",
-    "coherence",
+    "white",  # the scatter between periods
+    "correlated",  # neighbouring lines of periods
+    "references",  # a local polynomial with references
+    "quiet",  # a quiet record
+    "inputs",  # a local polynomial with the measured inputs for references
+    "stated",  # the user
+    "known",  # a plan
+    "repeated",  # repeated readings
+    "coherence",  # that of responses: diagonal, and each variance has `dof` of its own
 ]
+"""Where a covariance came from."""
 
 KNOWN = 10**12
 """Degrees of freedom of a covariance that is known."""
@@ -35,11 +36,6 @@ class LineCovariance(Arrays):
     # kept
     matrices: Complexes
     dof: int  # complex degrees of freedom of the estimate
-    # {"white", "correlated", "references", "quiet", "inputs", "stated", "known": "repeated",
-    # "coherence"} Where it came from: the scatter between periods, neighbouring lines of periods, a
-    # local polynomial with references, a quiet record, a local polynomial with the measured inputs
-    # for references, the user, a plan, repeated readings, or the coherence of frequency responses:
-    # then it is diagonal, and each variance has `dof` of its own
     kind: Kind
     # share of a line's noise that is not in its own covariance: 1 for the scatter of periods, less
     # where the residual of the line itself is among those that the covariance is made of
