@@ -98,6 +98,7 @@ def role_of(name: str, unit: str | None) -> Role:
     return "channel"
 
 
+@lru_cache(maxsize=4096)
 def _leaf(name: str) -> str:
     """Return the last part of a path; "Pos A/X" is none."""
     return _NO_PATH.sub(r"\1 \2", name).rsplit("/", 1)[-1]
@@ -130,14 +131,9 @@ def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
 
 def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, str, int]]:
     """Return likeness, rank, quantity and place of what may belong together, the likest first."""
-    places: dict[tuple[str, ...], list[int]] = {}
-    for place, column in enumerate(columns):
-        for marks in {_marks(option) for option in _options(column.name, is_input=False)}:
-            places.setdefault(marks, []).append(place)
     found = []
-    for rank, (quantity, unit) in enumerate(_quantities(model).items()):
-        for place in places.get(_marks(_plain(quantity)), ()):
-            column = columns[place]
+    for place, column in enumerate(columns):
+        for rank, (quantity, unit) in enumerate(_quantities(model).items()):
             if column.unit is None or converts(column.unit, unit):
                 score = likeness(quantity, column.name, quantity in model.inputs)
                 if score >= _LIKE - _TIE:
@@ -149,7 +145,7 @@ def by_planes(
     model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
 ) -> dict[str, Found]:
     """Return columns of planes in their order: "Pos A X", "Pos B X" may be x1, x3 of a model."""
-    planes = _planes(model.inputs)
+    planes = list(dict.fromkeys(key[0] for name in model.inputs if (key := _place(name))))
     found: dict[str, Found] = {}
     free = [c for c in columns if c not in taken.values()]
     for names in (model.inputs, model.coordinates):
@@ -183,10 +179,6 @@ def _in_order(
         if (column := places.get((order[plane], order.get(axis, ""))))
     }
     return found if len(found) == len(like) else {}
-
-
-def _planes(names: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(key[0] for name in names if (key := _place(name))))
 
 
 def _place(name: str, letters: str = _AXES[0]) -> tuple[str, str] | None:
@@ -224,7 +216,7 @@ def _at_inputs(model: Model, like: Sequence[Found]) -> dict[str, Found]:
     """Return the columns in the planes of the inputs; nothing where one is left over."""
     inputs = {key: name for name in model.inputs if (key := _place(name))}
     whole = len(inputs) == len(model.inputs) == len(like)
-    return _in_order(inputs, like, _planes(model.inputs)) if whole else {}
+    return _in_order(inputs, like, list(dict.fromkeys(p for p, _ in inputs))) if whole else {}
 
 
 def currents(
@@ -242,18 +234,11 @@ def currents(
 
 
 def likeness(quantity: str, column: str, is_input: bool) -> float:
-    wanted = _plain(quantity)
-    options = _options(column, is_input=is_input) if wanted else []
-    return max((_alike(wanted, option) for option in options), default=0.0)
-
-
-def _options(column: str, *, is_input: bool) -> list[str]:
-    """Return what a column's name may be of, in small letters and figures."""
-    name = _plain(_leaf(column))
+    wanted, name = _plain(quantity), _plain(_leaf(column))
     options = [name]
-    if not is_input:
-        options += [name[1:] for first in _FIRST_OF_POSITION if name.startswith(first)]
-    return [option for option in options if option]
+    if not is_input and name.startswith(_FIRST_OF_POSITION):
+        options.append(name[1:])
+    return max(_alike(wanted, option) if option and wanted else 0.0 for option in options)
 
 
 @lru_cache(maxsize=4096)
