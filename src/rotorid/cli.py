@@ -108,23 +108,8 @@ def _writes(command: _Command) -> _Command:
     return _quiet_option(_force_option(_debug_option(command)))
 
 
-def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted and not context.resilient_parsing:
-        from rotorid import __version__  # its look-up takes its time
-
-        click.echo(f"rotorid, version {__version__}")
-        context.exit()
-
-
 @click.group(no_args_is_help=False, context_settings=_SETTINGS)
-@click.option(
-    "--version",
-    is_flag=True,
-    expose_value=False,
-    is_eager=True,
-    callback=_print_version,
-    help="Show the version and exit.",
-)
+@click.version_option(package_name="rotorid", prog_name="rotorid")
 @_debug_option
 def cli() -> None:
     """Physical parameters of magnetically levitated rotors, from measured forces and positions."""

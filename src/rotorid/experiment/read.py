@@ -52,10 +52,6 @@ class Recording:
     def paths(self) -> list[Path]:
         return [self.folder / name for name in self.entry.paths]
 
-    @property
-    def of_table(self) -> dict[str, Channel]:
-        return {name: one.channel(name, one.expected or "") for name, one in self.sources.items()}
-
 
 _UNIT_OF = {
     "samples": "the unit of the sensor",

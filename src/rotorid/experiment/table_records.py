@@ -52,11 +52,6 @@ class Columns:
         check_magnitude(largest_of(found.values), factor, place)
         return np.asarray(found.values * factor)
 
-    def has(self, column: str) -> bool:
-        with suppress(InputError):
-            return bool(self.table.find(column))
-        return False
-
 
 def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
     """Return X of a channel in a unit: what the instrument states, as Re(X exp(i phi)) has it."""
@@ -93,7 +88,9 @@ def std_column(
     if entry.std is None:
         return None
     place = f"channels.{name}.std"
-    own = rows.has(entry.std)
+    own = False
+    with suppress(InputError):
+        own = bool(rows.table.find(entry.std))
     if own:
         found = rows.si(entry.std, entry.unit, expected, place)
         check_lengths(found, values, place)
@@ -129,9 +126,9 @@ class _Read(NamedTuple):
 
 def _of_table(plan: Recording, model: Model, rows: Columns, axis: Floats | None) -> list[_Read]:
     """Return the channels of a table: a row per frequency, or per speed, if that is no column."""
-    found, channels = list[_Read](), plan.of_table
+    found = list[_Read]()
     for name, one in plan.channels.items():
-        place, channel, coherence = f"channels.{name}", channels[name], None
+        place, channel, coherence = f"channels.{name}", plan.sources[name].channel(name), None
         unit = channel.unit if one.input is None else f"({channel.unit})/({model.units[one.input]})"
         values = complex_column(rows, name, one, unit)
         axis = np.full(len(values), plan.entry.speed.value) if axis is None else axis
@@ -207,9 +204,9 @@ def _of_universal(plan: Recording, model: Model) -> list[_Read]:
     stored: dict[str, StoredResponse] = {}
     for path in plan.paths:
         stored |= formats.read_responses(path)
-    found, channels = list[_Read](), plan.of_table
+    found = list[_Read]()
     for name, one in plan.channels.items():
-        place, channel, std = f"channels.{name}", channels[name], None
+        place, channel, std = f"channels.{name}", plan.sources[name].channel(name), None
         data = stored.get(one.column or "")
         if data is None:
             raise InputError(

@@ -42,7 +42,8 @@ class Source:
     dynamics: Dynamics | None = None  # see `Channel`
     alone: bool = False  # its column is that of no other source that is alone
 
-    def channel(self, name: str, unit: str) -> Channel:
+    def channel(self, name: str, unit: str | None = None) -> Channel:
+        unit = self.expected or "" if unit is None else unit
         said = self.reads, self.hold, self.delay, self.delay_std, self.gain_std
         return Channel(name, unit, *said, dynamics=self.dynamics)
 
