@@ -112,12 +112,10 @@ def extended(samples: Floats, before: int, after: int, period: int | None) -> Fl
     if period is not None and period <= count:
         head = samples[:period][np.arange(-before, 0) % period]
         tail = samples[count - period :][np.arange(after) % period]
-    elif max(before, after) < count:
-        head = 2 * samples[0] - samples[before:0:-1]
-        tail = 2 * samples[-1] - samples[-2 : -after - 2 : -1]
-    else:
-        head, tail = np.full(before, samples[0]), np.full(after, samples[-1])
-    return np.concatenate([head, samples, tail])
+        return np.concatenate([head, samples, tail])
+    if max(before, after) < count:
+        return np.pad(samples, (before, after), "reflect", reflect_type="odd")
+    return np.pad(samples, (before, after), "edge")
 
 
 REACH = 512
