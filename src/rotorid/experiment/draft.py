@@ -98,7 +98,6 @@ def role_of(name: str, unit: str | None) -> Role:
     return "channel"
 
 
-@lru_cache(maxsize=4096)
 def _leaf(name: str) -> str:
     """Return the last part of a path; "Pos A/X" is none."""
     return _NO_PATH.sub(r"\1 \2", name).rsplit("/", 1)[-1]
@@ -131,9 +130,14 @@ def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
 
 def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, str, int]]:
     """Return likeness, rank, quantity and place of what may belong together, the likest first."""
-    found = []
+    places: dict[tuple[str, ...], list[int]] = {}
     for place, column in enumerate(columns):
-        for rank, (quantity, unit) in enumerate(_quantities(model).items()):
+        for marks in {_marks(option) for option in _options(column.name, is_input=False)}:
+            places.setdefault(marks, []).append(place)
+    found = []
+    for rank, (quantity, unit) in enumerate(_quantities(model).items()):
+        for place in places.get(_marks(_plain(quantity)), ()):
+            column = columns[place]
             if column.unit is None or converts(column.unit, unit):
                 score = likeness(quantity, column.name, quantity in model.inputs)
                 if score >= _LIKE - _TIE:
@@ -234,11 +238,16 @@ def currents(
 
 
 def likeness(quantity: str, column: str, is_input: bool) -> float:
-    wanted, name = _plain(quantity), _plain(_leaf(column))
-    options = [name]
-    if not is_input and name.startswith(_FIRST_OF_POSITION):
-        options.append(name[1:])
-    return max(_alike(wanted, option) if option and wanted else 0.0 for option in options)
+    wanted = _plain(quantity)
+    options = _options(column, is_input=is_input) if wanted else []
+    return max((_alike(wanted, option) for option in options), default=0.0)
+
+
+def _options(column: str, *, is_input: bool) -> list[str]:
+    """Return what a column's name may be of, in small letters and figures."""
+    name = _plain(_leaf(column))
+    beside = [name[1:]] if not is_input and name.startswith(_FIRST_OF_POSITION) else []
+    return [option for option in (name, *beside) if option]
 
 
 @lru_cache(maxsize=4096)
