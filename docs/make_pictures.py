@@ -15,7 +15,7 @@ import numpy as np
 from rotorid import MaximumLikelihood, PeriodicRecord, Record, average, cli, identify, load_model
 from rotorid.commands.files import NOISE
 from rotorid.demo import FUNDAMENTAL, HARMONICS, PERIODS, rms_panel, run_demo, simulate_record
-from rotorid.report.drawn import BLUE, GREY, Axis, Curve, Panel, waves
+from rotorid.report.drawn import BLUE, GREY, Axis, Curve, Panel, over_time, wave
 from rotorid.report.figure import figure_of
 from rotorid.results.evidence import record_evidence
 
@@ -72,7 +72,9 @@ def overview(folder: Path) -> None:
     room = replace(errors.x, ends=(0.03, 60.0))  # for the key beside the points
     panels = [
         line_filter(record, periods, "x1"),
-        replace(waves(predicted)[0], title="2. Fit the equations of motion to the forces"),
+        replace(
+            over_time(predicted, wave)[0], title="2. Fit the equations of motion to the forces"
+        ),
         replace(errors, x=room, title="3. Read the rotor's parameters"),
     ]
     figure = figure_of(panels, columns=3, apart=True)

@@ -130,7 +130,7 @@ def test_printed_truth_is_that_of_the_model(row):
 
 def test_table_holds_every_base_parameter_once(demo):
     assert sorted(row.base for row in TABLE) == sorted(demo.names)
-    assert (*COLUMNS, "ml") == demo.estimators
+    assert [*COLUMNS, "ml"] == list(demo.values)
 
 
 @pytest.mark.slow
@@ -139,7 +139,7 @@ def test_records_depend_on_the_generator_alone():
     two = run_demo(2, rng=np.random.default_rng(5))
     with watched(lambda say, done=0, of=None: seen.append((done, of))):
         three = run_demo(3, rng=np.random.default_rng(5))
-    for name in two.estimators:
+    for name in two.values:
         np.testing.assert_array_equal(two.values[name], three.values[name][:2])
         assert not np.array_equal(three.values[name][0], three.values[name][1])
     assert seen == [(0, 3), (1, 3), (2, 3)]
@@ -172,7 +172,7 @@ def imagined(demo: DemoResult, runs: int = 400, **spread: tuple[float, float]) -
     """A result with errors of a given bias and scatter in %, by estimator."""
     rng = np.random.default_rng(8)
     values, deviations = {}, {}
-    for name in demo.estimators:
+    for name in demo.values:
         bias, scatter = spread.get(name.replace("-", "_"), (0, 0.4))
         errors = bias + scatter * rng.standard_normal((runs, len(demo.truth)))
         values[name] = demo.truth * (1 + errors / 100)

@@ -118,10 +118,6 @@ class DemoResult:
         return tuple(row.base for row in TABLE)
 
     @property
-    def estimators(self) -> tuple[str, ...]:
-        return tuple(self.values)
-
-    @property
     def runs(self) -> int:
         return min(len(values) for values in self.values.values())
 
@@ -165,7 +161,7 @@ class DemoResult:
                     rms_percent=self.rms(name),
                     median_abs_percent=self.median(name),
                 )
-                for name in self.estimators
+                for name in self.values
             },
             "bound": told(rms_percent=self.bound_percent),
         }
@@ -252,7 +248,7 @@ def findings(result: DemoResult) -> list[str]:
             f": ls treats the noisy positions as exact, so that {small} of {len(result.names)} "
             "parameters come out too small, and its deviations do not cover the bias"
         )
-    honest = [name for name in result.estimators if name != "ls"]  # bias is in no deviation
+    honest = [name for name in result.values if name != "ls"]  # bias is in no deviation
     over = np.concatenate([result.scatter_over_stated(name) for name in honest])
     return [
         bound,
@@ -268,7 +264,7 @@ def findings(result: DemoResult) -> list[str]:
 
 def by_merit(result: DemoResult) -> list[str]:
     """Return the estimators, first the one that stands beside the bound."""
-    return sorted(result.estimators, key=lambda name: name != "ml")
+    return sorted(result.values, key=lambda name: name != "ml")
 
 
 def bias_share(result: DemoResult, estimator: str) -> Floats:
@@ -346,7 +342,7 @@ def rms_panel(result: DemoResult) -> Panel:
     place = np.arange(len(result.names), dtype=float)
     curves = [
         Curve(result.rms(name), place, name, COLOURS.get(name, PINK), "dots")
-        for name in result.estimators
+        for name in result.values
     ]
     bound = Curve(result.bound_percent, place, "the least possible", GREY, "diamonds")
     axis = Axis(f"rms error in %, {result.records}", log=True)

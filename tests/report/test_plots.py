@@ -31,17 +31,18 @@ from rotorid.report.drawn import (
     Curve,
     Panel,
     correlation,
-    differences,
+    difference,
     envelope,
     label,
     lines,
     misfit,
+    over_time,
     residual,
     response,
     samples,
     shapes,
     spectra,
-    waves,
+    wave,
 )
 from rotorid.report.drawn import campbell as campbell_panel
 from rotorid.report.figure import figure_of
@@ -103,10 +104,10 @@ def test_positions_are_drawn_in_micrometres(periods):
 @pytest.mark.parametrize("name", ["batch-100", "ml"])
 def test_predicted_forces_have_the_error_that_the_estimate_states(estimates, evidence, name):
     stated, record = estimates[name].prediction, evidence[name]
-    for channel, over_time, on_lines in zip(
-        record.channels[:4], waves(record), lines(record), strict=False
+    for channel, waves, on_lines in zip(
+        record.channels[:4], over_time(record, wave), lines(record), strict=False
     ):
-        measured, predicted = curve(over_time, "measured").y, curve(over_time, "predicted").y
+        measured, predicted = curve(waves, "measured").y, curve(waves, "predicted").y
         error = np.linalg.norm(predicted - measured) / np.linalg.norm(measured)
         prediction = stated[channel.name]
         assert prediction is not None
@@ -114,16 +115,16 @@ def test_predicted_forces_have_the_error_that_the_estimate_states(estimates, evi
         assert channel.error == pytest.approx(prediction.relative_error, rel=1e-5)
         away, size = curve(on_lines, "predicted less").y, curve(on_lines, "measured").y
         assert np.linalg.norm(away) / np.linalg.norm(size) == pytest.approx(error, rel=2e-3)
-        assert f"{100 * channel.error:.2g} %" in over_time.title
+        assert f"{100 * channel.error:.2g} %" in waves.title
 
 
 def test_forces_are_drawn_over_one_period_with_their_noise(evidence):
     record = evidence["ml"]
-    panels = waves(record)
+    panels = over_time(record, wave)
     assert [panel.y.title for panel in panels] == [f"F_{n} in N" for n in ("x1", "y1", "x3", "y3")]
     assert panels[0].x.title == "time in ms"
     np.testing.assert_allclose(curve(panels[0], "predicted").x, np.arange(250) / 5)
-    for panel, left in zip(panels, differences(record), strict=True):
+    for panel, left in zip(panels, over_time(record, difference), strict=True):
         band, away = curve(left, "95"), curve(left, "predicted")
         assert band.base is not None
         np.testing.assert_allclose(band.base, -band.y)
@@ -211,8 +212,8 @@ def test_every_panel_is_what_plotly_takes(record, periods, evidence):
     """The library that draws it knows every key, and the numbers are JSON."""
     predicted = evidence["ml"]
     panels = [
-        *waves(predicted),
-        *differences(predicted),
+        *over_time(predicted, wave),
+        *over_time(predicted, difference),
         *lines(predicted),
         *residual(predicted),
         *spectra(periods)[:1],
@@ -235,7 +236,7 @@ def test_names_are_no_markup_in_a_page():
 
 def test_pictures_are_the_same_each_time_and_leave_no_trace(evidence):
     before = dict(mpl.rcParams)
-    first, second = (figure_of(waves(evidence["ml"]), columns=3) for _ in range(2))
+    first, second = (figure_of(over_time(evidence["ml"], wave), columns=3) for _ in range(2))
     for one, other in zip(first.axes, second.axes, strict=True):
         for a, b in zip(one.lines, other.lines, strict=True):
             np.testing.assert_array_equal(a.get_xydata(), b.get_xydata())

@@ -210,11 +210,7 @@ RPM = 30 / np.pi
 HERTZ = Axis("frequency in Hz")
 
 
-def waves(record: Source) -> list[Panel]:
-    return _over_time(record, wave)
-
-
-def _over_time(record: Source, draw: Callable[[Any, Floats, str], Panel]) -> list[Panel]:
+def over_time(record: Source, draw: Callable[[Any, Floats, str], Panel]) -> list[Panel]:
     time = np.asarray(record.time_s, dtype=float)
     if not len(time):
         return []
@@ -247,11 +243,7 @@ def _noise_band(
     return (Curve(time, about + noise, told, colour, "band", base=about - noise),)
 
 
-def differences(record: Source) -> list[Panel]:
-    return _over_time(record, _difference)
-
-
-def _difference(channel: Any, time: Floats, title: str) -> Panel:
+def difference(channel: Any, time: Floats, title: str) -> Panel:
     unit, factor = shown_unit(channel.unit)
     away = factor * (np.asarray(channel.wave_predicted) - np.asarray(channel.wave_measured))
     curves = (
@@ -642,7 +634,7 @@ widest section: names of marks at one place stand above each other."""
 
 def drawing(rotor: Source) -> Panel:
     widest = 1e3 * max(section.outer for section in rotor.sections) / 2
-    curves = [_edge(rotor, 1.0, "shaft"), _edge(rotor, -1.0, "shaft")]
+    curves = [_edge(rotor, 1.0), _edge(rotor, -1.0)]
     for key, word, _, colour, height in MARKS:
         table = getattr(rotor, key)
         if table:
@@ -659,11 +651,11 @@ def drawing(rotor: Source) -> Panel:
     )
 
 
-def _edge(rotor: Source, side: float, label: str) -> Curve:
+def _edge(rotor: Source, side: float) -> Curve:
     """Return the metal above or below the axis, as a band from bore to surface."""
     borders = np.cumsum([0.0, *(section.length for section in rotor.sections)])
     x = np.repeat(borders, 2)[1:-1]
     outer = np.repeat([section.outer / 2 for section in rotor.sections], 2)
     inner = np.repeat([section.inner / 2 for section in rotor.sections], 2)
     upper, lower = (outer, inner) if side > 0 else (-inner, -outer)
-    return Curve(1e3 * x, 1e3 * upper, label, SKY, "band", base=1e3 * lower)
+    return Curve(1e3 * x, 1e3 * upper, "shaft", SKY, "band", base=1e3 * lower)

@@ -353,7 +353,11 @@ def estimate_report(estimate: Estimate) -> str:
             *(_titled(one) for one in others if one.headings[0] in EARLY),
             Passage("How well the channels are predicted", PREDICTED, channels_table(records)),
             Passage("Assumptions and their effect", EXACT, items=exact),
-            *_drawn(model),
+            Passage(
+                "The rotor",
+                "The rotor as it is drawn, and what stands on it.",
+                panels=(drawn.drawing(model.rotor),) if isinstance(model, RotorModel) else (),
+            ),
             *record_pictures(records),
             *_own_pictures(estimate, records),
             *([] if model is None or model.linear is None else [machine_part(estimate, fastest)]),
@@ -397,12 +401,6 @@ def _work(estimate: Estimate, model: Model | None) -> Iterator[Passage]:
 def _titled(one: Table) -> Passage:
     head = one.headings[0]
     return Passage(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
-
-
-def _drawn(model: Model | None) -> Iterator[Passage]:
-    if isinstance(model, RotorModel):
-        told = "The rotor as it is drawn, and what stands on it."
-        yield Passage("The rotor", told, panels=(drawn.drawing(model.rotor),))
 
 
 def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Passage]:
@@ -456,13 +454,13 @@ def record_pictures(
         yield Passage(
             f"Measured and predicted signals{where}",
             f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
-            panels=tuple(drawn.waves(record)),
+            panels=tuple(drawn.over_time(record, drawn.wave)),
         )
         yield Passage(
             f"What is left over time{where}",
             f"Predicted less measured, on a scale of its own; the band holds 95 % of what "
             f"{noise} of it.",
-            panels=tuple(drawn.differences(record)),
+            panels=tuple(drawn.over_time(record, drawn.difference)),
         )
         yield Passage(
             f"Measured and predicted, {each}{where}",

@@ -235,7 +235,7 @@ def sensitivity(
         ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
         first = quantity(skip, "s", place="skip")
         whole = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
-        axes = [each.axis(name) for name, each in whole.items()]
+        axes = [_located(name, *each) for name, each in whole.items()]
     return [_settled(axis) for axis in axes]
 
 
@@ -248,6 +248,8 @@ def _settled(axis: AxisSensitivity) -> AxisSensitivity:
 
 Raw = tuple[Floats, Complexes, Floats, Floats]
 """Frequency, S, variance of the complex number, and degrees of freedom, of each line."""
+Whole = tuple[Raw, LoopLines, list[tuple[float, float]]]
+"""Of an axis of a whole record: S in windows, the lines, and how high S may be where."""
 
 
 def _not_excited(axis: str) -> InputError:
@@ -315,44 +317,38 @@ def _noise(residual: Complexes, weights: Complexes) -> tuple[float, float]:
     return variance, freedom
 
 
-@frozen
-class _Whole:
-    """One axis of a whole record: S in windows, the lines, and where S may be highest."""
-
-    raw: Raw
-    band: LoopLines
-    candidates: list[tuple[float, float]]
-
-    def axis(self, name: str) -> AxisSensitivity:
-        """Return S with its peak: the highest of those near the highest windows."""
-        found: list[Peak] = []
-        tried = 0
-        for _, hertz in sorted(self.candidates, reverse=True):
-            if _looked_at(hertz, found):
-                continue
-            peak = peak_near(self.band, hertz)
-            if peak is None or (found and peak.unsure > RIVAL):
-                break
-            if not _looked_at(peak.hertz, found):
-                found.append(peak)
-            tried += 1
-            if tried == CANDIDATES:
-                break
-        if not found:
-            return replace(_axis(name, *self.raw), caveat=UNTOLD)
-        best = max(found, key=lambda each: each.size)
-        ends = np.max([each.interval(CONFIDENCE) for each in found], axis=0)
-        frequency, values, variance, _ = self.raw
-        at = int(np.searchsorted(frequency, best.hertz))
-        return AxisSensitivity(
-            name,
-            np.insert(frequency, at, best.hertz),
-            np.insert(values, at, best.value),
-            np.insert(np.sqrt(variance / 2), at, best.std),
-            best.size,
-            best.hertz,
-            (float(ends[0]), float(ends[1])),
-        )
+def _located(
+    name: str, raw: Raw, band: LoopLines, candidates: Sequence[tuple[float, float]]
+) -> AxisSensitivity:
+    """Return S of a whole record with its peak: the highest of those near the highest windows."""
+    found: list[Peak] = []
+    tried = 0
+    for _, hertz in sorted(candidates, reverse=True):
+        if _looked_at(hertz, found):
+            continue
+        peak = peak_near(band, hertz)
+        if peak is None or (found and peak.unsure > RIVAL):
+            break
+        if not _looked_at(peak.hertz, found):
+            found.append(peak)
+        tried += 1
+        if tried == CANDIDATES:
+            break
+    if not found:
+        return replace(_axis(name, *raw), caveat=UNTOLD)
+    best = max(found, key=lambda each: each.size)
+    ends = np.max([each.interval(CONFIDENCE) for each in found], axis=0)
+    frequency, values, variance, _ = raw
+    at = int(np.searchsorted(frequency, best.hertz))
+    return AxisSensitivity(
+        name,
+        np.insert(frequency, at, best.hertz),
+        np.insert(values, at, best.value),
+        np.insert(np.sqrt(variance / 2), at, best.std),
+        best.size,
+        best.hertz,
+        (float(ends[0]), float(ends[1])),
+    )
 
 
 def _looked_at(hertz: float, found: Sequence[Peak]) -> bool:
@@ -361,19 +357,19 @@ def _looked_at(hertz: float, found: Sequence[Peak]) -> bool:
 
 def _of_whole(
     records: Sequence[Record], pairs: Mapping[str, str], band: tuple[float, float], skip: float
-) -> dict[str, _Whole]:
+) -> dict[str, Whole]:
     """Return each axis from the record that tells most of its lines."""
-    found: dict[str, _Whole] = {}
+    found: dict[str, Whole] = {}
     for record in records:
         groups = (list(pairs), list(pairs.values()))
         frequency, (e, r), rotation = whole_lines(record, band, groups, skip)
         for j, (name, (raw, candidates)) in enumerate(
             zip(pairs, _windows(frequency, e, r, rotation), strict=True)
         ):
-            most = len(found[name].raw[0]) if name in found else FEWEST - 1
+            most = len(found[name][0][0]) if name in found else FEWEST - 1
             if len(raw[0]) > most:
                 lines = LoopLines(frequency, e[:, j], r, rotation, j)
-                found[name] = _Whole(raw, lines, candidates)
+                found[name] = raw, lines, candidates
     for name in pairs:
         if name not in found:
             raise _not_excited(name)
