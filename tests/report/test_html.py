@@ -119,12 +119,12 @@ def test_demo_report_holds_table_and_findings(demo, demo_page):
     text = "".join(demo_page.text.split())
     for row in TABLE:
         index = demo.names.index(row.base)
-        rms = [f"{demo.rms(name)[index]:.3f}" for name in ("ml", *demo.estimators[:4])]
+        rms = [f"{demo.rms(name)[index]:.3f}" for name in ("ml", *[*demo.values][:4])]
         name = "".join(row.base.split())
         assert name + f"{demo.bound_percent[index]:.3f}" + "".join(rms) in text
         pairs = [
             f"{printed:.3f}{demo.median(name)[index]:.3f}"
-            for printed, name in zip(row.errors, demo.estimators[:4], strict=True)
+            for printed, name in zip(row.errors, [*demo.values][:4], strict=True)
         ]
         assert "".join(pairs) in text
 
