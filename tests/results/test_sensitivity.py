@@ -439,7 +439,7 @@ def whole(monkeypatch, unsure: float) -> tuple[sensitivity.AxisSensitivity, list
     monkeypatch.setattr(sensitivity, "peak_near", peak_near)
     raw = (np.array([5.0]), np.ones(1) + 0j, np.ones(1), np.ones(1))
     candidates = [(9.0 - k, 10.0 * k) for k in range(1, 6)]
-    axis = sensitivity._Whole(raw, None, candidates).axis("x")
+    axis = sensitivity._located("x", raw, None, candidates)
     return axis, asked
 
 

@@ -25,31 +25,12 @@ from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.force.reading import as_channels
 from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.equations import linear_combination
+from rotorid.rig import parts
 from rotorid.rig.controller import Controller, pid, side_by_side
 from rotorid.rig.faults import find_fault, with_faults
 from rotorid.rig.logger import Logged, RigRecord, read
-from rotorid.rig.parts import (
-    Actuator,
-    Encoder,
-    FluxSensors,
-    Keyphasor,
-    Logger,
-    PositionSensor,
-    ProcessNoise,
-    Rotation,
-    SensorRunout,
-    check_rate,
-    sensor_unit,
-)
 from rotorid.rig.rig import RIG_SAMPLES, Rig
-from rotorid.signals.multisine import (
-    Multisine,
-    full_harmonics,
-    leave_out,
-    minimize_crest,
-    multisine,
-    odd_harmonics,
-)
+from rotorid.signals import multisine
 
 Hertz = Annotated[float, si("Hz")]
 Seconds = Annotated[float, si("s")]
@@ -94,8 +75,8 @@ class ControllerEntry(Schema):
     D: list[list[Number]] | None = None
     feedback: dict[str, str] = Field(default_factory=dict)
 
-    def build(self, actuators: Sequence[Actuator]) -> Controller:
-        check_rate(self.rate, "rate")
+    def build(self, actuators: Sequence[parts.Actuator]) -> Controller:
+        parts.check_rate(self.rate, "rate")
         if self.kind == "pid":
             return side_by_side([self._pid(*part.slopes) for part in actuators])
         if self.kind == "transfer-function":
@@ -130,7 +111,7 @@ class ControllerEntry(Schema):
         return Controller(*signal.tf2ss(numerator, self.denominator), 1 / self.rate)
 
     def sensors_of(
-        self, model: Model, values: Mapping[str, float], sensors: Sequence[PositionSensor]
+        self, model: Model, values: Mapping[str, float], sensors: Sequence[parts.PositionSensor]
     ) -> tuple[str, ...]:
         """Return the sensor of each input: the one given, or that which reads its displacement."""
         found = []
@@ -182,7 +163,7 @@ class ActuatorEntry(LawEntry):
     noise: Quantity | None = None
     flux: FluxEntry | None = None
 
-    def actuator(self) -> Actuator:
+    def actuator(self) -> parts.Actuator:
         law = self._force_law()
         unit = "N" if law is None else "A"
         if (self.supply is None) != (self.inductance is None):
@@ -195,8 +176,8 @@ class ActuatorEntry(LawEntry):
         flux = None
         if self.flux is not None:
             angle = law.angle if isinstance(law, Differential) else 0.0
-            flux = FluxSensors(Flux(self.flux.area, self.flux.poles, angle), self.flux.noise)
-        return Actuator(
+            flux = parts.FluxSensors(Flux(self.flux.area, self.flux.poles, angle), self.flux.noise)
+        return parts.Actuator(
             law=law,
             limit=np.inf if self.limit is None else to_si(self.limit, unit, place="limit"),
             bandwidth=self.bandwidth,
@@ -219,7 +200,9 @@ class ActuatorEntry(LawEntry):
         return None
 
 
-def build_actuators(entries: Mapping[str, ActuatorEntry], model: Model) -> dict[str, Actuator]:
+def build_actuators(
+    entries: Mapping[str, ActuatorEntry], model: Model
+) -> dict[str, parts.Actuator]:
     """Return the actuator of each input: what ``all`` says, and what its own table changes."""
     require_names(entries, (ALL, *model.inputs), place="actuators")
     shared = entries.get(ALL, ActuatorEntry())
@@ -249,13 +232,13 @@ class SensorEntry(Schema):
     quantum: Quantity | None = None
     runout: list[RunoutEntry] = Field(default_factory=list)
 
-    def build(self, name: str, model: Model) -> PositionSensor:
+    def build(self, name: str, model: Model) -> parts.PositionSensor:
         place, reads = f"sensors.{name}", None
         if self.reads is None:
             require_names([name], model.coordinates, place="sensors")
         else:
             reads = linear_combination(self.reads, model.coordinates, place=f"{place}.reads")
-        unit = sensor_unit(reads or [name], model.units)
+        unit = parts.sensor_unit(reads or [name], model.units)
 
         def number(value: Quantity | None, key: str) -> float:
             return 0.0 if value is None else to_si(value, unit, place=f"{place}.{key}")
@@ -268,8 +251,8 @@ class SensorEntry(Schema):
             for i, o in enumerate(self.runout)
         ]
         with naming(place=place):
-            runout = tuple(SensorRunout(*part) for part in orders)
-            return PositionSensor(name, reads, noise, bias, quantum, runout)
+            runout = tuple(parts.SensorRunout(*part) for part in orders)
+            return parts.PositionSensor(name, reads, noise, bias, quantum, runout)
 
 
 class SignalEntry(Schema):
@@ -292,7 +275,7 @@ class ExcitationEntry(Schema):
     minimize_crest: bool = False
     signals: dict[str, SignalEntry] = Field(min_length=1)
 
-    def build(self, rate: float, seed: int) -> Multisine:
+    def build(self, rate: float, seed: int) -> multisine.Multisine:
         """Return the multisine for a controller's rate in Hz."""
         rng = np.random.default_rng([seed, 1])
         first = next(iter(self.signals.values()))
@@ -303,7 +286,7 @@ class ExcitationEntry(Schema):
         }
         with naming(place="excitation"):
             self._check_lines(rate)
-            signals = multisine(
+            signals = multisine.multisine(
                 self.fundamental,
                 self._lines(rng),
                 amplitude,
@@ -313,7 +296,7 @@ class ExcitationEntry(Schema):
                 rng=rng,
             )
         turned = signals.scaled([np.exp(1j * signal.phase) for signal in self.signals.values()])
-        return minimize_crest(turned) if self.minimize_crest else turned
+        return multisine.minimize_crest(turned) if self.minimize_crest else turned
 
     def _check_lines(self, rate: float) -> None:
         """Refuse lines that a controller cannot play, before they are laid out one by one."""
@@ -340,12 +323,12 @@ class ExcitationEntry(Schema):
             found = " and ".join(given) or "no lines"
             raise InputError(found, "one of harmonics, odd and full", "keep one of these")
         if self.odd is not None:
-            lines = odd_harmonics(self.odd)
+            lines = multisine.odd_harmonics(self.odd)
         elif self.full is not None:
-            lines = full_harmonics(self.full)
+            lines = multisine.full_harmonics(self.full)
         else:
             lines = np.array(self.harmonics)
-        return lines if self.leave_out is None else leave_out(lines, self.leave_out, rng)
+        return lines if self.leave_out is None else multisine.leave_out(lines, self.leave_out, rng)
 
 
 class EncoderEntry(Schema):
@@ -372,18 +355,18 @@ class LoggerEntry(Schema):
     encoder: EncoderEntry | None = None
     keyphasor: KeyphasorEntry | None = None
 
-    def build(self) -> Logger:
-        angle: Encoder | Keyphasor | None = None
+    def build(self) -> parts.Logger:
+        angle: parts.Encoder | parts.Keyphasor | None = None
         if self.encoder is not None and self.keyphasor is not None:
             raise InputError(
                 "both", "one of encoder and keyphasor", "remove one", place="logger.encoder"
             )
         with naming(place="logger"):
             if self.encoder is not None:
-                angle = Encoder(**dict(self.encoder))
+                angle = parts.Encoder(**dict(self.encoder))
             elif self.keyphasor is not None:
-                angle = Keyphasor(**dict(self.keyphasor))
-        return Logger(self.sample_rate, self.current, angle, oversampling=self.oversampling)
+                angle = parts.Keyphasor(**dict(self.keyphasor))
+        return parts.Logger(self.sample_rate, self.current, angle, oversampling=self.oversampling)
 
 
 class RigFile(Schema):
@@ -417,7 +400,7 @@ class RigFile(Schema):
         return Rig(
             model=model,
             values=values,
-            rotation=Rotation(**dict(self.rotation)),
+            rotation=parts.Rotation(**dict(self.rotation)),
             actuators=actuators,
             sensors=sensors,
             controller=controller,
@@ -440,7 +423,7 @@ class RigFile(Schema):
             model.values(known)  # refuses where one is missing
         return known
 
-    def _process_noise(self, model: Model) -> ProcessNoise:
+    def _process_noise(self, model: Model) -> parts.ProcessNoise:
         std = {}
         require_names(
             self.process_noise, (*model.inputs, *model.coordinates), place="process_noise"
@@ -449,7 +432,7 @@ class RigFile(Schema):
             angle = model.units[name] == "rad"
             unit = "N m" if angle else model.units[name] if name in model.inputs else "N"
             std[name] = to_si(quantity, unit, place=f"process_noise.{name}")
-        return ProcessNoise(std)
+        return parts.ProcessNoise(std)
 
 
 @frozen

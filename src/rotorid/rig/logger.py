@@ -15,16 +15,8 @@ from rotorid.data.record import Channel, Drive, Record
 from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential
 from rotorid.force.reading import ForceReading, as_channels, forces
+from rotorid.rig import parts
 from rotorid.rig.machine import RigMachine
-from rotorid.rig.parts import (
-    Actuator,
-    Encoder,
-    Keyphasor,
-    encoder_counts,
-    keyphasor_pulses,
-    read_mark,
-    sensor_unit,
-)
 from rotorid.rig.plant import Plant
 from rotorid.signals.spectrum import shifted
 
@@ -93,12 +85,12 @@ class RigRecord(Record):
     truth: Truth | None = field(default=None, repr=False)
 
 
-def label(name: str, part: Actuator, kind: str = "i") -> str:
+def label(name: str, part: parts.Actuator, kind: str = "i") -> str:
     """Return the column of an input: F_x1 for a force; i_x1, b1_x1, b2_x1 for its sources."""
     return name if part.law is None else f"{kind}_{name.removeprefix('F_')}"
 
 
-def how_recorded(rig: RigMachine, part: Actuator) -> tuple[bool, float]:
+def how_recorded(rig: RigMachine, part: parts.Actuator) -> tuple[bool, float]:
     """Return hold and delay of the recorded command or current of an actuator.
 
     The quantity, a hold of commands delayed by d and smoothed by the amplifier, is later than
@@ -159,15 +151,17 @@ def logged(rig: RigMachine, plant: Plant, log: Log, rng: np.random.Generator) ->
     )
     drives = _drive_columns(rig, plant, log, rng)
     positions = [
-        LoggedColumn(sensor.name, sensor_unit(sensor.combination, rig.model.units), reading)
+        LoggedColumn(sensor.name, parts.sensor_unit(sensor.combination, rig.model.units), reading)
         for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
     ]
     marks = []
     match rig.logger.angle:
-        case Encoder() as mark:
-            marks = [LoggedColumn("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))]
-        case Keyphasor() as mark:
-            pulses = keyphasor_pulses(mark, rig.rotation, time, rng)
+        case parts.Encoder() as mark:
+            marks = [
+                LoggedColumn("encoder", "1", parts.encoder_counts(mark, rig.rotation, time, rng))
+            ]
+        case parts.Keyphasor() as mark:
+            pulses = parts.keyphasor_pulses(mark, rig.rotation, time, rng)
             marks = [LoggedColumn("keyphasor", "1", pulses)]
     return Logged(rig.logger.sample_rate, (*drives, *positions, *marks), truth)
 
@@ -177,7 +171,7 @@ def read(rig: RigMachine, found: Logged) -> RigRecord:
     mark = by_name.get("encoder", by_name.get("keyphasor"))
     turned: Floats | None
     if mark is not None and rig.logger.angle is not None:
-        angle = read_mark(rig.logger.angle, mark.samples, found.sample_rate)
+        angle = parts.read_mark(rig.logger.angle, mark.samples, found.sample_rate)
         turned, speed = angle.angle, angle.speed
     else:
         time = np.arange(found.count) / found.sample_rate
@@ -216,7 +210,7 @@ def _drive_columns(
     return found
 
 
-def _unfolded(rig: RigMachine, part: Actuator, current: Floats) -> Floats:
+def _unfolded(rig: RigMachine, part: parts.Actuator, current: Floats) -> Floats:
     """Return fine samples of a current as a filter before the converter leaves them.
 
     A delay of the column could not stand for what the kinks of the current add: the position, which
@@ -258,7 +252,7 @@ def _as_read(
     plant = rig.plant(1.0)
     units = rig.model.units
     sensors = [
-        Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors
+        Channel(s.name, parts.sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors
     ]
     found: list[tuple[Channel, LoggedColumn]] = []
     readings: dict[str, ForceReading] = {}

@@ -18,6 +18,7 @@ from rotorid.models.equations import DERIVATIVES, sort_monomials
 from rotorid.models.expressions import Expression, Monomial, product, symbol
 from rotorid.models.linear_form import InputTerm, StiffnessTable, StiffnessTerm, Term, TermKind
 from rotorid.models.model import Model, Motion, Parameter
+from rotorid.models.rotor import fem
 from rotorid.models.rotor.drawing import (
     AXES,
     CROSSED,
@@ -30,16 +31,6 @@ from rotorid.models.rotor.drawing import (
     Rotor,
     Section,
     Support,
-)
-from rotorid.models.rotor.fem import (
-    Banded,
-    Piece,
-    inputs_of,
-    loads_of,
-    pieces_of,
-    points_of,
-    reduction,
-    spans,
 )
 from rotorid.models.structure import Structure, find_structure
 
@@ -60,8 +51,8 @@ class RotorModel(Model):
     """A model from a drawing: M, D, G, K are sums of constant matrices times monomials."""
 
     rotor: Rotor = field(kw_only=True)  # the drawing
-    pieces: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
-    loads: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
+    pieces: tuple[fem.Piece, ...] = field(kw_only=True, compare=False, repr=False)
+    loads: tuple[fem.Piece, ...] = field(kw_only=True, compare=False, repr=False)
     push: Floats = field(kw_only=True, compare=False, repr=False)  # (row, input): B
     # of a reduced rotor: which coordinates of the whole its first ones are, and what it was made of
     kept: Integers | None = field(kw_only=True, default=None, compare=False, repr=False)
@@ -227,8 +218,8 @@ class RotorModel(Model):
         pushed = np.concatenate([full.push, *(load.matrix for load in full.loads)], axis=1).any(1)
         shown = {full.coordinates.index(name) for name in reads} | set(np.flatnonzero(pushed))
         kept = np.array(sorted(shown), dtype=np.int64)
-        whole = Banded.of(full.pieces, known)
-        kept, basis = reduction(whole, kept, points_of(omega, speed), share)
+        whole = fem.Banded.of(full.pieces, known)
+        kept, basis = fem.reduction(whole, kept, fem.points_of(omega, speed), share)
         if basis.shape[1] >= len(full.coordinates):
             return full
         inner = [f"inner{k + 1}" for k in range(basis.shape[1] - len(kept))]
@@ -280,9 +271,9 @@ def rotor_model(
         tuple(parameters),
         (),
         rotor=rotor,
-        pieces=pieces_of(rotor),
-        loads=loads_of(rotor),
-        push=inputs_of(rotor),
+        pieces=fem.pieces_of(rotor),
+        loads=fem.loads_of(rotor),
+        push=fem.inputs_of(rotor),
     )
 
 
@@ -332,7 +323,7 @@ def _to_ross(rotor: Rotor, known: Mapping[str, float]) -> Any:
                 "put its parameter to 0",
             )
     shaft = []
-    for node, section, beam in spans(rotor):
+    for node, section, beam in fem.spans(rotor):
         modulus = section.material.E.times(section.stiffness).value(known)
         constants = {"rho": section.material.density.value(known), "E": modulus}
         material = ross.Material(f"m{node}", **constants, G_s=modulus / section.material.ratio)
