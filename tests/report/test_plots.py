@@ -16,6 +16,7 @@ import rotorid as rid
 from rotorid import (
     Channel,
     InputError,
+    LineMisfit,
     Record,
     average,
     campbell,
@@ -154,14 +155,14 @@ def test_correlation_names_rows_and_columns():
 
 
 def test_misfit_is_drawn_over_its_expectation():
-    panel = misfit([0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0, 12.0, 12.0])
+    panel = misfit(map(LineMisfit, [0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0] * 3))
     first, second = curve(panel, "record 1"), curve(panel, "record 2")
     np.testing.assert_allclose([first.x, first.y], [[10, 20], [1, 7.5]])
     np.testing.assert_allclose([second.x, second.y], [[10], [1]])
 
 
 def test_misfit_of_phasors_is_drawn_over_the_speed_with_ticks_to_read():
-    panel = misfit([0, 0], [10.0, 20.0], [12.0, 2.0], [12.0, 12.0], turning=True)
+    panel = misfit(map(LineMisfit, [0, 0], [10.0, 20.0], [12.0, 2.0], [12.0] * 2), turning=True)
     assert panel.x.title == "speed in rpm"
     np.testing.assert_allclose(panel.curves[0].x, [600, 1200])
     axis = interactive.spec(panel)["layout"]["yaxis"]
@@ -218,7 +219,7 @@ def test_every_panel_is_what_plotly_takes(record, periods, evidence):
         *residual(predicted),
         *spectra(periods)[:1],
         *samples(record)[:1],
-        misfit([0, 1], [10.0, 20.0], [1.0, np.nan], [1.0, 1.0]),
+        misfit(map(LineMisfit, [0, 1], [10.0, 20.0], [1.0, np.nan], [1.0, 1.0])),
         correlation(["a", "b"], np.array([[1.0, np.nan], [np.nan, 1.0]])),
     ]
     for panel in panels:

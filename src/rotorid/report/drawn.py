@@ -276,7 +276,7 @@ def lines(record: Source) -> list[Panel]:
     return drawn
 
 
-def _over(hertz: Sequence[float], *, turning: bool) -> tuple[Floats, Axis]:
+def _over(hertz: Sequence[float] | Floats, *, turning: bool) -> tuple[Floats, Axis]:
     """Return what lines are drawn over, frequencies or the speeds of a rotation of these."""
     x = np.asarray(hertz, dtype=float)
     return (60 * x, Axis("speed in rpm")) if turning else (x, HERTZ)
@@ -319,26 +319,20 @@ def residual(record: Source) -> list[Panel]:
     return [Panel("", axis, Axis(), matrix=matrix, height=1.1 + 0.26 * len(names))]
 
 
-def misfit(
-    records: Sequence[int],
-    frequency: Sequence[float],
-    cost: Sequence[float],
-    expected: Sequence[float],
-    *,
-    turning: bool = False,
-) -> Panel:
+def misfit(rows: Source, *, turning: bool = False) -> Panel:
     """Return misfit over what noise leaves, a colour per record; over the speed if `turning`."""
+    figures = [(row.record, row.frequency_hz, row.cost, row.expected) for row in rows]
+    where, frequency, cost, expected = np.array(figures, dtype=float).T
     over, axis = _over(frequency, turning=turning)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.asarray(cost, dtype=float) / np.asarray(expected, dtype=float)
+        ratio = cost / expected
     ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
     least = max(float(np.nanmin(ratio, initial=1.0)), LEAST)
     ratio = np.where(ratio > least, ratio, least)  # a line that is met whole has no place there
-    where, numbers = np.asarray(records), sorted(set(records))
-    curves = []
+    numbers, curves = np.unique(where).tolist(), []
     for place, number in enumerate(numbers):
         own = where == number
-        told = f"record {number + 1}" if len(numbers) > 1 else "misfit of a line"
+        told = f"record {number + 1:.0f}" if len(numbers) > 1 else "misfit of a line"
         x, colour = over[own], COLOURS[place % len(COLOURS)]
         look: Look = "dots" if own.sum() <= MOST_DOTS else "points"
         curves.append(Curve(x, ratio[own], told, colour, look))

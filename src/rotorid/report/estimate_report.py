@@ -407,13 +407,7 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
     rows = estimate.line_misfit
     turning = bool(records) and all(record.kind == "phasors" for record in records)
     if rows:
-        panel = drawn.misfit(
-            [row.record for row in rows],
-            [row.frequency_hz for row in rows],
-            [row.cost for row in rows],
-            [row.expected for row in rows],
-            turning=turning,
-        )
+        panel = drawn.misfit(rows, turning=turning)
         what, where = ("row", "speed") if turning else ("spectral line", "frequency")
         yield Passage(
             f"Misfit, {where} by {where}",

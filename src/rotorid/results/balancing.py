@@ -23,6 +23,7 @@ from rotorid.core.units import finite_speed, quantity
 from rotorid.core.values import ByContent, Complexes, Floats, frozen
 from rotorid.models.rotor import RotorModel
 from rotorid.results.machine import (
+    Laws,
     Machine,
     directions_of,
     laws_of,
@@ -465,7 +466,7 @@ def centring(
     estimate: Estimate,
     speed: float | str,
     *,
-    laws: Mapping[str, tuple[float, float]] | None = None,
+    laws: Laws | None = None,
     record: int = 0,
 ) -> list[Feedforward]:
     """Return the feedforward of inertial centring for each input that is a force, with deviations.
@@ -518,9 +519,7 @@ def centring(
     ]
 
 
-def _answers(
-    machine: Machine, speed: float, forces: Sequence[str], known: Mapping[str, tuple[float, float]]
-) -> Complexes:
+def _answers(machine: Machine, speed: float, forces: Sequence[str], known: Laws) -> Complexes:
     """Return motion and current of each force, (force, 2), amplitudes of exp(i phi), or NaN."""
     motion, _ = machine.response(speed)
     directions, inputs = directions_of(machine), machine.input_matrix()

@@ -9,7 +9,7 @@ of the size of D at the first lines tells how many there are. The controller by 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -21,7 +21,14 @@ from rotorid.core.units import finite_speed
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.models import Model
 from rotorid.models.modal import poles_of
-from rotorid.results.machine import Machine, directions_of, laws_of, machine_of, require_shares
+from rotorid.results.machine import (
+    Laws,
+    Machine,
+    directions_of,
+    laws_of,
+    machine_of,
+    require_shares,
+)
 from rotorid.results.sensitivity import AxisSensitivity
 from rotorid.results.sensitivity_peak import peak_of
 
@@ -91,7 +98,7 @@ def loop_sensitivity(
     *,
     sensors: Sequence[str],
     speed: float | str = 0.0,
-    laws: Mapping[str, tuple[float, float]] | None = None,
+    laws: Laws | None = None,
     record: int = 0,
 ) -> LoopSensitivity:
     """Return the sensitivity of each loop of an identified plant, at any speed, with deviations.
@@ -180,12 +187,7 @@ def loop_sensitivity(
 
 
 def _loops(
-    machine: Machine,
-    speed: float,
-    omega: Floats,
-    response: Complexes,
-    reads: Floats,
-    known: Mapping[str, tuple[float, float]],
+    machine: Machine, speed: float, omega: Floats, response: Complexes, reads: Floats, known: Laws
 ) -> tuple[Complexes, Complexes]:
     """Return S_jj, (line, input), and I + L, (line, input, input)."""
     stiffness, damping, mass, gains = _plant(machine, speed, known)
@@ -200,7 +202,7 @@ def _loops(
 
 
 def _plant(
-    machine: Machine, speed: float, known: Mapping[str, tuple[float, float]]
+    machine: Machine, speed: float, known: Laws
 ) -> tuple[Floats | Complexes, Floats | Complexes, Floats | Complexes, Floats]:
     """Return K less that of the magnets, D and M, and the forces of the commands, (row, input)."""
     stiffness, damping, mass = machine.matrices(speed)

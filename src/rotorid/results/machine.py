@@ -78,6 +78,10 @@ NEAR = 0.01
 """Share by which values are moved to see which modes are one in general, and not by chance."""
 
 
+Laws = Mapping[str, tuple[float, float]]
+"""ki and ks of inputs, in N/A and N/m."""
+
+
 @frozen
 class Machine:
     """A machine that is linear in its coordinates, at its values.
@@ -171,7 +175,7 @@ class Machine:
         """B, shape (row, input)."""
         return self.linear.input_matrix(self.monomials.values(self.values) * self.used)
 
-    def law(self, name: str, known: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+    def law(self, name: str, known: Laws) -> tuple[float, float]:
         """Return ki and ks of an input: as they were identified, else as known, else NaN."""
         values = dict(zip(self.names, self.values.tolist(), strict=True))
         ki, ks = known.get(name, (np.nan, np.nan))
