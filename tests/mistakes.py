@@ -80,133 +80,99 @@ ODD = "[1, 3, 5, 7, 9, 11]"
 XYZ = ("x1", "y1", "x2", "y2", "x3", "y3")
 THREE, RIGID = "three-mass", "rigid"
 
+
+def three(what: str, edit: Edit, *words: str) -> Mistake:
+    return Mistake(THREE, what, edit, words)
+
+
+def rigid(what: str, edit: Edit, *words: str) -> Mistake:
+    return Mistake(RIGID, what, edit, words)
+
+
+BEARINGS = both(swap("x1", "x3"), swap("y1", "y3"))
+CURRENTS_OF_BEARINGS = both(swap("i_x1", "i_x3"), swap("i_y1", "i_y3"))
+ANGLES_DOWN = both(scale("theta_x", -1), scale("theta_y", -1))
+IN_MM = both(*(scale(name, 1e-3) for name in XYZ))
+TWICE = put('"10000 Hz"', '"20000 Hz"')
+ROTATION = put(ODD, "[1, 3, 5, 9, 11]")
+LATE = ("delay[force]", "delay[position]")
 MISTAKES = (
-    Mistake(THREE, "columns of x1 and y1 swapped", swap("x1", "y1"), ("swap[x1, y1]",)),
-    Mistake(THREE, "columns of x1 and x3 swapped", swap("x1", "x3"), ("swap[x1, x3]",)),
-    Mistake(
-        THREE,
+    three("columns of x1 and y1 swapped", swap("x1", "y1"), "swap[x1, y1]"),
+    three("columns of x1 and x3 swapped", swap("x1", "x3"), "swap[x1, x3]"),
+    three(
         "columns of theta_x and theta_y swapped",
         swap("theta_x", "theta_y"),
-        ("swap[theta_x, theta_y]",),
+        "swap[theta_x, theta_y]",
     ),
-    Mistake(THREE, "currents x1 and y1 swapped", swap("i_x1", "i_y1"), ("swap[F_x1, F_y1]",)),
-    Mistake(THREE, "currents x1 and x3 swapped", swap("i_x1", "i_x3"), ("swap[F_x1, F_x3]",)),
-    Mistake(
-        THREE,
-        "the sensors of the two bearings swapped",
-        both(swap("x1", "x3"), swap("y1", "y3")),
-        ("swap[x1, x3; y1, y3]",),
-    ),
-    Mistake(
-        THREE,
+    three("currents x1 and y1 swapped", swap("i_x1", "i_y1"), "swap[F_x1, F_y1]"),
+    three("currents x1 and x3 swapped", swap("i_x1", "i_x3"), "swap[F_x1, F_x3]"),
+    three("the sensors of the two bearings swapped", BEARINGS, "swap[x1, x3; y1, y3]"),
+    three(
         "the currents of the two bearings swapped",
-        both(swap("i_x1", "i_x3"), swap("i_y1", "i_y3")),
-        ("swap[F_x1, F_x3; F_y1, F_y3]",),
+        CURRENTS_OF_BEARINGS,
+        "swap[F_x1, F_x3; F_y1, F_y3]",
     ),
-    Mistake(THREE, "x1 upside down", scale("x1", -1), ("sign[x1]",)),
-    Mistake(THREE, "x2 upside down", scale("x2", -1), ("sign[x2]",)),
-    Mistake(
-        THREE,
-        "both angles upside down",
-        both(scale("theta_x", -1), scale("theta_y", -1)),
-        ("sign[theta_x, theta_y]",),
-    ),
-    Mistake(THREE, "current y1 upside down", scale("i_y1", -1), ("sign[F_y1]",)),
-    Mistake(
-        THREE,
+    three("x1 upside down", scale("x1", -1), "sign[x1]"),
+    three("x2 upside down", scale("x2", -1), "sign[x2]"),
+    three("both angles upside down", ANGLES_DOWN, "sign[theta_x, theta_y]"),
+    three("current y1 upside down", scale("i_y1", -1), "sign[F_y1]"),
+    three(
         "k_i of all with the wrong sign",
         put('"120 N/A"', '"-120 N/A"'),
-        ("sign[F_x1, F_y1, F_x3, F_y3]",),
+        "sign[F_x1, F_y1, F_x3, F_y3]",
     ),
-    Mistake(THREE, "x1 in mm instead of m", scale("x1", 1e-3), ("unit[x1]",)),
-    Mistake(THREE, "x3 in mil instead of um", scale("x3", 1 / 25.4), ("unit[x3]",)),
-    Mistake(
-        THREE, "x1 in mil and upside down", scale("x1", -1 / 25.4), ("gain[x1]", "upside down")
-    ),
-    Mistake(
-        THREE,
-        "all displacements in mm instead of m",
-        both(*(scale(name, 1e-3) for name in XYZ)),
-        ("unit[x1 ... y3]", "unit[force]"),
-    ),
-    Mistake(THREE, "current x1 in mA instead of A", scale("i_x1", 1e-3), ("unit[F_x1]",)),
-    Mistake(THREE, "3 % too much gain of x1", scale("x1", 1.03), ("gain[x1]",)),
-    Mistake(THREE, "rad/s given as rpm", put(SPEED, '"879.645943 rpm"'), ("speed",)),
-    Mistake(THREE, "Hz given as rpm", put(SPEED, '"140 rpm"'), ("speed",)),
-    Mistake(THREE, "the rotation backwards", put(SPEED, '"-8400 rpm"'), ("speed",)),
-    Mistake(THREE, "twice the speed", put(SPEED, '"16800 rpm"'), ("speed",)),
-    Mistake(THREE, "8410 rpm instead of 8400", put(SPEED, '"8410 rpm"'), ("speed",)),
-    Mistake(THREE, "no speed", put(f"speed = {SPEED}", ""), ("speed",)),
-    Mistake(
-        THREE,
+    three("x1 in mm instead of m", scale("x1", 1e-3), "unit[x1]"),
+    three("x3 in mil instead of um", scale("x3", 1 / 25.4), "unit[x3]"),
+    three("x1 in mil and upside down", scale("x1", -1 / 25.4), "gain[x1]", "upside down"),
+    three("all displacements in mm instead of m", IN_MM, "unit[x1 ... y3]", "unit[force]"),
+    three("current x1 in mA instead of A", scale("i_x1", 1e-3), "unit[F_x1]"),
+    three("3 % too much gain of x1", scale("x1", 1.03), "gain[x1]"),
+    three("rad/s given as rpm", put(SPEED, '"879.645943 rpm"'), "speed"),
+    three("Hz given as rpm", put(SPEED, '"140 rpm"'), "speed"),
+    three("the rotation backwards", put(SPEED, '"-8400 rpm"'), "speed"),
+    three("twice the speed", put(SPEED, '"16800 rpm"'), "speed"),
+    three("8410 rpm instead of 8400", put(SPEED, '"8410 rpm"'), "speed"),
+    three("no speed", put(f"speed = {SPEED}", ""), "speed"),
+    three(
         "twice the sample rate, and the fundamental with it",
-        both(put('"10000 Hz"', '"20000 Hz"'), put('"20 Hz"', '"40 Hz"')),
-        ("speed", "sample_rate", "sample rate"),
+        both(TWICE, put('"20 Hz"', '"40 Hz"')),
+        *("speed", "sample_rate", "sample rate"),
     ),
-    Mistake(
-        THREE,
-        "twice the sample rate",
-        put('"10000 Hz"', '"20000 Hz"'),
-        ("sample_rate", "sample rate", "lines below noise"),
+    three("twice the sample rate", TWICE, "sample_rate", "sample rate", "lines below noise"),
+    three("k_i of F_x1 100 N/A", put('"120 N/A"', '"100 N/A"', 1), "gain[F_x1]"),
+    three("k_i of all 100 N/A", put('"120 N/A"', '"100 N/A"'), "gain[force]", "ks"),
+    three("k_s of all with the wrong sign", put('"200000', '"-200000'), "ks"),
+    three("no k_s", put(', ks = "200000 N/m"', ""), "ks"),
+    three("the hold left out", put(', hold = "zero-order"', ""), *LATE),
+    three("the delay with the wrong sign", put('"-50 us"', '"50 us"'), *LATE),
+    three("half the fundamental", put('"20 Hz"', '"10 Hz"'), "lines below noise"),
+    three(
+        "even harmonics instead of odd ones", put(ODD, "[2, 4, 6, 8, 10, 12]"), "lines below noise"
     ),
-    Mistake(THREE, "k_i of F_x1 100 N/A", put('"120 N/A"', '"100 N/A"', 1), ("gain[F_x1]",)),
-    Mistake(THREE, "k_i of all 100 N/A", put('"120 N/A"', '"100 N/A"'), ("gain[force]", "ks")),
-    Mistake(THREE, "k_s of all with the wrong sign", put('"200000', '"-200000'), ("ks",)),
-    Mistake(THREE, "no k_s", put(', ks = "200000 N/m"', ""), ("ks",)),
-    Mistake(
-        THREE,
-        "the hold left out",
-        put(', hold = "zero-order"', ""),
-        ("delay[force]", "delay[position]"),
-    ),
-    Mistake(
-        THREE,
-        "the delay with the wrong sign",
-        put('"-50 us"', '"50 us"'),
-        ("delay[force]", "delay[position]"),
-    ),
-    Mistake(THREE, "half the fundamental", put('"20 Hz"', '"10 Hz"'), ("lines below noise",)),
-    Mistake(
-        THREE,
-        "even harmonics instead of odd ones",
-        put(ODD, "[2, 4, 6, 8, 10, 12]"),
-        ("lines below noise",),
-    ),
-    Mistake(
-        THREE, "the line of the rotation left out", put(ODD, "[1, 3, 5, 9, 11]"), ("xi", "rotation")
-    ),
-    Mistake(THREE, "L1 fixed to .33 m", known('L1 = {fixed = "0.33 m"}'), ("prior L1",)),
-    Mistake(THREE, "m2 fixed to 10 kg", known('m2 = {fixed = "10 kg"}'), ("prior m2",)),
-    Mistake(
-        THREE,
-        "the force law of x1 at x3",
-        put('position = "x1"', 'position = "x3"'),
-        ("position[F_x1]",),
-    ),
-    Mistake(THREE, "current x1 for x3 too", put('"i_x3"', '"i_x1"'), ("copied",)),
-    Mistake(THREE, "column x2 for x1 too", put('column = "x1"', 'column = "x2"'), ("copied", "x1")),
-    Mistake(RIGID, "sensors xa and ya swapped", swap("s_xa", "s_ya"), ("swap[s_xa, s_ya]",)),
-    Mistake(RIGID, "sensors xa and xb swapped", swap("s_xa", "s_xb"), ("swap[s_xa, s_xb]",)),
-    Mistake(RIGID, "currents xa and ya swapped", swap("i_xa", "i_ya"), ("swap[F_xa, F_ya]",)),
-    Mistake(RIGID, "sensor xa upside down", scale("s_xa", -1), ("sign[s_xa]", "gain[s_xa]")),
-    Mistake(RIGID, "current xa upside down", scale("i_xa", -1), ("sign[F_xa]", "gain[F_xa]")),
-    Mistake(
-        RIGID,
+    three("the line of the rotation left out", ROTATION, "xi", "rotation"),
+    three("L1 fixed to .33 m", known('L1 = {fixed = "0.33 m"}'), "prior L1"),
+    three("m2 fixed to 10 kg", known('m2 = {fixed = "10 kg"}'), "prior m2"),
+    three("the force law of x1 at x3", put('position = "x1"', 'position = "x3"'), "position[F_x1]"),
+    three("current x1 for x3 too", put('"i_x3"', '"i_x1"'), "copied"),
+    three("column x2 for x1 too", put('column = "x1"', 'column = "x2"'), "copied", "x1"),
+    rigid("sensors xa and ya swapped", swap("s_xa", "s_ya"), "swap[s_xa, s_ya]"),
+    rigid("sensors xa and xb swapped", swap("s_xa", "s_xb"), "swap[s_xa, s_xb]"),
+    rigid("currents xa and ya swapped", swap("i_xa", "i_ya"), "swap[F_xa, F_ya]"),
+    rigid("sensor xa upside down", scale("s_xa", -1), "sign[s_xa]", "gain[s_xa]"),
+    rigid("current xa upside down", scale("i_xa", -1), "sign[F_xa]", "gain[F_xa]"),
+    rigid(
         "lever of sensor xa 250 mm, not 200",
         put("x - 0.2*theta_y", "x - 0.25*theta_y"),
-        ("plane[s_xa]",),
+        "plane[s_xa]",
     ),
-    Mistake(RIGID, "512 lines of the encoder", put("lines = 1024", "lines = 512"), ("speed",)),
-    Mistake(
-        RIGID,
+    rigid("512 lines of the encoder", put("lines = 1024", "lines = 512"), "speed"),
+    rigid(
         "gap of .4 mm instead of .5",
         put('gap = "0.0005 m"', 'gap = "0.0004 m"'),
-        ("gap", "gain[force]", "ks"),
+        *("gap", "gain[force]", "ks"),
     ),
-    Mistake(
-        RIGID, "L_a fixed to .25 m", put('fixed = "0.2 m"', 'fixed = "0.25 m"'), ("prior L_a",)
-    ),
-    Mistake(RIGID, "currents .1 ms late", late, ("delay[force]", "delay[position]")),
+    rigid("L_a fixed to .25 m", put('fixed = "0.2 m"', 'fixed = "0.25 m"'), "prior L_a"),
+    rigid("currents .1 ms late", late, *LATE),
 )
 
 
