@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from model_text import model_text
-from rotor_bank import Rotor, rigid_rotor, three_mass_rotor
+from rotor_bank import PAPER, Rotor, rigid_rotor, three_mass_rotor
 
 from rotorid import Channel, Model, PeriodicRecord, Record, average, load_model, parse_model
 
@@ -122,6 +122,10 @@ class Problem:
         return [self.periodic(grid) for grid in self.grids]
 
 
+def names(text: str) -> tuple[str, ...]:
+    return tuple(text.split(", "))
+
+
 def combination(name: str, truth: Mapping[str, float]) -> float:
     """Return the value of a combination of monomials from its name, as interface.md spells it."""
     total = 0.0
@@ -180,15 +184,7 @@ THREE_MASS = Problem(
     name="three-mass",
     text="",
     truth={
-        "m1": 0.83339,
-        "m2": 11.322,
-        "m3": 0.83339,
-        "I_t": 2.5425e-2,
-        "I_p": 4.8275e-2,
-        "k1": 8.8357e5,
-        "k2": 8.8357e5,
-        "L1": 0.3,
-        "L2": 0.3,
+        **{name: PAPER[name] for name in ("m1", "m2", "m3", "I_t", "I_p", "k1", "k2", "L1", "L2")},
         "xi": 77.112 / 11.322 / (2 * np.pi * 140) ** 2,
         "zeta": 133.56 / 11.322 / (2 * np.pi * 140) ** 2,
         "mu": -1.3145 / (2.5425e-2 - 4.8275e-2) / (2 * np.pi * 140) ** 2,
@@ -201,23 +197,11 @@ THREE_MASS = Problem(
     ),
     harmonics=(1, 3, 5, 7, 9, 11),
     grids=(Grid(250, 5000.0, turns=7),),
-    base=(
-        "m1",
-        "m2",
-        "m2*xi",
-        "m2*zeta",
-        "m3",
-        "I_t",
-        "I_t*mu - I_p*mu",
-        "I_t*eta - I_p*eta",
-        "I_p",
-        "k1",
-        "k1*L1",
-        "k1*L1^2 + k2*L2^2",
-        "k2",
-        "k2*L2",
+    base=names(
+        "m1, m2, m2*xi, m2*zeta, m3, I_t, I_t*mu - I_p*mu, I_t*eta - I_p*eta, I_p, "
+        "k1, k1*L1, k1*L1^2 + k2*L2^2, k2, k2*L2"
     ),
-    derived=("m1", "m2", "m3", "I_t", "I_p", "k1", "k2", "L1", "L2", "xi", "zeta", "mu", "eta"),
+    derived=names("m1, m2, m3, I_t, I_p, k1, k2, L1, L2, xi, zeta, mu, eta"),
     linear=True,
 )
 
@@ -226,22 +210,15 @@ RIGID = Problem(
     name="rigid",
     text="",
     truth={
-        "m": 8.0,
-        "I_t": 0.21,
-        "I_p": 0.034,
-        "L_a": 0.2,
-        "L_b": 0.25,
-        "xi": 5e-6,
-        "zeta": -3e-6,
-        "mu": 4e-5,
-        "eta": 2e-5,
+        **{"m": 8.0, "I_t": 0.21, "I_p": 0.034, "L_a": 0.2, "L_b": 0.25},
+        **{"xi": 5e-6, "zeta": -3e-6, "mu": 4e-5, "eta": 2e-5},
     },
     fixed=("L_a", "L_b"),
     columns=rotor_columns(rigid_rotor, "F_xa F_ya F_xb F_yb x y theta_x theta_y", (1, 2, 3, 5, 8)),
     harmonics=(1, 2, 3, 5, 8),
     grids=(Grid(turns=5), Grid(turns=3, phase=0.4)),
-    base=("m", "m*xi", "m*zeta", "I_t", "I_t*mu - I_p*mu", "I_t*eta - I_p*eta", "I_p"),
-    derived=("m", "I_t", "I_p", "xi", "zeta", "mu", "eta"),
+    base=names("m, m*xi, m*zeta, I_t, I_t*mu - I_p*mu, I_t*eta - I_p*eta, I_p"),
+    derived=names("m, I_t, I_p, xi, zeta, mu, eta"),
     linear=True,
 )
 
@@ -265,8 +242,8 @@ JEFFCOTT = Problem(
     columns=jeffcott_columns,
     harmonics=(1, 2, 4),
     grids=(Grid(turns=4, phase=-1.1),),
-    base=("m", "m*xi", "m*zeta", "c", "k"),
-    derived=("m", "c", "k", "xi", "zeta"),
+    base=names("m, m*xi, m*zeta, c, k"),
+    derived=names("m, c, k, xi, zeta"),
     linear=True,
 )
 
@@ -285,8 +262,8 @@ EMPS = Problem(
     truth={"M": 95.1, "Fv": 203.5, "Fc": 20.4, "offset": -3.2},
     columns=emps_columns,
     harmonics=(0, 1, 2, 3, 5, 8, 13),
-    base=("M", "Fv", "Fc", "offset"),
-    derived=("M", "Fv", "Fc", "offset"),
+    base=names("M, Fv, Fc, offset"),
+    derived=names("M, Fv, Fc, offset"),
 )
 
 # ---------------------------------------------------------------------------------------------
@@ -312,7 +289,7 @@ PENDULUM = Problem(
     truth={"m": 1.3, "l": 0.4, "J": 0.02, "c": 0.15, "T_c": 0.5},
     columns=pendulum_columns,
     harmonics=tuple(range(20)),
-    base=("m*l", "m*l^2 + J", "c", "T_c"),
+    base=names("m*l, m*l^2 + J, c, T_c"),
     derived=("c", "T_c"),
 )
 
@@ -361,13 +338,7 @@ ARM = Problem(
     truth={"m1": 3.0, "m2": 2.0, "l1": 0.5, "r1": 0.22, "r2": 0.31, "J1": 0.07, "J2": 0.03},
     columns=arm_columns,
     harmonics=tuple(range(25)),
-    base=(
-        "m1*r1 + m2*l1",
-        "m1*r1^2 + m2*l1^2 + J1",
-        "m2*l1*r2",
-        "m2*r2",
-        "m2*r2^2 + J2",
-    ),
+    base=names("m1*r1 + m2*l1, m1*r1^2 + m2*l1^2 + J1, m2*l1*r2, m2*r2, m2*r2^2 + J2"),
     derived=("l1",),
 )
 
@@ -378,7 +349,7 @@ ARM_OF_KNOWN_LENGTH = Problem(
     columns=arm_columns,
     harmonics=ARM.harmonics,
     fixed=("l1",),
-    base=("m1*r1 + 0.5*m2", "m1*r1^2 + 0.25*m2 + J1", "m2*r2", "m2*r2^2 + J2"),
+    base=names("m1*r1 + 0.5*m2, m1*r1^2 + 0.25*m2 + J1, m2*r2, m2*r2^2 + J2"),
 )
 
 
@@ -405,8 +376,8 @@ DUFFING = Problem(
     columns=duffing_columns,
     harmonics=tuple(range(12)),
     grids=(Grid(turns=4, phase=0.3), Grid(turns=2)),
-    base=("m", "m*e", "d", "k", "k_3"),
-    derived=("m", "d", "k", "k_3", "e"),
+    base=names("m, m*e, d, k, k_3"),
+    derived=names("m, d, k, k_3, e"),
 )
 
 
@@ -456,8 +427,8 @@ TABLE = Problem(
     truth={"m": 12.0, "J": 0.9, "c": 35.0, "k_l": 2.4e4, "k_r": 3.1e4},
     columns=table_columns,
     harmonics=(1, 2, 3, 4, 5),
-    base=("m", "J", "c", "k_l", "k_r"),
-    derived=("m", "J", "c", "k_l", "k_r"),
+    base=names("m, J, c, k_l, k_r"),
+    derived=names("m, J, c, k_l, k_r"),
     linear=True,
     reads={"s1": {"y": 1.0, "theta": -0.3}},
 )
@@ -483,8 +454,8 @@ ODD = Problem(
     columns=odd_columns,
     harmonics=tuple(range(16)),
     grids=(Grid(turns=3, phase=0.2),),
-    base=("S", "E", "I", "lambda", "β", "Q"),
-    derived=("S", "E", "I", "lambda", "β", "Q"),
+    base=names("S, E, I, lambda, β, Q"),
+    derived=names("S, E, I, lambda, β, Q"),
 )
 
 
@@ -515,8 +486,8 @@ CHAIN = Problem(
     truth={"m_1": 1.5, "m_2": 0.8, "k": 5000.0, "k_3": 2e7},
     columns=chain_columns,
     harmonics=(1, 2, 3, 4, 5, 6),
-    base=("m_1", "m_2", "k", "k_3"),
-    derived=("m_1", "m_2", "k", "k_3"),
+    base=names("m_1, m_2, k, k_3"),
+    derived=names("m_1, m_2, k, k_3"),
 )
 
 
@@ -548,8 +519,8 @@ TRAIN = Problem(
     truth={"a": 1.0, "b": 2.0, "c": 1.5, "k": 3000.0, "h": 5000.0, "d": 20.0},
     columns=train_columns,
     harmonics=(1, 2, 3, 5),
-    base=("a", "b", "c", "k", "h", "d"),
-    derived=("a", "b", "c", "k", "h", "d"),
+    base=names("a, b, c, k, h, d"),
+    derived=names("a, b, c, k, h, d"),
     linear=True,
 )
 
