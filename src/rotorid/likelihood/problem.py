@@ -180,7 +180,7 @@ class Point:
 
     @cached_property
     def jacobian(self) -> Floats:
-        return self.columns[:, self.problem.layout.free]
+        return np.ascontiguousarray(self.columns[:, self.problem.layout.free])
 
     def by(self, *names: str) -> Floats:
         return self.columns[:, self.problem.layout.where(*names)]
