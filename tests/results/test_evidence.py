@@ -14,6 +14,7 @@ from rotorid import Estimate, InputError, PeriodicRecord, load_rig, predict, wit
 from rotorid.answer import predict as validation
 from rotorid.answer.estimate import Evidence, Prior
 from rotorid.answer.predict import ChannelError, at_best_phase, channel_errors, verdict_of
+from rotorid.demo import simulate_record
 from rotorid.linear.family import information_of
 from rotorid.report.estimate_report import estimate_report
 from rotorid.report.estimate_report import verdict_of as shown_verdict
@@ -266,34 +267,13 @@ def three_mass():
     return rid.load_model("three-mass")
 
 
-def record_of(three_mass, rng, *, shares=(0.5, 1.0, 1.0, -0.5), sensors=None):
-    """Return a simulated record, with the paper's excitation unless told otherwise."""
-    time = np.arange(250) / 5000.0
-    wave = sum(10 * np.sin(w * time) + 10 * np.cos(w * time) for w in 40 * np.pi * np.r_[1:12:2])
-    record = rid.simulate(
-        three_mass,
-        three_mass.values(three_mass.nominal),
-        np.outer(wave, shares),
-        sample_rate=5000.0,
-        periods=60,
-        speed=SPEED,
-        noise={
-            **dict.fromkeys(three_mass.inputs, 1.0),
-            **dict.fromkeys(three_mass.coordinates, 5e-6),
-        },
-        rng=rng,
-    )
-    names = [
-        *three_mass.inputs,
-        *(three_mass.coordinates if sensors is None else sensors),
-    ]
-    kept = rid.Record(
-        tuple(rid.Channel(name) for name in names),
-        np.column_stack([record.column(name) for name in names]),
-        record.sample_rate,
-        record.speed,
-        record.angle,
-    )
+def record_of(three_mass, rng, sensors=None):
+    """Return periods of the demonstration, by some of its sensors if told."""
+    record = simulate_record(three_mass, rng)
+    names = [*three_mass.inputs, *(sensors or three_mass.coordinates)]
+    columns = [record.names.index(name) for name in names]
+    channels = tuple(record.channels[column] for column in columns)
+    kept = replace(record, channels=channels, samples=record.samples[:, columns])
     return rid.average(kept, 20.0, harmonics=HARMONICS)
 
 
@@ -373,10 +353,10 @@ def test_a_result_of_another_model_is_refused(three_mass, rng):
 
 def test_information_grows_with_the_square_of_the_forces(three_mass, rng):
     plain = Estimate("three-mass", "batch", "ok", ())
-    weak = information_of(three_mass, plain, record_of(three_mass, np.random.default_rng(1)))
-    shares = tuple(10 * s for s in (0.5, 1.0, 1.0, -0.5))
-    louder = record_of(three_mass, np.random.default_rng(1), shares=shares)
-    strong = information_of(three_mass, plain, louder)
+    record = record_of(three_mass, rng)
+    lines = record.spectra + 9 * record.spectra.mean(axis=0)
+    louder = replace(record, spectra=lines, mean=10 * record.mean)
+    weak, strong = (information_of(three_mass, plain, one) for one in (record, louder))
     masses = [weak.names.index("m1"), weak.names.index("k1")]
     ratio = np.diag(strong.matrix)[masses] / np.diag(weak.matrix)[masses]
     assert ratio == pytest.approx([100.0, 100.0], rel=0.2)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rig_magnets import with_magnets
 from scipy.integrate import solve_ivp
 
 from rotorid import load_rig
@@ -35,26 +36,10 @@ def quiet(shipped):
     return without_noise(shipped)
 
 
-MAGNETS = """
-law = "differential"
-K = "5e-6 N m^2/A^2"
-bias = "1.5 A"
-gap = "0.5 mm"
-limit = "1.5 A"
-"""
-
-
-def magnet_text() -> str:
-    """The shipped rig with opposed magnets in place of the linear law."""
-    text = load_rig("three-mass").text
-    head, rest = text.split("[actuators.all]")
-    return f"{head}[actuators.all]{MAGNETS}[sensors]{rest.split('[sensors]')[1]}"
-
-
 @pytest.fixture(scope="session")
 def magnetic():
     """The shipped rig on opposed magnets, without noise; its controller made for them."""
-    return without_noise(parse_rig(magnet_text()).rig)
+    return without_noise(parse_rig(with_magnets(more='limit = "1.5 A"')).rig)
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from rig_magnets import with_magnets
 
 import rotorid as rid
 from rotorid import InputError, load_experiment, load_rig
@@ -371,19 +372,6 @@ def test_deviations_of_constants_reach_the_gain(edited):
 # What may go wrong with a rig or its record: one line each, exit code 2, nothing written.
 
 
-MAGNETS = """law = "differential"
-K = "5e-6 N m^2/A^2"
-bias = "1.5 A"
-gap = "0.5 mm"
-"""
-
-
-def with_magnets(extra: str = "", old: str = "", new: str = "") -> str:
-    head, rest = TEXT.split("[actuators.all]")
-    magnets = MAGNETS.replace(old, new) if old else MAGNETS
-    return f"{head}[actuators.all]\n{magnets}{extra}\n[sensors]{rest.split('[sensors]')[1]}"
-
-
 def one_line(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> str:
     assert run(arguments) == 2
     printed = capsys.readouterr()
@@ -408,10 +396,13 @@ RIGS = {
         r"touching the auxiliary bearing at F_\w+, 0\.\d+ s after switching on; expected a disp"
         r"lacement below the clearance of 80 um",
     ),
-    "zero gap": (with_magnets(old='"0.5 mm"', new='"0 mm"'), "gap = 0.0; expected more than 0 m"),
-    "limit beyond bias": (with_magnets('limit = "2 A"'), "a current limit of 2 A beyond the bias"),
+    "zero gap": (with_magnets(gap="0 mm"), "gap = 0.0; expected more than 0 m"),
+    "limit beyond bias": (
+        with_magnets(more='limit = "2 A"'),
+        "a current limit of 2 A beyond the bias",
+    ),
     "current beyond bias": (
-        with_magnets(old='bias = "1.5 A"', new='bias = "0.4 A"'),
+        with_magnets(bias="0.4 A"),
         r"a current of -?\d\.\d+ A at F_\w+, [\d.]+ s after switching on; expected less than the "
         "bias of 0.4 A",
     ),

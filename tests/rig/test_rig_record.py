@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rig_magnets import with_magnets
 
 import rotorid as rid
 from rotorid import average, load_rig
@@ -360,26 +361,15 @@ def test_a_transient_is_dropped_or_reported(tmp_path):
     assert kept["periods"] == 260
 
 
-MAGNETS = """[actuators.all]
-law = "differential"
-K = "4e-6 N m^2/A^2"
-bias = "2 A"
-gap = "0.4 mm"
-limit = "2 A"
-
-[sensors]"""
-
-
-def magnets(text: str) -> str:
-    head, rest = text.split("[actuators.all]")
-    text = head + MAGNETS + rest.split("[sensors]")[1]
+def magnets() -> str:
+    text = with_magnets("4e-6", "2 A", "0.4 mm", 'limit = "2 A"')
     text = re.sub(r'noise = "2 u(m|rad)"', r'noise = "0 \1"', text)
     return re.sub(r'= "2 N"', '= "0 N"', text)
 
 
 def test_nonlinear_law_recovers_the_forces_and_the_linear_one_does_not():
     """Done when: 0.1 % of the peak with 100 um of motion, and the detection lines show the rest."""
-    plan = parse_rig(magnets(load_rig("three-mass").text))
+    plan = parse_rig(magnets())
     record = plan.rig.run(3.0, np.random.default_rng(0))
     truth, law = record.truth, plan.rig.parts[0].law
     B = MODEL.input_matrix
@@ -412,7 +402,7 @@ def _with_linear_law(rig) -> rid.Record:
 @pytest.mark.slow
 def test_magnets_identify_through_their_law_only(tmp_path):
     """The same columns read by the linear law: wrong by per cents, without any noise."""
-    experiment = simulate(tmp_path, magnets(load_rig("three-mass").text))
+    experiment = simulate(tmp_path, magnets())
     right = errors(identify(experiment)["parameters"])
     assert max(map(abs, right.values())) < 0.02, right
     law = 'K = "4e-06 N m^2/A^2", bias = "2 A", gap = "0.0004 m"'
