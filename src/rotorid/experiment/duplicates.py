@@ -146,12 +146,9 @@ _COMPARED = 60  # records of which each is held against each: 1800 pairs take a 
 
 def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -> None:
     """Refuse data twice; records may share a file where they take other times, lines or sensors."""
-    records = file.records
-    by_file: dict[Path, list[int]] = {}
+    records, read_from = file.records, list[tuple[set[Path], set[tuple[str, ...]]]]()
     for number, plan in enumerate(plans):
         paths = {_resolved(path) for path in plan.paths}
-        for path in paths:
-            by_file.setdefault(path, []).append(number)
         if plan.entry.quiet is not None and _resolved(plan.folder / plan.entry.quiet) in paths:
             raise InputError(
                 "the record itself",
@@ -159,28 +156,24 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -
                 "name another file, or leave quiet out",
                 place=f"records.{number}.quiet",
             )
-    # The columns that sensors are read from; of responses, all.
-    sensors = [
-        {
+        sensors = {  # the columns that they are read from; of responses, all
             column
             for name, entry in plan.channels.items()
             if entry.law is None and (name not in model.inputs or entry.kind == "responses")
             for column in columns_of(entry)
         }
-        for plan in plans
-    ]
-    for path, numbers in by_file.items():
-        for first, second in combinations(numbers, 2):
-            pair = records[first], records[second]
-            begin = max(one.skip or 0.0 for one in pair)
-            apart = any(one.until is not None and one.until <= begin for one in pair)
-            if not apart and _lines_overlap(*pair) and sensors[first] & sensors[second]:
-                raise InputError(
-                    f"the samples of records.{first} again ({path.name[:120]})",
-                    "each sample once: twice it counts as two measurements",
-                    "remove one of the two, or give each its own times by skip and until",
-                    place=f"records.{second}",
-                )
+        read_from.append((paths, sensors))
+    for (first, one), (second, other) in combinations(enumerate(read_from), 2):
+        pair, files = (records[first], records[second]), one[0] & other[0]
+        begin = max(record.skip or 0.0 for record in pair)
+        apart = any(record.until is not None and record.until <= begin for record in pair)
+        if files and one[1] & other[1] and not apart and _lines_overlap(*pair):
+            raise InputError(
+                f"the samples of records.{first} again ({min(files).name[:120]})",
+                "each sample once: twice it counts as two measurements",
+                "remove one of the two, or give each its own times by skip and until",
+                place=f"records.{second}",
+            )
     check_modes(file.modes)
     if file.estimator.unknown["runout"]:
         check_told(records)

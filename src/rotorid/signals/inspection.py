@@ -257,7 +257,8 @@ def _crest(mean: Floats) -> float | None:
 
 
 def _facts(record: Record, periods: PeriodicRecord | None, c: int) -> ChannelFacts:
-    samples = record.samples[:, c] if record.valid is None else record.samples[record.valid, c]
+    used = slice(None) if record.valid is None else record.valid
+    samples = record.samples[used, c]
     if not len(samples):
         raise InputError("no samples", "a record", "check the file", file=record.source)
     channel = record.channels[c]
@@ -265,7 +266,7 @@ def _facts(record: Record, periods: PeriodicRecord | None, c: int) -> ChannelFac
     low, high = float(samples.min()), float(samples.max())
     orders: tuple[float, ...] = ()
     if record.speed:
-        angle = record.rotor_angle() if record.valid is None else record.rotor_angle()[record.valid]
+        angle = record.rotor_angle()[used]
         column = samples - samples.mean() if record.valid is None else samples
         waves = (np.exp(-1j * n * angle) for n in ORDERS)
         orders = tuple(float(2 * np.abs(np.mean(column * wave))) for wave in waves)
