@@ -6,7 +6,9 @@ import os
 import re
 import tomllib
 from codecs import BOM_UTF8
+from collections.abc import Iterator
 from importlib.resources import files
+from itertools import islice
 from pathlib import Path
 from reprlib import Repr
 from typing import Any, TypeVar
@@ -143,8 +145,23 @@ def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
         raise _not_toml(str(error), data.decode("utf-8"), file) from None
     except RecursionError:
         raise _too_deep(file) from None
-    _check_values(table, file)
+    if next(islice(members(table), TOML_VALUES, None), None):  # before each is looked at
+        raise ReadError(
+            f"more than {TOML_VALUES} values",
+            "a TOML file written by hand",
+            "check that this is the right file",
+            file=file,
+        )
     return table
+
+
+def members(value: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield what tables and lists hold, however deep, each with its place."""
+    pairs: Any = value.items() if isinstance(value, dict) else ()
+    for key, member in enumerate(value) if isinstance(value, list) else pairs:
+        inside = f"{place}.{key}" if place else str(key)
+        yield inside, member
+        yield from members(member, inside)
 
 
 def inline(value: Any) -> Any:
@@ -187,23 +204,6 @@ def _not_toml(message: str, text: str, file: str) -> ReadError:
 
 def _too_deep(file: str) -> ReadError:
     return ReadError("nesting too deep", "TOML of a few levels", "flatten it", file=file)
-
-
-def _check_values(table: dict[str, Any], file: str) -> None:
-    """Refuse more values than anyone writes, before each is looked at."""
-    count, members = 0, [table]
-    while members and count <= TOML_VALUES:
-        one: Any = members.pop()
-        if isinstance(one, dict | list):
-            count += len(one)
-            members.extend(one.values() if isinstance(one, dict) else one)
-    if count > TOML_VALUES:
-        raise ReadError(
-            f"more than {TOML_VALUES} values",
-            "a TOML file written by hand",
-            "check that this is the right file",
-            file=file,
-        )
 
 
 def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> InputError:

@@ -219,14 +219,10 @@ def read_unit(text: str) -> Unit:
 
 def _tokens(text: str) -> list[str]:
     """Return names, signs and powers (``^2``) of a text."""
-    tokens, place = [], 0
-    while place < len(text):
-        match = _TOKEN.match(text, place)
-        if match is None:
-            raise ValueError("no product of units")
-        tokens.append(f"^{match['power']}" if match["power"] else match["name"] or match["sign"])
-        place = match.end()
-    return tokens
+    found = list(_TOKEN.finditer(text))
+    if "".join(match[0] for match in found) != text:
+        raise ValueError("no product of units")
+    return [f"^{m['power']}" if m["power"] else m["name"] or m["sign"] for m in found]
 
 
 def _product(tokens: list[str], table: Mapping[str, _Product]) -> _Product:

@@ -13,7 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator
 from rotorid.core.errors import InputError, ReadError, naming, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.toml import parse_table, parse_toml, read_bytes, read_toml, table_within
+from rotorid.core.toml import members, parse_table, parse_toml, read_bytes, read_toml, table_within
 from rotorid.core.units import to_si
 from rotorid.core.watch import counting
 from rotorid.data.filtered import filtered
@@ -370,17 +370,12 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
 
 def named_files(path: Path) -> list[Path]:
     """Return an experiment file, a draft too, and every file that a text in it names."""
-    found = [path]
-    left: list[Any] = [parse_table(read_bytes(path), file=str(path))]
-    while left:
-        value = left.pop()
-        if isinstance(value, dict | list):
-            left += value.values() if isinstance(value, dict) else value
-        elif isinstance(value, str):
-            with suppress(OSError, ValueError):  # texts that are no names of files
-                if (path.parent / value).is_file():
-                    found.append(path.parent / value)
-    return found
+    found = list[Path]()
+    for _, value in members(parse_table(read_bytes(path), file=str(path))):
+        with suppress(OSError, ValueError):  # texts that are no names of files
+            if isinstance(value, str) and (path.parent / value).is_file():
+                found.append(path.parent / value)
+    return [path, *reversed(found)]
 
 
 def _inspected(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin,
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, create_model, model_validator
 
 from rotorid.core.errors import InputError
-from rotorid.core.toml import Schema, si
+from rotorid.core.toml import Schema, members, si
 from rotorid.core.units import to_si
 from rotorid.force.channel_dynamics import Constant
 from rotorid.force.entry import LawEntry, LawName, law_keys, stated_constant
@@ -575,23 +575,13 @@ OPEN = "?"
 """What `rotorid new` writes where it found nothing."""
 
 
-def _open_places(value: object, place: str) -> list[str]:
-    if isinstance(value, dict):
-        inner = {f"{place}.{key}".lstrip("."): member for key, member in value.items()}
-    elif isinstance(value, list):
-        inner = {f"{place}.{number}": member for number, member in enumerate(value)}
-    else:
-        return [place] if value == OPEN else []
-    return [found for key, member in inner.items() for found in _open_places(member, key)]
-
-
 class ExperimentFile(Schema):
     """An experiment file."""
 
     @model_validator(mode="before")
     @classmethod
     def _nothing_left_open(cls, value: object) -> object:
-        places = _open_places(value, "")
+        places = [place for place, said in members(value) if said == OPEN]
         if places:
             raise InputError(
                 f'"{OPEN}" in {", ".join(places[:6])}' + (" and more" if places[6:] else ""),
