@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
 
-from mistakes import MISTAKES, Verdict, judge, prepare  # noqa: E402
+from mistakes import MISTAKES, Verdict, judge  # noqa: E402
 
 PAGE = ROOT / "docs" / "rejected.md"
 MARK = "<!-- What follows is written by docs/make_mistakes.py -->"
@@ -40,7 +40,6 @@ def main() -> None:
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        prepare(folder)
         verdicts = [judge(mistake, folder) for mistake in MISTAKES]
     head = PAGE.read_text("utf-8").split(MARK)[0]
     PAGE.write_text(f"{head}{MARK}\n\n{table(verdicts)}\n", "utf-8")

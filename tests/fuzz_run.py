@@ -1,4 +1,4 @@
-"""Run damaged files of every format, or the corpus, and print the counts and what was found.
+"""Run damaged files of every format, or the corpus, and print what was found.
 
     python tests/fuzz_run.py --each 1000                 every format
     python tests/fuzz_run.py --each 900 --seed 1 --own 100    a hundred of them of the commit
@@ -49,23 +49,6 @@ def _group(outcome: Outcome) -> str:
     return name if number.isdigit() else "corpus"
 
 
-def table(outcomes: Iterable[Outcome]) -> str:
-    """Return how many files of each format came to what, with the worst time and memory."""
-    groups: dict[str, list[Outcome]] = collections.defaultdict(list)
-    for outcome in outcomes:
-        groups[_group(outcome)].append(outcome)
-    every = [o for group in groups.values() for o in group]
-    rows = [f"{'format':14}{'files':>7}{'exit 0':>8}{'1':>6}{'2':>7}{'found':>7}{'s':>7}{'MB':>7}"]
-    for name, group in [*groups.items(), ("all", every)]:
-        codes = collections.Counter(o.code for o in group)
-        rows.append(
-            f"{name:14}{len(group):7}{codes[0]:8}{codes[1]:6}{codes[2]:7}"
-            f"{sum(bool(o.faults) for o in group):7}{max(o.seconds for o in group):7.2f}"
-            f"{max(o.bytes for o in group) / 1e6:7.0f}"
-        )
-    return "\n".join(rows)
-
-
 def findings(outcomes: Iterable[Outcome], most: int = 40) -> str:
     groups: dict[tuple[str, tuple[str, ...], str], list[Outcome]] = collections.defaultdict(list)
     for outcome in outcomes:
@@ -85,7 +68,6 @@ def run(builds: Sequence[Build], workers: int, warm: Sequence[Case] = ()) -> lis
     outcomes = list(run_cases(builds, workers=workers, warm=warm))
     order = {name: number for number, name in enumerate(FORMATS)}
     outcomes.sort(key=lambda o: order.get(_group(o), -1))
-    print(table(outcomes))
     print(findings(outcomes) or "nothing found")
     print(f"{len(outcomes)} files in {time.monotonic() - started:.0f} s")
     return outcomes

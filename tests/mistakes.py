@@ -252,9 +252,20 @@ class Verdict:
         return bool(self.by)
 
 
+def experiment_of(rig: str, folder: Path) -> str:
+    """Return the experiment file of a shipped rig, whose record lies in a folder from then on."""
+    if rig == LEVERS:
+        return levers(experiment_of(RIGID, folder))
+    path = folder / f"{rig}.h5"
+    if not path.exists():
+        with contextlib.redirect_stdout(io.StringIO()):
+            assert run(["simulate", rig, "--out", str(path)]) == 0
+    return path.with_suffix(".toml").read_text("utf-8")
+
+
 def judge(mistake: Mistake, folder: Path) -> Verdict:
     """Make a mistake in the experiment file of a rig, in a folder with its record, and identify."""
-    text = (folder / f"{mistake.rig}.toml").read_text("utf-8")
+    text = experiment_of(mistake.rig, folder)
     path = folder / f"{mistake.rig}-wrong.toml"
     path.write_text(mistake.edit(text), "utf-8")
     try:
@@ -277,12 +288,3 @@ def judge(mistake: Mistake, folder: Path) -> Verdict:
 def _holds(mistake: Mistake, texts: Sequence[str]) -> bool:
     """Tell whether one of the words is there: `ks`, but not in `checks`."""
     return any(re.search(rf"(?<!\w){re.escape(w)}(?!\w)", t) for w in mistake.words for t in texts)
-
-
-def prepare(folder: Path) -> None:
-    """Simulate the shipped rigs into a folder."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        for rig in (THREE, RIGID):
-            assert run(["simulate", rig, "--out", str(folder / f"{rig}.h5")]) == 0
-    text = (folder / f"{RIGID}.toml").read_text("utf-8")
-    (folder / f"{LEVERS}.toml").write_text(levers(text), "utf-8")

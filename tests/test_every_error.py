@@ -105,15 +105,6 @@ def test_an_error_is_one_line(command, here, monkeypatch, capsys):
     assert sorted(here.iterdir()) == before
 
 
-@pytest.mark.sampled(4)
-@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"sensitivity"}))  # it asks for a sweep
-def test_the_commands_of_these_tests_work(command, here, capsys):
-    code = cli.run([command, *COMMANDS[command]])
-    assert code == OK, capsys.readouterr().err
-    for path in here.glob("new.*"):
-        path.unlink()
-
-
 def test_every_command_is_tried():
     assert set(COMMANDS) == set(cli.cli.commands)
 

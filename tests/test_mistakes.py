@@ -1,16 +1,14 @@
 """Deliberate mistakes in an experiment file are named by the first suspect, check or warning."""
 
 import pytest
-from mistakes import MISTAKES, MISTAKES_IN_LEVERS, THREE, judge, prepare
+from mistakes import MISTAKES, MISTAKES_IN_LEVERS, THREE, judge
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")  # estimates astray overflow
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("mistakes")
-    prepare(folder)
-    return folder
+    return tmp_path_factory.mktemp("mistakes")
 
 
 HERE = [mistake for mistake in MISTAKES if mistake.rig == THREE]

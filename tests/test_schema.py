@@ -1,7 +1,10 @@
 """JSON Schemas of `rotorid schema` take what the program reads, and no misspelt key."""
 
+import contextlib
+import io
 import json
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import jsonschema
@@ -18,19 +21,21 @@ SHIPPED = [
 ]
 
 
-def schema_of(kind: str, folder: Path) -> dict[str, object]:
-    target = folder / f"{kind}.schema.json"
-    assert cli.run(["schema", kind, "--out", str(target)]) == 0
-    found = json.loads(target.read_text())
+@cache
+def schema_of(kind: str) -> dict[str, object]:
+    shown = io.StringIO()
+    with contextlib.redirect_stdout(shown):
+        assert cli.run(["schema", kind]) == 0
+    found = json.loads(shown.getvalue())
     jsonschema.Draft202012Validator.check_schema(found)
     return found
 
 
 @pytest.mark.parametrize(("kind", "path"), SHIPPED, ids=lambda value: Path(value).stem)
-def test_a_shipped_file_fits_and_a_misspelt_key_does_not(kind, path, tmp_path):
+def test_a_shipped_file_fits_and_a_misspelt_key_does_not(kind, path):
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     kind = "rotor" if kind == "model" and "sections" in table else kind
-    schema = schema_of(kind, tmp_path)
+    schema = schema_of(kind)
     jsonschema.validate(table, schema)
     with pytest.raises(jsonschema.ValidationError, match="Additional properties"):
         jsonschema.validate({**table, "tiitle": "x"}, schema)
@@ -41,7 +46,7 @@ def test_the_experiment_file_of_a_rig_fits(tmp_path):
     out = tmp_path / "run.h5"
     assert cli.run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
     table = tomllib.loads(out.with_suffix(".toml").read_text(encoding="utf-8"))
-    schema = schema_of("experiment", tmp_path)
+    schema = schema_of("experiment")
     jsonschema.validate(table, schema)
     table["records"][0]["fundamentall"] = "20 Hz"
     with pytest.raises(jsonschema.ValidationError, match="fundamentall"):
