@@ -334,9 +334,10 @@ def response_lines(
         if std is not None:
             variance = 2 * _deviations(std, found, RESPONSE_STD, row=False)[order] ** 2
         else:
-            gamma = _checked_coherence(coherence, found)
-            kept = order[(gamma[order] >= FAINT).all(axis=1)]
-            told, order = _faint(len(order) - len(kept), len(kept)), kept
+            with naming(place="coherence"):
+                gamma = _checked_coherence(coherence, found)
+                kept = order[(gamma[order] >= FAINT).all(axis=1)]
+                told, order = _faint(len(order) - len(kept), len(kept)), kept
             variance, dof = _from_coherence(found[order], gamma[order], averages)
             kind = "coherence"
         _refuse_repeated(sensors, hertz[order], found[order], variance)
@@ -393,7 +394,6 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Flo
             "neither std nor coherence",
             "what tells the noise of the responses",
             "write coherence beside each response, with averages; or std",
-            place="coherence",
         )
     found = np.asarray(coherence, dtype=np.float64)
     if found.shape != responses.shape:
@@ -401,7 +401,6 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Flo
             f"coherence of shape {found.shape}",
             "one for each line and response",
             "give a coherence of the same lines",
-            place="coherence",
         )
     wrong = found[~((found >= 0) & (found <= 1))]
     if wrong.size:
@@ -409,14 +408,12 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Flo
             f"a coherence of {wrong[0]:g}",
             "numbers from 0 to 1",
             "divide percent by 100, or square it where the analyser gives its root",
-            place="coherence",
         )
     if (found == 1).all():
         raise InputError(
             "a coherence of 1 on every line",
             "the coherence of several averages",
             "take it from more than one average, or state std",
-            place="coherence",
         )
     # Half of the last digit that numbers are written with: one printed as 1.000 is not.
     written = (n for n in range(1, 13) if (np.abs(np.round(found, n) - found) < 1e-14).all())
@@ -430,7 +427,6 @@ def _faint(lost: int, left: int) -> tuple[str, ...]:
             f"a coherence below {FAINT:g} on {'every line' if not left else 'all lines but one'}",
             "lines on which the response stands out of the noise",
             "excite more, or take another column: this one says that there is no response",
-            place="coherence",
         )
     if not lost:
         return ()

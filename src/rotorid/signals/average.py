@@ -205,7 +205,8 @@ def _begun(
     band: tuple[float, float] | None,
 ) -> PeriodSums:
     rate, channels = source.sample_rate, source.channels
-    size = _period_size(rate, fundamental, period_samples)
+    with naming(place="period_samples" if fundamental is None else "fundamental"):
+        size = _period_size(rate, fundamental, period_samples)
     lines = _lines_of(rate, size, harmonics, band)
     corrected = [c.name for c in channels if c.hold or c.delay or c.delay_std]
     if corrected and 2 * lines[-1] == size:  # its phase is not in the samples
@@ -219,18 +220,16 @@ def _begun(
 
 
 def _period_size(rate: float, fundamental: float | None, samples: int | None) -> int:
-    key = "period_samples" if fundamental is None else "fundamental"
     if (fundamental is None) == (samples is None):
         raise InputError(
             "neither or both of fundamental and period_samples",
             "one of them",
             "give the fundamental frequency or the samples of a period",
-            place=key,
         )
     exact, source = float(samples or 0), ""
     if fundamental is not None:
         cure = "set fundamental to the repetition frequency"
-        require_positive(fundamental, "Hz", cure, found="a fundamental of {}", place=key)
+        require_positive(fundamental, "Hz", cure, found="a fundamental of {}")
         exact, source = rate / fundamental, f" ({rate:g} / {fundamental:g} Hz)"
     size = round(exact) if math.isfinite(exact) else 0
     if not math.isfinite(exact) or abs(exact - size) > 1e-6 * abs(exact):
@@ -238,10 +237,9 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
             f"a period of {exact:.6g} samples{source}",
             "a whole number of samples",
             "give a lower common fundamental and multiply the harmonics, or resample",
-            place=key,
         )
     if size < 2:
-        raise InputError(f"a period of {size} samples", "2 or more", "sample faster", place=key)
+        raise InputError(f"a period of {size} samples", "2 or more", "sample faster")
     return size
 
 
