@@ -16,7 +16,7 @@ from rotorid.signals.checks import rotation as checks_rotation
 from rotorid.signals.checks.channels import check_copied, check_phases, check_probes
 from rotorid.signals.checks.periods import Settling, detect_settling
 from rotorid.signals.checks.references import DrivenMotion, check_quiet, check_references
-from rotorid.signals.checks.registry import check_periods, check_record, check_whole
+from rotorid.signals.checks.registry import Seen, check_periods, check_record, found_by
 from rotorid.signals.checks.rotation import rotation_warnings, synchronism
 from rotorid.signals.inspection import detect_distortion
 
@@ -757,7 +757,7 @@ def test_a_drive_stops_where_it_does_not_belong():
     assert [verdict(held(1.0, level), "N") for level in (0.15, 0.25)] == ["note", "warning"]
     assert [verdict(held(part, 1.0), "N") for part in (0.45, 0.55)] == ["note", "warning"]
     record = Record([Channel("r")], held(1.0, 1.0)[:, None], 1000.0)
-    (check,) = check_whole(record, (), ("r",))
+    (check,) = found_by("whole", Seen(record, channels=(), references=("r",)))
     assert (check.about, check.verdict) == ("stuck reference", "warning")
 
 
@@ -779,7 +779,8 @@ PROBES = [Channel("F", "N"), *(Channel(f"x{k}", "m") for k in range(4))]
 
 def found(samples: np.ndarray, channels: list[Channel] = PROBES) -> list[Note]:
     record = Record(channels, samples, 1000.0)
-    return [c for c in check_whole(record, record.channels, ()) if c.about == "lost samples"]
+    found = found_by("whole", Seen(record, channels=record.channels))
+    return [c for c in found if c.about == "lost samples"]
 
 
 def resting(size: float, columns: tuple[int, ...] = (1, 2, 3, 4), count: int = 400) -> np.ndarray:

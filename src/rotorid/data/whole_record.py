@@ -17,7 +17,7 @@ from rotorid.data.lines import Beside, Lines, SampledClock, Samples
 from rotorid.data.record import Channel, Record, part_of, samples_between
 from rotorid.signals.checks.channels import REFERENCE
 from rotorid.signals.checks.references import DrivenMotion, check_quiet, check_references
-from rotorid.signals.checks.registry import check_whole
+from rotorid.signals.checks.registry import Seen, found_by
 from rotorid.signals.checks.rotation import shown_rotation
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
@@ -220,7 +220,7 @@ def spectra(
             noise = _input_noise(whole, inputs, kept)
     found = whole.lines(kept, noise.covariance)
     used = replace(whole.record, angle=None, valid=None)
-    checks = check_whole(used, found.channels, tuple(references))
+    checks = found_by("whole", Seen(used, channels=found.channels, references=tuple(references)))
     stuck = {name for c in checks if (c.about, c.severity) == (REFERENCE, "warns") for name in c.on}
     return replace(
         found,

@@ -306,8 +306,7 @@ class StoredResponse:
 
 
 def read_responses(path: Path) -> dict[str, StoredResponse]:
-    found: dict[str, StoredResponse] = RESPONSES.open(path).ask("copy")  # of what is opened
-    return found
+    return dict(RESPONSES.open(path).ask("copy"))  # of what is opened
 
 
 @contextmanager

@@ -350,12 +350,10 @@ class Stored:
 
     @cached_property
     def names(self) -> list[str]:
-        found: list[str] = self._child.ask("names")
-        return found
+        return list(self._child.ask("names"))
 
     def find(self, name: str) -> str:
-        found: str = self._child.ask("find", name)
-        return found
+        return str(self._child.ask("find", name))
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         parts = self._child.stream("read", list(names))

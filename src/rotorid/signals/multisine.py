@@ -63,9 +63,6 @@ class Multisine:
                 "sample faster or leave the high lines out",
                 place="sample_rate",
             )
-        return self._periods(count)
-
-    def _periods(self, count: int) -> Floats:
         return synthesize(self.amplitudes / 2, self.harmonics, count)
 
     @property
@@ -75,7 +72,8 @@ class Multisine:
     @property
     def crest_factor(self) -> Floats:
         """Peak over root mean square of each signal, between samples too, shape (signal,)."""
-        peak = np.abs(self._periods(_fine(self.harmonics))).max(axis=0)
+        fine = synthesize(self.amplitudes / 2, self.harmonics, _fine(self.harmonics))
+        peak = np.abs(fine).max(axis=0)
         return np.asarray(peak / np.where(self.rms > 0, self.rms, np.inf))
 
     def scaled(self, factors: ArrayLike) -> Multisine:

@@ -69,7 +69,7 @@ def _checks() -> dict[str, dict[str, _Check]]:
     return _ENTERED
 
 
-def _told(of: str, seen: Any) -> tuple[Note, ...]:
+def found_by(of: str, seen: Any) -> tuple[Note, ...]:
     """Return what all checks find, and for those that find nothing that they passed."""
     checks = {name: check for name, check in _checks()[of].items() if check.needs(seen)}
 
@@ -128,15 +128,8 @@ def check_record(
     record: Record, periods: PeriodicRecord | None = None, *, excerpt: Record | None = None
 ) -> tuple[Note, ...]:
     """Return notes on the samples; channels are looked at one by one in the `excerpt`."""
-    return _told("record", Seen(record, periods, excerpt))
+    return found_by("record", Seen(record, periods, excerpt))
 
 
 def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
-    return _told("periods", periods)
-
-
-def check_whole(
-    record: Record, channels: tuple[Channel, ...], references: tuple[str, ...]
-) -> tuple[Note, ...]:
-    """Look at what is used of a record without periods, and fitted but for its references."""
-    return _told("whole", Seen(record, channels=channels, references=references))
+    return found_by("periods", periods)
