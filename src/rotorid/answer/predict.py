@@ -164,8 +164,7 @@ def _at_estimate(model: Model, estimate: Estimate, records: Records, first: int)
 
 
 def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) -> None:
-    missing = missing_values(model, estimate, number, given)
-    if missing:
+    if missing := missing_values(model, estimate, number, given):
         raise InputError(
             f"a result of {estimate.model!r} without {missing[0]!r}",
             f"the parameters of {model.name!r}: {', '.join(model.parameter_names)}, or its base "
@@ -173,8 +172,7 @@ def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) 
             "use the result and the experiment of one model",
         )
     check_units(estimate, model.parameter_units)
-    unknown = [value.name for value in estimate.parameters if not np.isfinite(value.value)]
-    if unknown:
+    if unknown := [value.name for value in estimate.parameters if not np.isfinite(value.value)]:
         expected = "a value of every parameter"
         cure = "fix one or measure more, then identify again"
         raise InputError(f"a result that leaves {', '.join(unknown)} undetermined", expected, cure)
@@ -398,12 +396,10 @@ def verdict_of(records: Sequence[Sequence[ChannelError]]) -> Validated:
     if len(records) > 1:
         numbered = enumerate(records, 1)
         every = [replace(c, name=f"{c.name} of record {k}") for k, each in numbered for c in each]
-    failing = [channel for channel in every if channel.fails]
-    if failing:
+    if failing := [channel for channel in every if channel.fails]:
         worst = min(failing, key=lambda channel: (channel.p_value or 0.0, -(channel.noise or 0)))
         return Validated("fails", f"the result does not predict the record: {worst}", CURES)
-    telling = [channel for channel in every if channel.tells]
-    if not telling:
+    if not (telling := [channel for channel in every if channel.tells]):
         return Validated("fails", f"inconclusive: {_hidden(every)}", (LOUDER,))
     worst = max(telling, key=lambda channel: channel.relative_error or 0.0)
     how = "within its deviations and the noise"
@@ -413,8 +409,7 @@ def verdict_of(records: Sequence[Sequence[ChannelError]]) -> Validated:
 
 
 def _hidden(every: Sequence[ChannelError]) -> str:
-    known = [channel for channel in every if channel.relative_error is not None]
-    if not known:
+    if not (known := [channel for channel in every if channel.relative_error is not None]):
         return "every channel of the record is zero"
     best = min(known, key=lambda channel: np.hypot(channel.noise or 0.0, channel.deviations or 0.0))
     return f"{best}, and of no channel less: any machine would pass"

@@ -322,8 +322,7 @@ def _transient(observation: Observation) -> Transient | None:
     Integrating by parts leaves ``q`` at the ends of the window for a velocity, and ``i omega q``
     beside it for an acceleration.
     """
-    order = observation.lines.transient
-    if order is None:
+    if (order := observation.lines.transient) is None:
         return None
     own = [sensor.order - 1 for sensor in observation.indirect]
     orders = np.array([order] * len(observation.model.texts) + own, dtype=np.int64)

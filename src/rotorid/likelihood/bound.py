@@ -208,8 +208,7 @@ def predict_accuracy(
 def _guess(
     model: Model, truth: Mapping[str, float], known: Knowledge[float], *, base: bool
 ) -> dict[str, float]:
-    missing = [name for name in model.parameter_names if name not in truth]
-    if missing:
+    if missing := [name for name in model.parameter_names if name not in truth]:
         told, expected = f"no value of {', '.join(missing)}", "a value of every parameter"
         raise InputError(told, expected, "give values, or nominal values in the model file")
     if not base:

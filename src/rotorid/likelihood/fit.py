@@ -296,8 +296,7 @@ def _globally(prepared: Problem, records: Records, rough: Rough | None) -> Itera
     if problem.sketch is not None:
         watch("looking for gross mistakes on few lines")
     found: Solution | None = None
-    plain = plainly(prepared, records, problem)
-    if plain is not None:
+    if (plain := plainly(prepared, records, problem)) is not None:
         yield step(plain.solution, plain=plain)
         return
     start = prepared.layout.start
@@ -382,8 +381,7 @@ def starting_values(
         names = model.base.names
         if {*names} <= knowledge.start.keys():
             return {}
-        found = _batch(model, records)
-        if found is None:
+        if (found := _batch(model, records)) is None:
             known = {**nominal, **knowledge.start}
             found = model.base_values([known.get(name, np.nan) for name in model.parameter_names])
         return dict(zip(names, found.tolist(), strict=True))

@@ -81,8 +81,7 @@ class Layout:
 
     def observed(self, record: Observation) -> Observation:
         """Return a record with rows of their own for the sensors that read unknown shares."""
-        apart = {effect.channel for effect, _ in self.acting(Reads)}
-        if not apart:
+        if not (apart := {effect.channel for effect, _ in self.acting(Reads)}):
             return record
         sensors = (replace(s, apart=s.apart or s.channel.name in apart) for s in record.sensors)
         return replace(record, sensors=tuple(sensors))

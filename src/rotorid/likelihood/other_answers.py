@@ -270,8 +270,7 @@ def questioned(
     at = _Minimum(solution)
     others = [mirrors.as_started(end) for end in at.minima()]
     others += [image for image, _ in mirrors.images(solution)]
-    lower = _lower(others, solution)
-    if lower is not None:
+    if (lower := _lower(others, solution)) is not None:
         others.append(solution)
         at = _Minimum(lower)
     _, lowest = at.valley

@@ -83,14 +83,12 @@ def _unknowns(
         found.append(replace(scalar, start=0.0) if unsaid else scalar)
     for i in layout.idle:  # no record uses it, and nothing may depend on it
         found[i] = replace(found[i], start=1.0, std=0.0)
-    missing = [u.name for u in found if np.isnan(u.start)]
-    if missing:
+    if missing := [u.name for u in found if np.isnan(u.start)]:
         told = f"no start of {', '.join(missing)}"
         expected = "a starting value of every parameter, where some coordinates are not measured"
         cure = "give start (in the experiment file) or nominal (in the model file)"
         raise InputError(told, expected, cure, place=f"parameters.{missing[0]}")
-    wrong = [u.name for u in found if u.positive and not u.fixed and u.start <= 0]
-    if wrong:
+    if wrong := [u.name for u in found if u.positive and not u.fixed and u.start <= 0]:
         told = f"a start of {wrong[0]} that is not positive"
         expected = "a positive number, as the model declares"
         cure = "start above 0, or take positive out of the model"
@@ -136,8 +134,7 @@ def _check(layout: Layout, knowledge: Knowledge[float]) -> None:
                 )
             if said:
                 raise InputError(*said, place=key)
-    twice = sorted(knowledge.fixed.keys() & knowledge.known.keys())
-    if twice:
+    if twice := sorted(knowledge.fixed.keys() & knowledge.known.keys()):
         raise InputError(f"{twice[0]} both fixed and with a deviation", "one of them", "drop one")
     if layout.base:
         _refuse_physical(layout, knowledge)
@@ -151,8 +148,7 @@ def _refuse_physical(layout: Layout, knowledge: Knowledge[float]) -> None:
             f"the same parameters in every record, {asked}",
             "estimate the physical parameters, or each record by itself",
         )
-    known = sorted(knowledge.known.keys() & {*layout.model.parameter_names})
-    if known:
+    if known := sorted(knowledge.known.keys() & {*layout.model.parameter_names}):
         cure = "estimate the physical parameters"
         raise InputError(f"a deviation of {known[0]}", f"fixed values, {asked}", cure)
     if knowledge.bounds:

@@ -392,8 +392,7 @@ def inside(problem: Problem, unknowns: Floats, scale: Floats) -> Floats | None:
         x = retract(unknowns, problem.layout.free, relations, scale) if len(relations) else unknowns
         if x is None:
             return None
-        fresh = [i for i in outside(problem.bounds, x).tolist() if i not in held]
-        if not fresh:
+        if not (fresh := [i for i in outside(problem.bounds, x).tolist() if i not in held]):
             return None if len(outside(problem.bounds, x, 1e-9)) else x
         held = (*held, *fresh)
     return None

@@ -192,8 +192,7 @@ class RivalSearch:
         waiting = [rival]
         while waiting:
             rival = waiting.pop(0)
-            point = rival.change(self.case).minimized(rival.way)
-            if point is not None:
+            if (point := rival.change(self.case).minimized(rival.way)) is not None:
                 self.found.append(self.finding(rival, point))
                 waiting += rival.sharper(self.case, point)
 
@@ -311,8 +310,7 @@ def alike(found: Sequence[Finding], expected: float) -> list[Finding]:
     Their costs differ by no more than those of alternatives do (theory, 7), times the cost over its
     expectation where even the best leaves a misfit.
     """
-    tried = [f for f in found if f.tried]
-    if not tried:
+    if not (tried := [f for f in found if f.tried]):
         return list(found[:1])
     least = min(f.left for f in tried)
     margin = CLOSE * max(1.0, least / max(expected, 1.0))

@@ -421,8 +421,7 @@ def _moved_masses(case: Case) -> Iterator[Rival]:
     layout = case.prepared.layout
     for record, *parts in trials(case):
         names = [layout.unknowns[i].name for i in parts]
-        free = case.freed(*names).minimized()
-        if free is None:
+        if (free := case.freed(*names).minimized()) is None:
             continue
         given, found = (complex(*at[parts]) for at in (layout.start, free.unknowns))
         there = complex(given * np.exp(1j * np.angle(found / given)))

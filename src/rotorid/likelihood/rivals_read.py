@@ -481,8 +481,7 @@ def is_table(record: Observation) -> bool:
 
 @rivals("table")
 def _row(case: Case) -> Iterator[Rival]:
-    tables = [k for k, record in enumerate(case.records) if is_table(record)]
-    if not tables:
+    if not (tables := [k for k, record in enumerate(case.records) if is_table(record)]):
         return
     number = max(tables, key=lambda k: float(case.point.records[k].line_costs.max()))
     row = int(case.point.records[number].line_costs.argmax())

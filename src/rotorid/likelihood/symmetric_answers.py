@@ -108,8 +108,7 @@ class Mirrors:
         for turn in sorted(self._every_turn(), key=lambda turn: -score(turn)):
             if score(turn) <= 0:
                 break
-            image = self._image(solution, turn)
-            if image is not None:
+            if (image := self._image(solution, turn)) is not None:
                 return image
         return solution
 
@@ -300,8 +299,7 @@ def _exchanges(
         for i, value in fixed.items():
             if places[i] != i:
                 known[i] = fixed[places[i]] / value
-        factors = web.followed(places, known)
-        if factors is None:
+        if (factors := web.followed(places, known)) is None:
             continue
         pairs = [
             _coordinates(model, web, [node, place])
@@ -398,8 +396,7 @@ class Web:
             one, other = list(first), list(first)
             one[a], one[b], other[b], other[a] = fresh, fresh + 1, fresh, fresh + 1
             search.effort = EFFORT
-            found = search.matched(one + other)
-            if found is not None:
+            if (found := search.matched(one + other)) is not None:
                 moved |= set(enumerate(found))
                 yield found
 
@@ -480,8 +477,7 @@ class _Search:
         for there in sorted(nodes, key=lambda other_node: other_node != node):
             guess = list(split)
             guess[node] = guess[self.count + there] = self.count + max(one)
-            found = self.matched(guess)
-            if found is not None:
+            if (found := self.matched(guess)) is not None:
                 return found
         return None
 

@@ -380,8 +380,7 @@ class SampledRegression(Equations):
 
     @property
     def left_out(self) -> str:
-        count = int((~self.told).any(axis=1).sum())
-        if not count:
+        if not (count := int((~self.told).any(axis=1).sum())):
             return ""
         return (
             f"{told_of(self.record.record)}{count} of {len(self.told)} samples in use are left out "
