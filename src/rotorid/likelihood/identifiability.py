@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rotorid.answer.derived import deviation
 from rotorid.answer.estimate import Value
 from rotorid.core.units import multiply_units
-from rotorid.core.values import Floats, frozen
+from rotorid.core.values import Floats, frozen, grouped
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
@@ -191,9 +191,7 @@ def find_cures(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     if not combinations:
         return []
     count = len(combinations)
-    sensors: dict[int, list[str]] = {}
-    for name, left in _sensors(fit):
-        sensors.setdefault(left, []).append(name)
+    sensors = grouped((left, name) for name, left in _sensors(fit))
     helped = [(left, f"a sensor of {' or '.join(names)}") for left, names in sensors.items()]
     every = (*_other_speeds(fit), *helped)
     best = sorted((pair for pair in every if pair[0] < count), key=lambda pair: pair[0])
@@ -217,11 +215,8 @@ def _fixing(layout: Layout, combinations: Sequence[Combination]) -> str:
     if len(combinations) > 1:
         names = tuple(combination.names[0] for combination in combinations)
         told = f"fix {len(combinations)} of them, such as "
-    ways: dict[str, list[str]] = {}
-    for unknown in layout.nuisances:
-        for scalar in unknown.scalars:
-            if scalar.name in names:
-                ways.setdefault(unknown.held, []).append(scalar.name)
+    every = ((unknown.held, s.name) for unknown in layout.nuisances for s in unknown.scalars)
+    ways = grouped((held, name) for held, name in every if name in names)
     how = "; ".join(f"{', '.join(held)}: {way}" for way, held in ways.items())
     return told + ", ".join(names) + (f" ({how})" if how else "")
 

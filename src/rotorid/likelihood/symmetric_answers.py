@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.notes import Note
-from rotorid.core.values import Floats, frozen
+from rotorid.core.values import Floats, frozen, grouped
 from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.assembly import Terms, every_load, other_terms, profile
 from rotorid.likelihood.inference import Inference
@@ -466,9 +466,7 @@ class _Search:
         if self.effort <= 0 or (split := self.refined(colours)) is None:
             return None
         one, other = split[: self.count], split[self.count :]
-        classes: dict[int, list[int]] = {}
-        for node, colour in enumerate(other):
-            classes.setdefault(colour, []).append(node)
+        classes = grouped((colour, node) for node, colour in enumerate(other))
         several = [nodes for nodes in classes.values() if len(nodes) > 1]
         if not several:
             return [classes[colour][0] for colour in one]

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field, Strict
 
 from rotorid.core.errors import InputError, require_names
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats, frozen, grouped
 from rotorid.data.observation import Observation, Records
 from rotorid.data.record import Channel
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
@@ -356,8 +356,7 @@ def bends(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """
     held, found = _with_samples(records) if wanted is None else [], list[Unknown]()
     units = {s.channel.name: s.channel.unit for r in held for s in r.direct}
-    for unit in dict.fromkeys(units.values()):
-        names = [name for name, of in units.items() if of == unit]
+    for unit, names in grouped((unit, name) for name, unit in units.items()).items():
         for on in [*([name] for name in names), *([names] if len(names) > 1 else [])]:
             term = f"nonlinear {on[0]}" + (f" ... {on[-1]}" if len(on) > 1 else "")
             found.append(_bend(term, f"1/{unit}^2" if unit else "1", on, lambda x: x**3))
@@ -401,9 +400,7 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     for name in inputs if "ki" in asked else ():
         unit, ki = ("N/A", driven[name].ki) if name in driven else ("1", 1.0)
         found.append(_driving("ki", f"ki[{name}]", unit, ki, [name]))
-    alike: dict[float, list[str]] = {}
-    for name, drive in driven.items():
-        alike.setdefault(drive.ks, []).append(name)
+    alike = grouped((drive.ks, name) for name, drive in driven.items())
     for ks, names in alike.items():
         together = "ks" if len(alike) == 1 else f"ks[{', '.join(names)}]"
         if "ks" in asked:
@@ -440,13 +437,9 @@ def _driving(
 def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return constants of the force laws, each of one or more inputs, all changed by as much."""
     laws = _bent(records)
-    groups: dict[tuple[str, str], list[str]] = {}
-    common: dict[tuple[str, str], list[str]] = {}
-    for input_name, law in laws.items():
-        for name, constant in law.constants.items():
-            common.setdefault((name, ""), []).append(input_name)
-            if constant.std:
-                groups.setdefault((name, constant.shared or input_name), []).append(input_name)
+    every = [(i, name, of) for i, law in laws.items() for name, of in law.constants.items()]
+    groups = grouped(((name, of.shared or i), i) for i, name, of in every if of.std)
+    common = grouped(((name, ""), i) for i, name, _ in every)
     found = []
     for (name, label), on in (groups | (common if wanted is None else {})).items():
         first, *others = dict.fromkeys(laws[each].constants[name] for each in on)

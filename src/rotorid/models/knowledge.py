@@ -12,7 +12,7 @@ import scipy
 
 from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.units import finite_speed, multiply_units, quantity, to_si
-from rotorid.core.values import Floats, frozen
+from rotorid.core.values import Floats, frozen, grouped
 from rotorid.data.observation import Observation
 from rotorid.models import Model
 from rotorid.models.equations import polynomial
@@ -274,10 +274,7 @@ def in_units_of(model: Model, mode: Mode) -> Mode:
 
 def configurations(modes: Sequence[Mode]) -> list[list[Mode]]:
     """Group modes by speed and parameters, numbered in ascending order, on from a stated number."""
-    groups: dict[object, list[Mode]] = {}
-    for mode in modes:
-        key = mode.speed, frozenset(mode.parameters.items())
-        groups.setdefault(key, []).append(mode)
+    groups = grouped(((m.speed, frozenset(m.parameters.items())), m) for m in modes)
     numbered: list[list[Mode]] = []
     for group in groups.values():
         found: list[Mode] = []
