@@ -34,13 +34,11 @@ LONGEST = 600  # characters of the one line of a refusal
 CODES = (0, 1, 2, 3)
 # What commands load when they are called: loaded once, before the children are made.
 LOADED = (
-    *(
-        f"rotorid.commands.{name}"
-        for name in ("identify", "inspect", "validate", "modes", "balance")
-    ),
-    *("rotorid.models", "rotorid.report.record_tables", "rotorid.experiment.draft"),
-    *("rotorid.rig.files", "rotorid.results.export", "rotorid.report.estimate_report"),
-    *("rotorid.report.estimate_report", "rotorid.io.hdf5", "rotorid.io.formats"),
+    *("rotorid.commands.identify", "rotorid.commands.inspect", "rotorid.commands.validate"),
+    *("rotorid.commands.modes", "rotorid.commands.balance", "rotorid.models"),
+    *("rotorid.report.record_tables", "rotorid.experiment.draft", "rotorid.rig.files"),
+    *("rotorid.results.export", "rotorid.report.estimate_report"),
+    *("rotorid.io.hdf5", "rotorid.io.formats"),
     *("pyarrow.parquet", "nptdms", "pyuff", "asammdf", "matplotlib.pyplot", "scipy.io"),
 )
 

@@ -79,7 +79,18 @@ def test_validate(folder, capsys):
     halves = entry + 'until = "1 s"\n' + entry + 'skip = "1 s"\n'
     (folder / "both.toml").write_text(EXPERIMENT.replace(entry, halves))
     capsys.readouterr()
-    assert cli.run(["validate", "run.json", "run.toml"]) == 0
+    outputs = ["--json", "validation.json", "--report", "validation.html"]
+    assert cli.run(["validate", "run.json", "run.toml", *outputs]) == 0
+    data = json.loads((folder / "validation.json").read_text())
+    assert data["verdict"] == "predicts"
+    assert [row["name"] for row in data["channels"]] == ["F_x", "F_y"]
+    keys = {"record", "name", "relative_error", "noise", "p_value", "deviations"}
+    assert {*data["channels"][0]} == keys
+    stated = rid.load_estimate("run.json").prediction
+    for row in data["channels"]:
+        assert row["relative_error"] == pytest.approx(stated[row["name"]].relative_error)
+    page = (folder / "validation.html").read_text()
+    assert "The result predicts the record within its deviations and the noise" in page
     one = capsys.readouterr().out
     first = [line.split()[0] for line in one.splitlines() if line]
     assert first == ["predicts:", "channel", "F_x", "F_y", "note:"]
@@ -94,6 +105,15 @@ def test_validate(folder, capsys):
     names = [f"{name}, record {k}" for k in (1, 2) for name in ("F_x", "F_y")]
     assert [line.partition("  ")[0] for line in both] == names
     assert all(line.endswith("predicted") for line in both)
+    wrong = json.loads((folder / "run.json").read_text())
+    for value in wrong["parameters"]:
+        value["value"] *= 3.0
+    (folder / "wrong.json").write_text(json.dumps(wrong))
+    assert cli.run(["validate", "wrong.json", "run.toml", "--json", "wrong_too.json"]) == 1
+    told = capsys.readouterr().out
+    assert "fails: the result does not predict the record: F_" in told
+    assert "Hold the two experiment files side by side" in told
+    assert json.loads((folder / "wrong_too.json").read_text())["verdict"] == "fails"
 
 
 def test_a_result_of_another_model(folder, capsys):
@@ -389,37 +409,6 @@ def test_export(folder, capsys, ending):
     assert told.startswith(f"out{ending}: 5 parameters, 0 nuisance")
     assert ("state space of 4 states" in told) == (ending == ".mat")
     assert (folder / f"out{ending}").stat().st_size > 100
-
-
-def test_a_validation_that_fails(folder, capsys):
-    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
-    wrong = json.loads((folder / "run.json").read_text())
-    for value in wrong["parameters"]:
-        value["value"] *= 3.0
-    (folder / "wrong.json").write_text(json.dumps(wrong))
-    capsys.readouterr()
-    outputs = ["--json", "validation.json"]
-    assert cli.run(["validate", "wrong.json", "run.toml", *outputs]) == 1
-    told = capsys.readouterr().out
-    assert "fails: the result does not predict the record: F_" in told
-    assert "Hold the two experiment files side by side" in told
-    assert json.loads((folder / "validation.json").read_text())["verdict"] == "fails"
-
-
-def test_validate_writes_what_it_shows(folder):
-    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
-    outputs = ["--json", "validation.json", "--report", "validation.html"]
-    assert cli.run(["validate", "run.json", "run.toml", *outputs]) == 0
-    data = json.loads((folder / "validation.json").read_text())
-    assert data["verdict"] == "predicts"
-    assert [row["name"] for row in data["channels"]] == ["F_x", "F_y"]
-    keys = {"record", "name", "relative_error", "noise", "p_value", "deviations"}
-    assert {*data["channels"][0]} == keys
-    stated = rid.load_estimate("run.json").prediction
-    for row in data["channels"]:
-        assert row["relative_error"] == pytest.approx(stated[row["name"]].relative_error)
-    page = (folder / "validation.html").read_text()
-    assert "The result predicts the record within its deviations and the noise" in page
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Experiment files of records without periods for models that are not linear."""
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -101,8 +102,7 @@ def test_what_a_file_cannot_say(folder, capsys, record, more, message):
     assert run(["identify", write(folder, record, more)]) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
-    with pytest.raises(AssertionError, match=message):
-        raise AssertionError(told)
+    assert re.search(message, told)
 
 
 def test_a_draft_for_a_nonlinear_model_gives_a_cutoff(folder, capsys):

@@ -16,12 +16,6 @@ HEAVY = {
 COMPLETION = {"_ROTORID_COMPLETE": "bash_complete", "COMP_WORDS": "rotorid id", "COMP_CWORD": "1"}
 
 
-def loaded(code: str, environment: dict[str, str] | None = None) -> tuple[set[str], str]:
-    """Return the packages that a process has loaded when it ends, and what it printed."""
-    names, out = modules(code, environment)
-    return {name.partition(".")[0] for name in names}, out
-
-
 def modules(code: str, environment: dict[str, str] | None = None) -> tuple[set[str], str]:
     """Return the modules that a process has loaded when it ends, and what it printed."""
     told = (
@@ -47,7 +41,8 @@ def modules(code: str, environment: dict[str, str] | None = None) -> tuple[set[s
     ],
 )
 def test_what_is_not_needed_is_not_loaded(code, environment, printed):
-    packages, out = loaded(code, environment)
+    names, out = modules(code, environment)
+    packages = {name.partition(".")[0] for name in names}
     assert "rotorid" in packages
     assert not packages & HEAVY
     assert printed in out
