@@ -276,21 +276,17 @@ def _mat(**options: object) -> bytes:
     return written(write, "run.mat")
 
 
-def _hdf5(**options: object) -> bytes:
+def _hdf5(libver: str = "earliest", **filters: object) -> bytes:
     def write(path: Path) -> None:
-        with h5py.File(path, "w", libver=options.get("libver", "earliest")) as data:
+        with h5py.File(path, "w", libver=libver) as data:
             for name, (values, unit) in columns().items():
-                made = data.create_dataset(f"run/{name}", data=values, **_filters(options))
+                made = data.create_dataset(f"run/{name}", data=values, **filters)
                 made.attrs["units"] = unit
             data["run"].attrs["sample_rate"] = 1000.0
             data["run/both"] = np.stack([v for v, _ in columns().values()], axis=1)
             data["link"] = h5py.SoftLink("/run/fx")
 
     return written(write, "run.h5")
-
-
-def _filters(options: Mapping[str, object]) -> dict[str, object]:
-    return {k: v for k, v in options.items() if k != "libver"}
 
 
 def _universal(binary: int) -> bytes:

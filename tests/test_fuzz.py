@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import fuzz_harness as harness
@@ -127,35 +128,29 @@ def test_what_is_done_is_judged(monkeypatch):
     monkeypatch.setattr(harness, "BYTES", 40_000_000)
     monkeypatch.setattr(harness, "LOADED", ())
 
+    endless = '{"status": "ok", "parameters": [{"value": NaN}]}'
+    # The system keeps the largest of all children: what weighs comes before what is only slow.
+    bad: dict[str, Callable[[], object]] = {
+        "signal": lambda: os.kill(os.getpid(), 11),
+        "hang": lambda: os.read(os.pipe()[0], 1),
+        "slow": lambda: sum(range(30_000_000)),
+        "memory": lambda: bytearray(b"a") * (2 * harness.BYTES),
+        "memory of a child": lambda: Sandbox(work, "").ask("fill", 4 * harness.BYTES),
+        "slow child": lambda: Sandbox(work, "").ask("sum", 30_000_000),
+        "file": lambda: Path("left.part").write_text("half"),
+        "change": lambda: Path("model.toml").write_text("gone"),
+        "nan": lambda: Path("out.json").write_text(endless),
+        "nothing": lambda: None,
+    }
+
     def badly(arguments: list[str]) -> int:
-        what = arguments[0]
-        if what == "signal":
-            os.kill(os.getpid(), 11)
-        elif what == "hang":
-            os.read(os.pipe()[0], 1)
-        elif what == "slow":
-            sum(range(30_000_000))
-        elif what == "memory":
-            bytearray(b"a") * (2 * harness.BYTES)
-        elif what == "slow child":
-            Sandbox(work, "").ask("sum", 30_000_000)
-        elif what == "memory of a child":
-            Sandbox(work, "").ask("fill", 4 * harness.BYTES)
-        elif what == "file":
-            Path("left.part").write_text("half")
-        elif what == "change":
-            Path("model.toml").write_text("gone")
-        elif what == "nan":
-            Path("out.json").write_text('{"status": "ok", "parameters": [{"value": NaN}]}')
+        bad[arguments[0]]()
         return 0
 
     monkeypatch.setattr("rotorid.cli.run", badly)
-    # The system keeps the largest of all children: what weighs comes before what is only slow.
-    words = ("signal", "hang", "slow", "memory", "memory of a child", "slow child")
-    words += ("file", "change", "nan", "nothing")
     files = {"model.toml": b"title"}
-    found = outcomes(*(Case(w, (w,), files, outputs=("out.json",)) for w in words))
-    told = dict(zip(words, found, strict=True))
+    found = outcomes(*(Case(w, (w,), files, outputs=("out.json",)) for w in bad))
+    told = dict(zip(bad, found, strict=True))
     assert told["signal"] == ("SIGSEGV",)
     assert told["hang"] == ("hangs",)
     assert told["slow"][0].endswith(" s")

@@ -3,7 +3,7 @@
 import struct
 import zlib
 from collections.abc import Callable
-from functools import partial, reduce
+from functools import reduce
 from pathlib import Path
 
 import fuzz_files as good
@@ -28,14 +28,9 @@ def case(
         files = {"model.toml": good.MODEL, "experiment.toml": told}
         if isinstance(write, bytes):
             return Case("", arguments, {**files, name: write}, None, ("out.json",), codes, says)
-        prepare = partial(_prepared, write, name)
-        return Case("", arguments, files, prepare, ("out.json",), codes, says)
+        return Case("", arguments, files, lambda at: write(at / name), ("out.json",), codes, says)
 
     return make
-
-
-def _prepared(write: Callable[[Path], object], name: str, folder: Path) -> None:
-    write(folder / name)
 
 
 def hdf5(fill: Callable[[h5py.File], object], **options: object) -> Callable[[Path], object]:
