@@ -202,32 +202,23 @@ def _channel(
     """Return one channel: its lines in groups of `size`, and what they make over time."""
     c, measured = record.lines.multiplicity, both[0]
     variance = noise if noise.any() else None
-    made = ChannelEvidence(name, unit, measured=_amplitude(measured, c, size))
+    made: dict[str, Any] = {"measured": _amplitude(measured, c, size)}
     if variance is not None:
-        made = replace(made, noise=_amplitude(np.sqrt(variance), c, size))
-    if len(both) == 1:
-        return made
-    away = both[1] - measured
-    told = _telling(measured, variance)
-    power, wrong = (float(c[told] @ np.abs(x[told]) ** 2) for x in (measured, away))
-    made = replace(
-        made,
-        predicted=_amplitude(both[1], c, size),
-        difference=_amplitude(away, c, size),
-        error=_rounded([math.sqrt(wrong / power) if power > 0 else math.nan])[0],
-        left_out=int((~told).sum()),
-    )
-    if not len(time):
-        return made
-    turns = np.exp(2j * np.pi * np.outer(time, record.lines.frequency[told]))
-    waves = (turns @ (c[told, None] * np.column_stack(both)[told])).real
-    spread = math.nan if variance is None else math.sqrt(float(c[told] @ variance[told]))
-    return replace(
-        made,
-        wave_measured=_rounded(waves[:, 0]),
-        wave_predicted=_rounded(waves[:, 1]),
-        wave_noise=_rounded([spread])[0],
-    )
+        made["noise"] = _amplitude(np.sqrt(variance), c, size)
+    if len(both) > 1:
+        away, told = both[1] - measured, _telling(measured, variance)
+        power, wrong = (float(c[told] @ np.abs(x[told]) ** 2) for x in (measured, away))
+        made["predicted"] = _amplitude(both[1], c, size)
+        made["difference"] = _amplitude(away, c, size)
+        made["error"] = _rounded([math.sqrt(wrong / power) if power > 0 else math.nan])[0]
+        made["left_out"] = int((~told).sum())
+        if len(time):
+            turns = np.exp(2j * np.pi * np.outer(time, record.lines.frequency[told]))
+            waves = (turns @ (c[told, None] * np.column_stack(both)[told])).real
+            spread = math.nan if variance is None else math.sqrt(c[told] @ variance[told])
+            made["wave_measured"], made["wave_predicted"] = map(_rounded, waves.T)
+            made["wave_noise"] = _rounded([spread])[0]
+    return ChannelEvidence(name, unit, **made)
 
 
 def _telling(measured: Complexes, variance: Floats | None) -> Booleans:

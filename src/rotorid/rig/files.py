@@ -152,9 +152,8 @@ def _rotation(rig: Rig) -> dict[str, Any]:
         return {"keyphasor": "keyphasor"}
     if rig.rotation.speed == 0 and rig.rotation.constant:
         return {}
-    low, high = rig.rotation.range_until(0.0)
-    phase = _quantity(rig.rotation.phase, "rad")
-    return {"speed": _quantity((low + high) / 2, "rad/s"), "phase": phase}
+    speed, phase = rig.rotation.speed, rig.rotation.phase
+    return {"speed": _quantity(speed, "rad/s"), "phase": _quantity(phase, "rad")}
 
 
 def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:

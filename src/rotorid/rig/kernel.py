@@ -434,25 +434,6 @@ def _limit(bearings: Any, command: Any) -> int:
     return -1
 
 
-@njit(cache=True, error_model="numpy")
-def _exact_step(
-    steps: Any, event: int, held: Any, random: Any, load: Any, x: Any, moved: Any
-) -> None:
-    moved[:] = 0.0
-    _add_product(steps.state[event], x, moved)
-    _add_product(steps.command[event], held, moved)
-    _add_product(steps.noise[event], random, moved)
-    _add_product(steps.load[event], load, moved)
-    _copy(moved, x)
-
-
-@njit(cache=True, error_model="numpy")
-def _laws_at(bearings: Any, time: float, laws: Any) -> None:
-    for j in range(laws.shape[0]):
-        for k in range(laws.shape[1]):
-            laws[j, k] = bearings.law[j, k] + bearings.heating[j, k] * max(time, 0.0)
-
-
 def room_of(
     events: Events, steps: Steps, bearings: Bearings, rotor: RotorTable, lags: Lags, loop: Loop
 ) -> tuple[Floats, ...]:
@@ -490,7 +471,9 @@ def run(
         pattern, e = event // len(plan.offset), event % len(plan.offset)
         since, reads = pattern - events.settling, plan.control[e] >= 0
         time = since * plan.duration + plan.offset[e]
-        _laws_at(bearings, time, laws)
+        for j in range(laws.shape[0]):
+            for k in range(laws.shape[1]):
+                laws[j, k] = bearings.law[j, k] + bearings.heating[j, k] * max(time, 0.0)
         if reads:
             tick = pattern * plan.controls + plan.control[e]
             _signal(lags.reading, x, 0, coil, iron, z, reading)
@@ -529,7 +512,12 @@ def run(
         if axis >= 0:
             return TOUCH, axis, time, 0.0
         if steps.linear:
-            _exact_step(steps, e, held, loop.process[tick], loads[event], x, moved)
+            moved[:] = 0.0
+            _add_product(steps.state[e], x, moved)
+            _add_product(steps.command[e], held, moved)
+            _add_product(steps.noise[e], loop.process[tick], moved)
+            _add_product(steps.load[e], loads[event], moved)
+            _copy(moved, x)
             _copy(held, coil)
             for j in range(z - n):
                 coil[bearings.lagging[j]] = x[n + j]
