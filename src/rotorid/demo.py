@@ -12,9 +12,7 @@ The bearings drive the rotor of the model `three-mass` by
     F_x3 = F_y1 = 2 F_x1 = -2 F_y3 = sum_{i=0..5} 10 sin(w_i t) + 10 cos(w_i t)
 
 with w_i = 2 pi (20 + 40 i), at Omega = 2 pi 140 rad/s. The paper calls the second bearing 2; its
-forces act on m3. It states neither noise nor sample rate: with those here its errors come out at
-their own magnitude. In the table the units of the stiffnesses are corrected (the paper prints N m,
-N m^2 and N m^3).
+forces act on m3; it prints the stiffnesses in N m, N m^2 and N m^3.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import rotorid as rid
 from rotorid import cli
 from rotorid.results import modes
 from rotorid.results.machine import machine_of
-from rotorid.results.modes import Campbell, critical_speeds, modes_at, partners, whirl_of
+from rotorid.results.modes import Campbell, critical_speeds, partners, whirl_of
 
 # Natural frequencies, damping, whirl and critical speeds, held against closed forms.
 
@@ -67,7 +67,7 @@ def test_whirl_follows_the_direction_of_rotation():
 def test_deviations_are_those_of_differences(speed, fixed):
     estimate = estimate_of(model_of(SUPPORTED), fixed=fixed, percent=0.1)
     machine = machine_of(estimate)
-    found = modes_at(machine, speed)
+    found = rid.modes(estimate, speed=speed)
     slopes = []
     for i, value in enumerate(machine.values):
         step = 1e-6 * abs(value)

@@ -100,10 +100,8 @@ def _thinned(curve: Curve, most: int) -> Curve:
         return curve
     bounds = np.linspace(0, len(curve.x), max(1, most // 2) + 1).astype(int)
     if curve.base is not None:
-        pairs = list(pairwise(bounds))
-        middle = np.array([(a + b - 1) // 2 for a, b in pairs])
-        high = np.array([np.max(curve.y[a:b]) for a, b in pairs])
-        low = np.array([np.min(curve.base[a:b]) for a, b in pairs])
+        middle, starts = (bounds[:-1] + bounds[1:] - 1) // 2, bounds[:-1]
+        high, low = np.maximum.reduceat(curve.y, starts), np.minimum.reduceat(curve.base, starts)
         return replace(curve, x=curve.x[middle], y=high, base=low, told=())
     low_first = np.where(np.isfinite(curve.y), curve.y, np.inf)
     high_first = np.where(np.isfinite(curve.y), curve.y, -np.inf)

@@ -161,14 +161,10 @@ def modes(
     ([36.85, 175.53, 175.53], 'forward')
     """
     machine = machine_of(source, record)
-    return modes_at(machine, finite_speed(speed), rng)
-
-
-def modes_at(machine: Machine, speed: float, rng: np.random.Generator | None = None) -> Modes:
-    at = Eigen(machine, speed)
+    at = Eigen(machine, finite_speed(speed))
     return Modes(
         machine.model.name,
-        speed,
+        at.speed,
         machine.model.coordinates,
         tuple(at.modes(rng)),
         at.found.rigid,

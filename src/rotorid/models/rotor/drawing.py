@@ -25,7 +25,7 @@ from pydantic import (
     model_validator,
 )
 
-from rotorid.core.errors import InputError, ModelError, naming
+from rotorid.core.errors import InputError, ModelError
 from rotorid.core.toml import Schema
 from rotorid.core.units import dimension_of, multiply_units, to_si
 from rotorid.core.values import Floats, frozen
@@ -76,16 +76,14 @@ NONE = Quantity(())
 ONE = Quantity.of(1.0)
 
 
-def read_quantity(
-    text: str | float, unit: str, parameters: Mapping[str, str], *, place: str = ""
-) -> Quantity:
+def read_quantity(text: str | float, unit: str, parameters: Mapping[str, str]) -> Quantity:
     """Return a quantity of the expected unit; `parameters` are the units of those declared."""
     try:
-        return Quantity.of(to_si(text, unit, place=place))
+        return Quantity.of(to_si(text, unit))
     except InputError as error:
         said = set(re.findall(r"\w+", text)) if isinstance(text, str) else set()
         if said & {*parameters, SPEED}:
-            return _of_names(str(text), unit, parameters, place)
+            return _of_names(str(text), unit, parameters)
         if not isinstance(text, str) or not text.strip()[:1].isalpha():
             raise
         raise ModelError(
@@ -97,11 +95,10 @@ def read_quantity(
         ) from None
 
 
-def _of_names(text: str, unit: str, parameters: Mapping[str, str], place: str) -> Quantity:
+def _of_names(text: str, unit: str, parameters: Mapping[str, str]) -> Quantity:
     names = [*parameters, SPEED]
     units = {**parameters, SPEED: "rad/s"}
-    with naming(place=place):
-        found = polynomial(text, names)
+    found = polynomial(text, names)
     terms = []
     for powers, coefficient in found.items():
         factors = tuple((name, n) for name, n in zip(names, powers, strict=True) if n)
@@ -114,7 +111,6 @@ def _of_names(text: str, unit: str, parameters: Mapping[str, str], place: str) -
                 f"terms in {unit}",
                 "give each parameter the unit that it needs there; declare a number that stands "
                 "beside others as a parameter too, and fix its value",
-                place=place,
             )
         terms.append((tuple(sorted(factors)), float(coefficient)))
     return Quantity(tuple(terms))
