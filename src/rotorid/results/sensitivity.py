@@ -150,13 +150,11 @@ def zone_of(peak: float) -> str:
 def worst_of(found: Sequence[AxisSensitivity]) -> str:
     """Return the zone of a machine, that of its worst axis, in words."""
     low, high = (zone_of(max(each.interval[k] for each in found)) for k in (0, 1))
-    open_ = [each for each in found if each.zone.endswith("worse")]
-    if open_ and low != "D":
-        return f"zone {low} or worse ({open_[0].axis}: {open_[0].doubt})"
-    caveats = [each for each in found if each.caveat]
-    if caveats:  # even D may be but another unit
-        return f"{_told(low, high)} ({caveats[0].axis}: {caveats[0].caveat})"
-    return _told(low, high)
+    for each in found:
+        if each.zone.endswith("worse") and low != "D":
+            return f"zone {low} or worse ({each.axis}: {each.doubt})"
+    caveats = (f" ({each.axis}: {each.caveat})" for each in found if each.caveat)
+    return _told(low, high) + next(caveats, "")  # even D may be but another unit
 
 
 def _told(low: str, high: str) -> str:
