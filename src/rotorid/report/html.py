@@ -301,13 +301,11 @@ def _trace(curve: Curve, ends: tuple[float, float] | None = None) -> dict[str, A
     if curve.look == "stems":
         made |= _stems(curve)
     if curve.look in _SIZE:
-        symbol = "diamond-open" if curve.look in ("diamonds", "named") else "circle"
-        size = _SIZE[curve.look]
-        made |= {
-            "mode": "markers+text" if curve.look == "named" else "markers",
-            "marker": {"color": curve.colour, "size": size, "symbol": symbol},
-        }
-        if curve.look == "named":  # on paper nobody points at a mark
+        named = curve.look == "named"
+        symbol = "diamond-open" if named or curve.look == "diamonds" else "circle"
+        marker = {"color": curve.colour, "size": _SIZE[curve.look], "symbol": symbol}
+        made |= {"mode": "markers+text" if named else "markers", "marker": marker}
+        if named:  # on paper nobody points at a mark
             made |= {"textposition": _beside(curve, ends), "cliponaxis": False}
     else:
         line: dict[str, Any] = {"color": curve.colour, "width": _WIDTH.get(curve.look, 1.6)}
@@ -315,13 +313,8 @@ def _trace(curve: Curve, ends: tuple[float, float] | None = None) -> dict[str, A
             line["dash"] = "dash"
         made |= {"mode": "lines", "line": line}
     if curve.error is not None:
-        made["error_x"] = {
-            "type": "data",
-            "array": _numbers(curve.error),
-            "color": curve.colour,
-            "thickness": 2,
-            "width": 4,
-        }
+        bars = {"type": "data", "array": _numbers(curve.error), "color": curve.colour}
+        made["error_x"] = bars | {"thickness": 2, "width": 4}
     if curve.told:
         made["text"] = [shown(text, 80) for text in curve.told]
         made["hoverinfo"] = "text+name"
