@@ -211,11 +211,6 @@ def head_of(value: object, name: str) -> Floats:
     return np.asarray(given.head(1) if isinstance(given, Steady) else given[:1])
 
 
-def mean_of(value: object, name: str) -> float:
-    given = unread(value, name)
-    return given.mean if isinstance(given, Steady) else float(given.mean())
-
-
 def changed(value: T, **changes: Any) -> T:
     """Return a copy with other fields, as `dataclasses.replace`, without reading the others."""
     kept = {f.name: vars(value)[f.name] for f in fields(value) if f.init}  # type: ignore[arg-type]
@@ -464,7 +459,8 @@ class PeriodicRecord(Drawn, OfMachine):
     @property
     def middle(self) -> float:
         """Mean time in s of the samples used."""
-        return mean_of(self, "time")
+        given = unread(self, "time")
+        return given.mean if isinstance(given, Steady) else float(given.mean())
 
     @property
     def periods(self) -> int:

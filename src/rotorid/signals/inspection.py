@@ -104,8 +104,6 @@ ORDERS = (1, 2, 3)
 MOST_LINES = 400
 """Lines kept where nothing says which: the strongest."""
 
-NO_PERIOD = "no period found: see docs/inspect.md for records that do not repeat"
-
 
 @frozen
 class ChannelFacts:
@@ -188,7 +186,8 @@ def inspect_record(
         if lines is None or lines:
             periods = average(record, period_samples=size, harmonics=lines, band=band, skip=skip)
     if periods is None:
-        none = Note("period", "says", NO_PERIOD)
+        told = "no period found: see docs/inspect.md for records that do not repeat"
+        none = Note("period", "says", told)
         if whole:
             none = Note("period", "passes", "no period, as the file says: taken as a whole")
         checks: tuple[Note, ...] = (*check_record(record), none)

@@ -38,12 +38,12 @@ _SLOPE = 15.0
 
 @frozen
 class Settling:
-    periods: int  # whole periods from the start that it disturbs
+    periods: int = 0  # whole periods from the start that it disturbs
     # time in s to drop: as long again, in which the transient sinks below the scatter of the mean
-    drop: float
+    drop: float = 0.0
     # root mean square of the deviation of these periods from the settled ones, over all lines and
     # channels, in units of the scatter between the settled ones; 0 where there is none
-    excess: float
+    excess: float = 0.0
 
     @property
     def told(self) -> str:
@@ -54,10 +54,6 @@ class Settling:
         )
 
 
-NONE = Settling(0, 0.0, 0.0)
-"""No transient."""
-
-
 def detect_settling(periods: PeriodicRecord) -> Settling:
     """Find the periods at the start that are not like those of the second half, on the kept lines.
 
@@ -65,14 +61,14 @@ def detect_settling(periods: PeriodicRecord) -> Settling:
     """
     count = periods.periods
     if count < LEAST_PERIODS:
-        return NONE
+        return Settling()
     deviation = _deviation(periods.spectra)
     d = (deviation**2).mean(axis=1)
     # Against differences of neighbours the second half has d = 1; a drift in it makes it large.
     drifts = median(d[count // 2 :]) > _DRIFT
     last = 0 if drifts else _last_unsettled(d, deviation.shape[1])
     if last == 0:
-        return NONE
+        return Settling()
     return Settling(
         periods=last,
         drop=min(2 * last, count // 2) / periods.fundamental,
