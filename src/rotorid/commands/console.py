@@ -41,13 +41,9 @@ holes for the most part, a fraction was read, and to hash the rest would take lo
 _HOLLOW = 16_000_000  # bytes up to which holes do not matter: reading them takes 10 ms
 
 Output = tuple[Path | None, files.Content]
-_COLOURS = {
-    "rejected": "yellow",
-    "ok": "green",
-    "not_identifiable": "red",
-    "not_converged": "red",
-    "predicts": "green",
-    "fails": "red",
+_COLOURS = {  # others are yellow
+    **dict.fromkeys(("ok", "predicts"), "green"),
+    **dict.fromkeys(("not_identifiable", "not_converged", "fails"), "red"),
 }
 _COLOURED = re.compile(
     r"^warning[:,] .*(?:\n  .*)*"
