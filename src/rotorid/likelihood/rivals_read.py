@@ -650,13 +650,10 @@ def _exchanges(case: Case) -> Iterator[Rival]:
     for i, j in alike[:MOST]:
         order = list(range(len(kinds)))
         order[i], order[j] = j, i
-        yield Rival(
-            f"swap[record {i}, record {j}]",
-            f"the files of records {i + 1} and {j + 1} exchanged",
-            "exchange their files, or what [records.parameters] says of the two",
-            partial(_in_order, order=order),
-            on=(f"record {i + 1}", f"record {j + 1}"),
-        )
+        term, on = f"swap[record {i}, record {j}]", (f"record {i + 1}", f"record {j + 1}")
+        said = f"the files of records {i + 1} and {j + 1} exchanged"
+        cure = "exchange their files, or what [records.parameters] says of the two"
+        yield Rival(term, said, cure, partial(_in_order, order=order), on=on)
 
 
 def _in_order(case: Case, order: Sequence[int]) -> Case:

@@ -290,15 +290,10 @@ def _late(
         cure = "declare it: dynamics = { bandwidth = .. } of the channels"
         return _response((scalar,), on, flat, cure)
 
-    return Unknown(
-        (Scalar(f"delay[{label}]", "s", known, std, additive=True),),
-        on,
-        (scales,),
-        rival="term",
-        cure=f"give delay or hold of the channels, or have it estimated: {asked}",
-        held="leave it out of delays",
-        instead=instead,
-    )
+    scalar = Scalar(f"delay[{label}]", "s", known, std, additive=True)
+    cure = f"give delay or hold of the channels, or have it estimated: {asked}"
+    held = "leave it out of delays"
+    return Unknown((scalar,), on, (scales,), rival="term", cure=cure, held=held, instead=instead)
 
 
 def dynamics(records: Records, wanted: Nuisances | None) -> list[Unknown]:
@@ -422,16 +417,13 @@ def force_scale(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 def _driving(
     asked: str, name: str, unit: str, start: float, inputs: Iterable[str], other: str = ""
 ) -> Unknown:
-    on = frozenset(inputs)
-    return Unknown(
-        (Scalar(name, unit, start, anchored=True),),
-        on,
-        (Drives(on, "ki" if asked == "ki" else "ks"),),
-        rival="" if asked == "ki" else "term",  # a factor of the channel says the same as ki
-        alternative_to=other,
-        cure=f'check ks of the force laws, or have it estimated: gains = ["{asked}"]',
-        held=f'leave "{asked}" out of gains',
-    )
+    on, scalar = frozenset(inputs), Scalar(name, unit, start, anchored=True)
+    effects = (Drives(on, "ki" if asked == "ki" else "ks"),)
+    cure = f'check ks of the force laws, or have it estimated: gains = ["{asked}"]'
+    held = f'leave "{asked}" out of gains'
+    found = Unknown((scalar,), on, effects, alternative_to=other, cure=cure, held=held)
+    # A factor of the channel says the same as ki.
+    return found if asked == "ki" else replace(found, rival="term")
 
 
 def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
@@ -467,14 +459,9 @@ def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
 def _reread(scalar: Scalar, inputs: Iterable[str], constant: str) -> Unknown:
     """Return an unknown at whose start the forces are as they were read."""
     on, key = frozenset(inputs), "saturation" if constant == KNEE_CONSTANT else constant
-    return Unknown(
-        (scalar,),
-        on,
-        (Rereads(on, constant, scalar.start),),
-        rival="term",
-        phrase=f"{scalar.name} of the force laws",
-        cure=f"give its value, or have it estimated: {key} = {{ start = ... }} of the channels",
-    )
+    effects, said = (Rereads(on, constant, scalar.start),), f"{scalar.name} of the force laws"
+    cure = f"give its value, or have it estimated: {key} = {{ start = ... }} of the channels"
+    return Unknown((scalar,), on, effects, rival="term", phrase=said, cure=cure)
 
 
 def knees(records: Records, wanted: Nuisances | None) -> list[Unknown]:
