@@ -124,20 +124,15 @@ def validate(result: Path, experiment: Path, answer: Outputs) -> int:
     plan.require_records()
     check_apart(targets, [result, *plan.files])
     if estimate.model != (name := plan.model.name):  # parameters may have the same names
-        raise InputError(
-            f"a result of the model {estimate.model[:60]!r}",
-            f"one of {name[:60]!r}, the model of the experiment",
-            "name the model of the result in the experiment, or identify with this one",
-            file=str(result),
-        )
+        said = f"a result of the model {estimate.model[:60]!r}"
+        expected = f"one of {name[:60]!r}, the model of the experiment"
+        cure = "name the model of the result in the experiment, or identify with this one"
+        raise InputError(said, expected, cure, file=str(result))
     records = plan.records("ml" if estimate.method == "ml" else "batch")
     with naming(str(result)):
         turned = [at_best_phase(plan.model, estimate, r, k) for k, r in enumerate(records)]
         placed = [record for record, _ in turned]
-        found = [
-            channel_errors(plan.model, estimate, record, number)
-            for number, record in enumerate(placed)
-        ]
+        found = [channel_errors(plan.model, estimate, r, k) for k, r in enumerate(placed)]
         told = [information_of(plan.model, estimate, record) for record in placed]
     reached = verdict_of(found)
     lead = f"{reached.verdict}: {reached.sentence}"
