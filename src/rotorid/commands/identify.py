@@ -111,11 +111,7 @@ def validate(result: Path, experiment: Path, answer: Outputs) -> int:
     from rotorid.answer.predict import at_best_phase, channel_errors, verdict_of
     from rotorid.answer.result_file import load_estimate
     from rotorid.linear.family import information_of
-    from rotorid.report.estimate_report import (
-        information_lines,
-        validation_report,
-        validation_table,
-    )
+    from rotorid.report import estimate_report as report
 
     targets = answer.check()
     estimate = load_estimate(result)
@@ -136,7 +132,8 @@ def validate(result: Path, experiment: Path, answer: Outputs) -> int:
         told = [information_of(plan.model, estimate, record) for record in placed]
     reached = verdict_of(found)
     lead = f"{reached.verdict}: {reached.sentence}"
-    page: Page = [lead, validation_table(found), *information_lines(told)]
+    conditions = report.information_lines(told)
+    page: Page = [lead, report.validation_table(found), *conditions]
     fitted = [
         f"note: nothing tells the rotor angle of record {number + 1}: {np.rad2deg(angle):.4g} deg, "
         "which fits best, was taken: the amount of the unbalance is tested, its direction is not"
@@ -149,8 +146,8 @@ def validate(result: Path, experiment: Path, answer: Outputs) -> int:
         from rotorid.results.evidence import record_evidence
 
         shown = record_evidence(estimate, plan.model, placed, another=True)
-        work = [*done(answer.given, [result, *plan.files]), *information_lines(told), *fitted]
-        return validation_report(estimate, plan.model, found, shown, work)
+        work = [*done(answer.given, [result, *plan.files]), *conditions, *fitted]
+        return report.validation_report(estimate, plan.model, found, shown, work)
 
     rows = [{"record": k, **vars(one)} for k, record in enumerate(found) for one in record]
     content = {"verdict": reached.verdict, "channels": rows}
