@@ -336,16 +336,6 @@ class Heavier(Mass):
     more: int = 0
 
 
-@dataclass(frozen=True)
-class Plain:
-    """The same by the standard library."""
-
-    name: str
-    value: float = 1.0
-    note: str = field(default="", compare=False)
-    table: tuple[float, ...] = field(default=(), repr=False)
-
-
 @frozen
 class Empty:
     """A value without fields."""
@@ -364,25 +354,23 @@ class Told:
         return True
 
 
-PAIRS = [
-    (("m",), ("m",)),
-    (("m", 1.0, "a"), ("m", 1.0, "b")),
-    (("m", 2.0), ("m", 1.0)),
-    (("m", 1.0, "", (1.0,)), ("m", 1.0, "", (2.0,))),
-]
-
-
-@pytest.mark.parametrize(("first", "second"), PAIRS)
-def test_equality_text_and_hash_are_those_of_a_dataclass(first, second):
-    ours, theirs = (Mass(*first), Mass(*second)), (Plain(*first), Plain(*second))
-    assert (ours[0] == ours[1]) == (theirs[0] == theirs[1])
-    assert (hash(ours[0]) == hash(ours[1])) == (hash(theirs[0]) == hash(theirs[1]))
-    assert repr(ours[0]) == repr(theirs[0]).replace("Plain", "Mass")
+@pytest.mark.parametrize(
+    ("first", "second", "alike"),
+    [
+        (("m",), ("m",), True),
+        (("m", 1.0, "a"), ("m", 1.0, "b"), True),
+        (("m", 2.0), ("m", 1.0), False),
+        (("m", 1.0, "", (1.0,)), ("m", 1.0, "", (2.0,)), False),
+    ],
+)
+def test_equality_text_and_hash_are_those_of_a_dataclass(first, second, alike):
+    one, other = Mass(*first), Mass(*second)
+    assert (one == other) == (hash(one) == hash(other)) == alike
+    assert repr(one) == f"Mass(name='m', value={one.value}, note={one.note!r})"
 
 
 def test_one_class_is_not_another():
     assert Mass("m") != Heavier("m")
-    assert Mass("m") != Plain("m")
     assert Heavier("m", more=1) != 1
     assert Heavier("m", more=1) != Heavier("m", more=2)
     assert Empty() == Empty()
@@ -429,7 +417,6 @@ def test_the_methods_are_shared():
     """The reason why it stands: a `dataclass` writes and compiles its own for each class."""
     for name in ("__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__"):
         assert getattr(Mass, name) is getattr(Empty, name)
-        assert getattr(Plain, name) is not getattr(Empty, name)
 
 
 # -------------------------------------------------------------------------------------------------

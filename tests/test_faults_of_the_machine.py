@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import IO
 
 import h5py
 import pytest
@@ -57,14 +58,13 @@ def here(folder, monkeypatch):
 def run(
     *arguments: str,
     limit: Callable[[], None] | None = None,
-    out: int | str = subprocess.PIPE,
-    err: int | str = subprocess.PIPE,
+    out: int | IO[str] = subprocess.PIPE,
+    err: int | IO[str] = subprocess.PIPE,
 ) -> subprocess.CompletedProcess[str]:
-    streams = [open(s, "w") if isinstance(s, str) else s for s in (out, err)]  # noqa: SIM115
     process = subprocess.run(
         [*PROGRAM, *arguments],
-        stdout=streams[0],
-        stderr=streams[1],
+        stdout=out,
+        stderr=err,
         text=True,
         errors="replace",
         preexec_fn=limit,
@@ -72,9 +72,6 @@ def run(
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         timeout=60,
     )
-    for stream in streams:
-        if not isinstance(stream, int):
-            stream.close()
     assert process.returncode >= 0, f"signal {-process.returncode}"
     assert "Traceback" not in (process.stderr or "")
     return process
@@ -107,13 +104,14 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(here):
 
 @pytest.mark.slow
 def test_an_output_that_is_full(here):
-    found = run("identify", "run.toml", "--json", "full.json", out="/dev/full")
+    with Path("/dev/full").open("w") as full:
+        found = run("identify", "run.toml", "--json", "full.json", out=full)
+        assert run("--help", out=full).returncode == 2
+        assert run("identify", "none.toml", err=full).returncode == 2
     assert found.returncode == 2
     assert found.stderr == "rotorid: standard output: No space left on device\n"
     assert json.loads((here / "full.json").read_text())["status"] == "ok"
     (here / "full.json").unlink()
-    assert run("--help", out="/dev/full").returncode == 2
-    assert run("identify", "none.toml", err="/dev/full").returncode == 2
 
 
 @pytest.mark.sampled(1)
