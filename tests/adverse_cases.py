@@ -165,6 +165,10 @@ def repeating(trial: Trial, x: Floats) -> Floats:
     return np.tile(x[: trial.size], trial.periods)
 
 
+def force(trial: Trial, _: Floats) -> Floats:
+    return 1e-6 * trial.columns[trial.inputs[0]]
+
+
 def first_only(count: int) -> Edit:
     return column(lambda trial, x: x[: count * trial.size], -1, "a")
 
@@ -300,6 +304,12 @@ def by(method: str, edit: Edit) -> Edit:
     return both(edit, said(method=method))
 
 
+MISKNOWN = told("known", MASSES, lambda m: (1.1 * m, 0.005 * m))
+BOUNDED = told("bounds", MASSES, lambda m: (None, 0.9 * m))
+SWAPPED, DOWN = swapped("sensors", (0, 1)), scaled("sensors", -1)
+FASTER = said(rate=2 * RATE, fundamental=2 * FUNDAMENTAL)
+IN_FORCES = both(column(lost(1), -1, "i"), column(lost(0), -1))
+BELOW = "lines below noise"
 BACKWARD = said(speed=lambda t: -t.speed)
 LOST = "lost samples"
 CASES = (
@@ -319,16 +329,8 @@ CASES = (
     bad("the forces of the planes swapped", R, data=swapped("inputs", (0, 2), (1, 3))),
     bad("a sensor read twice", SMALL, "copied", data=copied("sensors")),
     bad("a force read twice", SMALL, "copied", data=copied("inputs")),
-    bad(
-        "a force in the place of a sensor",
-        SMALL,
-        data=column(lambda t, x: 1e-6 * t.columns[t.inputs[0]]),
-    ),
-    bad(
-        "swapped and upside down",
-        SMALL,
-        data=both(swapped("sensors", (0, 1)), scaled("sensors", -1)),
-    ),
+    bad("a force in the place of a sensor", SMALL, data=column(force)),
+    bad("swapped and upside down", SMALL, data=both(SWAPPED, DOWN)),
     # units
     bad("a sensor in mm", SMALL, *UNIT, data=scaled("sensors", 1e3)),
     bad("a sensor in mil for um", SMALL, *UNIT, data=scaled("sensors", 1 / 25.4)),
@@ -359,11 +361,7 @@ CASES = (
     free("628.3 rad/s for 6000 rpm", SMALL, turning(1 - 3e-5)),
     other("a speed off by a tenth", SMALL, "speed", "wander", plant=turning(1.1)),
     # rate, period, order
-    bad(
-        "twice the rate and the fundamental",
-        SMALL,
-        data=said(rate=2 * RATE, fundamental=2 * FUNDAMENTAL),
-    ),
+    bad("twice the rate and the fundamental", SMALL, data=FASTER),
     bad("twice the rate", SMALL, data=said(rate=2 * RATE)),
     bad("half the rate", SMALL, data=said(rate=RATE / 2)),
     bad(
@@ -372,14 +370,9 @@ CASES = (
         *("multiple period", "lines below noise"),
         data=said(fundamental=2 * FUNDAMENTAL),
     ),
-    bad("half the fundamental", SMALL, "lines below noise", data=said(fundamental=FUNDAMENTAL / 2)),
+    bad("half the fundamental", SMALL, BELOW, data=said(fundamental=FUNDAMENTAL / 2)),
     bad("a period one sample short", SMALL, data=said(fundamental=RATE / 199)),
-    bad(
-        "even lines for odd ones",
-        SMALL,
-        "lines below noise",
-        data=said(harmonics=(2, 4, 6, 8, 10)),
-    ),
+    bad("even lines for odd ones", SMALL, BELOW, data=said(harmonics=(2, 4, 6, 8, 10))),
     bad("the line of the rotation left out", SMALL, data=said(harmonics=(1, 3, 5, 9, 11))),
     bad("one line only", SMALL, data=said(harmonics=(7,))),
     # bad data
@@ -407,12 +400,7 @@ CASES = (
     bad("one sample lost", ALL, LOST, data=column(lost(1), -1, "a")),
     bad("twenty samples lost", ALL, LOST, data=column(lost(20), -1, "a")),
     bad("a sample twice", ALL, LOST, data=column(lost(-1), -1, "a")),
-    bad(
-        "a sample lost in the forces",
-        ALL,
-        LOST,
-        data=both(column(lost(1), -1, "i"), column(lost(0), -1)),
-    ),
+    bad("a sample lost in the forces", ALL, LOST, data=IN_FORCES),
     bad("two clocks, 50 ppm", ALL, "clocks", data=column(stretched, -1)),
     refused("missing values", ALL, "finite", data=column(gap)),
     bad("identical periods", ALL, "identical periods", data=column(repeating, -1, "a")),
@@ -444,16 +432,8 @@ CASES = (
     # what is known
     bad("a mass fixed 10 % off", ALL, data=told("fixed", MASSES, lambda m: 1.1 * m)),
     bad("a length fixed 10 % off", R, data=told("fixed", "L_b", lambda x: 1.1 * x)),
-    bad(
-        "a mass known 20 deviations off",
-        ALL,
-        data=told("known", MASSES, lambda m: (1.1 * m, 0.005 * m)),
-    ),
-    bad(
-        "a mass bounded from above, too low",
-        SMALL,
-        data=told("bounds", MASSES, lambda m: (None, 0.9 * m)),
-    ),
+    bad("a mass known 20 deviations off", ALL, data=MISKNOWN),
+    bad("a mass bounded from above, too low", SMALL, data=BOUNDED),
     free("a start a hundred times off", ALL, data=told("start", MASSES, lambda m: 100 * m)),
     bad("runout freed at one speed", R, data=lambda t: t.options.update(runout=True)),
     # excitation

@@ -90,7 +90,11 @@ def rigid(what: str, edit: Edit, *words: str) -> Mistake:
 
 
 BEARINGS = both(swap("x1", "x3"), swap("y1", "y3"))
-CURRENTS_OF_BEARINGS = both(swap("i_x1", "i_x3"), swap("i_y1", "i_y3"))
+COILS = both(swap("i_x1", "i_x3"), swap("i_y1", "i_y3"))
+ANGLES = swap("theta_x", "theta_y")
+NEGATIVE = put('"120 N/A"', '"-120 N/A"')
+EVEN = put(ODD, "[2, 4, 6, 8, 10, 12]")
+LEVER = put("x - 0.2*theta_y", "x - 0.25*theta_y")
 ANGLES_DOWN = both(scale("theta_x", -1), scale("theta_y", -1))
 IN_MM = both(*(scale(name, 1e-3) for name in XYZ))
 TWICE = put('"10000 Hz"', '"20000 Hz"')
@@ -99,28 +103,16 @@ LATE = ("delay[force]", "delay[position]")
 MISTAKES = (
     three("columns of x1 and y1 swapped", swap("x1", "y1"), "swap[x1, y1]"),
     three("columns of x1 and x3 swapped", swap("x1", "x3"), "swap[x1, x3]"),
-    three(
-        "columns of theta_x and theta_y swapped",
-        swap("theta_x", "theta_y"),
-        "swap[theta_x, theta_y]",
-    ),
+    three("columns of theta_x and theta_y swapped", ANGLES, "swap[theta_x, theta_y]"),
     three("currents x1 and y1 swapped", swap("i_x1", "i_y1"), "swap[F_x1, F_y1]"),
     three("currents x1 and x3 swapped", swap("i_x1", "i_x3"), "swap[F_x1, F_x3]"),
     three("the sensors of the two bearings swapped", BEARINGS, "swap[x1, x3; y1, y3]"),
-    three(
-        "the currents of the two bearings swapped",
-        CURRENTS_OF_BEARINGS,
-        "swap[F_x1, F_x3; F_y1, F_y3]",
-    ),
+    three("the currents of the two bearings swapped", COILS, "swap[F_x1, F_x3; F_y1, F_y3]"),
     three("x1 upside down", scale("x1", -1), "sign[x1]"),
     three("x2 upside down", scale("x2", -1), "sign[x2]"),
     three("both angles upside down", ANGLES_DOWN, "sign[theta_x, theta_y]"),
     three("current y1 upside down", scale("i_y1", -1), "sign[F_y1]"),
-    three(
-        "k_i of all with the wrong sign",
-        put('"120 N/A"', '"-120 N/A"'),
-        "sign[F_x1, F_y1, F_x3, F_y3]",
-    ),
+    three("k_i of all with the wrong sign", NEGATIVE, "sign[F_x1, F_y1, F_x3, F_y3]"),
     three("x1 in mm instead of m", scale("x1", 1e-3), "unit[x1]"),
     three("x3 in mil instead of um", scale("x3", 1 / 25.4), "unit[x3]"),
     three("x1 in mil and upside down", scale("x1", -1 / 25.4), "gain[x1]", "upside down"),
@@ -146,9 +138,7 @@ MISTAKES = (
     three("the hold left out", put(', hold = "zero-order"', ""), *LATE),
     three("the delay with the wrong sign", put('"-50 us"', '"50 us"'), *LATE),
     three("half the fundamental", put('"20 Hz"', '"10 Hz"'), "lines below noise"),
-    three(
-        "even harmonics instead of odd ones", put(ODD, "[2, 4, 6, 8, 10, 12]"), "lines below noise"
-    ),
+    three("even harmonics instead of odd ones", EVEN, "lines below noise"),
     three("the line of the rotation left out", ROTATION, "xi", "rotation"),
     three("L1 fixed to .33 m", known('L1 = {fixed = "0.33 m"}'), "prior L1"),
     three("m2 fixed to 10 kg", known('m2 = {fixed = "10 kg"}'), "prior m2"),
@@ -160,11 +150,7 @@ MISTAKES = (
     rigid("currents xa and ya swapped", swap("i_xa", "i_ya"), "swap[F_xa, F_ya]"),
     rigid("sensor xa upside down", scale("s_xa", -1), "sign[s_xa]", "gain[s_xa]"),
     rigid("current xa upside down", scale("i_xa", -1), "sign[F_xa]", "gain[F_xa]"),
-    rigid(
-        "lever of sensor xa 250 mm, not 200",
-        put("x - 0.2*theta_y", "x - 0.25*theta_y"),
-        "plane[s_xa]",
-    ),
+    rigid("lever of sensor xa 250 mm, not 200", LEVER, "plane[s_xa]"),
     rigid("512 lines of the encoder", put("lines = 1024", "lines = 512"), "speed"),
     rigid(
         "gap of .4 mm instead of .5",

@@ -261,9 +261,7 @@ def test_noise_that_grows_with_the_amplitude_is_told(relative, absolute):
 def test_repeated_readings_must_be_enough():
     speed = np.append(RPM, RPM[:9]) * np.pi / 30
     phasors = np.append(coast(RPM), coast(RPM[:9]) + 1e-6, axis=0)
-    with pytest.raises(
-        InputError, match=r"9 repeated readings and no std; expected .* 10 repeated"
-    ):
+    with pytest.raises(InputError, match=r"9 repeated readings and no std; .* 10 repeated"):
         phasor_lines(CHANNELS, speed, phasors)
     with pytest.raises(InputError, match=r"no std and no speed twice.*write std"):
         phasor_lines(CHANNELS, RPM, coast(RPM))
@@ -460,9 +458,7 @@ y = { column = "y", unit = "m" }
 
 def test_phasors_that_no_machine_has(folder):
     write(folder / "run.csv", RPM, 1e70 * coast(RPM))
-    with pytest.raises(
-        InputError, match=r"found samples up to .* in SI; expected samples of 1e-60"
-    ):
+    with pytest.raises(InputError, match=r"found samples up to .* in SI; expected .* 1e-60"):
         identify(folder)
 
 

@@ -422,9 +422,7 @@ class TestFiles:
 
     def test_refused_of_universal_files(self, folder):
         pytest.importorskip("pyuff")
-        with pytest.raises(
-            InputError, match=r"no response '2\+X/1\+X'.*one of 1\+X/1\+X, 3-Z/1\+X"
-        ):
+        with pytest.raises(InputError, match=r"no response '2\+X/1\+X'.* 1\+X/1\+X, 3-Z/1\+X"):
             load(folder, 'x1 = { input = "F", column = "2+X/1+X" }', "tap0.uff").records("ml")
         wrong = 'x3 = { input = "F", column = "3-Z/1+X", unit = "m/N" }'
         with pytest.raises(InputError, match=r"an acceleration in the file.*reads = \"x3''\""):

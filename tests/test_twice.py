@@ -84,9 +84,7 @@ def test_a_file_twice(load, tmp_path):
     (tmp_path / "more").mkdir()
     for again in ("run.csv", "more/../run.csv", str(tmp_path / "run.csv"), "link.csv"):
         for more in (LINES, LINES + '\nskip = "0.5 s"', "harmonics = [2]"):
-            with pytest.raises(
-                InputError, match=r"run.toml: records\.1: found the samples of records\.0 again"
-            ):
+            with pytest.raises(InputError, match=r"run.toml: records\.1: .* of records\.0 again"):
                 load(("run.csv", LINES), (again, more))
     with pytest.raises(InputError, match=r"records\.1: found the samples of records\.0 again"):
         load(*[("run.csv", LINES)] * 200)
