@@ -113,10 +113,7 @@ class Law(ABC):
         return self.deviation_of(lambda law: law._force(*at))
 
     def deviation_of(self, function: Callable[[Self], Any]) -> Floats:
-        """Return the first-order deviation of a function of the law from those of its constants.
-
-        Infinite where it depends on an unknown one. Slopes by complex steps; constants independent.
-        """
+        """Return the deviation of a function by those of the constants; infinite by an unknown."""
         total: Any = 0.0
         for name, deviation in self.std.items():
             step = _STEP * (abs(getattr(self, name)) or 1.0)

@@ -98,10 +98,7 @@ def with_evidence(
 def record_evidence(
     estimate: Estimate, model: Model, records: Sequence[Data], *, another: bool = False
 ) -> tuple[RecordEvidence, ...]:
-    """Return what a report shows of records, as an estimate predicts them where it does.
-
-    Of records that it was not made of, `another`, the noise holds the values' deviations too.
-    """
+    """Return what a report shows of records; of `another`, noise holds the values' deviations."""
     bound = [bind(model, record) for record in records]
     channels = sum(len(one.lines.channels) for one in bound)
     most = MOST_NUMBERS // max(1, channels * CURVES)

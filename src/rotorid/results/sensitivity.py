@@ -377,10 +377,7 @@ def _of_whole(
 def _windows(
     frequency: Floats, e: Complexes, r: Complexes, rotation: Complexes
 ) -> list[tuple[Raw, list[tuple[float, float]]]]:
-    """Return S_jj in windows of lines so far apart that they are independent, and candidates.
-
-    By a polynomial, or over two poles where noise alone does not explain what these gain.
-    """
+    """Return S_jj in windows of lines so far apart that they are independent, and candidates."""
     columns = (ORDER + 1) * (r.shape[1] + 1) + rotation.shape[1]
     half = -(-(columns + LEAST - 1) // 2)
     if 2 * half + 1 > len(frequency):
