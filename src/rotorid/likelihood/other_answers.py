@@ -104,7 +104,8 @@ def _floor(point: Point, change: Floats, unit: Floats) -> Iterator[Point]:
     for _ in range(STRIDES):
         # No unknown, other than a load or a shift, moves by too much of itself.
         asked = scaling & (at.unknowns[free] != 0)
-        share = np.abs(step[asked] / at.unknowns[free][asked])
+        with np.errstate(over="ignore"):  # beside next to nothing there is no room
+            share = np.abs(step[asked] / at.unknowns[free][asked])
         step = step * min(1.0, HALF / max(float(share.max(initial=0.0)), 1e-300))
         found = beside(at, step)
         if found is None or found.cost > at.cost + STEEP:
