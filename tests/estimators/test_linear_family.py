@@ -549,23 +549,24 @@ def test_ls_is_biased_where_the_others_are_not():
     "problem", [TRAIN, CHAIN, ODD, TABLE, THREE_MASS], ids=lambda problem: problem.name
 )
 def test_stated_deviations_agree_with_scatter(problem):
-    """Over 100 records; derived parameters too.
+    """Over 160 records; derived parameters too.
 
-    A scatter is known to 7 %: of one deviation that is stated 25 % too small 19 in 20 are found.
+    A scatter is known to 5.6 %: of one deviation that is stated 25 % too small 19 in 20 are found,
+    and one of a hundred right ones in fifteen runs.
     """
     clean = problem.record(periods=2)
     noise = dict(zip(clean.names, 0.002 * clean.samples.std(axis=0), strict=True))
     noise = SEED_NOISE if problem is THREE_MASS else noise
-    rng = np.random.default_rng(15)
+    rng = np.random.default_rng(8)
     names = [*problem.base, *(n for n in problem.derived if n not in problem.base)]
     truth = [combination(n, problem.truth) for n in names]
-    records = [problem.periodic(periods=40, noise=noise, rng=rng) for _ in range(100)]
+    records = [problem.periodic(periods=40, noise=noise, rng=rng) for _ in range(160)]
     for method in (Batch, Sequential):
         estimates = [method(fixed=problem.known).estimate(problem.model, [r]) for r in records]
         values = [[estimate.value(n) for n in names] for estimate in estimates]
         stds = [[estimate.std(n) for n in names] for estimate in estimates]
         scatter = np.std(values, axis=0, ddof=1)
         ratio = scatter / np.sqrt(np.mean(np.square(stds), axis=0))
-        assert (np.abs(ratio - 1) < 0.17).all(), (method, dict(zip(names, ratio, strict=True)))
+        assert (np.abs(ratio - 1) < 0.19).all(), (method, dict(zip(names, ratio, strict=True)))
         bias = np.abs(np.mean(values, axis=0) - truth)
         assert (bias < 0.5 * scatter).all()
