@@ -45,8 +45,8 @@ EFFORT = 1000
 """Jacobians of one way. The longest of the bank that arrived took 500."""
 BRIEF = 60
 """Jacobians of the last stage from a further start that only checks an answer, and of a suspect."""
-PROMISE = 0.1
-"""Share of the tolerance of a stage below which what a shortened step promises is not worth it."""
+PROMISE = 1e-3
+"""Share of the cost below which, in a screening, a shortened step promises too little."""
 HOPELESS = 10.0
 """Cost per residual from which a way is not worth going on with: a brief one, or on all lines."""
 JOINED = 0.01
@@ -93,6 +93,7 @@ class _Walk:
         tolerance: float = 1e-2,
         limit: int = 30,
         known: Floats | None = None,
+        promise: float = 0.0,
     ) -> tuple[Point, bool]:
         """Go down one stage, no further than to a known point: where to, and if to the minimum."""
         point, radius = self.problem.best_at(self.unknowns, relaxation), np.inf
@@ -104,8 +105,7 @@ class _Walk:
             where = tangent(point, self.bounded)
             if where.decrease <= tolerance * max(point.cost, floor):
                 return point, True
-            worth = PROMISE * tolerance * max(point.cost, floor)
-            trial, radius = self._forward(point, where, radius, worth)
+            trial, radius = self._forward(point, where, radius, promise * point.cost)
             if trial is None:
                 # No step helps: rounding, if what was left to gain is next to nothing.
                 least = 0.0 if relaxation > 0 else ARRIVED
@@ -305,7 +305,7 @@ def _descended(
 @np.errstate(all="ignore")
 def few_steps(problem: Problem, start: Floats, stages: Sequence[float], steps: int) -> Point:
     walk = _Walk(problem, start, bounded=False)
-    return [walk.descend(relaxation, limit=steps)[0] for relaxation in stages][-1]
+    return [walk.descend(relaxation, limit=steps, promise=PROMISE)[0] for relaxation in stages][-1]
 
 
 def beside(point: Point, change: Floats) -> Point | None:

@@ -205,21 +205,19 @@ def walk_down(monkeypatch):
     return made
 
 
-@pytest.mark.parametrize(("promise", "tried"), [(1.1e-4, 25), (0.9e-4, 1)])
-def test_a_shortened_step_promises_a_tenth_of_the_tolerance(walk_down, promise, tried):
-    """Of a cost of 10.0 and a tolerance of 1e-4; the first step is tried in any case."""
+@pytest.mark.parametrize(("promise", "tried"), [(1.1e-2, 25), (0.9e-2, 1)])
+def test_a_screening_shortens_no_step_that_promises_a_thousandth(walk_down, promise, tried):
+    """Of a cost of 10.0; elsewhere every step is shortened until it helps, if any does."""
     walk, lengths = walk_down(10, cost=10.0), list[float]()
     where = walk.problem.gradient(walk.problem.best_at(np.zeros(1)))
     where.promised = lambda along: promise
-
-    def higher(point, where, along, bounded):
-        lengths.append(along)
-
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(solver, "tangent", lambda *at: where)
-        patch.setattr(solver, "_stepped", higher)
-        walk.descend(0.0, tolerance=1e-4, limit=1)
-    assert len(lengths) == tried
+        patch.setattr(solver, "_stepped", lambda point, where, along, *how: lengths.append(along))
+        solver.few_steps(walk.problem, np.zeros(1), (10.0,), 1)
+        assert len(lengths) == tried
+        walk.descend(10.0, limit=1)
+    assert len(lengths) == tried + 25
 
 
 def test_a_homotopy_grants_each_stage_a_tenth_of_the_last_and_none_in_the_end(walk_down):
