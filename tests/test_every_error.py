@@ -122,3 +122,15 @@ def test_a_report_that_fails_spares_the_answer(error, here, monkeypatch, capsys)
     assert (here / "new.json").read_bytes().startswith(b'{\n  "schema"')
     assert not (here / "new.html").exists()
     (here / "new.json").unlink()
+
+
+def test_figures_that_cannot_be_written_are_shown(here, monkeypatch, capsys):
+    monkeypatch.setattr(
+        "rotorid.core.files.os.fsync", raiser(OSError(28, "No space left on device"))
+    )
+    before = sorted(here.iterdir())
+    assert cli.run(["identify", "run.toml", *OUTPUTS]) == WRONG_INPUT
+    printed = capsys.readouterr()
+    assert printed.out.startswith("jeffcott, batch: ok\n")
+    assert printed.err.startswith("rotorid: new.json: found No space left on device; expected")
+    assert sorted(here.iterdir()) == before
