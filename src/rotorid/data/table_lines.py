@@ -63,7 +63,7 @@ def phasor_lines(
     given = np.asarray(phasors, dtype=np.complex128)
     with naming(source):
         still = "a speed other than 0"
-        named, stands = "phasor speed channel", turning == 0
+        named, stands = ("phasor", "speed", "channel"), turning == 0
         _refuse_rows(named, given, turning, len(channels), stands, still)
         known = None if std is None else _deviations(std, given, PHASOR_STD)
         order = np.argsort(turning, kind="stable")
@@ -127,10 +127,15 @@ def _diagonal(variance: Floats, dof: int, kind: Kind) -> LineCovariance:
 
 
 def _refuse_rows(
-    named: str, values: Complexes, rows: Floats, columns: int, wrong: Booleans, otherwise: str
+    named: tuple[str, str, str],
+    values: Complexes,
+    rows: Floats,
+    columns: int,
+    wrong: Booleans,
+    otherwise: str,
 ) -> None:
     """Refuse a table of another shape, and rows that are `wrong` or not finite."""
-    what, row, column = named.split()
+    what, row, column = named
     if rows.ndim != 1 or not values.size or values.shape != (len(rows), columns):
         raise InputError(
             f"{what}s of shape {values.shape} for rows of shape {rows.shape}",
@@ -316,7 +321,7 @@ def response_lines(
     found = np.asarray(responses, dtype=np.complex128)
     with naming(source):
         positive = "no negative frequency"
-        named, below = "response frequency sensor", hertz < 0
+        named, below = ("response", "frequency", "sensor"), hertz < 0
         _refuse_rows(named, found, hertz, len(sensors), below, positive)
         apart = np.diff(np.sort(hertz[hertz > 0]))
         if not len(apart) or not (apart > 0).all():
