@@ -203,6 +203,44 @@ def test_whole_records_of_any_excitation():
         rid.sensitivity(record, {}, band=(20.0, 300.0))
 
 
+@pytest.mark.parametrize(("first", "zone"), [(80.0, "A or worse"), (5.0, "C")])
+def test_a_peak_where_nothing_was_excited_is_no_peak_that_is_not_there(first, zone):
+    """S is 4.5 at 40 Hz and 1.3 at 150; the sweep of r begins above the peak, or below."""
+    rng, time = np.random.default_rng(3), np.arange(40_000) / 2000.0
+    r = scipy.signal.chirp(time, first, time[-1], 300.0)
+    parts = [r, 1e-3 * rng.standard_normal(len(time))]
+    for hertz, width, gain in ((40.0, 4.0, 3.5), (150.0, 3.0, 0.3)):
+        parts.append(gain * scipy.signal.lfilter(*scipy.signal.iirpeak(hertz, width, fs=2000.0), r))
+    channels = [rid.Channel("e"), rid.Channel("r")]
+    record = rid.Record(channels, np.column_stack([sum(parts), r]), sample_rate=2000.0)
+    (axis,) = rid.sensitivity(record, {"e": "r"}, band=("20 Hz", "250 Hz"))
+    assert axis.zone == zone
+    assert ("nothing tells it from" in axis.verdict) == (first > 40)
+
+
+@pytest.mark.parametrize(
+    ("below", "above", "end", "zone"),
+    [
+        (3, 0, 1.2, "A"),
+        (4, 0, 1.2, "A or worse"),
+        (0, 3, 1.2, "A"),
+        (0, 4, 1.2, "A or worse"),
+        (0, 9, 1.01, "A"),
+    ],
+)
+def test_four_windows_that_do_not_tell_may_hold_a_peak(monkeypatch, below, above, end, zone):
+    """Past the end no more where S has come to 1."""
+    frequency = np.arange(10.0, 40.0)
+    peak = SimpleNamespace(hertz=20.0, reach=1.0, unsure=0.0, size=2.0, value=2.0, std=0.01)
+    peak.interval = lambda chance: (1.9, 2.1)
+    monkeypatch.setattr(sensitivity, "peak_near", lambda band, hertz: peak)
+    values = np.full(30, end + 0j)
+    values[0] = 0.5
+    raw = frequency, values, np.full(30, 2e-4), np.full(30, 10.0)
+    windows = np.concatenate([np.arange(below), frequency, 40.0 + np.arange(above)])
+    assert sensitivity._located("x", raw, windows, None, [(2.0, 20.0)]).zone == zone
+
+
 def controller_of_the_rig(omega: np.ndarray) -> np.ndarray:
     """Return the shipped rig's controller with its hold and delay."""
     rig = load_rig("three-mass").rig
@@ -380,7 +418,8 @@ def window_of(monkeypatch, deviation: float = 0.1) -> tuple[int, list[float]]:
     monkeypatch.setattr(sensitivity._Window, "best", best)
     count = 190
     lines = np.ones((count, 1)) + 0j
-    ((raw, candidates),) = sensitivity._windows(np.arange(count), lines, lines, lines[:, :0])
+    every, ((raw, candidates),) = sensitivity._windows(np.arange(count), lines, lines, lines[:, :0])
+    assert len(every) == len(chances)
     assert len(raw[0]) == len(candidates)
     return len(candidates), chances
 
@@ -439,7 +478,7 @@ def whole(monkeypatch, unsure: float) -> tuple[sensitivity.AxisSensitivity, list
     monkeypatch.setattr(sensitivity, "peak_near", peak_near)
     raw = (np.array([5.0]), np.ones(1) + 0j, np.ones(1), np.ones(1))
     candidates = [(9.0 - k, 10.0 * k) for k in range(1, 6)]
-    axis = sensitivity._located("x", raw, None, candidates)
+    axis = sensitivity._located("x", raw, raw[0], None, candidates)
     return axis, asked
 
 

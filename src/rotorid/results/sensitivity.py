@@ -246,8 +246,9 @@ def _settled(axis: AxisSensitivity) -> AxisSensitivity:
 
 Raw = tuple[Floats, Complexes, Floats, Floats]
 """Frequency, S, variance of the complex number, and degrees of freedom, of each line."""
-Whole = tuple[Raw, LoopLines, list[tuple[float, float]]]
-"""Of an axis of a whole record: S in windows, the lines, and how high S may be where."""
+Whole = tuple[Raw, Floats, LoopLines, list[tuple[float, float]]]
+"""Of an axis of a whole record: S in windows, the place of every window, also of those that do not
+tell S, the lines, and how high S may be where."""
 
 
 def _not_excited(axis: str) -> InputError:
@@ -316,7 +317,11 @@ def _noise(residual: Complexes, weights: Complexes) -> tuple[float, float]:
 
 
 def _located(
-    name: str, raw: Raw, band: LoopLines, candidates: Sequence[tuple[float, float]]
+    name: str,
+    raw: Raw,
+    windows: Floats,
+    band: LoopLines,
+    candidates: Sequence[tuple[float, float]],
 ) -> AxisSensitivity:
     """Return S of a whole record with its peak: the highest of those near the highest windows."""
     found: list[Peak] = []
@@ -346,7 +351,23 @@ def _located(
         best.size,
         best.hertz,
         (float(ends[0]), float(ends[1])),
+        "" if zone_of(float(ends[0])) == "D" else _untold(windows, raw),
     )
+
+
+def _untold(windows: Floats, raw: Raw) -> str:
+    """Tell where windows of the band do not tell S; beyond the last only where S is not 1 yet."""
+    frequency, values, variance, _ = raw
+    below, above = windows[windows < frequency[0]], windows[windows > frequency[-1]]
+    if abs(abs(values[-1]) - 1) <= AT_END * np.sqrt(variance[-1] / 2):
+        above = above[:0]
+    for untold in (below, above):
+        if len(untold) >= FEWEST:
+            return (
+                f"nothing tells it from {untold[0]:.3g} to {untold[-1]:.3g} Hz, where it may rise: "
+                "excite there for longer, after some seconds of record without excitation"
+            )
+    return ""
 
 
 def _looked_at(hertz: float, found: Sequence[Peak]) -> bool:
@@ -361,13 +382,12 @@ def _of_whole(
     for record in records:
         groups = (list(pairs), list(pairs.values()))
         frequency, (e, r), rotation = whole_lines(record, band, groups, skip)
-        for j, (name, (raw, candidates)) in enumerate(
-            zip(pairs, _windows(frequency, e, r, rotation), strict=True)
-        ):
+        windows, axes = _windows(frequency, e, r, rotation)
+        for j, (name, (raw, candidates)) in enumerate(zip(pairs, axes, strict=True)):
             most = len(found[name][0][0]) if name in found else FEWEST - 1
             if len(raw[0]) > most:
                 lines = LoopLines(frequency, e[:, j], r, rotation, j)
-                found[name] = raw, lines, candidates
+                found[name] = raw, windows, lines, candidates
     for name in pairs:
         if name not in found:
             raise _not_excited(name)
@@ -376,8 +396,8 @@ def _of_whole(
 
 def _windows(
     frequency: Floats, e: Complexes, r: Complexes, rotation: Complexes
-) -> list[tuple[Raw, list[tuple[float, float]]]]:
-    """Return S_jj in windows of lines so far apart that they are independent, and candidates."""
+) -> tuple[Floats, list[tuple[Raw, list[tuple[float, float]]]]]:
+    """Return windows of lines, so far apart that they are independent, S_jj there, candidates."""
     columns = (ORDER + 1) * (r.shape[1] + 1) + rotation.shape[1]
     half = -(-(columns + LEAST - 1) // 2)
     if 2 * half + 1 > len(frequency):
@@ -392,7 +412,8 @@ def _windows(
     powers = offset[:, None] ** np.arange(ORDER + 1)
     loud = float(np.abs(r).max())
     chance = RESONANT * half / len(frequency)
-    for k in range(half, len(frequency) - half, half):
+    middles = range(half, len(frequency) - half, half)
+    for k in middles:
         here = slice(k - half, k + half + 1)
         parts = [r[here, [a]] * powers for a in range(r.shape[1])]
         matrix = np.concatenate([*parts, powers + 0j, rotation[here]], axis=1)
@@ -407,7 +428,8 @@ def _windows(
                 sure = highest * (1 - np.sqrt(variance) / abs(value))
                 at = float(np.interp(where, offset, frequency[here]))
                 candidates[j].append((sure, at))
-    return [(_raw(rows), there) for rows, there in zip(axes, candidates, strict=True)]
+    every = [(_raw(rows), there) for rows, there in zip(axes, candidates, strict=True)]
+    return frequency[middles], every
 
 
 def _raw(rows: Sequence[tuple[float, complex, float, float]]) -> Raw:
