@@ -15,14 +15,14 @@ import rotorid as rid
 from rotorid.demo import FUNDAMENTAL, HARMONICS, run_demo, simulate_record
 
 result = run_demo(20, rng=np.random.default_rng(2026))
-print(f"{'rms error in %':20}" + "".join(f"{name:>12}" for name in (*result.estimators, "bound")))
+print(f"{'rms error in %':20}" + "".join(f"{name:>12}" for name in (*result.values, "bound")))
 for row, name in enumerate(result.names):
-    rms = [result.rms(estimator)[row] for estimator in result.estimators]
+    rms = [result.rms(estimator)[row] for estimator in result.values]
     print(f"{name:20}" + "".join(f"{x:12.3f}" for x in (*rms, result.bound_percent[row])))
 
 # %%
 figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
-for estimator in result.estimators:
+for estimator in result.values:
     axes.plot(result.rms(estimator), result.names, "o", label=estimator)
 axes.plot(result.bound_percent, result.names, "k|", ms=12, label="bound")
 axes.set_xscale("log")
