@@ -219,16 +219,18 @@ def test_a_peak_where_nothing_was_excited_is_no_peak_that_is_not_there(first, zo
 
 
 @pytest.mark.parametrize(
-    ("below", "above", "end", "zone"),
+    ("below", "between", "above", "end", "zone"),
     [
-        (3, 0, 1.2, "A"),
-        (4, 0, 1.2, "A or worse"),
-        (0, 3, 1.2, "A"),
-        (0, 4, 1.2, "A or worse"),
-        (0, 9, 1.01, "A"),
+        (3, 3, 3, 1.2, "A"),
+        (4, 0, 0, 1.2, "A or worse"),
+        (0, 4, 0, 1.2, "A or worse"),
+        (0, 0, 4, 1.2, "A or worse"),
+        (0, 0, 9, 1.01, "A"),
     ],
 )
-def test_four_windows_that_do_not_tell_may_hold_a_peak(monkeypatch, below, above, end, zone):
+def test_four_windows_that_do_not_tell_may_hold_a_peak(
+    monkeypatch, below, between, above, end, zone
+):
     """Past the end no more where S has come to 1."""
     frequency = np.arange(10.0, 40.0)
     peak = SimpleNamespace(hertz=20.0, reach=1.0, unsure=0.0, size=2.0, value=2.0, std=0.01)
@@ -237,7 +239,8 @@ def test_four_windows_that_do_not_tell_may_hold_a_peak(monkeypatch, below, above
     values = np.full(30, end + 0j)
     values[0] = 0.5
     raw = frequency, values, np.full(30, 2e-4), np.full(30, 10.0)
-    windows = np.concatenate([np.arange(below), frequency, 40.0 + np.arange(above)])
+    gap = 25.0 + np.arange(1, between + 1) / 10
+    windows = np.sort([*np.arange(below), *frequency, *gap, *(40.0 + np.arange(above))])
     assert sensitivity._located("x", raw, windows, None, [(2.0, 20.0)]).zone == zone
 
 

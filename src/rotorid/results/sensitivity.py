@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 import scipy
@@ -358,11 +360,12 @@ def _located(
 def _untold(windows: Floats, raw: Raw) -> str:
     """Tell where windows of the band do not tell S; beyond the last only where S is not 1 yet."""
     frequency, values, variance, _ = raw
-    below, above = windows[windows < frequency[0]], windows[windows > frequency[-1]]
+    told = np.isin(windows, frequency)
     if abs(abs(values[-1]) - 1) <= AT_END * np.sqrt(variance[-1] / 2):
-        above = above[:0]
-    for untold in (below, above):
-        if len(untold) >= FEWEST:
+        told |= windows > frequency[-1]
+    for known, run in groupby(zip(told, windows, strict=True), key=itemgetter(0)):
+        untold = [hertz for _, hertz in run]
+        if not known and len(untold) >= FEWEST:
             return (
                 f"nothing tells it from {untold[0]:.3g} to {untold[-1]:.3g} Hz, where it may rise: "
                 "excite there for longer, after some seconds of record without excitation"
