@@ -9,16 +9,15 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
-from functools import cache
-from typing import Any
+from functools import cache, cached_property
+from posixpath import dirname
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
 from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.files import check_beside, check_regular
-from rotorid.core.frozen import frozen
 from rotorid.core.units import si_factor, to_si
 from rotorid.io.sandbox import damaged
 from rotorid.io.table import (
@@ -44,10 +43,12 @@ PARTS = 5_000
 REFERENCES = 4
 """Files that refer to files: a virtual data set of virtual data sets is two."""
 
-_RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
-_INTERVAL = ("sample_interval", "wf_increment", "dt")
-_PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "_Unsigned")
-_ASKED = ("units", "unit", *_RATE, *_INTERVAL, *_PACKING)
+_RATES = {
+    **dict.fromkeys(
+        ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs"), "Hz"
+    ),
+    **dict.fromkeys(("sample_interval", "wf_increment", "dt"), "s"),
+}
 _HOPS = 16  # links that lead to links: what HDF5 itself allows
 _TEXTS = (b"char", b"cell")  # what MATLAB calls text as codes, and cells
 
@@ -70,138 +71,134 @@ class _Hdf5File(ArrayFile):
     def __init__(self, file: str, data: h5py.File) -> None:
         contents = _Contents(data)
         super().__init__(file, contents, others=contents.others)
+        self._data = data
         self._stored: dict[h5py.Dataset, int] = {}
+        self._rates: dict[str | bytes, Rate | None] = {}  # by the name of a group
 
     def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
         """Return the bytes of the files that hold data sets; refuse one not there whole."""
-        most = 0
-        for place in places.values():
-            dataset = self.shapes.node(place.path).dataset
-            if (held := self._stored.get(dataset)) is None:
-                held = self._stored[dataset] = check_stored(dataset, self.file)
-            most = max(most, held)
-        return most
+        datasets = {self.shapes.node(place.path).dataset for place in places.values()}
+        for dataset in datasets - self._stored.keys():
+            self._stored[dataset] = check_stored(dataset, self.file)
+        return max((self._stored[dataset] for dataset in datasets), default=0)
 
     def columns(
         self, places: Mapping[str, ColumnPlace], rows: int | None
     ) -> Iterator[dict[str, Column]]:
-        arrays: dict[tuple[str, int], dict[str, ColumnPlace]] = {}
+        asked: dict[tuple[h5py.Dataset, int], dict[str, _Part]] = {}
+        column: dict[str, Callable[[Any], Column]] = {}
         for name, place in places.items():
-            arrays.setdefault((place.path, place.axis), {})[name] = place
-        nodes = {path: self.shapes.node(path) for path, _ in arrays}
-        rates = dict[int, Rate | None]()
-        column = {name: _column_of(nodes[p.path], p.index, rates) for name, p in places.items()}
-        fields: dict[h5py.Dataset, list[str]] = {}
-        for node in nodes.values():
-            if node.field is not None and len(node.dataset.shape) == 1:
-                fields.setdefault(node.dataset, []).append(node.field)
-        count = max(max(self.shapes[path], default=1) for path in nodes)
+            node = self.shapes.node(place.path)
+            part = asked.setdefault((node.dataset, place.axis), {})
+            part[name] = node.field, place.index
+            column[name] = self._column_of(node.dataset, place.index)
+        count = max(max(dataset.shape, default=1) for dataset, _ in asked)
         step = rows or max(count, 1)
-        chunk = max((max(n.dataset.chunks) for n in nodes.values() if n.dataset.chunks), default=1)
+        chunk = max((max(dataset.chunks) for dataset, _ in asked if dataset.chunks), default=1)
         if rows and rows >= chunk // 64:  # whole chunks of the file, near what is asked for
             step = chunk * max(1, round(rows / chunk))
         for begin in range(0, max(count, 1), step):
-            samples = slice(begin, begin + step)
-            # Read at once: for one field the library goes through all of every record.
-            records = {table: table.fields(names)[samples] for table, names in fields.items()}
-            parts = (
-                {name: column[name](stored) for name, stored in found.items()}
-                for (path, _), asked in arrays.items()
-                for found in [_rows(nodes[path], asked, samples, records)]
+            found = (
+                {name: column[name](stored)}
+                for (dataset, axis), parts in asked.items()
+                for name, stored in _rows(dataset, axis, parts, slice(begin, begin + step))
             )
             if rows is None:  # one after the other: each takes its room here
-                yield from parts
+                yield from found
             else:
-                yield {name: column for part in parts for name, column in part.items()}
+                yield {name: values for one in found for name, values in one.items()}
+
+    def _column_of(self, dataset: h5py.Dataset, index: int | None) -> Callable[[Any], Column]:
+        """Return what makes a column of stored numbers."""
+        rate = _rate(dataset) or self._rate_of_group(dirname(dataset.name))
+        unit, unpacked = _unit(dataset, index), _unpacking(dataset)
+
+        def column(stored: Any) -> Column:
+            values = np.asarray(unpacked(stored), dtype=np.float64)
+            return Column(np.ascontiguousarray(values.ravel()), unit, rate)
+
+        return column
+
+    def _rate_of_group(self, name: str | bytes) -> Rate | None:
+        """Return the sample rate that a group states, or the nearest one above it."""
+        if name not in self._rates:
+            above = dirname(name)
+            stated = _rate(self._data[name])
+            self._rates[name] = stated or (self._rate_of_group(above) if above != name else None)
+        return self._rates[name]
+
+
+_Part = tuple[str | None, int | None]
+"""Of each sample of a data set: the field where it is a record, the index where it is a row."""
 
 
 def _rows(
-    node: Hdf5Node, asked: Mapping[str, ColumnPlace], samples: slice, records: Mapping[Any, Any]
-) -> dict[str, Any]:
-    """Return some rows of an array: of a 2-D one the columns that are asked for, read at once."""
-    first, shape = next(iter(asked.values())), node.dataset.shape
-    if records and node.dataset in records:
-        return dict.fromkeys(asked, records[node.dataset][node.field])
-    numbers = node.dataset if node.field is None else node.dataset.fields(node.field)
-    if first.index is None:
-        along = (samples,) if len(shape) == 1 or shape[:1] > (1,) else (slice(None), samples)
-        return dict.fromkeys(asked, numbers[along if shape else ()])
-    if len(asked) == 1:
-        one = (samples, first.index) if first.axis == 1 else (first.index, samples)
-        return dict.fromkeys(asked, numbers[one])
-    several = numbers[samples] if first.axis == 1 else numbers[:, samples].T
-    return {name: several[:, place.index] for name, place in asked.items()}
+    dataset: h5py.Dataset, axis: int, parts: Mapping[str, _Part], samples: slice
+) -> Iterator[tuple[str, Any]]:
+    """Yield some rows of columns of one data set, read at once.
+
+    For one field the library goes through all of every record, for one column through all chunks.
+    """
+    fields = list(dict.fromkeys(field for field, _ in parts.values() if field is not None))
+    indices = {index for _, index in parts.values()}
+    several = len(indices) > 1
+    across = slice(None) if several or None in indices else next(iter(indices))
+    along = (samples, across) if axis else (across, samples)
+    numbers = dataset.fields(fields) if fields else dataset
+    stored = numbers[along if dataset.ndim == 2 else (samples,)[: dataset.ndim]]
+    for name, (field, index) in parts.items():
+        values = stored if field is None else stored[field]
+        yield name, values.take(index, axis=axis) if several else values
 
 
-def _column_of(
-    node: Hdf5Node, index: int | None, rates: dict[int, Rate | None]
-) -> Callable[[Any], Column]:
-    """Return what makes a column of stored numbers; `rates` keeps those of the groups above."""
-    said = attributes(node.dataset)
-    if (rate := _rate(said)) is None:
-        if id(node.above) not in rates:
-            above = (_rate(attributes(group)) for group in reversed(node.above))
-            rates[id(node.above)] = next(filter(None, above), None)
-        rate = rates[id(node.above)]
-    unit, unpacked = _unit(said, index), _unpacking(node.dataset, said)
-
-    def column(stored: Any) -> Column:
-        values = np.asarray(unpacked(stored), dtype=np.float64)
-        return Column(np.ascontiguousarray(values.ravel()), unit, rate)
-
-    return column
+def _attribute(of: h5py.Dataset | h5py.Group, key: str) -> Any:
+    """Return an attribute as a row of values; None where there is none that can be taken."""
+    if not _has(of, key):
+        return None
+    told = of.attrs.get_id(key)
+    if told.dtype.kind == "O" and h5py.check_string_dtype(told.dtype) is None:
+        return None  # a list of any length: of a damaged one HDF5 ends the process
+    few = told.shape is not None and 0 < math.prod(told.shape) <= COLUMNS
+    return np.ravel(of.attrs[key]) if few else None
 
 
-def _unit(said: Mapping[str, Any], index: int | None) -> str | None:
+def _has(of: h5py.Dataset | h5py.Group, key: str) -> bool:
+    return bool(h5py.h5a.exists(of.id, key.encode()))
+
+
+def _unit(dataset: h5py.Dataset, index: int | None) -> str | None:
     """Return the attribute ``units``, or else ``unit``: one text, or one per column."""
-    told = (said.get(key) for key in ("units", "unit"))
-    for texts in (texts for texts in told if texts is not None):
-        which = 0 if len(texts) == 1 or index is None else min(index, len(texts) - 1)
-        if text := _text(texts[which]):
-            return text
-    return None
+    told = (_attribute(dataset, key) for key in ("units", "unit"))
+    units = (_text(texts[min(index or 0, len(texts) - 1)]) for texts in told if texts is not None)
+    return next(filter(None, units), None)
 
 
 def _text(value: Any) -> str:
     return (value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)).strip()
 
 
-def _rate(said: Mapping[str, Any]) -> Rate | None:
+def _rate(of: h5py.Dataset | h5py.Group) -> Rate | None:
     """Return the sample rate in Hz of an attribute of that name, or of the interval in s."""
-    for key in (*_RATE, *_INTERVAL):
+    for key, unit in _RATES.items():
         with suppress(InputError):  # a unit that says nothing
-            size = _size(said, key, "Hz" if key in _RATE else "s")
+            size = _size(of, key, unit)
             if size > 0:
-                return Rate(size if key in _RATE else 1 / size)
+                return Rate(size if unit == "Hz" else 1 / size)
     return None
 
 
-def _size(said: Mapping[str, Any], key: str, unit: str) -> float:
+def _size(of: h5py.Dataset | h5py.Group, key: str, unit: str) -> float:
     """Return an attribute in a unit: a text, ``10 kHz``, or a number, by the unit beside it."""
-    told = said.get(key)
+    told = _attribute(of, key)
     if told is not None and len(told) == 1 and isinstance(told[0], str | bytes):
         text = _text(told[0])
         return to_si(text if text[-1:].isalpha() else f"{text} {unit}", unit)
-    for name in (f"{key}_units", f"{key}_unit", "time_units" if unit == "s" else ""):
-        if (texts := said.get(name)) is not None:
-            return _one_number(told) * si_factor(_text(texts[0]), unit)
-    return _one_number(told)
-
-
-def attributes(of: h5py.Dataset | h5py.Group) -> dict[str, Any]:
-    """Return attributes as rows of values; None for one that holds none that we ask for."""
-    there = [key for key in _ASKED if h5py.h5a.exists(of.id, key.encode())]
-    beside = [f"{key}_{unit}" for key in there for unit in ("units", "unit")]
-    there += [k for k in (*beside, "time_units") if there and h5py.h5a.exists(of.id, k.encode())]
-    return {key: _row(of.attrs, key) for key in there}
-
-
-def _row(attrs: Any, key: str) -> Any:
-    told = attrs.get_id(key)
-    if told.dtype.kind == "O" and h5py.check_string_dtype(told.dtype) is None:
-        return None  # a list of any length: of a damaged one HDF5 ends the process
-    shape = told.shape
-    return np.ravel(attrs[key]) if shape is not None and 0 < np.prod(shape) <= COLUMNS else None
+    number = _one_number(told)
+    for beside in (f"{key}_units", f"{key}_unit", "time_units"):
+        texts = None if beside == "time_units" and unit != "s" else _attribute(of, beside)
+        if texts is not None:
+            return number * si_factor(_text(texts[0]), unit)
+    return number
 
 
 def _one_number(found: Any) -> float:
@@ -209,19 +206,14 @@ def _one_number(found: Any) -> float:
     return float(found[0]) if is_one and np.isfinite(found[0]) else math.nan
 
 
-def _unpacking(dataset: Any, said: Mapping[str, Any]) -> Callable[[Any], Any]:
+def _unpacking(dataset: h5py.Dataset) -> Callable[[Any], Any]:
     """Return what unpacks, as netCDF: ``scale_factor * stored + add_offset``, or a gap."""
-    scale, offset = (_packing(dataset, said, key) for key in ("scale_factor", "add_offset"))
-    fills = [said.get(key) for key in ("_FillValue", "missing_value")]
-    missing = [
-        float(x)
-        for fill in fills
-        if fill is not None and is_numeric(fill.dtype)
-        for x in fill
-        if np.isfinite(x)
-    ]
-    text = said.get("_Unsigned")
-    unsigned = text is not None and str(text[0]).strip("b'").lower() == "true"
+    scale, offset = (_packing(dataset, key) for key in ("scale_factor", "add_offset"))
+    fills = [_attribute(dataset, key) for key in ("_FillValue", "missing_value")]
+    numbers = [fill for fill in fills if fill is not None and is_numeric(fill.dtype)]
+    missing = [float(x) for fill in numbers for x in fill if np.isfinite(x)]
+    text = _attribute(dataset, "_Unsigned")
+    unsigned = text is not None and _text(text[0]).lower() == "true"
     wrap = 2.0 ** (8 * dataset.dtype.itemsize) if unsigned and dataset.dtype.kind == "i" else 0.0
     if (scale, offset, missing, wrap) == (1.0, 0.0, [], 0.0):
         return lambda stored: stored
@@ -235,10 +227,10 @@ def _unpacking(dataset: Any, said: Mapping[str, Any]) -> Callable[[Any], Any]:
     return unpacked
 
 
-def _packing(dataset: Any, said: Mapping[str, Any], key: str) -> float:
-    if key not in said:
+def _packing(dataset: h5py.Dataset, key: str) -> float:
+    if not _has(dataset, key):
         return float(key == "scale_factor")
-    number = _one_number(said[key])
+    number = _one_number(_attribute(dataset, key))
     if math.isnan(number) or (number == 0 and key == "scale_factor"):
         raise ReadError(
             f"an attribute {key} of {dataset.name[:80]!r} that is no number to scale by",
@@ -248,23 +240,19 @@ def _packing(dataset: Any, said: Mapping[str, Any], key: str) -> float:
     return number
 
 
-@frozen
-class Hdf5Node:
-    """A data set, the field of it where it is a table of records, and the groups above it."""
-
+class Node(NamedTuple):
     dataset: h5py.Dataset
-    field: str | None
-    above: tuple[h5py.Group, ...]
+    field: str | None  # of it where it is a table of records
 
     @property
     def kind(self) -> str | None:
         """Say what it holds in place of real numbers; None where it holds these."""
-        dataset, exists = self.dataset, h5py.h5a.exists
+        dataset = self.dataset
         if self.field is not None:
             return _kind(dataset.dtype[self.field])
-        if (found := _kind(dataset.dtype)) or exists(dataset.id, b"MATLAB_empty"):
+        if (found := _kind(dataset.dtype)) or _has(dataset, "MATLAB_empty"):
             return found or "nothing"  # an empty array is written as its size
-        kind = dataset.attrs["MATLAB_class"] if exists(dataset.id, b"MATLAB_class") else b""
+        kind = dataset.attrs["MATLAB_class"] if _has(dataset, "MATLAB_class") else b""
         return "text or cells" if isinstance(kind, bytes) and kind in _TEXTS else None
 
 
@@ -288,95 +276,80 @@ class _Contents(Mapping[str, tuple[int, ...]]):
 
     def __init__(self, data: h5py.File) -> None:
         self._data = data
-        self._nodes: dict[str, Hdf5Node | None] = {}
-        self._fields: dict[str, tuple[Hdf5Node, frozenset[str]]] = {}  # of tables of records
-        self._all: dict[str, tuple[int, ...]] | None = None
+        self._nodes: dict[str, Node] = {}  # those that were looked at
         self.others: dict[str, str] = {}  # what else there is, as far as it was looked at
 
-    def node(self, path: str) -> Hdf5Node:
-        if path not in self._nodes:
-            above, _, name = path.rpartition("/")
-            table, fields = self._fields.get(above, (None, ()))
-            if table is not None and name in fields:  # what a thousand fields are takes its time
-                self._nodes[path] = replace(table, field=name)
-            else:
-                found = self._nodes[path] = find(self._data, path, self.others)
-                if found is not None and found.field is not None:
-                    self._fields[above] = found, frozenset(found.dataset.dtype.names)
-        node = self._nodes[path]
-        if node is None:
-            raise KeyError(path)
-        return node
+    def node(self, path: str) -> Node:
+        steps = _steps(path)
+        if path not in self._nodes and path == "/".join(steps):
+            dataset, left = find(self._data, path, self.others)
+            if dataset is not None:
+                self._enter("/".join(steps[: len(steps) - len(left)]), dataset)
+        return self._nodes[path]
 
     def __getitem__(self, path: str) -> tuple[int, ...]:
-        if self._all is not None and path in self._all:
-            return self._all[path]
-        if path != "/".join(_steps(path)):
-            raise KeyError(path)
-        found = dict(self._arrays(path, self.node(path)))
-        return found[path]
+        return tuple(self.node(path).dataset.shape)
 
     def __iter__(self) -> Iterator[str]:
-        if self._all is None:
-            self._all = {
-                p: shape for at, node in _walk(self._data) for p, shape in self._arrays(at, node)
-            }
-        return iter(self._all)
+        return iter(self._paths)
 
     def __len__(self) -> int:
-        return sum(1 for _ in self)
+        return len(self._paths)
 
-    def _arrays(self, path: str, node: Hdf5Node) -> Iterator[tuple[str, tuple[int, ...]]]:
-        """Yield a data set of numbers, or the fields of one that is a table of records."""
-        if (shape := node.dataset.shape) is None:
-            return
-        if node.field is None and (names := node.dataset.dtype.names):
-            for name in names:
-                yield from self._arrays(f"{path}/{name}", replace(node, field=name))
-        elif (kind := node.kind) is None:
-            self._nodes[path] = node
-            yield path, tuple(shape)
-        else:
-            self.others[path] = kind
+    @cached_property
+    def _paths(self) -> list[str]:
+        return [path for at, found in _walk(self._data) for path in self._enter(at, found)]
+
+    def _enter(self, path: str, dataset: h5py.Dataset) -> list[str]:
+        """Enter a data set, or the fields of a table of records; return the paths of numbers."""
+        if dataset.shape is None:
+            return []
+        names = dataset.dtype.names
+        nodes = {f"{path}/{name}": Node(dataset, name) for name in names or ()}
+        nodes = nodes if names else {path: Node(dataset, None)}
+        kinds = {at: node.kind for at, node in nodes.items()}
+        self.others |= {at: kind for at, kind in kinds.items() if kind is not None}
+        self._nodes |= {at: node for at, node in nodes.items() if kinds[at] is None}
+        return [at for at, kind in kinds.items() if kind is None]
 
 
-def find(data: h5py.File, path: str, others: dict[str, str]) -> Hdf5Node | None:
-    """Return the data set of a path, or None; links into other files are noted in `others`."""
-    steps, above, hops = _steps(path), [data["/"]], 0
-    while steps:
+def find(
+    data: h5py.File, path: str, others: dict[str, str]
+) -> tuple[h5py.Dataset | None, list[str]]:
+    """Return the data set on a path, and what of the path is left: a field, where it is a table.
+
+    Links are followed inside the file; those into other files are noted in `others`.
+    """
+    steps, node, hops = _steps(path), data, 0
+    while steps and isinstance(node, h5py.Group):
         name, *steps = steps
-        key = _key(above[-1], name)
-        links = above[-1].id.links
-        kind = None if key is None else links.get_info(key).type
-        if kind == h5py.h5l.TYPE_SOFT and hops < _HOPS:
-            hops, target = hops + 1, _shown(links.get_val(key))
-            above = above[:1] if target.startswith("/") else above
-            steps = [*_steps(target), *steps]
-            continue
-        if kind == h5py.h5l.TYPE_EXTERNAL:
-            file = _shown(links.get_val(key)[0])
-            others[path.strip("/")] = f"a link into another file ({file[:80]}: name it in files)"
-        if key is None or kind != h5py.h5l.TYPE_HARD:
-            return None
-        node = _open(above[-1], key, h5py.h5o.get_info(above[-1].id, key).type)
-        if isinstance(node, h5py.Dataset):
-            field = steps[0] if len(steps) == 1 else None
-            fitting = not steps if field is None else field in (node.dtype.names or ())
-            return Hdf5Node(node, field, tuple(above)) if fitting else None
-        if not isinstance(node, h5py.Group) or len(above) > DEPTH:
-            return None
-        above.append(node)
-    return None
+        if (key := _key(node, name)) is None:
+            break
+        links = node.id.links
+        kind = links.get_info(key).type
+        if kind == h5py.h5l.TYPE_HARD:
+            node = _open(node, key)
+        elif kind == h5py.h5l.TYPE_SOFT and hops < _HOPS:
+            hops, target = hops + 1, links.get_val(key)
+            node = data if target.startswith(b"/") else node
+            steps = [*_steps(_shown(target)), *steps]
+        else:
+            if kind == h5py.h5l.TYPE_EXTERNAL:
+                file = _shown(links.get_val(key)[0])
+                link = f"a link into another file ({file[:80]}: name it in files)"
+                others[path.strip("/")] = link
+            break
+    return (node, steps) if isinstance(node, h5py.Dataset) else (None, [])
 
 
-def _walk(data: h5py.File) -> Iterator[tuple[str, Hdf5Node]]:
+def _walk(data: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
     """Yield the data sets of a file with their paths, each object once."""
     seen, count = {h5py.h5o.get_info(data.id).addr}, 0
-    waiting: list[tuple[str, tuple[h5py.Group, ...]]] = [("", (data["/"],))]
+    waiting: list[tuple[str, h5py.Group]] = [("", data)]
     while waiting:
-        prefix, above = waiting.pop()
-        inner: list[tuple[str, tuple[h5py.Group, ...]]] = []
-        count += len(group := above[-1])
+        prefix, group = waiting.pop()
+        inner: list[tuple[str, h5py.Group]] = []
+        count += len(group)
         if count > NODES or prefix.count("/") > DEPTH:
             many = f"more than {NODES} groups and data sets"
             raise ReadError(
@@ -384,19 +357,18 @@ def _walk(data: h5py.File) -> Iterator[tuple[str, Hdf5Node]]:
                 "fewer to look through for a name",
                 "write the whole path of each column, such as run1/x",
             )
-        for key in group:
-            key, shown = _raw(key), _shown(key)
-            path = prefix + shown
-            if shown[:1] == "#" or group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
+        for key in group.id:
+            if key[:1] == b"#" or group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
                 continue  # "#refs#" holds the cells of MATLAB
-            info = h5py.h5o.get_info(group.id, key)
-            if info.addr in seen or (node := _open(group, key, info.type)) is None:
-                continue  # what was seen already, or a type that has a name
-            seen.add(info.addr)
+            address = h5py.h5o.get_info(group.id, key).addr
+            if address in seen:
+                continue
+            seen.add(address)
+            path, node = prefix + _shown(key), _open(group, key)
             if isinstance(node, h5py.Group):
-                inner.append((f"{path}/", (*above, node)))
-            else:
-                yield path, Hdf5Node(node, None, above)
+                inner.append((f"{path}/", node))
+            elif isinstance(node, h5py.Dataset):  # and not a type that has a name
+                yield path, node
         waiting += reversed(inner)
 
 
@@ -407,33 +379,23 @@ def _steps(path: str) -> list[str]:
 def _key(group: h5py.Group, name: str) -> bytes | None:
     """Return a name as the file has it: in UTF-8, or as older programs of Windows wrote it."""
     for encoding in ("utf-8", "latin-1") if "\0" not in name else ():
-        try:
-            key = name.encode(encoding)
-        except UnicodeEncodeError:
-            continue
-        if group.id.links.exists(key):
-            return key
+        with suppress(UnicodeEncodeError):
+            if group.id.links.exists(key := name.encode(encoding)):
+                return key
     return None
 
 
-def _shown(key: str | bytes) -> str:
+def _shown(key: bytes) -> str:
     with suppress(UnicodeDecodeError):
-        return _raw(key).decode("utf-8")
-    return _raw(key).decode("latin-1")
+        return key.decode("utf-8")
+    return key.decode("latin-1")
 
 
-def _raw(key: str | bytes) -> bytes:
-    """Return a name as h5py takes and gives it: text, where it can be decoded."""
-    return key if isinstance(key, bytes) else key.encode("utf-8", "surrogateescape")
-
-
-def _open(group: h5py.Group, name: bytes, kind: int) -> Any:
+def _open(group: h5py.Group, key: bytes) -> Any:
     """Open a node; what a data set keeps in files beside it counts from the folder of its file."""
-    if kind == h5py.h5o.TYPE_GROUP:
-        return h5py.Group(h5py.h5g.open(group.id, name))
-    if kind != h5py.h5o.TYPE_DATASET:
-        return None
-    return h5py.Dataset(h5py.h5d.open(group.id, name, _access()))
+    if h5py.h5o.get_info(group.id, key).type == h5py.h5o.TYPE_DATASET:
+        return h5py.Dataset(h5py.h5d.open(group.id, key, _access()))
+    return group[key]
 
 
 @cache
@@ -536,24 +498,24 @@ def _check_part(
     except OSError as error:
         raise damaged(error, "HDF5 data", path) from None
     with opened as data:
-        node = find(data, name, {})
-        if node is None or node.field is not None or node.kind is not None:
+        dataset, left = find(data, name, {})
+        if dataset is None or left or Node(dataset, None).kind is not None:
             raise ReadError(
                 f"no numbers {name[:80]!r}, a part of {_name(whole)}",
                 "a data set there",
                 "write that part again",
             )
         if origin.get_select_type() == h5py.h5s.SEL_ALL:  # as many as there are
-            there: tuple[int, ...] = (node.dataset.size,)
+            there: tuple[int, ...] = (dataset.size,)
             needed: tuple[int, ...] = (target.get_select_npoints(),)
             fits = there == needed
         else:
-            there = node.dataset.shape
+            there = dataset.shape
             needed = tuple(int(last) + 1 for last in origin.get_select_bounds()[1])
             fits = len(there) == len(needed) and all(np.greater_equal(there, needed))
         if not fits:
-            raise _gap(node.dataset, f"{there} where {whole.name} takes {needed}")
-        return check_stored(node.dataset, path, depth + 1)
+            raise _gap(dataset, f"{there} where {whole.name} takes {needed}")
+        return check_stored(dataset, path, depth + 1)
 
 
 def _endless(space: Any) -> bool:

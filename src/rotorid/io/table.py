@@ -234,7 +234,7 @@ class ArrayFile:
         of_array = indexed is not None and indexed["name"].strip("/") in self.shapes
         if not of_array and (path := self._path(name)) is not None:
             if is_column(self.shapes[path]):
-                return ColumnPlace(path)
+                return ColumnPlace(path, axis=int(self.shapes[path][0] > 1))
             raise _not_a_column(name, self.shapes[path])
         base = None if indexed is None else self._path(indexed["name"])
         if indexed is None or base is None:
