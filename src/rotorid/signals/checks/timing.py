@@ -88,19 +88,24 @@ class _Lines:
     def weight(self) -> Floats:
         return np.where(self.clear, 1.0 / self.noise, 0.0)
 
-    def turned(self, tau: Floats, at: slice = slice(None)) -> Complexes:
-        return np.asarray(self.z[:, :, at] * np.exp(1j * tau[:, None, None] * self.omega[:, None]))
+    def turned(self, tau: Floats) -> Complexes:
+        return np.asarray(self.z * np.exp(1j * tau[:, None] * self.omega[:, None]))
 
-    def told(self, tau: Floats, at: slice = slice(None)) -> Shifts:
-        z, weight = self.z[:, :, at], self.weight[:, at]
-        before, after = (
-            float((weight * values.var(axis=0)).sum()) for values in (z, self.turned(tau, at))
-        )
-        chance = float(np.count_nonzero(weight))
-        explained = (before - after) / (before - chance) if before > 2 * chance else 1.0
-        size = np.stack([np.abs(z.mean(axis=0)) ** 2, (np.abs(z) ** 2).mean(axis=0)])
-        information = (weight * size * self.omega[:, None] ** 2).sum(axis=(1, 2)).max()
-        return Shifts(tau, float(1 / np.sqrt(2 * information)), explained)
+    def told(self, tau: Floats) -> list[Shifts]:
+        """Tell what shifts explain: tau (period, channel), or (period, 1) of all channels."""
+        weight, z = self.weight, self.z
+        parts = [(weight * lines.var(axis=0)).sum(axis=0) for lines in (z, self.turned(tau))]
+        sizes = np.abs(z.mean(axis=0)) ** 2, (np.abs(z) ** 2).mean(axis=0)
+        sharp = [(weight * size * self.omega[:, None] ** 2).sum(axis=0) for size in sizes]
+        sums = np.stack([*parts, np.count_nonzero(weight, axis=0), *sharp])
+        if tau.shape[1] == 1:
+            sums = sums.sum(axis=1, keepdims=True)
+        before, after, chance = sums[:3]
+        much = before > 2 * chance
+        explained = np.where(much, (before - after) / np.where(much, before - chance, 1.0), 1.0)
+        noise = 1 / np.sqrt(2 * np.maximum(sums[3:].max(axis=0), 1e-300))
+        every = zip(tau.T, noise.tolist(), explained.tolist(), strict=True)
+        return [Shifts(*each) for each in every]
 
 
 def shifts_of(
@@ -120,12 +125,12 @@ def shifts_of(
         late = late - (strength * omega * phase).sum(axis=1) / np.maximum(total, 1e-300)
     tau = np.concatenate([[0.0], np.cumsum(late)])
     for _ in range(3):  # each period against the mean of all: sums of steps wander with the noise
-        turned = seen.turned(tau)
+        turned = seen.turned(tau[:, None])
         cross = (seen.weight * turned * turned.mean(axis=0).conj()).sum(axis=2)
         strength = np.abs(cross) * seen.omega
         slope = (strength * np.angle(cross)).sum(axis=1)
         tau = tau - slope / np.maximum((strength * seen.omega).sum(axis=1), 1e-300)
-    return seen.told(np.asarray(tau - tau[0]))
+    return seen.told((tau - tau[0])[:, None])[0]
 
 
 def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
@@ -139,10 +144,8 @@ def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
     information = (strength * seen.omega[:, None]).sum(axis=0)
     slopes = strength / np.where(information > 0, information, 1.0)
     tau = -np.einsum("plc,lc->pc", phase, slopes)
-    return {
-        int(c): seen.told(tau[:, c] - tau[0, c], slice(c, c + 1))
-        for c in np.flatnonzero(seen.clear.any(axis=0))
-    }
+    every = seen.told(tau - tau[0])
+    return {int(c): every[c] for c in np.flatnonzero(seen.clear.any(axis=0))}
 
 
 def _steady_lines(periods: PeriodicRecord) -> Booleans:
@@ -183,34 +186,33 @@ class StepFit:
     place: int
 
 
-def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> StepFit:
-    """Fit a line and a step: at the place given, or where it helps most."""
-    count = len(tau)
-    at = 1 + int(np.argmax(_explained_by_steps(tau))) if at is None else at
-    place = np.arange(count) - (count - 1) / 2
-    columns = [np.ones(count), place, (np.arange(count) >= at).astype(float)]
+def _fitted(shifts: Shifts, at: int) -> StepFit:
+    """Fit a line and a step before the period `at`."""
+    period = np.arange(len(shifts.tau))
+    columns = [np.ones(len(period)), period - period.mean(), period >= at]
     # A loss within a period splits that period, the one before the step or behind it: they are
     # left to themselves.
-    columns += [(np.arange(count) == q).astype(float) for q in (at - 1, at) if 0 < q < count - 1]
+    columns += [period == split for split in (at - 1, at) if 0 < split < len(period) - 1]
     table = np.stack(columns, axis=1)
-    q, r = np.linalg.qr(table)
-    solved = np.linalg.lstsq(r, q.T @ tau, rcond=None)[0]
-    deviation = _long_run(tau - table @ solved, len(solved), noise)
-    root = np.linalg.norm(np.linalg.pinv(r), axis=1)
-    return StepFit(float(solved[1]), float(solved[2]), float(deviation * root[2]), at)
+    inverse = np.linalg.pinv(table)
+    solved = inverse @ shifts.tau
+    deviation = _long_run(shifts.tau - table @ solved, len(solved), shifts.noise)
+    deviation *= float(np.linalg.norm(inverse[2]))
+    return StepFit(float(solved[1]), float(solved[2]), deviation, at)
 
 
-def _explained_by_steps(tau: Floats) -> Floats:
-    """Return the sum of squares that a step before each period but the first explains."""
-    count = len(tau)
+def _places(taus: Floats) -> Integers:
+    """Return the period before which a step explains most of each shift, taus (channel, period)."""
+    count = taus.shape[1]
     place = np.arange(count) - (count - 1) / 2
-    rest = tau - tau.mean()
-    rest = rest - place * (rest @ place / (place @ place))
+    rest = taus - taus.mean(axis=1, keepdims=True)
+    rest = rest - np.outer(rest @ place / (place @ place), place)
     after = np.arange(count - 1, 0, -1)  # periods behind a step at 1, 2, ...
     moment = np.cumsum(place[::-1])[:-1][::-1]
     size = after - after**2 / count - moment**2 / (place @ place)
-    gain = np.cumsum(rest[::-1])[-2::-1]
-    return np.asarray(gain**2 / np.where(size > 1e-9 * count, size, np.inf))
+    gain = np.cumsum(rest[:, ::-1], axis=1)[:, -2::-1]
+    explained = gain**2 / np.where(size > 1e-9 * count, size, np.inf)
+    return np.asarray(1 + np.argmax(explained, axis=1))
 
 
 def _long_run(left: Floats, unknowns: int, noise: float) -> float:
@@ -271,7 +273,11 @@ def _largest_step(
     periods: PeriodicRecord, channels: dict[int, Shifts]
 ) -> tuple[Note, dict[int, Shifts]] | None:
     """Return the clearest step by whole samples, and the shifts without it."""
-    fits = {c: fit_shifts(shifts.tau, shifts.noise) for c, shifts in channels.items()}
+    if not channels:
+        return None
+    places = _places(np.stack([shifts.tau for shifts in channels.values()])).tolist()
+    every = zip(channels.items(), places, strict=True)
+    fits = {c: _fitted(shifts, place) for (c, shifts), place in every}
     clear = {
         c: abs(f.step) / f.step_std
         for c, f in fits.items()
@@ -280,7 +286,7 @@ def _largest_step(
     if not clear:
         return None
     at = fits[max(clear, key=lambda c: clear[c])].place
-    same = {c: fit_shifts(s.tau, s.noise, at) for c, s in channels.items()}
+    same = {c: _fitted(s, at) for c, s in channels.items()}
     moved = {c: f for c, f in same.items() if abs(f.step) > SURE * f.step_std}
     weights = np.array([f.step_std**-2 for f in moved.values()])
     amount = float(weights @ np.array([-f.step for f in moved.values()]) / weights.sum())
