@@ -665,6 +665,6 @@ def test_a_wave_that_is_another_as_a_whole():
 @pytest.mark.parametrize("factor", [1.2 * np.exp(0.5j), 90.0, np.exp(0.15j)])
 def test_another_unbalance_is_no_mistake(factor):
     wave = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
-    check_rotation([wave, replace(wave, number=1, phasors=factor * wave.phasors)], "run.toml")
+    check_rotation(replace(wave, number=1, phasors=factor * wave.phasors), [wave], "run.toml")
     turned = replace(wave, number=1, phasors=1j * wave.phasors, told=True)
-    check_rotation([wave, turned], "run.toml")
+    check_rotation(turned, [wave], "run.toml")

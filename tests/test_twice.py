@@ -11,7 +11,7 @@ from model_text import model_text
 
 import rotorid as rid
 from rotorid import InputError, response_lines
-from rotorid.experiment.duplicates import MOST, Printer, candidates, check_tables, shared
+from rotorid.experiment.duplicates import MOST, Prints, check_tables, shared
 from rotorid.testing import phasor_lines
 
 # -------------------------------------------------------------------------------------------------
@@ -444,10 +444,10 @@ def test_rows_of_phasors_in_two_records():
 
 
 def prints(*blocks):
-    printer = Printer()
+    found = Prints([f"channel {k}" for k in range(blocks[0].shape[1])])
     for block in blocks:
-        printer.add(block)
-    return printer.prints()
+        found.add(block)
+    return found
 
 
 def noise(count=3000, channels=2, state=0):
@@ -457,29 +457,29 @@ def noise(count=3000, channels=2, state=0):
 @pytest.mark.parametrize(("begin", "end"), [(0, 3000), (70, 3000), (133, 2900), (1500, 1900)])
 def test_an_excerpt_is_found_where_it_is(begin, end):
     whole = noise()
-    found = shared(prints(whole), prints(whole[begin:end]))
-    assert found == (end - begin, begin, 0)
-    assert candidates([prints(noise(state=1)), prints(whole), prints(whole[begin:end])]) == [(1, 2)]
+    other, one, excerpt = prints(noise(state=1)), prints(whole), prints(whole[begin:end])
+    assert shared([other, one, excerpt]) == [((1, 2), end - begin, (begin, 0))]
 
 
 def test_two_that_overlap_and_blocks_of_any_size():
     whole = noise(20000)
     one = prints(whole[:3], whole[3:17], whole[17:4000], whole[4000:12000])
-    assert np.array_equal(one.values, prints(whole[:12000]).values)
-    assert shared(one, prints(whole[8000:])) == (4000, 8000, 0)
-    assert shared(prints(whole[8000:]), one) == (4000, 0, 8000)
+    assert np.array_equal(one.kept[0], prints(whole[:12000]).kept[0])
+    assert shared([one, prints(whole[8000:])]) == [((0, 1), 4000, (8000, 0))]
+    assert shared([prints(whole[8000:]), one]) == [((0, 1), 4000, (0, 8000))]
 
 
 def test_many_samples_leave_few_prints_and_are_found_still():
     whole = noise(2_500_000, 1)
     one = prints(*np.array_split(whole, 30))
-    assert MOST / 4 < len(one.values) <= MOST
-    assert shared(one, prints(whole[1_000_003:1_300_000])) == (299_997, 1_000_003, 0)
+    assert MOST / 4 < len(one.kept[0]) <= MOST
+    part = prints(whole[1_000_003:1_300_000])
+    assert shared([one, part]) == [((0, 1), 299_997, (1_000_003, 0))]
 
 
 def test_a_few_samples_alike_are_not_told():
     whole = noise(20000)
-    assert shared(prints(whole), prints(np.concatenate([whole[:100], noise(900, 2, 1)]))) is None
+    assert not shared([prints(whole), prints(np.concatenate([whole[:100], noise(900, 2, 1)]))])
 
 
 def sweep(count=8000, lag=0.0):
@@ -506,12 +506,12 @@ def sines():
 def test_two_measurements_that_are_alike_are_two(name):
     rng = np.random.default_rng(3)
     one, other = (ALIKE[name](rng) for _ in range(2))
-    assert shared(prints(one), prints(other)) is None
+    assert not shared([prints(one), prints(other)])
 
 
 def test_one_that_repeats_itself_is_found_where_it_is_the_same_to_its_end():
     """Whose prints stand nowhere once: without noise every period is like the others."""
     exact = np.tile(sines()[:250], (20, 1))
-    assert shared(prints(exact), prints(exact.copy())) == (5000, 0, 0)
-    assert shared(prints(exact), prints(exact[:4999])) is None
-    assert candidates([prints(exact), prints(noise(5000)), prints(exact)]) == [(0, 2)]
+    found = shared([prints(exact), prints(noise(5000)), prints(exact.copy())])
+    assert found == [((0, 2), 5000, (0, 0))]
+    assert not shared([prints(exact), prints(exact[:4999])])

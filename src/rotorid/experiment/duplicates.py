@@ -6,24 +6,25 @@ the next few are summed up to a number: by chance it stands in no two records.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from functools import cached_property
 from hashlib import blake2b, shake_128
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from rotorid.core.errors import InputError
-from rotorid.core.values import Complexes, Floats, Integers, frozen
+from rotorid.core.values import Complexes, Floats, Integers, frozen, grouped
 from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.table_lines import SAME, multiple_of
 from rotorid.experiment.read import Recording, columns_of, is_reference
-from rotorid.experiment.schema import ExperimentFile, ModeEntry, RecordEntry
+from rotorid.experiment.schema import ExperimentFile, RecordEntry
 from rotorid.models import Model
 from rotorid.signals.average import RecordBlocks
 
@@ -41,97 +42,89 @@ NEARLY_ALL = 0.95
 """Share of the prints that are the same where samples are; coarse digits repeat by chance less."""
 
 
-_FACTORS = np.frombuffer(shake_128(b"samples").digest(8 * 4096), np.uint64) | np.uint64(1)
-"""Odd numbers whose digits look like chance."""
+def _factors(text: str, count: int) -> Words:
+    """Return odd numbers whose digits look like chance, and belong to a text."""
+    return np.frombuffer(shake_128(text.encode()).digest(8 * count), np.uint64) | np.uint64(1)
 
 
-@frozen
+_OF_WINDOW = _factors("", WINDOW)
+
+
 class Prints:
-    """The prints of a record that it holds once, in rising order, and the samples they begin at."""
+    """The prints of a record and the samples that they begin at, taken while it is read."""
 
-    values: Words  # uint64 array, shape (print,)
-    places: Integers  # (print,)
-    most: np.uint64  # the largest print that is kept
-    count: int  # samples of the record
-    digest: bytes  # of all of them, in order; empty where nothing moves
-
-
-class Printer:
-    def __init__(self, sensors: Sequence[str] = (), source: str = "", rate: float = 1.0) -> None:
-        self.sensors, self.source, self.rate = tuple(sensors), source, rate
+    def __init__(self, sensors: Sequence[str], source: str = "", rate: float = 1.0) -> None:
+        self.source, self.rate = source, rate
+        self.factors = [_factors(name, 1) for name in sensors]
         self.count, self.moves, self.digest = 0, False, blake2b()
         self.tail = np.empty(0, dtype=np.uint64)
         self.parts = [(self.tail, np.empty(0, dtype=np.int64))]
 
     def add(self, samples: Floats) -> None:
-        """Go on with samples, shape (sample, channel)."""
-        fresh = _sums(samples)
+        """Go on with samples, shape (sample, sensor)."""
+        fresh = np.zeros(len(samples), dtype=np.uint64)  # a number of the digits of each sample
+        for column, factor in zip(samples.T, self.factors, strict=True):
+            fresh += np.ascontiguousarray(column + 0.0).view(np.uint64) * factor  # one zero
+        fresh = (fresh ^ fresh >> np.uint64(29)) * _OF_WINDOW[0]
         self.digest.update(fresh.data)
         sums = np.concatenate([self.tail, fresh])
         self.moves = self.moves or bool((sums != sums[:1]).any())
-        begin = self.count - len(self.tail)
-        self.count += len(samples)
         inside = max(len(sums) - WINDOW, 0)
         places = 1 + np.flatnonzero(sums[1 : inside + 1] < CHOSEN)
         places = places[sums[places] != sums[places - 1]]  # what stands still tells nothing
         windows = sums[places[:, None] + np.arange(WINDOW)]
-        prints = (windows * _FACTORS[:WINDOW]).sum(axis=1, dtype=np.uint64)
-        self.parts.append((prints, places + begin))
+        prints = (windows * _OF_WINDOW).sum(axis=1, dtype=np.uint64)
+        self.parts.append((prints, places + self.count - len(self.tail)))
+        self.count += len(samples)
         self.tail = sums[inside:]
 
-    def prints(self) -> Prints:
+    @cached_property
+    def kept(self) -> tuple[Words, Integers, np.uint64]:
+        """Those that stand once, in rising order, and where; and up to which all are kept."""
         values, places = (np.concatenate(part) for part in zip(*self.parts, strict=True))
         values, first, times = np.unique(values, return_index=True, return_counts=True)
         once = np.flatnonzero(times == 1)[:MOST]
-        kept = values[once]
-        most = kept[-1] if len(kept) == MOST else np.uint64(2**64 - 1)
-        digest = self.digest.digest() if self.moves else b""
-        return Prints(kept, places[first[once]], most, self.count, digest)
+        most = values[once[-1]] if len(once) == MOST else np.uint64(2**64 - 1)
+        return values[once], places[first[once]], most
 
 
-def _sums(samples: Floats) -> Words:
-    """Return a number of the digits of each sample, (sample,): of all channels."""
-    found = np.zeros(len(samples), dtype=np.uint64)
-    for channel in range(samples.shape[1]):
-        digits = np.ascontiguousarray(samples[:, channel] + 0.0).view(np.uint64)  # one zero
-        found += digits * _FACTORS[WINDOW + channel % (len(_FACTORS) - WINDOW)]
-    found ^= found >> np.uint64(29)
-    return np.asarray(found * _FACTORS[0])
+Shared = tuple[tuple[int, int], int, tuple[int, int]]
+"""Two records, how many samples they share in every digit, and where these begin in each."""
 
 
-def candidates(records: Sequence[Prints]) -> list[tuple[int, int]]:
-    """Return pairs of records that hold the same prints, or are the same, in rising order."""
-    values = np.concatenate([record.values for record in records])
-    owners = np.repeat(np.arange(len(records)), [len(record.values) for record in records])
+def shared(records: Sequence[Prints]) -> list[Shared]:
+    """Return what records share, in their order, of each pair that neighbours in a print."""
+    if not records:
+        return []
+    found = set[Shared]()
+    same = grouped((r.digest.digest(), n) for n, r in enumerate(records) if r.moves)
+    for first, *others in same.values():  # however often a print of them repeats
+        found |= {((first, other), records[first].count, (0, 0)) for other in others}
+    kept = [record.kept for record in records]
+    values, places = (np.concatenate([one[k] for one in kept]) for k in (0, 1))
+    owners = np.repeat(np.arange(len(records)), [len(one[0]) for one in kept])
     order = np.argsort(values, kind="stable")
     again = np.flatnonzero(values[order[1:]] == values[order[:-1]])
-    pairs = zip(owners[order[again]].tolist(), owners[order[again + 1]].tolist(), strict=True)
-    found = {pair for pair, times in Counter(pairs).items() if times >= FEWEST}
-    first: dict[bytes, int] = {}
-    for number, record in enumerate(records):
-        if record.digest and (before := first.setdefault(record.digest, number)) != number:
-            found.add((before, number))
+    mine, its = order[again], order[again + 1]
+    pairs, lags = np.column_stack([owners[mine], owners[its]]), places[mine] - places[its]
+    for first, second in np.unique(pairs, axis=0).tolist():
+        of_pair = lags[(pairs == (first, second)).all(axis=1)]
+        different, times = np.unique(of_pair, return_counts=True)
+        lag, most = int(different[times.argmax()]), int(times.max())
+        one, other = records[first], records[second]
+        if most >= max(FEWEST, NEARLY_ALL * _prints_at(one, other, lag)):
+            begin, end = max(lag, 0), min(one.count, other.count + lag)
+            found.add(((first, second), end - begin, (begin, begin - lag)))
     return sorted(found)
 
 
-def shared(one: Prints, other: Prints) -> tuple[int, int, int] | None:
-    """Return how many samples two records share, in every digit, and where they begin in each."""
-    if one.digest and one.digest == other.digest:  # however often a print of them repeats
-        return one.count, 0, 0
-    _, mine, its = np.intersect1d(one.values, other.values, assume_unique=True, return_indices=True)
-    if len(mine) < FEWEST:
-        return None
-    lags, times = np.unique(one.places[mine] - other.places[its], return_counts=True)
-    lag = int(lags[times.argmax()])
-    begin, end = max(lag, 0), min(one.count, other.count + lag)
-    most = min(one.most, other.most)
-    inside = max(
-        int(((begin <= places) & (places < end - WINDOW)).sum())
-        for places in (one.places[one.values <= most], other.places[other.values <= most] + lag)
-    )
-    if times.max() < max(FEWEST, NEARLY_ALL * inside):
-        return None
-    return end - begin, begin, begin - lag
+def _prints_at(one: Prints, other: Prints, lag: int) -> int:
+    """Return how many prints would be the same if all samples were, one beginning `lag` later."""
+    begin, end = max(lag, 0), min(one.count, other.count + lag) - WINDOW
+    (mine, here, all_to), (its, there, its_all_to) = one.kept, other.kept
+    most = min(all_to, its_all_to)
+    every = here[mine <= most], there[its <= most] + lag
+    return max(int(((begin <= places) & (places < end)).sum()) for places in every)
 
 
 _ALIKE = 0.95  # of independent noise, a correlation of eleven lines is so by a chance of 1e-10
@@ -144,12 +137,17 @@ _DIGITS = 1e-6  # by which a frequency or a speed may differ and be the same
 _COMPARED = 60  # records of which each is held against each: 1800 pairs take a second
 
 
+def _twice(found: str, cure: str, *, file: str = "", place: str = "") -> InputError:
+    once = "each measurement once: twice it counts as two"
+    return InputError(found, once, cure, file=file, place=place)
+
+
 def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -> None:
     """Refuse data twice; records may share a file where they take other times, lines or sensors."""
-    records, read_from = file.records, list[tuple[set[Path], set[tuple[str, ...]]]]()
+    read_from = list[tuple[RecordEntry, set[Path], set[tuple[str, ...]]]]()
     for number, plan in enumerate(plans):
-        paths = {_resolved(path) for path in plan.paths}
-        if plan.entry.quiet is not None and _resolved(plan.folder / plan.entry.quiet) in paths:
+        entry, paths = plan.entry, {_resolved(path) for path in plan.paths}
+        if entry.quiet is not None and _resolved(plan.folder / entry.quiet) in paths:
             raise InputError(
                 "the record itself",
                 "one without excitation, which tells the noise",
@@ -158,95 +156,81 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -
             )
         sensors = {  # the columns that they are read from; of responses, all
             column
-            for name, entry in plan.channels.items()
-            if entry.law is None and (name not in model.inputs or entry.kind == "responses")
-            for column in columns_of(entry)
+            for name, one in plan.channels.items()
+            if one.law is None and (name not in model.inputs or one.kind == "responses")
+            for column in columns_of(one)
         }
-        read_from.append((paths, sensors))
-    for (first, one), (second, other) in combinations(enumerate(read_from), 2):
-        pair, files = (records[first], records[second]), one[0] & other[0]
-        begin = max(record.skip or 0.0 for record in pair)
-        apart = any(record.until is not None and record.until <= begin for record in pair)
-        if files and one[1] & other[1] and not apart and _lines_overlap(*pair):
-            raise InputError(
-                f"the samples of records.{first} again ({min(files).name[:120]})",
-                "each sample once: twice it counts as two measurements",
-                "remove one of the two, or give each its own times by skip and until",
-                place=f"records.{second}",
-            )
-    check_modes(file.modes)
-    if file.estimator.unknown["runout"]:
-        check_told(records)
-
-
-def check_modes(modes: Sequence[ModeEntry]) -> None:
-    """Refuse a measured natural frequency twice; two modes may have one, where axes are alike."""
-    for number, one in enumerate(modes):
-        before = modes[:number].count(one)
-        if before > (0 if one.mode is not None else 1):
-            raise InputError(
-                f"the natural frequency of modes.{modes.index(one)} again",
-                "each measurement once",
+        for before, (other, files, columns) in enumerate(read_from):
+            begin = max(entry.skip or 0.0, other.skip or 0.0)
+            apart = any(each.until is not None and each.until <= begin for each in (entry, other))
+            if paths & files and sensors & columns and not apart and _lines_overlap(entry, other):
+                raise _twice(
+                    f"the samples of records.{before} again ({min(paths & files).name[:120]})",
+                    "remove one of the two, or give each its own times by skip and until",
+                    place=f"records.{number}",
+                )
+        read_from.append((entry, paths, sensors))
+    for number, mode in enumerate(file.modes):
+        before = file.modes[:number].count(mode)
+        if before > (mode.mode is None):  # two modes may have one frequency, where axes are alike
+            raise _twice(
+                f"the natural frequency of modes.{file.modes.index(mode)} again",
                 "remove one; of two modes of one frequency, give each its own mode = 1, 2",
                 place=f"modes.{number}",
             )
+    if file.estimator.unknown["runout"]:
+        check_told(file.records)
 
 
 class Overlaps:
     """Finds samples that two records share, wherever they begin in each: excerpts of one run."""
 
     def __init__(self, records: Sequence[RecordEntry], model: Model, file: str) -> None:
-        self.records, self.model, self.inputs, self.file = records, model, model.inputs, file
-        self.taken: dict[int, Printer] = {}
+        self.records, self.model, self.file = records, model, file
+        self.taken: dict[int, Prints] = {}
         self.waves: list[Wave] = []
 
     def begin(self, number: int, record: Record | RecordBlocks) -> Callable[[Floats], None]:
         """Return what takes the prints of a record while its samples are read."""
-        sensors = tuple(n for n in record.names if n not in self.inputs and not is_reference(n))
+        inputs = self.model.inputs
+        sensors = [n for n in record.names if n not in inputs and not is_reference(n)]
         columns = [record.names.index(n) for n in sensors]
-        printer = self.taken[number] = Printer(sensors, record.source, record.sample_rate)
+        prints = self.taken[number] = Prints(sensors, record.source, record.sample_rate)
         several = len(self.records) > 1
-        return lambda samples: printer.add(samples[:, columns]) if several else None
+        return lambda samples: prints.add(samples[:, columns]) if several else None
 
     def turns(self, number: int, record: Record) -> None:
         """Hold the rotation in a record against that in those before it."""
         wave = wave_of(number, self.records[number], record, self.model)
         if wave is not None:
+            check_rotation(wave, self.waves, self.file)
             self.waves.append(wave)
-            check_rotation(self.waves, self.file)
 
     def checked(self, found: Sequence[Measured]) -> list[Measured]:
         """Return what was read, no two of it the same; of what may be, it is told."""
-        by_sensors: dict[tuple[str, ...], dict[int, Prints]] = {}
-        for number, taken in self.taken.items():
-            by_sensors.setdefault(taken.sensors, {})[number] = taken.prints()
-        for prints in by_sensors.values():
-            numbers = list(prints)
-            for pair in candidates(list(prints.values())):
-                first, second = sorted(numbers[k] for k in pair)
-                both = shared(prints[first], prints[second])
-                if both is not None and _lines_overlap(self.records[first], self.records[second]):
-                    self._refuse((first, second), *both)
-        check_tables(found, self.inputs)
-        told = alike(found, self.inputs)
+        numbers = list(self.taken)
+        for pair, count, begins in shared(list(self.taken.values())):
+            first, second = (self.records[numbers[k]] for k in pair)
+            if _lines_overlap(first, second):
+                self._refuse([numbers[k] for k in pair], count, begins)
+        check_tables(found, self.model.inputs)
+        told = alike(found, self.model.inputs)
         return [
             replace(one, warnings=(*one.warnings, told[number])) if number in told else one
             for number, one in enumerate(found)
         ]
 
-    def _refuse(self, pair: tuple[int, int], count: int, *begins: int) -> None:
+    def _refuse(self, pair: Sequence[int], count: int, begins: tuple[int, int]) -> None:
         one, other = (self.taken[k] for k in pair)
-        rate = other.rate
         # samples that neither record leaves out
-        skips = [round((self.records[k].skip or 0.0) * rate) for k in pair]
-        used = count - max(skips[0] - begins[0], skips[1] - begins[1], 0)
+        skips = (round((self.records[k].skip or 0.0) * other.rate) for k in pair)
+        used = count - max(0, *(skip - at for skip, at in zip(skips, begins, strict=True)))
         if used > _SHARE * min(one.count, other.count):
-            there, here = (begin / rate for begin in begins)
+            there, here = (begin / other.rate for begin in begins)
             moved = f": what is at {here:.4g} s here is at {there:.4g} s there"
-            raise InputError(
+            raise _twice(
                 f"{used} samples that {Path(one.source).name[:120]} holds too, in every digit of "
                 f"its sensors{moved * (here != there)}",
-                "each sample once: twice it counts as two measurements",
                 "remove one of the two, or give each its own times by skip and until",
                 file=other.source,
             )
@@ -261,9 +245,8 @@ def check_tables(found: Sequence[Measured], inputs: Collection[str]) -> None:
         elif isinstance(one.clock, PhasorClock) and isinstance(other.clock, PhasorClock):
             told = _rows_again(one, other, inputs)
         if told is not None:
-            raise InputError(
+            raise _twice(
                 f"{told} that {Path(one.source).name[:120]} holds too",
-                "each measurement once: twice it counts as two",
                 "leave them out of one of the two records",
                 file=other.source,
             )
@@ -314,8 +297,8 @@ def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
     periodic = [(i, one) for i, one in enumerate(found) if isinstance(one, PeriodicRecord)]
     for (_, one), (second, other) in combinations(periodic[:_COMPARED], 2):
         names = [name for name in one.names if name not in inputs and name in other.names]
-        shares = (_by_lag(one, other, name) for name in names)
-        if not (known := [share for share in shares if share is not None]):
+        known = [share for name in names if (share := _by_lag(one, other, name)) is not None]
+        if not known:
             continue
         least = np.min(known, axis=0)
         lags = np.arange(len(least)) - (len(other.spectra) - 2)
@@ -338,20 +321,15 @@ def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | N
     """Correlate a sensor's changes between periods in two records, by lag; None without any."""
     if not np.array_equal(one.harmonics, other.harmonics):
         return None
-    parts = []
-    for record in (one, other):
-        lines = record.spectra[:, :, record.names.index(name)]
-        rest = np.diff(lines, axis=0)
-        if np.linalg.norm(rest) <= _ROUNDING * np.linalg.norm(lines):
-            return None
-        parts.append(rest)
-    first, second = parts
-    size = len(first) + len(second) - 1
-    turned = np.fft.fft(first, size, axis=0) * np.fft.fft(second[::-1].conj(), size, axis=0)
-    product = np.fft.ifft(turned, axis=0).sum(axis=1).real
-    mine, its = ((np.abs(part) ** 2).sum(axis=1) for part in parts)
-    shared = np.convolve(mine, np.ones(len(its))) * np.convolve(np.ones(len(mine)), its)
-    return np.asarray(product / np.sqrt(np.maximum(shared, np.finfo(float).tiny)))
+    lines = [record.spectra[:, :, record.names.index(name)] for record in (one, other)]
+    first, second = (np.diff(each, axis=0) for each in lines)
+    norm = np.linalg.norm
+    if norm(first) <= _ROUNDING * norm(lines[0]) or norm(second) <= _ROUNDING * norm(lines[1]):
+        return None
+    product = scipy.signal.fftconvolve(first, second[::-1].conj(), axes=0).sum(axis=1).real
+    mine, its = ((np.abs(part) ** 2).sum(axis=1) for part in (first, second))
+    power = np.convolve(mine, np.ones(len(its))) * np.convolve(np.ones(len(mine)), its)
+    return np.asarray(product / np.sqrt(np.maximum(power, np.finfo(float).tiny)))
 
 
 def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:
@@ -438,14 +416,13 @@ def wave_of(number: int, entry: RecordEntry, record: Record, model: Model) -> Wa
     return Wave(number, record.speed, tuple(sensors), phasors, not turns_untold(entry))
 
 
-def check_rotation(waves: list[Wave], file: str) -> None:
-    """Refuse the last record where another unit, or another zero of the angle, tells it apart."""
-    last = waves[-1]
-    for other in waves[:-1]:
+def check_rotation(last: Wave, before: Sequence[Wave], file: str) -> None:
+    """Refuse a record that another unit, or another zero of the angle, tells from those before."""
+    for other in before:
         factor = last.over(other)
-        if factor is None or factor == 0:
+        if not factor:
             continue
-        size, turn = abs(factor), float(np.angle(factor))
+        size, turn, place = abs(factor), float(np.angle(factor)), f"records.{last.number}"
         if max(size, 1 / size) > LARGE:
             raise InputError(
                 f"a rotation {size:.3g} times as large as in records.{other.number} in all of "
@@ -453,7 +430,7 @@ def check_rotation(waves: list[Wave], file: str) -> None:
                 "one size of it, since both turn at the same speed",
                 "correct unit or scale of the sensors in this record: [records.channels]",
                 file=file,
-                place=f"records.{last.number}.channels",
+                place=f"{place}.channels",
             )
         if not (last.told or other.told) and abs(size - 1) <= ALIKE and abs(turn) > TURNED:
             raise InputError(
@@ -463,5 +440,5 @@ def check_rotation(waves: list[Wave], file: str) -> None:
                 'name the column of the mark (keyphasor, angle), or write phase = "unknown" in all '
                 f"records but records.{other.number}",
                 file=file,
-                place=f"records.{last.number}.phase",
+                place=f"{place}.phase",
             )
