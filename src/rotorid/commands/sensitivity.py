@@ -105,8 +105,7 @@ def _read(
                 file=plan.file,
                 place=f"records.{number}",
             )
-        beside = _beside(channels, pairs)
-        records.append(measured(channels, currents=True, beside=beside))
+        records.append(measured(channels, _beside(channels, pairs)))
     if entries[0].periodic:
         cut = [periods_of(record, entry) for record, entry in zip(records, entries, strict=True)]
         return cut, {}

@@ -25,7 +25,6 @@ from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.table_lines import SAME, multiple_of
 from rotorid.experiment.read import Recording, columns_of, is_reference
 from rotorid.experiment.schema import ExperimentFile, RecordEntry
-from rotorid.models import Model
 from rotorid.signals.average import RecordBlocks
 
 Words = npt.NDArray[np.uint64]
@@ -142,22 +141,22 @@ def _twice(found: str, cure: str, *, file: str = "", place: str = "") -> InputEr
     return InputError(found, once, cure, file=file, place=place)
 
 
-def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -> None:
+def check_file(file: ExperimentFile, plans: Sequence[Recording]) -> None:
     """Refuse data twice; records may share a file where they take other times, lines or sensors."""
     read_from = list[tuple[RecordEntry, set[Path], set[tuple[str, ...]]]]()
-    for number, plan in enumerate(plans):
+    for plan in plans:
         entry, paths = plan.entry, {_resolved(path) for path in plan.paths}
         if entry.quiet is not None and _resolved(plan.folder / entry.quiet) in paths:
             raise InputError(
                 "the record itself",
                 "one without excitation, which tells the noise",
                 "name another file, or leave quiet out",
-                place=f"records.{number}.quiet",
+                place=f"{plan.place}.quiet",
             )
         sensors = {  # the columns that they are read from; of responses, all
             column
             for name, one in plan.channels.items()
-            if one.law is None and (name not in model.inputs or one.kind == "responses")
+            if one.law is None and (name not in plan.model.inputs or one.kind == "responses")
             for column in columns_of(one)
         }
         for before, (other, files, columns) in enumerate(read_from):
@@ -167,7 +166,7 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -
                 raise _twice(
                     f"the samples of records.{before} again ({min(paths & files).name[:120]})",
                     "remove one of the two, or give each its own times by skip and until",
-                    place=f"records.{number}",
+                    place=plan.place,
                 )
         read_from.append((entry, paths, sensors))
     for number, mode in enumerate(file.modes):
@@ -185,23 +184,23 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording], model: Model) -
 class Overlaps:
     """Finds samples that two records share, wherever they begin in each: excerpts of one run."""
 
-    def __init__(self, records: Sequence[RecordEntry], model: Model, file: str) -> None:
-        self.records, self.model, self.file = records, model, file
+    def __init__(self, plans: Sequence[Recording], file: str) -> None:
+        self.plans, self.file = plans, file
         self.taken: dict[int, Prints] = {}
         self.waves: list[Wave] = []
 
-    def begin(self, number: int, record: Record | RecordBlocks) -> Callable[[Floats], None]:
+    def begin(self, plan: Recording, record: Record | RecordBlocks) -> Callable[[Floats], None]:
         """Return what takes the prints of a record while its samples are read."""
-        inputs = self.model.inputs
+        inputs = plan.model.inputs
         sensors = [n for n in record.names if n not in inputs and not is_reference(n)]
         columns = [record.names.index(n) for n in sensors]
-        prints = self.taken[number] = Prints(sensors, record.source, record.sample_rate)
-        several = len(self.records) > 1
+        prints = self.taken[plan.number] = Prints(sensors, record.source, record.sample_rate)
+        several = len(self.plans) > 1
         return lambda samples: prints.add(samples[:, columns]) if several else None
 
-    def turns(self, number: int, record: Record) -> None:
+    def turns(self, plan: Recording, record: Record) -> None:
         """Hold the rotation in a record against that in those before it."""
-        wave = wave_of(number, self.records[number], record, self.model)
+        wave = wave_of(plan, record)
         if wave is not None:
             check_rotation(wave, self.waves, self.file)
             self.waves.append(wave)
@@ -209,21 +208,23 @@ class Overlaps:
     def checked(self, found: Sequence[Measured]) -> list[Measured]:
         """Return what was read, no two of it the same; of what may be, it is told."""
         numbers = list(self.taken)
-        for pair, count, begins in shared(list(self.taken.values())):
-            first, second = (self.records[numbers[k]] for k in pair)
-            if _lines_overlap(first, second):
-                self._refuse([numbers[k] for k in pair], count, begins)
-        check_tables(found, self.model.inputs)
-        told = alike(found, self.model.inputs)
+        for (first, second), count, begins in shared(list(self.taken.values())):
+            self._refuse((numbers[first], numbers[second]), count, begins)
+        inputs = {name for plan in self.plans for name in plan.model.inputs}
+        check_tables(found, inputs)
+        told = alike(found, inputs)
         return [
             replace(one, warnings=(*one.warnings, told[number])) if number in told else one
             for number, one in enumerate(found)
         ]
 
-    def _refuse(self, pair: Sequence[int], count: int, begins: tuple[int, int]) -> None:
+    def _refuse(self, pair: tuple[int, int], count: int, begins: tuple[int, int]) -> None:
         one, other = (self.taken[k] for k in pair)
+        entries = [self.plans[k].entry for k in pair]
+        if not _lines_overlap(*entries):
+            return
         # samples that neither record leaves out
-        skips = (round((self.records[k].skip or 0.0) * other.rate) for k in pair)
+        skips = (round((entry.skip or 0.0) * other.rate) for entry in entries)
         used = count - max(0, *(skip - at for skip, at in zip(skips, begins, strict=True)))
         if used > _SHARE * min(one.count, other.count):
             there, here = (begin / other.rate for begin in begins)
@@ -402,10 +403,10 @@ def turns_untold(record: RecordEntry) -> bool:
     return bool(record.speed.value) and "phase" not in record.model_fields_set
 
 
-def wave_of(number: int, entry: RecordEntry, record: Record, model: Model) -> Wave | None:
+def wave_of(plan: Recording, record: Record) -> Wave | None:
     """Return the rotation's line of a record; None at standstill, or where it has its own."""
-    sensors = [c for c in record.names if c in model.coordinates]
-    if record.speed == 0 or entry.parameters or not sensors:
+    sensors = [c for c in record.names if c in plan.model.coordinates]
+    if record.speed == 0 or plan.own or not sensors:
         return None
     samples = np.column_stack([record.column(name) for name in sensors])
     window = np.hanning(len(samples))[:, None]
@@ -413,7 +414,7 @@ def wave_of(number: int, entry: RecordEntry, record: Record, model: Model) -> Wa
     centred = samples - (window * samples).sum(axis=0)
     wave = np.exp(-1j * record.rotor_angle())[:, None]
     phasors = (window * wave * centred).sum(axis=0)
-    return Wave(number, record.speed, tuple(sensors), phasors, not turns_untold(entry))
+    return Wave(plan.number, record.speed, tuple(sensors), phasors, not turns_untold(plan.entry))
 
 
 def check_rotation(last: Wave, before: Sequence[Wave], file: str) -> None:

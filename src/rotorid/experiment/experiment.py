@@ -107,7 +107,7 @@ class Experiment:
                     place=f"records.{number}.kind",
                 )
         currents = self.method(method) == "ml"
-        return [read.measured(plan, currents=currents) for plan in self.channels]
+        return [read.measured(replace(plan, currents=currents)) for plan in self.channels]
 
     def require_records(self) -> None:
         """Refuse an experiment of measured natural frequencies alone.
@@ -135,41 +135,22 @@ class Experiment:
     def _observed(self, *, currents: bool) -> list[Measured]:
         """Read every record: cut into periods, as the lines of the whole, or filtered."""
         found: list[Measured] = []
-        seen = Overlaps(self.entry.records, self.model, self.file)
-        for number, plan in enumerate(counting(self.channels, "reading records")):
-            told = read.shared_currents(plan)
+        seen = Overlaps(self.channels, self.file)
+        for plan in counting(self.channels, "reading records"):
             try:
-                several = self._one(number, plan, seen, currents=currents)
+                several = _one(replace(plan, currents=currents), seen)
             except InputError as error:
                 if error.place not in KEYS:
                     raise
-                place = f"records.{number}.{error.place}"
+                place = f"{plan.place}.{error.place}"
                 raise InputError(
                     error.found, error.expected, error.cure, file=self.file, place=place
                 ) from None
+            told = read.shared_currents(plan)
             for one in several:
                 said = replace(one, warnings=(*one.warnings, *told)) if told else one
                 found.append(said.with_parameters(**plan.own) if plan.own else said)
         return seen.checked(found)
-
-    def _one(
-        self, number: int, plan: read.Recording, seen: Overlaps, *, currents: bool
-    ) -> Sequence[Measured]:
-        """Read one record by its kind; responses to several inputs are several."""
-        entry, skip = plan.entry, plan.entry.skip or 0.0
-        if entry.channel_kind != "samples":
-            return _read_table(plan, self.model)
-        if entry.periodic and not entry.is_cut:
-            return [read.averaged(plan, partial(seen.begin, number), currents=currents)]
-        record = read.measured(plan, currents=currents)
-        seen.begin(number, record)(record.samples)
-        if entry.is_cut:
-            return [phasors(record, entry.revolutions, skip=skip)]
-        if entry.cutoff is not None:
-            steps, left_out = entry.decimate or 1, entry.leave_out or ()
-            return [filtered(record, entry.cutoff, decimate=steps, leave_out=left_out, skip=skip)]
-        seen.turns(number, record)
-        return [read.lines_of(plan, record, self.model, currents=currents)]
 
     @cached_property
     def _read(self) -> dict[bool, list[Measured]]:
@@ -315,18 +296,10 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         plans = []
         read.check_shared(entry.records, entry.channels)
         for number, record in enumerate(entry.records):
-            if model.linear is None and record.band is not None and not record.periodic:
-                raise InputError(
-                    "the lines of a whole record for a model that is not linear in its coordinates",
-                    "periods, or samples that are filtered",
-                    'write cutoff = "100 Hz" in place of band (five to ten times the frequencies '
-                    "of the motion), or the fundamental of a periodic excitation",
-                    place=f"records.{number}.band",
-                )
-            plan = read.plan_record(record, entry.channels, model, where, f"records.{number}")
-            own = own_values(record.parameters, model, f"records.{number}.parameters")
+            plan = read.plan_record(number, record, entry.channels, model, where)
+            own = own_values(record.parameters, model, f"{plan.place}.parameters")
             plans.append(replace(plan, own=own))
-        check_file(entry, plans, model)
+        check_file(entry, plans)
         return Experiment(
             file=str(path),
             folder=where,
@@ -337,12 +310,30 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         )
 
 
-def _read_table(plan: read.Recording, model: Model) -> Sequence[Lines]:
+def _one(plan: read.Recording, seen: Overlaps) -> Sequence[Measured]:
+    """Read one record by what is made of it; responses to several inputs are several."""
+    entry, skip = plan.entry, plan.entry.skip or 0.0
+    if entry.channel_kind != "samples":
+        return _read_table(plan)
+    if entry.made == "periods":
+        return [read.averaged(plan, partial(seen.begin, plan))]
+    record = read.measured(plan)
+    seen.begin(plan, record)(record.samples)
+    if entry.made == "run-up":
+        return [phasors(record, entry.revolutions, skip=skip)]
+    if entry.cutoff is not None:
+        steps, left_out = entry.decimate or 1, entry.leave_out or ()
+        return [filtered(record, entry.cutoff, decimate=steps, leave_out=left_out, skip=skip)]
+    seen.turns(plan, record)
+    return [read.lines_of(plan, record)]
+
+
+def _read_table(plan: read.Recording) -> Sequence[Lines]:
     from rotorid.experiment import table_records  # which few records need
 
     if plan.entry.kind == "phasors":
-        return table_records.read_phasors(plan, model)
-    return table_records.read_responses(plan, model)
+        return table_records.read_phasors(plan)
+    return table_records.read_responses(plan)
 
 
 def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], str]:
@@ -360,9 +351,9 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
     for one in counting(plan.channels, "inspecting records"):
         entry = one.entry
         if entry.channel_kind == "samples":
-            found.append(_inspected(read.measured(one, currents=True), entry, entry.band))
+            found.append(_inspected(read.measured(one), entry, entry.band))
             continue
-        for lines in _read_table(one, plan.model):
+        for lines in _read_table(one):
             named = lines.source or ", ".join(entry.paths)
             found.append(inspect_lines(replace(lines, source=named)))
     return found, ""

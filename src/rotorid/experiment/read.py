@@ -14,12 +14,12 @@ from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.units import check_unit, converts, multiply_units, si_factor
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.lines import Lines
-from rotorid.data.record import Channel, Drive, PeriodicRecord, Record, changed
+from rotorid.data.record import PeriodicRecord, Record, changed
 from rotorid.data.whole_record import spectra
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, Recorded, RecordEntry, RecordKeys
 from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.force.laws import Differential, Flux, Linear
-from rotorid.force.reading import ForceReading, as_channels, forces
+from rotorid.force.reading import ForceReading, driven, through_laws
 from rotorid.io import Source, open_table, read_record
 from rotorid.io.columns import open_blocks
 from rotorid.io.table import Column
@@ -39,7 +39,9 @@ _POLAR = re.compile(r"(?:phase|phi|angle|arg)(?![a-z])", re.I)
 class Recording:
     """A record as the file has it: where its columns come from, and what is made of them."""
 
+    number: int  # in the file, from 0
     entry: RecordEntry
+    model: Model
     folder: Path  # of its files
     channels: Entries
     sources: Mapping[str, Source]
@@ -47,10 +49,15 @@ class Recording:
     laws: Mapping[str, ForceReading]
     # parameters that it has to itself: value and deviation, SI
     own: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    currents: bool = True  # those of linear laws stay; else they become forces
 
     @property
     def paths(self) -> list[Path]:
         return [self.folder / name for name in self.entry.paths]
+
+    @property
+    def place(self) -> str:
+        return f"records.{self.number}"
 
 
 _UNIT_OF = {
@@ -339,10 +346,18 @@ def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
 
 
 def plan_record(
-    record: RecordEntry, common: Entries, model: Model, folder: Path, place: str
+    number: int, record: RecordEntry, common: Entries, model: Model, folder: Path
 ) -> Recording:
     """Return where the channels of a record come from, everything checked but the files."""
-    kind, own = record.channel_kind, record.channels
+    kind, own, place = record.channel_kind, record.channels, f"records.{number}"
+    if model.linear is None and record.made == "whole":
+        raise InputError(
+            "the lines of a whole record for a model that is not linear in its coordinates",
+            "periods, or samples that are filtered",
+            'write cutoff = "100 Hz" in place of band (five to ten times the frequencies '
+            "of the motion), or the fundamental of a periodic excitation",
+            place=f"{place}.band",
+        )
     for name, entry in own.items():
         if entry.kind != kind:
             raise InputError(
@@ -364,22 +379,20 @@ def plan_record(
             else:
                 columns, laws[name] = law_sources(name, entry, entries, model, folder)
                 sources |= columns
-    return Recording(record, folder, entries, sources, laws)
+    return Recording(number, record, model, folder, entries, sources, laws)
 
 
-def measured(
-    plan: Recording, *, currents: bool, beside: Mapping[str, Source] | None = None
-) -> Record:
-    entry = plan.entry
-    columns = dict(plan.sources)
+def measured(plan: Recording, beside: Mapping[str, Source] | None = None) -> Record:
+    """Read the samples of a record, and columns `beside` those of its channels."""
+    entry, columns = plan.entry, {**plan.sources, **(beside or {})}
     if entry.angle is not None:
         columns[_MARK] = Source(
             entry.angle.column, entry.angle.unit, expected="rad" if entry.angle.unit else None
         )
     elif entry.keyphasor is not None:
         columns[_MARK] = Source(entry.keyphasor)
-    columns |= {reference_name(name): Source(name) for name in entry.references or ()}
-    columns |= beside or {}
+    for name in entry.references or ():
+        columns.setdefault(reference_name(name), Source(name))
     highest = entry.cutoff if entry.band is None else entry.band[1]
     if entry.band is None and entry.fundamental is not None and entry.harmonics:
         highest = max(entry.harmonics) * entry.fundamental
@@ -391,12 +404,8 @@ def measured(
         highest=highest,
         **said_of(entry),
     )
-    record = _with_angle(record, entry)
-    if plan.laws:
-        record = replace(record, channels=_driven(record.channels, plan))
-    return forces(
-        record, _readings(record, plan), drives=not currents, period=period_of(record, entry)
-    )
+    record, period = _with_angle(record, entry), period_of(record, entry)
+    return through_laws(record, plan.laws, currents=plan.currents, period=period)
 
 
 def reference_name(column: str) -> str:
@@ -408,18 +417,18 @@ def is_reference(name: str) -> bool:
     return name.startswith(_REFERENCE)
 
 
-def lines_of(plan: Recording, record: Record, model: Model, *, currents: bool) -> Lines:
+def lines_of(plan: Recording, record: Record) -> Lines:
     entry, quiet = plan.entry, None
     assert entry.band is not None  # the schema sees to it
     if entry.quiet is not None:
         still = entry.model_copy(update={"file": entry.quiet, "files": None, "quiet": None})
-        quiet = measured(replace(plan, entry=still), currents=currents)
+        quiet = measured(replace(plan, entry=still))
     lines = spectra(
         record,
         entry.band,
         references=[reference_name(name) for name in entry.references or ()],
         quiet=quiet,
-        inputs=model.inputs,
+        inputs=plan.model.inputs,
         skip=entry.skip or 0.0,
     )
     return replace(lines, warnings=(*record.warnings, *lines.warnings))
@@ -435,15 +444,15 @@ Watch = Callable[[Record | RecordBlocks], Callable[[Floats], None]]
 """Called with a record before its samples are read; returns what looks at these."""
 
 
-def averaged(plan: Recording, watch: Watch, *, currents: bool) -> PeriodicRecord:
+def averaged(plan: Recording, watch: Watch) -> PeriodicRecord:
     """Read a record and cut it into periods; a large one in blocks."""
     entry, blocks = plan.entry, None
     marked = entry.angle is not None or entry.keyphasor is not None
-    made = any(not (currents and isinstance(law.law, Linear)) for law in plan.laws.values())
+    made = any(not (plan.currents and isinstance(law.law, Linear)) for law in plan.laws.values())
     if not (marked or made or entry.mask is not None):  # else its samples are needed side by side
         blocks = open_blocks(plan.paths, columns=plan.sources, **said_of(entry))
     if blocks is None:
-        record = measured(plan, currents=currents)
+        record = measured(plan)
         watch(record)(record.samples)
         return periods_of(record, entry)
 
@@ -453,7 +462,7 @@ def averaged(plan: Recording, watch: Watch, *, currents: bool) -> PeriodicRecord
             look(block)
             yield block
 
-    watched = replace(blocks, channels=_driven(blocks.channels, plan), read=read)
+    watched = replace(blocks, channels=driven(blocks.channels, plan.laws), read=read)
     return _settled(
         lambda skip: average_blocks(
             watched, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
@@ -497,30 +506,6 @@ def turn_of_keyphasor(record: Record, column: Floats) -> MeasuredAngle:
     times, half = pulse_edges(column, record.sample_rate, source=record.source)
     count, rate = len(column), record.sample_rate
     return keyphasor_angle(times, count, rate, half=half, source=record.source)
-
-
-def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]:
-    def driven(channel: Channel) -> Channel:
-        found = plan.laws.get(channel.name)
-        if found is None or not isinstance(law := found.law, Linear):
-            return channel
-        gain_std = float(np.hypot(channel.gain_std, law.std.get("ki", 0.0) / abs(law.ki)))
-        return replace(channel, drive=Drive(law.ki, law.ks, found.position), gain_std=gain_std)
-
-    return tuple(map(driven, channels))
-
-
-def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
-    """Return the laws that bend, the displacements in them by the channels that read them."""
-    spent = {name for law in plan.laws.values() for name in law.channels}
-    sensors = [c for c in record.channels if c.name in plan.sources and c.name not in spent]
-    found = {}
-    for name, reading in plan.laws.items():
-        if not isinstance(reading.law, Linear):
-            with naming(record.source, place=f"channels.{name}.position"):
-                position = as_channels(sensors, reading.position) if reading.position else {}
-            found[name] = replace(reading, position=position)
-    return found
 
 
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:

@@ -15,12 +15,11 @@ from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.table_lines import phasor_lines, response_lines
 from rotorid.experiment.read import Recording, reading_factor
-from rotorid.experiment.schema import ChannelEntry, RecordEntry
+from rotorid.experiment.schema import ChannelEntry
 from rotorid.io import formats, open_tables
 from rotorid.io.columns import check_magnitude, check_stated, largest_of
 from rotorid.io.formats import StoredResponse
 from rotorid.io.table import ColumnFile
-from rotorid.models import Model
 from rotorid.signals.checks.channels import check_phases, check_probes
 
 
@@ -124,12 +123,16 @@ class _Read(NamedTuple):
     coherence: Floats | None
 
 
-def _of_table(plan: Recording, model: Model, rows: Columns, axis: Floats | None) -> list[_Read]:
+def _of_table(plan: Recording, rows: Columns, axis: Floats | None) -> list[_Read]:
     """Return the channels of a table: a row per frequency, or per speed, if that is no column."""
     found = list[_Read]()
     for name, one in plan.channels.items():
         place, channel, coherence = f"channels.{name}", plan.sources[name].channel(name), None
-        unit = channel.unit if one.input is None else f"({channel.unit})/({model.units[one.input]})"
+        unit = (
+            channel.unit
+            if one.input is None
+            else f"({channel.unit})/({plan.model.units[one.input]})"
+        )
         values = complex_column(rows, name, one, unit)
         axis = np.full(len(values), plan.entry.speed.value) if axis is None else axis
         check_lengths(axis, values, place)
@@ -141,14 +144,14 @@ def _of_table(plan: Recording, model: Model, rows: Columns, axis: Floats | None)
     return found
 
 
-def read_phasors(plan: Recording, model: Model) -> list[Lines]:
+def read_phasors(plan: Recording) -> list[Lines]:
     entry, entries = plan.entry, plan.channels
     table = open_tables(plan.paths, header_row=entry.header_row)
     rows, speed = Columns(table, entry.overrule), None
     with naming(table.file):
         if entry.speed.column is not None:
             speed = rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
-        found = _of_table(plan, model, rows, speed)
+        found = _of_table(plan, rows, speed)
         phasors = np.column_stack([one.values for one in found])
         stated = [one.std for one in found if one.std is not None]
         lacking = [one.channel.name for one in found if one.std is None]
@@ -160,7 +163,7 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
                 place=f"channels.{lacking[0]}.std",
             )
         std = np.column_stack(stated) if stated else None
-        probes = [k for k, name in enumerate(entries) if name not in model.inputs]
+        probes = [k for k, name in enumerate(entries) if name not in plan.model.inputs]
         names, known = [list(entries)[k] for k in probes], None if std is None else std[:, probes]
         checks = list(check_probes(names, phasors[:, probes], known))
         for name, one in entries.items():
@@ -172,7 +175,7 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
         return [phasor_lines(channels, found[0].axis, phasors, std, source=source, checks=checks)]
 
 
-def read_responses(plan: Recording, model: Model) -> list[Lines]:
+def read_responses(plan: Recording) -> list[Lines]:
     """Read frequency responses; those to one input, on one grid of frequencies, share lines."""
     entry, entries, paths = plan.entry, plan.channels, plan.paths
     stored = [name for name, one in entries.items() if one.column is not None]
@@ -185,7 +188,7 @@ def read_responses(plan: Recording, model: Model) -> list[Lines]:
         )
     with naming(", ".join(map(str, paths))):
         if stored:
-            found = _of_universal(plan, model)
+            found = _of_universal(plan)
         elif entry.frequency is None:
             raise InputError(
                 "no frequency",
@@ -196,11 +199,11 @@ def read_responses(plan: Recording, model: Model) -> list[Lines]:
         else:
             rows = Columns(open_tables(paths, header_row=entry.header_row), entry.overrule)
             hertz = rows.si(entry.frequency.column, entry.frequency.unit, "Hz", "frequency")
-            found = _of_table(plan, model, rows, hertz)
-        return [_lines(group, entry, model, entry.paths[0]) for group in _groups(found)]
+            found = _of_table(plan, rows, hertz)
+        return [_lines(group, plan) for group in _groups(found)]
 
 
-def _of_universal(plan: Recording, model: Model) -> list[_Read]:
+def _of_universal(plan: Recording) -> list[_Read]:
     stored: dict[str, StoredResponse] = {}
     for path in plan.paths:
         stored |= formats.read_responses(path)
@@ -223,12 +226,12 @@ def _of_universal(plan: Recording, model: Model) -> list[_Read]:
             raise InputError(
                 "no unit, here or in the file", "the unit of the response", "write it", place=place
             )
-        factor = reading_factor(name, one, unit, model)
+        factor = reading_factor(name, one, unit, plan.model)
         check_magnitude(largest_of(np.abs(data.values)), abs(factor), place)
         with np.errstate(invalid="ignore"):  # what is not finite is told with its line
             values = np.asarray(data.values * factor, dtype=np.complex128)
         if one.std is not None:
-            expected = f"({channel.unit})/({model.units[one.input or '']})"
+            expected = f"({channel.unit})/({plan.model.units[one.input or '']})"
             std = np.full(len(values), to_si(one.std, expected, place=f"{place}.std"))
         values = values.conj() if one.lag else values
         found.append(_Read(one.input, channel, data.frequency, values, std, data.coherence))
@@ -266,8 +269,8 @@ def _groups(found: Sequence[_Read]) -> list[list[_Read]]:
     return list(groups.values())
 
 
-def _lines(group: Sequence[_Read], entry: RecordEntry, model: Model, source: str) -> Lines:
-    driven, hertz = group[0].input or "", group[0].axis
+def _lines(group: Sequence[_Read], plan: Recording) -> Lines:
+    entry, driven, hertz = plan.entry, group[0].input or "", group[0].axis
     low, high = (0.0, np.inf) if entry.band is None else entry.band
     kept = np.flatnonzero((hertz >= low) & (hertz <= high))[:: entry.every]
     if not len(kept):
@@ -280,7 +283,7 @@ def _lines(group: Sequence[_Read], entry: RecordEntry, model: Model, source: str
     std = [one.std[kept] for one in group if one.std is not None]
     coherence = [one.coherence[kept] for one in group if one.coherence is not None]
     return response_lines(
-        Channel(driven, model.units[driven]),
+        Channel(driven, plan.model.units[driven]),
         [one.channel for one in group],
         hertz[kept],
         np.column_stack([one.values[kept] for one in group]),
@@ -288,5 +291,5 @@ def _lines(group: Sequence[_Read], entry: RecordEntry, model: Model, source: str
         coherence=np.column_stack(coherence) if coherence else None,
         averages=entry.averages,
         speed=entry.speed.value,
-        source=source,
+        source=entry.paths[0],
     )

@@ -18,7 +18,7 @@ import numpy as np
 from rotorid.core.errors import InputError, naming
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.lines import Lines, Samples
-from rotorid.data.record import Channel, Record
+from rotorid.data.record import Channel, Drive, Record
 from rotorid.force.laws import Differential, Flux, Law, Linear
 from rotorid.signals.spectrum import quantity, shifted
 
@@ -72,6 +72,38 @@ def forces(
     fields: dict[str, Any] = {each.name: getattr(record, each.name) for each in fields_of(Record)}
     samples = np.stack(columns, axis=1)
     return Record(**{**fields, "channels": tuple(channels), "samples": samples})
+
+
+def driven(channels: Iterable[Channel], laws: Mapping[str, ForceReading]) -> tuple[Channel, ...]:
+    """Return channels with the `Drive` of a linear law by input, and what it leaves unsure."""
+    found = []
+    for channel in channels:
+        reading = laws.get(channel.name)
+        if reading is not None and isinstance(law := reading.law, Linear):
+            gain_std = float(np.hypot(channel.gain_std, law.std.get("ki", 0.0) / abs(law.ki)))
+            drive = Drive(law.ki, law.ks, reading.position)
+            channel = replace(channel, drive=drive, gain_std=gain_std)
+        found.append(channel)
+    return tuple(found)
+
+
+def through_laws(
+    record: Record, laws: Mapping[str, ForceReading], *, currents: bool, period: int | None = None
+) -> Record:
+    """Return a record whose inputs are read by laws, the displacement in them by coordinates.
+
+    The `currents` of linear laws may stay as they are; of others they become forces.
+    """
+    spent = {name for law in laws.values() for name in law.channels}
+    sensors = [channel for channel in record.channels if channel.name not in spent]
+    bent = {name: law for name, law in laws.items() if not isinstance(law.law, Linear)}
+    for name, reading in bent.items():
+        with naming(record.source, place=f"channels.{name}.position"):
+            position = as_channels(sensors, reading.position) if reading.position else {}
+        bent[name] = replace(reading, position=position)
+    if laws:
+        record = replace(record, channels=driven(record.channels, laws))
+    return forces(record, bent, drives=not currents, period=period)
 
 
 def drive_readings(record: Record) -> dict[str, ForceReading]:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from rotorid.core.values import Floats, frozen
-from rotorid.data.record import Channel, Drive, Record
+from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential
-from rotorid.force.reading import ForceReading, as_channels, forces
+from rotorid.force.reading import ForceReading, through_laws
 from rotorid.rig import parts
 from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Plant
@@ -249,26 +249,22 @@ def actuator_position(rig: RigMachine, plant: Plant, index: int) -> dict[str, fl
 def _as_read(
     rig: RigMachine, columns: Mapping[str, LoggedColumn], angle: Floats | None, speed: float
 ) -> Record:
-    plant = rig.plant(1.0)
-    units = rig.model.units
-    sensors = [
-        Channel(s.name, parts.sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors
-    ]
+    plant, units = rig.plant(1.0), rig.model.units
     found: list[tuple[Channel, LoggedColumn]] = []
-    readings: dict[str, ForceReading] = {}
+    laws: dict[str, ForceReading] = {}
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
-        place = actuator_position(rig, plant, j)
         kinds = ("i",) if part.flux is None else ("b1", "b2")
         sources = [columns[label(name, part, kind)] for kind in kinds]
-        if isinstance(part.law, Differential):
+        bent = isinstance(part.law, Differential)
+        read_from = [column.channel(column.name if bent else name) for column in sources]
+        found += zip(read_from, sources, strict=True)
+        if part.law is not None:
             through = part.law if part.flux is None else part.flux.law
-            position = {} if part.flux is not None else as_channels(sensors, place)
-            readings[name] = ForceReading(through, tuple(c.name for c in sources), position)
-            found += [(column.channel(column.name), column) for column in sources]
-        else:
-            drive = None if part.law is None else Drive(part.law.ki, part.law.ks, place)
-            found.append((replace(sources[0].channel(name), drive=drive), sources[0]))
-    found += [(sensor, columns[sensor.name]) for sensor in sensors]
+            place = {} if part.flux is not None else actuator_position(rig, plant, j)
+            laws[name] = ForceReading(through, tuple(c.name for c in read_from), place)
+    for s in rig.sensors:
+        channel = Channel(s.name, parts.sensor_unit(s.combination, units), reads=s.reads)
+        found.append((channel, columns[s.name]))
     record = Record(
         channels=tuple(channel for channel, _ in found),
         samples=np.stack([column.samples for _, column in found], axis=1),
@@ -277,10 +273,8 @@ def _as_read(
         angle=angle,
         source=f"rig {rig.model.name}",
     )
-    if not readings:
-        return record
     period = None  # samples of the excitation's, where that is a whole number
     if rig.excitation is not None:
         exact = rig.logger.sample_rate / rig.excitation.fundamental
         period = round(exact) if abs(exact - round(exact)) < 1e-6 else None
-    return forces(record, readings, drives=False, period=period)
+    return through_laws(record, laws, currents=True, period=period)
