@@ -4,7 +4,6 @@
 #   PYTHON=python3.12   the interpreter to build the environment from
 #   VENV=path           where the environment lies
 #   PYTEST_ARGS="..."   further arguments of pytest
-#   ONLY="..."          modules whose constants `make mutants` changes
 #   ONLY="rig/* bad/*", SAMPLE=8, JOBS=2   names of the cases of `make golden`, every n-th, processes
 #   FUZZ_ARGS="..."     what `make fuzz` is to damage: see tests/fuzz_run.py
 
@@ -26,7 +25,7 @@ export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: help demo test statistics docs golden golden-record census mutants fuzz test-lowest test-newest clean
+.PHONY: help demo test statistics docs golden golden-record census fuzz test-lowest test-newest clean
 
 help:
 	@echo "make demo         set up, run the demonstration, write its reports ($(REPORT), $(PAPER))"
@@ -36,7 +35,6 @@ help:
 	@echo "make golden       what every command said, held against the record: SAMPLE=8 for a part"
 	@echo "make golden-record   the record anew, of ONLY=\"rig/* bad/*\" or of all"
 	@echo "make census       lines and modules by package, and what else the source comes to"
-	@echo "make mutants ONLY=rotorid.units   which decision constants no fast test holds"
 	@echo "make fuzz         a thousand damaged files of each format, drawn from the commit"
 	@echo "make test-lowest  the fast tests with the lowest versions that pyproject.toml allows;"
 	@echo "make test-newest  and with the newest there are"
@@ -47,8 +45,8 @@ demo: $(VENV)/.ready-demo
 	@echo "The report of the machine lies in $(CURDIR)/$(REPORT), that of the paper in $(PAPER)"
 
 # One BLAS thread per worker: the matrices are small, and the workers fill the cores.
-test statistics docs mutants fuzz test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1
-test statistics docs mutants fuzz test-lowest test-newest: export OMP_NUM_THREADS := 1
+test statistics docs fuzz test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1
+test statistics docs fuzz test-lowest test-newest: export OMP_NUM_THREADS := 1
 
 test: $(VENV)/.ready-test
 	$(BIN)/ruff check .
@@ -72,9 +70,6 @@ golden-record: $(VENV)/.ready-test
 
 census: $(VENV)/.ready-test
 	$(BIN)/python tests/census.py
-
-mutants: $(VENV)/.ready-test
-	$(BIN)/python tests/mutants.py $(ONLY)
 
 fuzz: $(VENV)/.ready-test
 	$(BIN)/python tests/fuzz_run.py $(FUZZ_ARGS)

@@ -1,4 +1,4 @@
-"""Good files of every format, what writing libraries make of odd data, and the commands for them.
+"""Good files of every format, what libraries write of odd data, and the commands for them.
 
 The record in all of them is one: a mass on a damper, four periods of twenty samples, with a little
 noise. It is short so that the structure of a file is a good part of its bytes.
@@ -9,10 +9,12 @@ import functools
 import io
 import tempfile
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import fuzz_mutations as mutations
 import h5py
@@ -289,7 +291,7 @@ def _hdf5(libver: str = "earliest", **filters: object) -> bytes:
     return written(write, "run.h5")
 
 
-def _universal(binary: int) -> bytes:
+def _universal(binary: int = 0) -> bytes:
     return _columns_of(writers.write_uff, "run.uff", binary=binary)
 
 
@@ -397,58 +399,14 @@ def _odd_mat(path: Path, rng: Random) -> None:
     scipy.io.savemat(path, values, format=version, do_compression=rng.random() < 0.5)
 
 
-def _odd_parquet(path: Path, rng: Random) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    def column() -> object:
-        values = np.ravel(_odd_array(rng))[:80]
-        values = np.abs(values) if np.iscomplexobj(values) else values
-        values = np.resize(values, 80) if values.size else np.zeros(80)
-        made = pa.array(values.astype(values.dtype.newbyteorder("=")))
-        kind = rng.randrange(5)
-        if kind == 0:
-            return pa.array([rng.choice([None, 1.5]) for _ in range(80)], pa.float64())
-        if kind == 1:
-            return pa.array([str(v) for v in values])
-        if kind == 2:
-            return pa.array([[1.0, 2.0]] * 80)
-        if kind == 3:
-            return pa.array(range(80), pa.timestamp(rng.choice(["s", "ns"])))
-        return made.dictionary_encode() if rng.random() < 0.2 else made
-
-    names = rng.choice([["fx", "px"], ["fx", "fx"], ["", "px"], ["fx", "p\0x"]])
-    table = pa.table([column(), column()], names=names)
-    compression = rng.choice(["snappy", "zstd", "gzip", "none"])
-    pq.write_table(table, path, compression=compression, row_group_size=rng.choice([7, 80]))
+Content = bytes | Callable[[], bytes]
+Damage = Callable[[bytes, Random, Sequence[bytes]], bytes]
+Commands = Sequence[tuple[int, tuple[str, ...], tuple[str, ...]]]
 
 
-def _odd_tdms(path: Path, rng: Random) -> None:
-    from nptdms import ChannelObject, TdmsWriter
-
-    def channel(name: str) -> ChannelObject:
-        values = np.ravel(_odd_array(rng))
-        values = values.astype(values.dtype.newbyteorder("="))
-        values = values.astype("f4") if values.dtype == np.float16 else values
-        odd = rng.choice([0.001, 0.0, -1.0, float("nan"), 1e308, "N", True])
-        return ChannelObject("run", name, values, properties={"wf_increment": odd})
-
-    with TdmsWriter(path) as writer:
-        for _ in range(rng.choice([1, 2])):
-            writer.write_segment([channel("fx"), channel("px")])
-
-
-def _odd_mdf(path: Path, rng: Random) -> None:
-    from asammdf import MDF, Signal
-
-    with MDF(version=rng.choice(["3.30", "4.10"])) as data:
-        for name in ("fx", "px"):
-            values = np.ravel(_odd_array(rng))[:80]
-            values = np.abs(values) if np.iscomplexobj(values) else values
-            values = values.astype(values.dtype.newbyteorder("="))
-            clock = np.arange(len(values)) * rng.choice([0.001, 0.0, -1.0])
-            data.append([Signal(values, clock, name=name, unit=rng.choice(["N", "", "\u00b5"]))])
-        data.save(path, overwrite=True, compression=rng.choice([0, 2])).replace(path)
+@functools.cache
+def made(content: Content) -> bytes:
+    return content if isinstance(content, bytes) else content()
 
 
 @dataclass(frozen=True)
@@ -460,14 +418,12 @@ class Format:
 
     name: str
     file: str
-    good: Callable[[], Sequence[bytes]]
-    damage: Callable[[bytes, Random, Sequence[bytes]], bytes] = mutations.damaged
+    good: Sequence[Content]
+    damage: Damage = mutations.damaged
     odd: Callable[[Path, Random], None] | None = None
     experiment: str | bytes = EXPERIMENT
-    beside: Callable[[], Mapping[str, bytes]] = dict
-    commands: Sequence[tuple[int, tuple[str, ...], tuple[str, ...]]] = field(
-        default_factory=lambda: _RECORD_COMMANDS
-    )
+    beside: Mapping[str, Content] = field(default_factory=dict)
+    commands: Commands = ()
     # Of the files that are asked for: an answer of some takes long. One reader reads delimited
     # text of whatever format. What a child reads takes most, by whatever package, and is told in
     # the same way: ten formats with a quarter each are two and a half.
@@ -477,16 +433,16 @@ class Format:
         """Return what stands in the folder: a good model and experiment, and the damaged file."""
         text = self.experiment
         told = text if isinstance(text, bytes) else text.format(name=self.file).encode()
-        files = {"model.toml": MODEL, "experiment.toml": told, **self.beside()}
-        return {**files, self.file: damaged}
+        files = {"model.toml": MODEL, "experiment.toml": told}
+        beside = {name: made(content) for name, content in self.beside.items()}
+        return {**files, **beside, self.file: damaged}
 
     def case(self, seed: int, number: int) -> Case:
         """Return a damaged file and a command, always the same for the same numbers."""
         rng = Random(f"{seed} {self.name} {number}")
-        good = _good(self.name)
+        good = [made(content) for content in self.good]
         if self.odd is not None and rng.random() < 0.15:
-            odd = self.odd
-            damaged = _odd_file(odd, rng, self.file)
+            damaged = _odd_file(self.odd, rng, self.file)
         else:
             damaged = self.damage(rng.choice(good), rng, good)
         _, arguments, outputs = rng.choices(self.commands, [c[0] for c in self.commands])[0]
@@ -496,7 +452,7 @@ class Format:
     def whole(self) -> list[Case]:
         return [
             Case(f"{self.name} {arguments[0]}", arguments, self.files(data), outputs=outputs)
-            for data in _good(self.name)
+            for data in map(made, self.good)
             for _, arguments, outputs in self.commands
         ]
 
@@ -511,11 +467,6 @@ def _odd_file(odd: Callable[[Path, Random], None], rng: Random, name: str) -> by
     raise RuntimeError(f"{name}: its library writes nothing")
 
 
-@functools.cache
-def _good(name: str) -> Sequence[bytes]:
-    return tuple(FORMATS[name].good())
-
-
 _OUT = ("out.json",)
 _RECORD_COMMANDS = (
     (7, ("identify", "experiment.toml", "--method", "ls", "--json", "out.json"), _OUT),
@@ -524,12 +475,12 @@ _RECORD_COMMANDS = (
 )
 
 
-def _drafted(file: str) -> Sequence[tuple[int, tuple[str, ...], tuple[str, ...]]]:
+def _drafted(file: str) -> Commands:
     draft = ("new", file, "--model", "model.toml", "--out", "draft.toml")
     return (*_RECORD_COMMANDS, (2, draft, ("draft.toml",)))
 
 
-_EXPERIMENT_COMMANDS = (
+_ANSWERS = (
     (3, ("identify", "experiment.toml", "--json", "out.json"), _OUT),
     (1, ("identify", "experiment.toml", "--method", "ls", "--json", "out.json"), _OUT),
     (1, ("inspect", "experiment.toml", "--json", "out.json"), _OUT),
@@ -554,63 +505,62 @@ def good_csv() -> bytes:
     return _columns_of(writers.write_csv, "run.csv")
 
 
-def _formats() -> list[Format]:
-    text, record = mutations.reworded, _columns_of
-    return [
-        Format("csv", "run.csv", lambda: (good_csv(), _timed_csv(), _timed_csv(";", ",")), text,
-               commands=_drafted("run.csv"), share=0.4),
-        Format("txt", "run.txt", lambda: (_timed_csv("\t", preamble=PREAMBLE),
-               _timed_csv(";", ",", PREAMBLE)), text, commands=_drafted("run.txt"), share=0.4),
-        Format("lvm", "run.lvm", lambda: (record(writers.write_lvm, "run.lvm"),), text,
-               commands=_drafted("run.lvm"), share=0.4),
-        Format("experiment", "experiment.toml",
-               lambda: (OF_CSV, LONGER), text,
-               beside=lambda: {"run.csv": _timed_csv(units=False)},
-               commands=_EXPERIMENT_COMMANDS),
-        Format("phasors", "experiment.toml", lambda: (PHASORS,), text,
-               beside=lambda: {"run.csv": phasor_table()}, commands=_EXPERIMENT_COMMANDS,
-               share=0.2),
-        Format("phasor-table", "run.csv", lambda: (phasor_table(),), text, experiment=PHASORS,
-               commands=_EXPERIMENT_COMMANDS, share=0.2),
-        Format("equations", "model.toml", lambda: (MODEL, EQUATIONS + SPRINGS), text,
-               commands=((1, ("models", "model.toml"), ()),), share=0.2),
-        Format("rotor", "model.toml", lambda: (ROTOR,), text,
-               commands=((2, ("models", "model.toml"), ()), (2, _MODES, ("out.json",)))),
-        Format("model", "model.toml", lambda: (MODEL,), text,
-               beside=lambda: {"run.csv": good_csv()}, experiment=OF_CSV,
-               commands=((3, ("models", "model.toml"), ()), *_EXPERIMENT_COMMANDS)),
-        Format("rig", "rig.toml", lambda: (RIG,), text,
-               commands=_RIG_COMMANDS),
-        Format("result", "result.json", lambda: (_result("ls"), _result("ml")), text,
-               beside=lambda: {"run.csv": good_csv()}, experiment=OF_CSV,
-               commands=_RESULT_COMMANDS),
-        Format("hdf5", "run.h5", lambda: (_hdf5(), _hdf5(chunks=(16,), compression="gzip"),
-               _hdf5(libver="latest", chunks=(16,), maxshape=(None,), shuffle=True),
-               record(writers.write_hdf5, "run.h5")), odd=_odd_hdf5, commands=_drafted("run.h5"),
-               share=0.25),
-        Format("mat4", "run.mat", lambda: (_mat(format="4"),), odd=_odd_mat,
-               commands=_drafted("run.mat"), share=0.25),
-        Format("mat5", "run.mat", lambda: (_mat(), record(writers.write_mat5, "run.mat")),
-               odd=_odd_mat, commands=_drafted("run.mat"), share=0.25),
-        Format("mat5-packed", "run.mat", lambda: (_mat(do_compression=True),),
-               mutations.damaged_inside, odd=_odd_mat, commands=_drafted("run.mat"), share=0.25),
-        Format("mat73", "run.mat", lambda: (record(writers.write_mat73, "run.mat"),),
-               commands=_drafted("run.mat"), share=0.25),
-        Format("parquet", "run.parquet", lambda: (record(writers.write_parquet, "run.parquet"),),
-               odd=_odd_parquet, commands=_drafted("run.parquet"), share=0.25),
-        Format("tdms", "run.tdms", lambda: (record(writers.write_tdms, "run.tdms"),),
-               odd=_odd_tdms, commands=_drafted("run.tdms"), share=0.25),
-        Format("uff", "run.uff", lambda: (_universal(0), _responses()), text,
-               commands=_drafted("run.uff"), share=0.25),
-        Format("uff-binary", "run.uff", lambda: (_universal(1), _responses(1)),
-               commands=_drafted("run.uff"), share=0.25),
-        Format("responses", "run.uff", lambda: (_responses(),), text, experiment=RESPONSES,
-               commands=_EXPERIMENT_COMMANDS, share=0.2),
-        Format("responses-binary", "run.uff", lambda: (_responses(1),), experiment=RESPONSES,
-               commands=_EXPERIMENT_COMMANDS, share=0.2),
-        Format("mdf", "run.mf4", lambda: (record(writers.write_mdf, "run.mf4"),), odd=_odd_mdf,
-               commands=_drafted("run.mf4"), share=0.25),
-    ]  # fmt: skip
+def _records() -> Iterator[Format]:
+    """Yield the formats of records: what a logger writes, and a draft is made of."""
+
+    def logged(name: str, file: str, *good: Content, **more: Any) -> Format:
+        return Format(name, file, good, **{"commands": _drafted(file), "share": 0.25, **more})
+
+    def by(write: Callable[..., object], name: str) -> Content:
+        return partial(_columns_of, write, name)
+
+    text = {"damage": mutations.reworded}
+    table, chunks = text | {"share": 0.4}, {"chunks": (16,)}
+    german = partial(_timed_csv, ";", ",")
+    yield logged("csv", "run.csv", good_csv, _timed_csv, german, **table)
+    headed = [partial(_timed_csv, *marks, PREAMBLE) for marks in ("\t.", ";,")]
+    yield logged("txt", "run.txt", *headed, **table)
+    yield logged("lvm", "run.lvm", by(writers.write_lvm, "run.lvm"), **table)
+    packed = partial(_hdf5, compression="gzip", **chunks)
+    latest = partial(_hdf5, "latest", maxshape=(None,), shuffle=True, **chunks)
+    plain = by(writers.write_hdf5, "run.h5")
+    yield logged("hdf5", "run.h5", _hdf5, packed, latest, plain, odd=_odd_hdf5)
+    yield logged("mat4", "run.mat", partial(_mat, format="4"), odd=_odd_mat)
+    yield logged("mat5", "run.mat", _mat, by(writers.write_mat5, "run.mat"), odd=_odd_mat)
+    inside = {"damage": mutations.damaged_inside, "odd": _odd_mat}
+    yield logged("mat5-packed", "run.mat", partial(_mat, do_compression=True), **inside)
+    yield logged("mat73", "run.mat", by(writers.write_mat73, "run.mat"))
+    yield logged("parquet", "run.parquet", by(writers.write_parquet, "run.parquet"))
+    yield logged("tdms", "run.tdms", by(writers.write_tdms, "run.tdms"))
+    yield logged("mdf", "run.mf4", by(writers.write_mdf, "run.mf4"))
+    yield logged("uff", "run.uff", _universal, _responses, **text)
+    yield logged("uff-binary", "run.uff", partial(_universal, 1), partial(_responses, 1))
 
 
-FORMATS: Mapping[str, Format] = {made.name: made for made in _formats()}
+def _others() -> Iterator[Format]:
+    """Yield what is said of records, tables of few numbers, models, rigs and results."""
+
+    def said(name: str, file: str, *good: Content, **more: Any) -> Format:
+        given = {"damage": mutations.reworded, "commands": _ANSWERS, **more}
+        return Format(name, file, good, **given)
+
+    table, log = {"run.csv": phasor_table}, {"run.csv": good_csv}
+    clock = {"run.csv": partial(_timed_csv, units=False)}
+    yield said("experiment", "experiment.toml", OF_CSV, LONGER, beside=clock)
+    yield said("phasors", "experiment.toml", PHASORS, beside=table, share=0.2)
+    yield said("phasor-table", "run.csv", phasor_table, experiment=PHASORS, share=0.2)
+    of_responses = {"experiment": RESPONSES, "share": 0.2}
+    yield said("responses", "run.uff", _responses, **of_responses)
+    binary = of_responses | {"damage": mutations.damaged}
+    yield said("responses-binary", "run.uff", partial(_responses, 1), **binary)
+    shown = (1, ("models", "model.toml"), ())
+    yield said("equations", "model.toml", MODEL, EQUATIONS + SPRINGS, commands=(shown,), share=0.2)
+    yield said("rotor", "model.toml", ROTOR, commands=(shown, (1, _MODES, _OUT)))
+    both = {"beside": log, "experiment": OF_CSV}
+    yield said("model", "model.toml", MODEL, **both, commands=((3, *shown[1:]), *_ANSWERS))
+    yield said("rig", "rig.toml", RIG, commands=_RIG_COMMANDS)
+    results = (partial(_result, "ls"), partial(_result, "ml"))
+    yield said("result", "result.json", *results, **both, commands=_RESULT_COMMANDS)
+
+
+FORMATS: Mapping[str, Format] = {one.name: one for one in (*_records(), *_others())}

@@ -1,28 +1,26 @@
 """Commands on hostile files, in forked children with limits, held against what must always be.
 
 A child runs its cases one after the other through `rotorid.cli.run`, so that a start costs
-milliseconds, and tells over a pipe when one begins and what came of it. A child that dies or
-hangs is a finding of the case it was at, and another takes up the rest. What must hold of every
-case is in `faults_of`.
+milliseconds, and tells over a pipe what came of each. A child that dies or hangs is a finding of
+the case it was at, and another takes up the rest. What must hold of every case is in `faults_of`.
 """
 
+import contextlib
 import faulthandler
 import gc
 import importlib
+import io
 import json
-import math
 import os
 import resource
-import select
 import shutil
 import signal
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -31,7 +29,6 @@ PATIENCE = 60.0  # of the clock, after which a child is ended: much else may run
 BYTES = 1_000_000_000  # that a command may take in addition to what is loaded
 ADDRESSES = 2 * BYTES  # allocators reserve more than they use; what is used is held against BYTES
 LONGEST = 600  # characters of the one line of a refusal
-CODES = (0, 1, 2, 3)
 # What commands load when they are called: loaded once, before the children are made.
 LOADED = (
     *("rotorid.commands.identify", "rotorid.commands.inspect", "rotorid.commands.validate"),
@@ -50,10 +47,16 @@ class Case:
     name: str
     arguments: tuple[str, ...]
     files: Mapping[str, bytes] = field(default_factory=dict)
-    prepare: Callable[[Path], object] | None = None  # for what is not bytes: pipes, links
+    prepare: Callable[[Path], object] | None = None  # for what is not bytes
     outputs: tuple[str, ...] = ()
-    codes: tuple[int, ...] = CODES
+    codes: tuple[int, ...] = (0, 1, 2, 3)
     says: str = ""  # what the refusal must say, among others
+
+    def write(self, folder: Path) -> None:
+        for name, content in self.files.items():
+            (folder / name).write_bytes(content)
+        if self.prepare is not None:
+            self.prepare(folder)
 
 
 @dataclass(frozen=True)
@@ -61,12 +64,9 @@ class Outcome:
     """What came of a case; `faults` is empty where all is as it must be."""
 
     name: str
-    code: int | None
-    seconds: float
-    bytes: int
-    told: str
-    faults: tuple[str, ...]
-    status: str = ""
+    faults: Sequence[str]
+    seconds: float = 0.0
+    told: str = ""
 
 
 Build = Callable[[], Case]
@@ -93,90 +93,44 @@ def faults_of(case: Case, code: object, out: str, told: str) -> list[str]:
 
 
 def _contents(folder: Path) -> dict[str, tuple[int, int, int]]:
-    found = {}
-    for root, folders, files in os.walk(folder):
-        for name in [*folders, *files]:
-            path = os.path.join(root, name)
-            state = os.lstat(path)
-            changed = 0 if name in folders else state.st_mtime_ns
-            found[os.path.relpath(path, folder)] = (state.st_mode, state.st_size, changed)
-    return {n: (m, 0 if os.path.isdir(folder / n) else s, t) for n, (m, s, t) in found.items()}
+    """Return mode, and of files size and time of the last change, of everything in a folder."""
+    states = {path: path.lstat() for path in folder.rglob("*")}
+    return {
+        str(path.relative_to(folder)): (state.st_mode, 0, 0)
+        if path.is_dir()
+        else (state.st_mode, state.st_size, state.st_mtime_ns)
+        for path, state in states.items()
+    }
 
 
-def _file_faults(case: Case, code: object, before: object, folder: Path) -> list[str]:
-    after = _contents(folder)
-    assert isinstance(before, dict)
+def _file_faults(
+    case: Case, code: object, before: Mapping[str, object], after: Mapping[str, object]
+) -> list[str]:
     changed = {name for name in {*before, *after} if before.get(name) != after.get(name)}
     allowed = set() if code == 2 else set(case.outputs)
     return [f"changed {name}" for name in sorted(changed - allowed)[:3]]
 
 
-def _numbers(value: object, key: str = "") -> Iterator[tuple[str, float]]:
-    if isinstance(value, float):
-        yield key, value
-    elif isinstance(value, dict):
-        for name, inner in value.items():
-            yield from _numbers(inner, f"{key}.{name}")
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _numbers(inner, key)
-
-
-def _result_faults(case: Case, folder: Path) -> tuple[str, list[str]]:
-    """Return the status of the result that was written, and what is wrong with it."""
-    path = folder / "out.json"
+def _result_faults(case: Case, folder: Path) -> list[str]:
+    """Return what is wrong with the result that was written."""
+    path, endless = folder / "out.json", list[str]()
     if "out.json" not in case.outputs or not path.is_file():
-        return "", []
+        return []
     try:
-        result = json.loads(path.read_text(encoding="utf-8"))
+        result = json.loads(path.read_text(encoding="utf-8"), parse_constant=endless.append)
     except ValueError as error:
-        return "", [f"a result that is no JSON: {error}"]
-    status = str(result.get("status", result.get("verdict", "")))
-    found = []
-    if status in ("ok", "predicts"):
-        endless = [key for key, number in _numbers(result) if not math.isfinite(number)]
-        found += [f"{status} with{key} not finite" for key in endless[:3]]
-        missing = [v["name"] for v in result.get("parameters", ()) if v.get("value") is None]
-        found += [f"{status} without a value of {name}" for name in missing[:3]]
-    return status, found
-
-
-@contextmanager
-def _captured(folder: Path) -> Iterator[list[str]]:
-    """Take what is written to the descriptors 1 and 2, from C too."""
-    said: list[str] = []
-    streams = [os.memfd_create(name) for name in ("out", "err")]
-    kept, before = [os.dup(1), os.dup(2)], (sys.stdout, sys.stderr)
-    here = os.getcwd()
-    os.chdir(folder)
-    for number, stream in zip((1, 2), streams, strict=True):
-        os.dup2(stream, number)
-    sys.stdout = open(1, "w", encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115
-    sys.stderr = open(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115
-    try:
-        yield said
-    finally:
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):
-                stream.flush()
-        sys.stdout, sys.stderr = before
-        os.chdir(here)
-        for number, saved in zip((1, 2), kept, strict=True):
-            os.dup2(saved, number)
-            os.close(saved)
-        for stream in streams:
-            said.append(os.pread(stream, 10_000_000, 0).decode("utf-8", "replace"))
-            os.close(stream)
+        return [f"a result that is no JSON: {error}"]
+    status = result.get("status", result.get("verdict"))
+    if status not in ("ok", "predicts"):
+        return []
+    empty = None in [value.get("value") for value in result.get("parameters", ())]
+    wrong = endless or ["a parameter without a value"] * empty
+    return [f"{status} with {what}" for what in wrong[:3]]
 
 
 def _peak() -> int:
     status = Path("/proc/self/status").read_text()
     return next(int(s.split()[1]) for s in status.splitlines() if s.startswith("VmHWM")) * 1024
-
-
-def _reset_peak() -> int:
-    Path("/proc/self/clear_refs").write_text("5")
-    return _peak()
 
 
 def _processor() -> float:
@@ -197,151 +151,133 @@ def _clear(folder: Path) -> None:
             entry.unlink()
 
 
-def run_case(case: Case, folder: Path) -> Outcome:
+class _Streams:
+    """The descriptors 1 and 2 of a child, so that what is written from C is read too."""
+
+    def __init__(self) -> None:
+        for number in (1, 2):
+            os.dup2(os.memfd_create(str(number)), number)
+        sys.stdout = open(1, "w", encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115
+
+    def taken(self) -> list[str]:
+        """Return what was written since the last time."""
+        said = []
+        for number, stream in enumerate((sys.stdout, sys.stderr), start=1):
+            with suppress(OSError, ValueError):
+                stream.flush()
+            said.append(os.pread(number, 10_000_000, 0).decode("utf-8", "replace"))
+            os.ftruncate(number, 0)
+            os.lseek(number, 0, os.SEEK_SET)
+        return said
+
+
+def _run_case(case: Case, folder: Path, streams: _Streams) -> Outcome:
     """Run a case in this process, in an empty folder, and hold it against what must be."""
     from rotorid.cli import run
 
     _clear(folder)
-    for name, content in case.files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(content)
-    if case.prepare is not None:
-        case.prepare(folder)
-    before, held, started, largest = _contents(folder), _reset_peak(), _processor(), _largest()
+    case.write(folder)
+    Path("/proc/self/clear_refs").write_text("5")  # the peak is counted from here
+    before, held, started, largest = _contents(folder), _peak(), _processor(), _largest()
     code: object = None
-    with _captured(folder) as said:
-        try:
-            code = run(list(case.arguments))
-        except BaseException:
-            traceback.print_exc()
+    try:
+        code = run(list(case.arguments))
+    except BaseException:
+        traceback.print_exc()
     seconds = _processor() - started
     more = max(_peak(), _largest() if _largest() > largest else 0) - held
     gc.collect()  # what a process of its own tidies at its end: children that read files
-    out, told = said
-    faults = faults_of(case, code, out, told) + _file_faults(case, code, before, folder)
-    status, wrong = _result_faults(case, folder)
-    faults += wrong
+    out, told = streams.taken()
+    faults = faults_of(case, code, out, told)
+    faults += _file_faults(case, code, before, _contents(folder)) + _result_faults(case, folder)
     if seconds > SECONDS:
         faults.append(f"{seconds:.1f} s")
     if more > BYTES:
         faults.append(f"{more / 1e9:.1f} GB")
-    exit_code = code if isinstance(code, int) else None
-    return Outcome(case.name, exit_code, seconds, more, told[-2000:], tuple(faults), status)
+    return Outcome(case.name, faults, seconds, told[-2000:])
 
 
-def _serve(builds: Sequence[Build], numbers: Sequence[int], pipe: int) -> None:
-    """Run cases in a child, and tell of each when it begins and what came of it."""
+def _serve(builds: Sequence[Build], pipe: int, folder: Path) -> None:
+    """Run cases in a child, and tell what came of each."""
     os.setsid()
     faulthandler.disable()  # a signal is told by the parent
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    os.chdir(folder)
     tempfile.tempdir = str(folder)  # what a command leaves in the folder of passing files is seen
     warnings.resetwarnings()
     warnings.simplefilter("always")
     for kind in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
         warnings.simplefilter("ignore", kind)
-    tell = lambda *what: os.write(pipe, (json.dumps(what) + "\n").encode())  # noqa: E731
-    tell("folder", str(folder))
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + ADDRESSES
     resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    for number in numbers:
-        case = builds[number]()
-        tell("begin", number, case.name)
-        outcome = run_case(case, folder)
+    streams = _Streams()
+    for build in builds:
+        signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+        case = build()
+        outcome = _run_case(case, folder, streams)
         if outcome.seconds > SECONDS:  # other work on the machine slows this one down too
-            outcome = min(outcome, run_case(case, folder), key=lambda o: o.seconds)
-        tell("end", number, asdict(outcome))
-    _clear(folder)
+            outcome = min(outcome, _run_case(case, folder, streams), key=lambda o: o.seconds)
+        os.write(pipe, (json.dumps(asdict(outcome)) + "\n").encode())
 
 
-class _Child:
-    """A forked child, the cases it has left, and the one it is at."""
+def _fork() -> int:
+    sys.stdout.flush()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads: what is loaded has some
+        return os.fork()
 
-    def __init__(self, builds: Sequence[Build], left: list[int]) -> None:
-        self.left, self.at, self.since, self.text = left, "", time.monotonic(), b""
-        self.folder = ""
-        self.pipe, end = os.pipe()
-        sys.stdout.flush()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # threads: what is loaded has some
-            self.process = os.fork()
-        if not self.process:
-            os.close(self.pipe)
-            code = 70
+
+def _until_the_end(builds: Sequence[Build]) -> Iterator[Outcome]:
+    """Yield the outcomes of one child; where it ends early, that is what came of its last case."""
+    reading, writing = os.pipe()
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        process = _fork()
+        if not process:
             try:
-                _serve(builds, left, end)
-                code = 0
-            except BaseException:
-                traceback.print_exc(file=sys.__stderr__)
+                _serve(builds, writing, Path(folder))
+                os._exit(0)
             finally:
-                os._exit(code)
-        os.close(end)
-
-    def read(self) -> Iterator[Outcome]:
-        """Yield the outcomes that have come; at the end of the pipe the process is reaped."""
-        data = os.read(self.pipe, 1 << 16)
-        self.text += data
-        *lines, self.text = self.text.split(b"\n")
-        for line in lines:
-            word, *rest = json.loads(line)
-            self.since = time.monotonic()
-            if word == "folder":
-                self.folder = rest[0]
-            elif word == "begin":
-                self.at = rest[1]
-            else:
-                self.left.remove(rest[0])
-                self.at = ""
-                yield Outcome(**{**rest[1], "faults": tuple(rest[1]["faults"])})
-        if not data:
-            yield from self._ended()
-
-    def _ended(self) -> Iterator[Outcome]:
-        _, status = os.waitpid(self.process, 0)
-        os.close(self.pipe)
-        self.pipe = -1
-        shutil.rmtree(self.folder, ignore_errors=True)
-        if os.WIFSIGNALED(status):
-            number = os.WTERMSIG(status)
-            fault = "hangs" if number == signal.SIGKILL else signal.Signals(number).name
-        elif os.WEXITSTATUS(status):
-            fault = f"the process ended with {os.WEXITSTATUS(status)}"
-        else:
-            return
-        if not self.at:
-            raise RuntimeError(f"a child died between two cases: {fault}")
-        self.left.pop(0)
-        yield Outcome(self.at, None, time.monotonic() - self.since, 0, "", (fault,))
+                os._exit(70)
+        os.close(writing)
+        done = 0
+        with open(reading, encoding="utf-8") as lines:
+            for line in lines:
+                done += 1
+                yield Outcome(**json.loads(line))
+        code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    if code:
+        died = signal.Signals(-code).name if code < 0 else f"the process ended with {code}"
+        fault = "hangs" if code == -signal.SIGALRM else died
+        yield Outcome(builds[done]().name, (fault,))
 
 
-def run_cases(
-    builds: Sequence[Build], *, workers: int = 2, warm: Sequence[Case] = ()
-) -> Iterator[Outcome]:
-    """Run cases in children, as many at a time as there are workers, and yield their outcomes.
+def run_cases(builds: Sequence[Build], *, warm: Sequence[Case] = ()) -> Iterator[Outcome]:
+    """Run cases in children, and yield their outcomes.
 
     What a command loads and keeps is there before the children are made: by cases that warm up.
     """
+    from rotorid.cli import run
+
     for module in LOADED:
         with suppress(ImportError):
             importlib.import_module(module)
+    for case in warm:
+        said = io.StringIO()
+        with (
+            tempfile.TemporaryDirectory(prefix="fuzz-") as folder,
+            contextlib.chdir(folder),
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(said),
+        ):
+            case.write(Path())
+            run(list(case.arguments))
     gc.collect()
     gc.freeze()  # what is loaded is not looked through after every case
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        for case in warm:
-            run_case(case, Path(folder))
-    gc.collect()
-    gc.freeze()
-    shares = [list(range(first, len(builds), workers)) for first in range(workers)]
-    children = [_Child(builds, share) for share in shares if share]
-    while children:
-        ready, _, _ = select.select([c.pipe for c in children], [], [], 0.5)
-        for child in list(children):
-            if child.pipe in ready:
-                yield from child.read()
-            elif child.at and time.monotonic() - child.since > PATIENCE:
-                os.kill(child.process, signal.SIGKILL)
-            if child.pipe < 0:
-                children.remove(child)
-                if child.left:
-                    children.append(_Child(builds, child.left))
+    done = 0
+    while done < len(builds):
+        for outcome in _until_the_end(builds[done:]):
+            done += 1
+            yield outcome
