@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
+from dataclasses import replace
 from importlib import import_module
 from itertools import count, islice, takewhile
 from pathlib import Path
@@ -28,6 +28,7 @@ from rotorid.io.table import (
     Rate,
     check_size,
     is_numeric,
+    seconds,
 )
 
 FOOTER_BYTES = 16_000_000
@@ -39,8 +40,13 @@ _TOGETHER = 100  # columns of Parquet that are read at once: each by itself take
 def _loaded(
     file: str, arrays: Mapping[str, Column], others: Mapping[str, str] | None = None
 ) -> ArrayFile:
-    shapes = {name: np.shape(column.values) for name, column in arrays.items()}
-    return ArrayFile(file, shapes, arrays.__getitem__, others)
+    def column(place: ColumnPlace, samples: slice) -> Column:
+        found, index = arrays[place.path], place.index
+        values = found.values if index is None else found.values.take(index, axis=place.axis)
+        return replace(found, values=values.reshape(-1)[samples])
+
+    shapes = {name: np.shape(array.values) for name, array in arrays.items()}
+    return ArrayFile(file, shapes, column, others)
 
 
 @contextmanager
@@ -93,8 +99,6 @@ def _mat_kind(value: Any) -> str:
 
 
 class _ParquetFile(ArrayFile):
-    in_blocks = True
-
     def __init__(self, file: str, data: Any) -> None:
         import pyarrow.types as kinds
 
@@ -108,7 +112,8 @@ class _ParquetFile(ArrayFile):
         numbers = [f for f in self._schema if any(is_kind(f.type) for is_kind in numeric)]
         rows = data.metadata.num_rows
         check_size(rows, file)
-        super().__init__(file, {f.name: (rows,) for f in numbers if counts[f.name] == 1})
+        shapes = {field.name: (rows,) for field in numbers if counts[field.name] == 1}
+        super().__init__(file, shapes, in_blocks=True)
 
     def columns(
         self, places: Mapping[str, ColumnPlace], rows: int | None
@@ -149,8 +154,7 @@ def _arrow_numbers(column: Any) -> Floats:
     import pyarrow as pa
 
     if pa.types.is_timestamp(column.type):
-        whole = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy(zero_copy_only=False)
-        return np.asarray((whole - whole[:1]) * 1e-9, dtype=np.float64)
+        return seconds(column.to_numpy(zero_copy_only=False))
     numbers = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
     return np.asarray(numbers, dtype=np.float64)
 
@@ -162,49 +166,29 @@ def _unit_of_field(field: Any) -> str | None:
     return "s" if str(field.type).startswith("timestamp") else None
 
 
-class _TdmsFile(ArrayFile):
-    """A column is a channel of a group, as LabVIEW has them."""
+@contextmanager
+def open_tdms(file: str) -> Iterator[ArrayFile]:
+    """Open a TDMS file; a column is a channel of a group, as LabVIEW has them."""
+    from nptdms import TdmsFile
 
-    in_blocks = True
-
-    def __init__(self, file: str, data: Any) -> None:
-        self._channels = {
+    with open_regular(file) as stream, TdmsFile.open(stream) as data:
+        channels = {
             f"{group.name}/{channel.name}": channel
             for group in data.groups()
             for channel in group.channels()
             if channel.dtype is not None and np.dtype(channel.dtype).kind in "biufM"
         }
-        for channel in self._channels.values():
+        for channel in channels.values():
             check_size(len(channel), file)
-        super().__init__(file, {name: (len(each),) for name, each in self._channels.items()})
 
-    def columns(
-        self, places: Mapping[str, ColumnPlace], rows: int | None
-    ) -> Iterator[dict[str, Column]]:
-        channels = {name: self._channels[place.path] for name, place in places.items()}
-        if rows is None:
-            yield from ({n: Column(_tdms_numbers(c[:]), *_stated(c))} for n, c in channels.items())
-            return
-        for begin in range(0, max(map(len, channels.values())), rows):
-            yield {
-                name: Column(_tdms_numbers(channel[begin : begin + rows]), *_stated(channel))
-                for name, channel in channels.items()
-            }
+        def column(place: ColumnPlace, samples: slice) -> Column:
+            channel = channels[place.path]
+            values = np.asarray(channel[samples])
+            numbers = seconds(values) if values.dtype.kind == "M" else values.astype(np.float64)
+            return Column(numbers, *_stated(channel))
 
-
-@contextmanager
-def open_tdms(file: str) -> Iterator[ArrayFile]:
-    from nptdms import TdmsFile
-
-    with open_regular(file) as stream, TdmsFile.open(stream) as data:
-        yield _TdmsFile(file, data)
-
-
-def _tdms_numbers(values: Any) -> Floats:
-    array = np.asarray(values)
-    if array.dtype.kind == "M":
-        array = (array - array[:1]).astype("timedelta64[ns]").astype(np.int64) * 1e-9
-    return np.asarray(array, dtype=np.float64)
+        shapes = {name: (len(channel),) for name, channel in channels.items()}
+        yield ArrayFile(file, shapes, column, in_blocks=True)
 
 
 def _stated(channel: Any) -> tuple[str | None, Rate | None, float | None]:
@@ -367,9 +351,9 @@ def open_mdf(file: str) -> Iterator[ArrayFile]:
 
 
 class _Channels:
-    """The channels of an open file, converted here: asammdf evaluates what the file says.
+    """The channels of an open file, whose conversions asammdf is handed once they are looked at.
 
-    It is left no conversion that it could evaluate, by whatever way it reads a channel.
+    It is left none that it could evaluate, by whatever way it reads a channel.
     """
 
     def __init__(self, data: Any, file: str) -> None:
@@ -391,12 +375,12 @@ class _Channels:
                 self._conversions[number, index] = channel.conversion
                 channel.conversion = None
 
-    def column(self, path: str) -> Column:
-        group, index = self._places[path]
+    def column(self, place: ColumnPlace, samples: slice) -> Column:
+        group, index = self._places[place.path]
         conversion = self._conversions[group, index]
         channel = self._data.groups[group].channels[index]
         unit = getattr(conversion, "unit", "") or getattr(channel, "unit", "") or ""
-        values, times = self._values(group, index), self._times_of(group)
+        values, times = self._values(group, index)[samples], self._times_of(group)
         if times is None:
             return Column(values, unit.strip() or None)
         start = float(times[0]) if len(times) and np.isfinite(times[0]) else None
@@ -447,19 +431,28 @@ class _Channels:
         return values
 
 
+# What makes numbers of numbers alone, by the type that ASAM gives it: asammdf computes it from the
+# numbers in its block. All else it knows makes text of numbers, numbers of text, or is a formula.
+_NUMERIC = {3: (0, 1, 2, 6, 7, 8, 9, 65535), 4: (0, 1, 2, 4, 5)}
+_FORMULA = {3: 10, 4: 3}
+_RANGES, _VALUES_TO_TEXT, _RANGES_TO_TEXT = 6, 7, 8  # of MDF 4, perhaps with numbers among them
+
+
 def convert(samples: np.ndarray, block: Any, version: int) -> Floats:
     """Return samples in the unit of their channel; types of MDF 3 (and 2) mean others than of 4."""
-    if samples.dtype.kind == "f":  # float32 would stay so, and lose digits
-        samples = samples.astype(np.float64)
+    numbers = samples.astype(np.float64)  # float32 would stay so, and lose digits
     if block is None:
-        return samples.astype(np.float64)
+        return numbers
     _check_no_formula(block, _FORMULA[version])
-    rule = _RULES[version].get(block.conversion_type)
-    if rule is None:
-        raise no_numbers("a conversion to text, or of an unknown kind")
+    kind = block.conversion_type
     with np.errstate(all="ignore"):  # what cannot be computed is NaN, as a missing sample is
-        converted: Floats = rule(samples, block).astype(np.float64)
-    converted[np.isnan(samples)] = np.nan  # a table gives every sample a value
+        if kind in _NUMERIC[version]:
+            converted: Floats = block.convert(numbers).astype(np.float64)
+        elif version == 4 and kind in (_RANGES, _VALUES_TO_TEXT, _RANGES_TO_TEXT):
+            converted = _by_ranges(samples, block)
+        else:
+            raise no_numbers("a conversion to text, or of an unknown kind")
+    converted[np.isnan(numbers)] = np.nan  # a table gives every sample a value
     return converted
 
 
@@ -487,54 +480,21 @@ def _is_block(part: Any) -> bool:
     return hasattr(part, "conversion_type")
 
 
-def _linear(x: np.ndarray, block: Any) -> Any:
-    return block.a * x + block.b
+def _by_ranges(x: np.ndarray, block: Any) -> Floats:
+    """Convert samples by the entry in whose range they are; text ("no signal") is NaN.
 
-
-def _rational(x: np.ndarray, block: Any) -> Any:
-    """(P1 x^2 + P2 x + P3) / (P4 x^2 + P5 x + P6)."""
-    above = [block.P1, block.P2, block.P3]
-    below = [block.P4, block.P5, block.P6]
-    if above[2] == below[2] == 0:  # x in both, which at x = 0 would leave 0/0
-        above, below = above[:2], below[:2]
-    return np.polyval(above, x) / np.polyval(below, x)
-
-
-def _hyperbolic(x: np.ndarray, block: Any) -> Any:
-    """(P2 - P4 y) / (P3 y - P1) with y = x - P5 - P6: "polynomial" in MDF 3."""
-    y = x - block.P5 - block.P6
-    return (block.P2 - block.P4 * y) / (block.P3 * y - block.P1)
-
-
-def _of_seven(function: np.ufunc, x: np.ndarray, block: Any) -> Any:
-    """f(((x - P7) P6 - P3) / P1) / P2 where P4 = 0, and f((P3 / (x - P7) - P6) / P4) / P5."""
-    if block.P4 == 0:
-        return function(((x - block.P7) * block.P6 - block.P3) / block.P1) / block.P2
-    if block.P1 == 0:
-        return function((block.P3 / (x - block.P7) - block.P6) / block.P4) / block.P5
-    raise ValueError("a conversion of both P1 and P4")
-
-
-def _interpolated(x: np.ndarray, block: Any) -> Any:
-    return np.interp(x, _values(block, "raw"), _values(block, "phys"))
-
-
-def _nearest(x: np.ndarray, block: Any) -> Any:
-    """Value to value without interpolation: the nearest entry, the lower one half way."""
-    raw, physical = _values(block, "raw"), _values(block, "phys")
-    above = np.searchsorted(raw, x).clip(max=len(raw) - 1)
-    below = (above - 1).clip(min=0)
-    return np.where(x - raw[below] <= raw[above] - x, physical[below], physical[above])
-
-
-def _ranges(x: np.ndarray, block: Any) -> Any:
-    entry = _entry(x, block, "lower", "upper")
-    return np.where(entry < 0, block.default, _values(block, "phys")[entry])
-
-
-def _referenced(first: str, last: str, x: np.ndarray, block: Any) -> Floats:
-    """Convert samples by the conversion that their entry refers to; text ("no signal") is NaN."""
-    entry, parts = _entry(x, block, first, last), block.referenced_blocks or {}
+    The end of a range is in it for integers only (ASAM MDF 4), which asammdf has otherwise.
+    """
+    single = block.conversion_type == _VALUES_TO_TEXT
+    first, last = ("val", "val") if single else ("lower", "upper")
+    lower, upper = _values(block, first), _values(block, last)
+    order = np.argsort(lower)
+    place = order[np.searchsorted(lower[order], x, side="right") - 1]
+    ends = x <= upper[place] if x.dtype.kind != "f" or single else x < upper[place]
+    entry = np.where((x >= lower[place]) & ends, place, -1)
+    if block.conversion_type == _RANGES:
+        return np.where(entry < 0, block.default, _values(block, "phys")[entry])
+    parts = block.referenced_blocks or {}
     if not any(map(_is_block, parts.values())):
         raise no_numbers("a conversion to text")
     found = np.full(len(x), np.nan)
@@ -545,43 +505,7 @@ def _referenced(first: str, last: str, x: np.ndarray, block: Any) -> Floats:
     return found
 
 
-def _entry(x: np.ndarray, block: Any, first: str, last: str) -> np.ndarray:
-    """Return the range of each sample, or -1; its end is in it for integers only (ASAM MDF 4)."""
-    lower, upper = _values(block, first), _values(block, last)
-    order = np.argsort(lower)
-    place = order[np.searchsorted(lower[order], x, side="right") - 1]
-    ends = x <= upper[place] if x.dtype.kind != "f" or first == last else x < upper[place]
-    return np.where((x >= lower[place]) & ends, place, -1)
-
-
 def _values(block: Any, name: str) -> Floats:
     """Return name_0, name_1 and so on."""
     keys = takewhile(lambda key: hasattr(block, key), (f"{name}_{i}" for i in count()))
     return np.array([getattr(block, key) for key in keys], dtype=np.float64)
-
-
-# Type numbers as ASAM gives them. MDF 4 knows text to value, text to text and bit fields besides,
-# MDF 3 values and ranges to text, dates and times: none of them gives numbers from numbers.
-_RULES: Mapping[int, Mapping[int, Callable[[np.ndarray, Any], Any]]] = {
-    3: {
-        0: _linear,
-        1: _interpolated,
-        2: _nearest,
-        6: _hyperbolic,
-        7: partial(_of_seven, np.exp),
-        8: partial(_of_seven, np.log),
-        9: _rational,
-        65535: lambda x, _: x,
-    },
-    4: {
-        0: lambda x, _: x,
-        1: _linear,
-        2: _rational,
-        4: _interpolated,
-        5: _nearest,
-        6: _ranges,
-        7: partial(_referenced, "val", "val"),
-        8: partial(_referenced, "lower", "upper"),
-    },
-}
-_FORMULA = {3: 10, 4: 3}

@@ -65,12 +65,11 @@ def open_hdf5(file: str) -> Iterator[ArrayFile]:
 
 
 class _Hdf5File(ArrayFile):
-    in_blocks = True
     shapes: _Contents
 
     def __init__(self, file: str, data: h5py.File) -> None:
         contents = _Contents(data)
-        super().__init__(file, contents, others=contents.others)
+        super().__init__(file, contents, others=contents.others, in_blocks=True)
         self._data = data
         self._stored: dict[h5py.Dataset, int] = {}
         self._rates: dict[str | bytes, Rate | None] = {}  # by the name of a group

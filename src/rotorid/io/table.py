@@ -169,18 +169,17 @@ class ColumnPlace:
 
 
 class ArrayFile:
-    """An open file of arrays; formats that read parts of a file have `columns` of their own."""
-
-    in_blocks = False  # whether `columns` yields some rows after others
+    """An open file of arrays; formats that read several at once have `columns` of their own."""
 
     def __init__(
         self,
         file: str,
         shapes: Mapping[str, tuple[int, ...]],
-        array: Callable[[str], Column] | None = None,
+        column: Callable[[ColumnPlace, slice], Column] | None = None,
         others: Mapping[str, str] | None = None,
+        in_blocks: bool = False,  # whether some rows can be read without the others
     ) -> None:
-        self.file, self.shapes, self.array = file, shapes, array
+        self.file, self.shapes, self.column, self.in_blocks = file, shapes, column, in_blocks
         # what else is in it, and what that is, as far as it is known
         self.others = {} if others is None else others
 
@@ -188,11 +187,13 @@ class ArrayFile:
         self, places: Mapping[str, ColumnPlace], rows: int | None
     ) -> Iterator[dict[str, Column]]:
         """Yield so many rows of all columns after others, or whole columns."""
-        assert self.array is not None
-        for name, place in places.items():
-            found, index = self.array(place.path), place.index
-            values = found.values if index is None else found.values.take(index, axis=place.axis)
-            yield {name: replace(found, values=np.asarray(values, dtype=np.float64).reshape(-1))}
+        assert self.column is not None
+        if rows is None:
+            yield from ({n: self.column(place, slice(None))} for n, place in places.items())
+            return
+        for begin in range(0, max(self._lengths(places)), rows):
+            samples = slice(begin, begin + rows)
+            yield {name: self.column(place, samples) for name, place in places.items()}
 
     def bytes_held(self, places: Mapping[str, ColumnPlace]) -> int:
         return os.path.getsize(self.file)
@@ -223,7 +224,10 @@ class ArrayFile:
         return self._size({name: self.place(name) for name in names}) if self.in_blocks else 0
 
     def _size(self, places: Mapping[str, ColumnPlace]) -> int:
-        return 8 * sum(max(self.shapes[place.path], default=0) for place in places.values())
+        return 8 * sum(self._lengths(places))
+
+    def _lengths(self, places: Mapping[str, ColumnPlace]) -> list[int]:
+        return [max(self.shapes[place.path], default=0) for place in places.values()]
 
     def place(self, name: str) -> ColumnPlace:
         """Find an array by its path or end, or a column of one: ``name[3]``, ``name[3,:]``.
@@ -293,6 +297,11 @@ def _not_a_column(name: str, shape: tuple[int, ...]) -> ReadError:
     size = " x ".join(map(str, shape)) or "a scalar"
     cure = "write name[0] for the first of its columns" if len(shape) == 2 else "name a column"
     return ReadError(f"{name!r} of size {size}", "a column of samples", cure)
+
+
+def seconds(stamps: np.ndarray) -> Floats:
+    """Return times of a clock in s since the first; those that are missing are NaN."""
+    return np.asarray((stamps - stamps[:1]) / np.timedelta64(1, "s"), dtype=np.float64)
 
 
 def is_numeric(dtype: Any) -> bool:

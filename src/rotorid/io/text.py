@@ -15,7 +15,7 @@ from functools import cached_property, partial
 from itertools import islice, takewhile
 from os.path import getsize
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from rotorid.core.files import open_regular
 from rotorid.core.units import check_unit, si_factor
 from rotorid.core.values import Floats, frozen
 from rotorid.io.sandbox import too_large
-from rotorid.io.table import COLUMNS, Column, Rate, content, no_column, not_what_it_says
+from rotorid.io.table import COLUMNS, Column, Rate, content, no_column, not_what_it_says, seconds
 
 LINE_CHARACTERS = 1 << 20
 """Of a line: ten thousand columns of a hundred characters."""
@@ -581,17 +581,14 @@ def _says_nothing(line: str) -> bool:
 def seconds_of_day(texts: list[str]) -> Floats:
     """Return times of day, with their date or without, in s from the first."""
     if re.match(r"\d{4}-", texts[0]):
-        stamps: Any = np.array(
-            [t.rstrip("Z").replace(",", ".").replace(" ", "T") for t in texts],
-            dtype="datetime64[ns]",
-        )
-        return np.asarray((stamps - stamps[0]).astype(np.int64) * 1e-9, dtype=float)
+        iso = [t.rstrip("Z").replace(",", ".").replace(" ", "T") for t in texts]
+        return seconds(np.array(iso, dtype="datetime64[ns]"))
     parts = [t.rstrip("Z").replace(",", ".").split(" ")[-1].split("T")[-1] for t in texts]
     pieces = ((0.0, 0.0, *map(float, part.split(":")))[-3:] for part in parts)
-    seconds = np.array([60 * (60 * hours + minutes) + rest for hours, minutes, rest in pieces])
+    times = np.array([60 * (60 * hours + minutes) + rest for hours, minutes, rest in pieces])
     # A clock without date starts again at midnight.
-    days = np.concatenate([[0], np.cumsum(np.diff(seconds) < -_DAY / 2)])
-    return np.asarray(seconds - seconds[0] + _DAY * days, dtype=float)
+    days = np.concatenate([[0], np.cumsum(np.diff(times) < -_DAY / 2)])
+    return np.asarray(times - times[0] + _DAY * days, dtype=float)
 
 
 def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTable:
