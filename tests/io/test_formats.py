@@ -130,10 +130,12 @@ def test_samples_along_either_axis(tmp_path):
         data["down"] = np.column_stack([X, 2 * X, 3 * X])
         data["along"] = data["down"][()].T
         data["table"] = np.rec.fromarrays([X, 2 * X], names="a,b")
+        data["run/across"] = data["down"][()]
     opened = open_table(path)
     names = ["down[1]", "along[1]", "along[1,:]", "down[:,1]", "table/b"]
     for column in opened.read([opened.find(name) for name in names]).values():
         np.testing.assert_array_equal(column.values, 2 * X)
+    assert opened.find("run/across[1,:]") == "run/across[1,:]" == opened.find("across[1,:]")
     assert (
         opened.read(["along[:,3]"])["along[:,3]"].values.tolist()
         == (X[3] * np.arange(1, 4)).tolist()

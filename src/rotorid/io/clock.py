@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import permutations
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,6 +26,8 @@ noise of the highest line that is asked for, or of that at half the sample rate.
 _ROUNDED = 0.6  # of the last digit of the stamps: half a digit, and what a line fitted to them adds
 _TAPS = 12  # of the interpolation: 1e-4 at a quarter of the sample rate, for a jitter of a tenth
 _BLOCK = 1 << 16
+
+Numbers = TypeVar("Numbers", Floats, Complexes)
 
 
 @frozen
@@ -118,7 +121,7 @@ def _resolution(time: Floats) -> float:
 def onto_grid(
     time: Floats, samples: Floats, rate: float, highest: float | None
 ) -> tuple[Floats, float, float]:
-    """Interpolate samples to equal steps, by polynomials through `_TAPS` samples around each.
+    """Interpolate samples to equal steps.
 
     Return besides the relative error (rms) of a wave of the frequency `highest`, which bounds that
     of lines below; and that frequency, where None was given the highest that bears it.
@@ -130,29 +133,21 @@ def onto_grid(
         highest = rate / 2
         while interpolation_error(offset, grid, highest) > BEARABLE and highest > rate / 100:
             highest *= 0.8
-    found = np.empty((count, samples.shape[1]))
-    for part, taken, weights in _weights(offset, grid):
-        for channel in range(samples.shape[1]):
-            found[part, channel] = (weights * samples[taken, channel]).sum(axis=1)
+    found = _interpolated(offset, grid, samples)
     return found, interpolation_error(offset, grid, highest), highest
 
 
 def interpolation_error(time: Floats, grid: Floats, frequency: float) -> float:
-    total, count = 0.0, 0
-    for part, taken, weights in _weights(time, grid):
-        angles = 2 * np.pi * frequency * (time[taken] - grid[part, None])
-        wave: Complexes = (weights * np.exp(1j * angles)).sum(axis=1)
-        total += float((np.abs(wave - 1) ** 2).sum())
-        count += len(wave)
-    return float(np.sqrt(total / count))
+    wave, exact = (np.exp(2j * np.pi * frequency * times)[:, None] for times in (time, grid))
+    return float(np.sqrt(np.mean(np.abs(_interpolated(time, grid, wave) - exact) ** 2)))
 
 
-def _weights(time: Floats, grid: Floats) -> Iterator[tuple[slice, np.ndarray, Floats]]:
-    """Yield parts of the grid, the samples that each of its points takes, and their weights."""
+def _interpolated(time: Floats, grid: Floats, samples: Numbers) -> Numbers:
+    """Return samples on a grid, by polynomials through `_TAPS` of them around each point."""
     taps = min(_TAPS, len(time))
+    found = np.empty((len(grid), samples.shape[1]), samples.dtype)
     for begin in range(0, len(grid), _BLOCK):
-        part = slice(begin, min(begin + _BLOCK, len(grid)))
-        points = grid[part]
+        points = grid[begin : begin + _BLOCK]
         nearest = np.searchsorted(time, points, side="right")
         first = np.clip(nearest - taps // 2, 0, len(time) - taps)
         taken = first[:, None] + np.arange(taps)
@@ -161,7 +156,9 @@ def _weights(time: Floats, grid: Floats) -> Iterator[tuple[slice, np.ndarray, Fl
         for tap, other in permutations(range(taps), 2):
             span = nodes[:, tap] - nodes[:, other]
             weights[:, tap] *= (points - nodes[:, other]) / span
-        yield part, taken, weights
+        for channel, values in enumerate(samples.T):
+            found[begin : begin + _BLOCK, channel] = (weights * values[taken]).sum(axis=1)
+    return found
 
 
 TOGETHER = 0.01

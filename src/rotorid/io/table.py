@@ -164,9 +164,6 @@ class ColumnPlace:
     index: int | None = None
     axis: int = 1
 
-    def __str__(self) -> str:
-        return self.path if self.index is None else f"{self.path}[{self.index}]"
-
 
 class ArrayFile:
     """An open file of arrays; formats that read several at once have `columns` of their own."""
@@ -210,7 +207,7 @@ class ArrayFile:
     def find(self, name: str) -> str:
         """Return the path of a column, with its index where it is one of a 2-D array."""
         place = self.place(name)
-        return name if place.index is not None and name.startswith(place.path) else str(place)
+        return place.path if place.index is None else place.path + name[name.rindex("[") :]
 
     def read(self, names: Sequence[str], rows: int | None = None) -> Iterator[dict[str, Column]]:
         places = {name: self.place(name) for name in names}
@@ -234,33 +231,32 @@ class ArrayFile:
 
         Without a colon, the samples of a two-dimensional array lie along its longer axis.
         """
-        indexed = _INDEXED.fullmatch(name) if name not in self.shapes else None
-        of_array = indexed is not None and indexed["name"].strip("/") in self.shapes
-        if not of_array and (path := self._path(name)) is not None:
-            if is_column(self.shapes[path]):
-                return ColumnPlace(path, axis=int(self.shapes[path][0] > 1))
-            raise _not_a_column(name, self.shapes[path])
-        base = None if indexed is None else self._path(indexed["name"])
-        if indexed is None or base is None:
-            if (kind := self.others.get(name.strip("/"))) is not None:
-                cure = "name a column of numbers, or export it so"
-                raise ReadError(f"{name!r} of {kind}", "real numbers", cure)
-            flat = [p for p, shape in self.shapes.items() if len(shape) == 2 and 1 not in shape]
-            raise no_column(name, [*self.names(), *flat])
-        shape, index = self.shapes[base], int(indexed["index"])
-        axis = int(len(shape) == 2 and shape[0] >= shape[1])
-        if indexed["rows"] or indexed["columns"]:
-            axis = int(bool(indexed["rows"]))
-        if len(shape) != 2 or index >= shape[axis]:
-            raise _not_a_column(name, shape)
-        return ColumnPlace(base, index, axis)
+        indexed = _INDEXED.fullmatch(name)
+        for look in self._whole, self._ending:  # where it is a whole path no other is looked at
+            if (path := look(name)) is not None:
+                shape = self.shapes[path]
+                if is_column(shape):
+                    return ColumnPlace(path, axis=int(shape[0] > 1))
+                raise _not_a_column(name, shape)
+            if indexed is not None and (path := look(indexed["name"])) is not None:
+                shape, index = self.shapes[path], int(indexed["index"])
+                axis = int(len(shape) == 2 and shape[0] >= shape[1])
+                if indexed["rows"] or indexed["columns"]:
+                    axis = int(bool(indexed["rows"]))
+                if len(shape) != 2 or index >= shape[axis]:
+                    raise _not_a_column(name, shape)
+                return ColumnPlace(path, index, axis)
+        if (kind := self.others.get(name.strip("/"))) is not None:
+            cure = "name a column of numbers, or export it so"
+            raise ReadError(f"{name!r} of {kind}", "real numbers", cure)
+        flat = [p for p, shape in self.shapes.items() if len(shape) == 2 and 1 not in shape]
+        raise no_column(name, [*self.names(), *flat])
 
-    def _path(self, name: str) -> str | None:
-        """Return the path of a name: the name itself first, so that no other path is looked at."""
-        wanted = name.strip("/")
-        if name in self.shapes or wanted in self.shapes:
-            return name if name in self.shapes else wanted
-        fitting = self._by_end.get(wanted, [])
+    def _whole(self, name: str) -> str | None:
+        return next((path for path in (name, name.strip("/")) if path in self.shapes), None)
+
+    def _ending(self, name: str) -> str | None:
+        fitting = self._by_end.get(name.strip("/"), [])
         if len(fitting) > 1:
             raise ReadError(
                 f"{name!r} {len(fitting)} times ({', '.join(fitting[:4])})",
