@@ -241,7 +241,8 @@ def test_four_windows_that_do_not_tell_may_hold_a_peak(
     raw = frequency, values, np.full(30, 2e-4), np.full(30, 10.0)
     gap = 25.0 + np.arange(1, between + 1) / 10
     windows = np.sort([*np.arange(below), *frequency, *gap, *(40.0 + np.arange(above))])
-    assert sensitivity._located("x", raw, windows, None, [(2.0, 20.0)]).zone == zone
+    found = sensitivity.Windowed(equal_lines(1), windows, raw, [(2.0, 20.0)])
+    assert sensitivity._located("x", found).zone == zone
 
 
 def controller_of_the_rig(omega: np.ndarray) -> np.ndarray:
@@ -414,17 +415,20 @@ def window_of(monkeypatch, deviation: float = 0.1) -> tuple[int, list[float]]:
     """Return in how many windows of 190 lines S = 1 is told, and the chance asked of each."""
     chances: list[float] = []
 
-    def best(self, e):
-        chances.append(self.chance)
+    def middle(part, loud, chance):
+        chances.append(chance)
         return 1 + 0j, deviation**2, 10.0, 1.0, 0.0
 
-    monkeypatch.setattr(sensitivity._Window, "best", best)
-    count = 190
+    monkeypatch.setattr(sensitivity, "_middle", middle)
+    found = sensitivity._windows(equal_lines(190))
+    assert len(found.middles) == len(chances)
+    assert len(found.raw[0]) == len(found.candidates)
+    return len(found.candidates), chances
+
+
+def equal_lines(count: int) -> LoopLines:
     lines = np.ones((count, 1)) + 0j
-    every, ((raw, candidates),) = sensitivity._windows(np.arange(count), lines, lines, lines[:, :0])
-    assert len(every) == len(chances)
-    assert len(raw[0]) == len(candidates)
-    return len(candidates), chances
+    return LoopLines(np.arange(float(count)), lines[:, 0], lines, lines[:, :0], 0)
 
 
 @pytest.mark.parametrize(("deviation", "told"), [(0.29, True), (0.31, False)])
@@ -439,21 +443,19 @@ def test_noise_alone_gives_poles_to_one_of_a_hundred_records(monkeypatch):
 
 def test_what_a_window_asks_for():
     """S and the transient have 6 unknowns; a dozen degrees of freedom are left for the noise."""
-    lines = np.ones((18, 1)) + 0j
     with pytest.raises(InputError, match=r"18 lines in the band; expected 19 or more"):
-        sensitivity._windows(np.arange(18.0), lines, lines, lines[:, :0])
+        sensitivity._windows(equal_lines(18))
 
 
 @pytest.mark.parametrize(("poles", "noise"), [(2, 1e-9), (0, 0.1)])
 def test_a_window_has_two_poles_where_noise_alone_does_not_explain_them(poles, noise):
     rng = np.random.default_rng(7)
     offset = np.arange(-9, 10) / 9
-    powers = offset[:, None] ** np.arange(3)
     r, drawn = rng.standard_normal((2, 19, 2)) @ np.array([1.0, 1j])
     below = (1 + 6j * (offset - 0.2)) * (1 + 5j * (offset + 0.5)) if poles else 1.0
-    matrix = np.column_stack([r[:, None] * powers, powers])
-    window = sensitivity._Window(matrix, offset, 0, float(np.abs(r).max()), 1e-3)
-    found = window.best((2 + offset) * r / below + noise * drawn)
+    e = (2 + offset) * r / below + noise * drawn
+    window = LineWindow(offset, e, r[:, None], np.zeros((19, 0)) + 0j, 0, np.ones(19))
+    found = sensitivity._middle(window, float(np.abs(r).max()), 1e-3)
     assert found is not None
     value, _, freedom, _, _ = found
     assert freedom == 13 - poles
@@ -481,7 +483,8 @@ def whole(monkeypatch, unsure: float) -> tuple[sensitivity.AxisSensitivity, list
     monkeypatch.setattr(sensitivity, "peak_near", peak_near)
     raw = (np.array([5.0]), np.ones(1) + 0j, np.ones(1), np.ones(1))
     candidates = [(9.0 - k, 10.0 * k) for k in range(1, 6)]
-    axis = sensitivity._located("x", raw, raw[0], None, candidates)
+    found = sensitivity.Windowed(equal_lines(1), raw[0], raw, candidates)
+    axis = sensitivity._located("x", found)
     return axis, asked
 
 
@@ -809,9 +812,8 @@ def part_of(e: np.ndarray) -> LineWindow:
 def curve_of(part: LineWindow, pole: complex, loss: float = 1.0) -> RationalCurve:
     """Return a curve of one pole, or of none, that explains nothing of its lines."""
     below = np.array([-1 / pole]) if pole else np.zeros(0, dtype=np.complex128)
-    poles = len(below)
-    columns = 2 * (peak.order_of(poles) + 1)
-    return RationalCurve(part, below, np.zeros(columns, dtype=np.complex128), poles, loss)
+    columns = 2 * (peak.order_of(len(below)) + 1)
+    return RationalCurve(part, below, np.zeros(columns, dtype=np.complex128), loss)
 
 
 @pytest.mark.parametrize(("chance", "poles"), [(0.0095, 1), (0.0105, 0)])
@@ -821,9 +823,7 @@ def test_a_pole_more_has_to_gain(monkeypatch, chance, poles):
     more = len(one.linear) + 1 - len(none.linear)
     rest = len(part.e) - len(one.linear) - 1
     ratio = scipy.special.fdtri(2 * more, 2 * rest, 1 - chance)
-    further = RationalCurve(
-        part, np.zeros(2) + 0j, np.zeros(2 * (peak.order_of(2) + 1)) + 0j, 2, 1.0
-    )
+    further = RationalCurve(part, np.zeros(2) + 0j, np.zeros(2 * (peak.order_of(2) + 1)) + 0j, 1.0)
     curves = {0: replace(none, loss=1 + ratio * more / rest), 1: one, 2: further}
     monkeypatch.setattr(peak, "fitted", lambda _, poles: curves[poles])
     assert best_curve(part).poles == poles
@@ -848,19 +848,19 @@ def test_a_pole_that_does_not_decay_is_none(lines, decays):
 def test_a_fit_ends(monkeypatch):
     """Where every step gains: four of Sanathanan and Koerner, twelve of Gauss and Newton."""
     kinds: list[str] = []
-    real, svd = peak._linear, peak._svd
+    real, svd = peak._linear, peak.svd
 
-    def gaining(part: LineWindow, poles: int, below: np.ndarray) -> RationalCurve:
-        return replace(real(part, poles, below), loss=0.5 ** len(kinds))
+    def gaining(part: LineWindow, below: np.ndarray) -> RationalCurve:
+        return replace(real(part, below), loss=0.5 ** len(kinds))
 
-    def counted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def counted(matrix: np.ndarray) -> tuple[np.ndarray, ...]:
         kinds.append("")
         return svd(matrix)
 
     rng = np.random.default_rng(1)
     part = part_of(rng.standard_normal(100))
     monkeypatch.setattr(peak, "_linear", gaining)
-    monkeypatch.setattr(peak, "_svd", counted)
+    monkeypatch.setattr(peak, "svd", counted)
     fitted(part, 1)
     linear = 1 + peak.ROUNDS + peak.STEPS
     assert len(kinds) == linear + peak.ROUNDS + peak.STEPS

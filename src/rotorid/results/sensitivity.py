@@ -28,10 +28,13 @@ from rotorid.results.sensitivity_peak import (
     LEAST,
     MOST,
     WEAK,
+    LineWindow,
     LoopLines,
     Peak,
+    RationalCurve,
     peak_near,
     peak_of,
+    svd,
 )
 from rotorid.signals.covariance import choose_covariance
 
@@ -106,16 +109,13 @@ class AxisSensitivity:
     @property
     def zone(self) -> str:
         """A, B, C or D; "A or B" where the interval lies across a limit, "A or worse" in doubt."""
-        low, high = (zone_of(end) for end in self.interval)
-        if self.doubt and low != "D":
-            return f"{low} or worse"
-        return _from_to(low, high, "or")
+        low, high = map(zone_of, self.interval)
+        return f"{low} or worse" if self.doubt and low != "D" else _from_to(low, high, "or")
 
     @property
     def verdict(self) -> str:
-        if self.zone.endswith("worse") or self.caveat:
-            return f"zone {self.zone}: {self.doubt}"
-        return _told(*(zone_of(end) for end in self.interval))
+        said, why = _verdict([self])
+        return f"{said}: {why[1]}" if why else said
 
 
 def settles_elsewhere(frequency: Floats, values: Complexes, std: Floats) -> str:
@@ -151,17 +151,19 @@ def zone_of(peak: float) -> str:
 
 def worst_of(found: Sequence[AxisSensitivity]) -> str:
     """Return the zone of a machine, that of its worst axis, in words."""
+    said, why = _verdict(found)
+    return f"{said} ({why[0]}: {why[1]})" if why else said
+
+
+def _verdict(found: Sequence[AxisSensitivity]) -> tuple[str, tuple[str, str] | None]:
+    """Return the zone of the worst axis, and the first axis in doubt with its reason."""
     low, high = (zone_of(max(each.interval[k] for each in found)) for k in (0, 1))
-    for each in found:
-        if each.zone.endswith("worse") and low != "D":
-            return f"zone {low} or worse ({each.axis}: {each.doubt})"
-    caveats = (f" ({each.axis}: {each.caveat})" for each in found if each.caveat)
-    return _told(low, high) + next(caveats, "")  # even D may be but another unit
-
-
-def _told(low: str, high: str) -> str:
+    doubts = [(e.axis, e.caveat if low == "D" else e.doubt) for e in found]  # D may be but a unit
+    why = next((doubt for doubt in doubts if doubt[1]), None)
+    if why and low != "D":
+        return f"zone {low} or worse", why
     said = _from_to(low, high, "and")
-    return f"zone {said}" if low == high else f"undecided between {said}"
+    return f"zone {said}" if low == high else f"undecided between {said}", why
 
 
 def _from_to(low: str, high: str, word: str) -> str:
@@ -235,7 +237,7 @@ def sensitivity(
         ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
         first = quantity(skip, "s", place="skip")
         whole = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
-        axes = [_located(name, *each) for name, each in whole.items()]
+        axes = [_located(name, each) for name, each in whole.items()]
     return [_settled(axis) for axis in axes]
 
 
@@ -248,9 +250,16 @@ def _settled(axis: AxisSensitivity) -> AxisSensitivity:
 
 Raw = tuple[Floats, Complexes, Floats, Floats]
 """Frequency, S, variance of the complex number, and degrees of freedom, of each line."""
-Whole = tuple[Raw, Floats, LoopLines, list[tuple[float, float]]]
-"""Of an axis of a whole record: S in windows, the place of every window, also of those that do not
-tell S, the lines, and how high S may be where."""
+
+
+@frozen
+class Windowed:
+    """An axis of a whole record: its lines, and what windows tell of S that are independent."""
+
+    lines: LoopLines
+    middles: Floats  # of every window, also of those that do not tell S
+    raw: Raw
+    candidates: Sequence[tuple[float, float]]  # how high S may be, and where
 
 
 def _not_excited(axis: str) -> InputError:
@@ -318,20 +327,14 @@ def _noise(residual: Complexes, weights: Complexes) -> tuple[float, float]:
     return variance, freedom
 
 
-def _located(
-    name: str,
-    raw: Raw,
-    windows: Floats,
-    band: LoopLines,
-    candidates: Sequence[tuple[float, float]],
-) -> AxisSensitivity:
+def _located(name: str, whole: Windowed) -> AxisSensitivity:
     """Return S of a whole record with its peak: the highest of those near the highest windows."""
     found: list[Peak] = []
     tried = 0
-    for _, hertz in sorted(candidates, reverse=True):
+    for _, hertz in sorted(whole.candidates, reverse=True):
         if _looked_at(hertz, found):
             continue
-        peak = peak_near(band, hertz)
+        peak = peak_near(whole.lines, hertz)
         if peak is None or (found and peak.unsure > RIVAL):
             break
         if not _looked_at(peak.hertz, found):
@@ -340,10 +343,10 @@ def _located(
         if tried == CANDIDATES:
             break
     if not found:
-        return replace(_axis(name, *raw), caveat=UNTOLD)
+        return replace(_axis(name, *whole.raw), caveat=UNTOLD)
     best = max(found, key=lambda each: each.size)
     ends = np.max([each.interval(CONFIDENCE) for each in found], axis=0)
-    frequency, values, variance, _ = raw
+    frequency, values, variance, _ = whole.raw
     at = int(np.searchsorted(frequency, best.hertz))
     return AxisSensitivity(
         name,
@@ -353,7 +356,7 @@ def _located(
         best.size,
         best.hertz,
         (float(ends[0]), float(ends[1])),
-        "" if zone_of(float(ends[0])) == "D" else _untold(windows, raw),
+        "" if zone_of(float(ends[0])) == "D" else _untold(whole.middles, whole.raw),
     )
 
 
@@ -379,60 +382,44 @@ def _looked_at(hertz: float, found: Sequence[Peak]) -> bool:
 
 def _of_whole(
     records: Sequence[Record], pairs: Mapping[str, str], band: tuple[float, float], skip: float
-) -> dict[str, Whole]:
+) -> dict[str, Windowed]:
     """Return each axis from the record that tells most of its lines."""
-    found: dict[str, Whole] = {}
+    found: dict[str, list[Windowed]] = {name: [] for name in pairs}
     for record in records:
         groups = (list(pairs), list(pairs.values()))
         frequency, (e, r), rotation = whole_lines(record, band, groups, skip)
-        windows, axes = _windows(frequency, e, r, rotation)
-        for j, (name, (raw, candidates)) in enumerate(zip(pairs, axes, strict=True)):
-            most = len(found[name][0][0]) if name in found else FEWEST - 1
-            if len(raw[0]) > most:
-                lines = LoopLines(frequency, e[:, j], r, rotation, j)
-                found[name] = raw, windows, lines, candidates
-    for name in pairs:
-        if name not in found:
+        for j, name in enumerate(pairs):
+            found[name].append(_windows(LoopLines(frequency, e[:, j], r, rotation, j)))
+    best = {name: max(each, key=lambda one: len(one.candidates)) for name, each in found.items()}
+    for name, whole in best.items():
+        if len(whole.candidates) < FEWEST:
             raise _not_excited(name)
-    return {name: found[name] for name in pairs}
+    return best
 
 
-def _windows(
-    frequency: Floats, e: Complexes, r: Complexes, rotation: Complexes
-) -> tuple[Floats, list[tuple[Raw, list[tuple[float, float]]]]]:
-    """Return windows of lines, so far apart that they are independent, S_jj there, candidates."""
-    columns = (ORDER + 1) * (r.shape[1] + 1) + rotation.shape[1]
-    half = -(-(columns + LEAST - 1) // 2)
+def _windows(lines: LoopLines) -> Windowed:
+    """Return windows of lines, so far apart that they are independent, and S in their middles."""
+    frequency, columns = lines.frequency, lines.r.shape[1] + 1
+    half = -(-((ORDER + 1) * columns + lines.rotation.shape[1] + LEAST - 1) // 2)
     if 2 * half + 1 > len(frequency):
         raise InputError(
             f"{len(frequency)} lines in the band",
             f"{2 * half + 1} or more",
             "record for longer, or widen the band",
         )
-    axes: list[list[tuple[float, complex, float, float]]] = [[] for _ in range(e.shape[1])]
-    candidates: list[list[tuple[float, float]]] = [[] for _ in range(e.shape[1])]
-    offset = np.arange(-half, half + 1) / half
-    powers = offset[:, None] ** np.arange(ORDER + 1)
-    loud = float(np.abs(r).max())
-    chance = RESONANT * half / len(frequency)
-    middles = range(half, len(frequency) - half, half)
-    for k in middles:
-        here = slice(k - half, k + half + 1)
-        parts = [r[here, [a]] * powers for a in range(r.shape[1])]
-        matrix = np.concatenate([*parts, powers + 0j, rotation[here]], axis=1)
-        for j in range(e.shape[1]):
-            window = _Window(matrix, offset, j * (ORDER + 1), loud, chance)
-            found = window.best(e[here, j])
-            if found is None:
-                continue
+    middles = frequency[half : len(frequency) - half : half]
+    loud, chance = float(np.abs(lines.r).max()), RESONANT * half / len(frequency)
+    rows, candidates = [], []
+    for hertz in middles.tolist():
+        part, first = lines.part(hertz, 2 * half + 1)
+        found = _middle(part, loud, chance)
+        if found is not None and np.sqrt(found[1]) < WEAK * abs(found[0]):
             value, variance, freedom, highest, where = found
-            if np.sqrt(variance) < WEAK * abs(value):
-                axes[j].append((float(frequency[k]), value, variance, freedom))
-                sure = highest * (1 - np.sqrt(variance) / abs(value))
-                at = float(np.interp(where, offset, frequency[here]))
-                candidates[j].append((sure, at))
-    every = [(_raw(rows), there) for rows, there in zip(axes, candidates, strict=True)]
-    return frequency[middles], every
+            rows.append((hertz, value, variance, freedom))
+            sure = highest * (1 - np.sqrt(variance) / abs(value))
+            here = frequency[first : first + len(part.e)]
+            candidates.append((sure, float(np.interp(where, part.place, here))))
+    return Windowed(lines, middles, _raw(rows), candidates)
 
 
 def _raw(rows: Sequence[tuple[float, complex, float, float]]) -> Raw:
@@ -440,52 +427,35 @@ def _raw(rows: Sequence[tuple[float, complex, float, float]]) -> Raw:
     return frequency.real, values, variance.real, freedom.real
 
 
-@frozen
-class _Window:
-    """The regression of one window; `at` is the first column of S."""
+def _middle(
+    part: LineWindow, loud: float, chance: float
+) -> tuple[complex, float, float, float, float] | None:
+    """Return S in the middle, its variance and degrees of freedom, its largest size, where."""
+    at = part.own * (ORDER + 1)
+    plain, spread, freedom = _linearized(part, 0, loud)
+    if not np.isfinite(spread):
+        return None
+    bent, wide, left = _linearized(part, POLES, loud)
+    noise = bent.loss / left
+    if not np.isfinite(wide) or part.chance(plain.loss - bent.loss, POLES, noise, left) > chance:
+        value = complex(plain.linear[at])
+        return value, plain.loss / freedom * spread, freedom, abs(value), 0.0
+    fine = np.linspace(-0.6, 0.6, 241)
+    size = np.abs(bent.at(fine))
+    most = min(float(size.max()), MOST * float(np.abs(part.e).max() / loud))
+    return complex(bent.linear[at]), noise * wide, left, most, float(fine[size.argmax()])
 
-    matrix: Complexes
-    offset: Floats
-    at: int
-    loud: float
-    chance: float
 
-    def _solved(self, matrix: Complexes, e: Complexes) -> tuple[Complexes, float, float, float]:
-        """Return factors, loss, variance of S over that of noise (inf: untold), freedom."""
-        size = np.linalg.norm(matrix, axis=0)
-        size = np.where(size > 1e-12 * max(self.loud, 1e-300), size, np.inf)
-        left, values, right = np.linalg.svd(matrix / size, full_matrices=False)
-        kept = values > 1e-10 * values[0]
-        root = right[kept].conj().T / values[kept]
-        solved = (root @ (left[:, kept].conj().T @ e)) / size
-        rest = e - matrix @ solved
-        told = float((np.abs(right[~kept][:, self.at]) ** 2).sum()) < 1e-12
-        spread = float((np.abs(root[self.at]) ** 2).sum() / size[self.at] ** 2)
-        told = told and bool(np.isfinite(size[self.at]))
-        loss = float((np.abs(rest) ** 2).sum())
-        return solved, loss, spread if told else np.inf, len(e) - float(kept.sum())
-
-    def best(self, e: Complexes) -> tuple[complex, float, float, float, float] | None:
-        """Return S in the middle, its variance and degrees of freedom, its largest size, where."""
-        plain, loss, spread, freedom = self._solved(self.matrix, e)
-        if not np.isfinite(spread):
-            return None
-        value = complex(plain[self.at])
-        held = value, loss / freedom * spread, freedom, abs(value), 0.0
-        turned = -e[:, None] * self.offset[:, None] ** np.arange(1, POLES + 1)
-        found, rest, spread, left = self._solved(np.concatenate([self.matrix, turned], axis=1), e)
-        gained = (loss - rest) / POLES * left / max(rest, 1e-300)
-        if (
-            not np.isfinite(spread)
-            or scipy.special.fdtrc(2 * POLES, 2 * left, gained) > self.chance
-        ):
-            return held
-        fine = np.linspace(-0.6, 0.6, 241)
-        above = fine[:, None] ** np.arange(ORDER + 1) @ found[self.at : self.at + ORDER + 1]
-        curve = np.abs(above / (1 + fine[:, None] ** np.arange(1, POLES + 1) @ found[-POLES:]))
-        most = min(float(curve.max()), MOST * float(np.abs(e).max() / self.loud))
-        there = float(fine[curve.argmax()])
-        return complex(found[self.at]), rest / left * spread, left, most, there
+def _linearized(part: LineWindow, poles: int, loud: float) -> tuple[RationalCurve, float, int]:
+    """Return a curve by its error of equation, the variance of S over that of noise, freedom."""
+    matrix = part.equation(ORDER, poles)
+    basis, root, told = svd(matrix, loud)
+    found = root @ (basis.conj().T @ part.e)
+    loss = float((np.abs(part.e - matrix @ found) ** 2).sum())
+    linear, below = np.split(found, [len(found) - poles])
+    at = part.own * (ORDER + 1)
+    spread = float((np.abs(root[at]) ** 2).sum()) if told[at] > 1 - 1e-12 else np.inf  # untold
+    return RationalCurve(part, below, linear, loss), spread, len(part.e) - basis.shape[1]
 
 
 def _axis(

@@ -68,12 +68,27 @@ class LineWindow:
     def powers(self, order: int, first: int = 0) -> Floats:
         return np.asarray(self.place[:, None] ** np.arange(first, order + 1))
 
-    def columns(self, order: int, below: Complexes) -> Complexes:
+    @cached_property
+    def drives(self) -> Complexes:
+        """What makes e through a polynomial over A: every r, and 1 of the ends of a record."""
+        return self.r if self.periodic else np.append(self.r, np.ones((len(self.r), 1)), axis=1)
+
+    def alone(self, place: Floats) -> LineWindow:
+        """Return lines at places on which the own r is 1 and all else is 0: their e is S."""
+        r = np.zeros((len(place), self.drives.shape[1]), dtype=np.complex128)
+        r[:, self.own], one = 1.0, np.ones(len(place))
+        none = np.zeros((len(place), self.rotation.shape[1]), dtype=np.complex128)
+        return LineWindow(place, one + 0j, r, none, self.own, one, periodic=True)
+
+    def columns(self, order: int, below: Complexes | float = 1.0) -> Complexes:
         """Return the columns of N, T and the rotation, as they come out."""
-        powers = self.powers(order) / below[:, None]
-        driven = (self.r[:, :, None] * powers[:, None, :]).reshape(len(self.e), -1)
-        ends = powers[:, :0] if self.periodic else powers
-        return np.concatenate([driven, ends, self.rotation], axis=1)
+        powers = self.powers(order) / np.reshape(below, (-1, 1))
+        return np.concatenate([_products(self.drives, powers), self.rotation], axis=1)
+
+    def equation(self, order: int, poles: int) -> Complexes:
+        """Return the columns of ``A e = sum_a N_a r_a + T``, those of A the last."""
+        turned = -self.powers(poles, 1) * self.e[:, None]
+        return np.concatenate([self.columns(order), turned], axis=1)
 
     def least_lines(self, poles: int) -> int:
         if self.periodic:
@@ -97,14 +112,21 @@ def order_of(poles: int) -> int:
     return max(poles + 1, 2)
 
 
-def _svd(matrix: Complexes) -> tuple[Complexes, Complexes]:
-    """Return an orthonormal basis of the columns, and the matrix that gives their factors."""
+def _products(drives: Complexes, powers: Complexes) -> Complexes:
+    return (drives[:, :, None] * powers[:, None, :]).reshape(len(powers), -1)
+
+
+def svd(matrix: Complexes, loud: float = 0.0) -> tuple[Complexes, Complexes, Floats]:
+    """Return a basis of the columns, what gives their factors, and how far it tells each of them.
+
+    A column is zero beside the largest of all lines, `loud`, or else beside the others.
+    """
     size = np.linalg.norm(matrix, axis=0)
-    size = np.where(size > 1e-12 * size.max(), size, np.inf)
+    size = np.where(size > 1e-12 * (loud or size.max()), size, np.inf)
     left, values, right = np.linalg.svd(matrix / size, full_matrices=False)
     kept = values > 1e-10 * values[0]
     root = (right[kept].conj().T / values[kept]) / size[:, None]
-    return np.asarray(left[:, kept]), np.asarray(root)
+    return left[:, kept], root, (np.abs(right[kept]) ** 2).sum(axis=0)
 
 
 @frozen
@@ -112,27 +134,35 @@ class RationalCurve:
     """N / A and T / A fitted to lines."""
 
     part: LineWindow
-    below: Complexes
-    linear: Complexes
-    poles: int
+    below: Complexes  # factors of A, but for the first, 1
+    linear: Complexes  # of N, T and the rotation
     loss: float
 
     @property
-    def order(self) -> int:
-        return order_of(self.poles)
+    def poles(self) -> int:
+        return len(self.below)
 
-    def _below(self, place: Floats) -> Complexes:
-        return 1 + (place[:, None] ** np.arange(1, self.poles + 1)) @ self.below
+    @property
+    def _count(self) -> int:
+        return len(self.linear) - self.part.rotation.shape[1]
+
+    @property
+    def order(self) -> int:
+        return self._count // self.part.drives.shape[1] - 1
+
+    @cached_property
+    def sizes(self) -> Complexes:
+        """A on the lines."""
+        return np.asarray(1 + self.part.powers(self.poles, 1) @ self.below)
 
     @cached_property
     def columns(self) -> Complexes:
-        return self.part.columns(self.order, self._below(self.part.place))
+        return self.part.columns(self.order, self.sizes)
 
     @property
     def driven(self) -> Complexes:
         """What r and the ends of the record make of e, without the rotation."""
-        count = self.columns.shape[1] - self.part.rotation.shape[1]
-        return np.asarray(self.columns[:, :count] @ self.linear[:count])
+        return np.asarray(self.columns[:, : self._count] @ self.linear[: self._count])
 
     @property
     def residual(self) -> Complexes:
@@ -142,27 +172,27 @@ class RationalCurve:
     @property
     def slopes(self) -> Complexes:
         """Derivative of the lines by the linear factors and those of A, weighted."""
-        turned = self.driven / self._below(self.part.place)
-        turned = -self.part.powers(self.poles, 1) * turned[:, None]
-        matrix = np.concatenate([self.columns, turned], axis=1)
-        return np.asarray(matrix * self.part.weight[:, None])
+        return self._with_poles(self.columns, 1, self.poles)
+
+    @property
+    def beyond(self) -> Complexes:
+        """Columns that a curve of more freedom has, weighted."""
+        powers = self.part.powers(self.order + BEYOND, self.order + 1) / self.sizes[:, None]
+        drives = self.part.drives
+        own = drives[:, np.unique([self.part.own, drives.shape[1] - 1])]  # and the ends
+        return self._with_poles(_products(own, powers), self.poles + 1, self.poles + 1)
+
+    def _with_poles(self, columns: Complexes, first: int, last: int) -> Complexes:
+        turned = -self.part.powers(last, first) * (self.driven / self.sizes)[:, None]
+        return np.concatenate([columns, turned], axis=1) * self.part.weight[:, None]
+
+    def alone(self, place: Floats) -> RationalCurve:
+        """Return the curve of lines at some places that are S there."""
+        return replace(self, part=self.part.alone(place))
 
     def at(self, place: Floats) -> Complexes:
         """Return S."""
-        first = self.part.own * (self.order + 1)
-        above = self.linear[first : first + self.order + 1]
-        powers = place[:, None] ** np.arange(self.order + 1)
-        return np.asarray(powers @ above / self._below(place))
-
-    def gradient(self, place: float) -> Complexes:
-        """Return the derivative of S by the factors."""
-        one = np.array([place])
-        below, found = self._below(one)[0], self.at(one)[0]
-        out = np.zeros(len(self.linear) + self.poles, dtype=np.complex128)
-        first = self.part.own * (self.order + 1)
-        out[first : first + self.order + 1] = place ** np.arange(self.order + 1) / below
-        out[len(self.linear) :] = -(place ** np.arange(1, self.poles + 1)) * found / below
-        return out
+        return self.alone(place).driven
 
     @property
     def roots(self) -> Complexes:
@@ -180,39 +210,32 @@ class RationalCurve:
         return bool((among.imag > least).all())
 
 
-def _linear(part: LineWindow, poles: int, below: Complexes) -> RationalCurve:
-    a = 1 + part.powers(poles, 1) @ below
-    columns = part.columns(order_of(poles), a) * part.weight[:, None]
-    basis, root = _svd(columns)
+def _linear(part: LineWindow, below: Complexes) -> RationalCurve:
+    poles = len(below)
+    columns = part.columns(order_of(poles), 1 + part.powers(poles, 1) @ below)
+    basis, root, _ = svd(columns * part.weight[:, None])
     data = part.e * part.weight
     found = basis.conj().T @ data
     loss = float((np.abs(data - basis @ found) ** 2).sum())
-    return RationalCurve(part, below, np.asarray(root @ found), poles, loss)
+    return RationalCurve(part, below, root @ found, loss)
 
 
 def fitted(part: LineWindow, poles: int) -> RationalCurve:
-    below = np.zeros(poles, dtype=np.complex128)
-    curve = _linear(part, poles, below)
+    curve = _linear(part, np.zeros(poles, dtype=np.complex128))
     if not poles:
         return curve
     scale = np.ones(len(part.e))
     for _ in range(ROUNDS):
         weight = part.weight / np.maximum(scale, 1e-3 * scale.max())
-        turned = -part.powers(poles, 1) * part.e[:, None]
-        matrix = np.concatenate(
-            [part.columns(order_of(poles), np.ones_like(part.e)), turned], axis=1
-        )
-        basis, root = _svd(matrix * weight[:, None])
+        basis, root, _ = svd(part.equation(order_of(poles), poles) * weight[:, None])
         below = (root @ (basis.conj().T @ (weight * part.e)))[-poles:]
         scale = np.abs(1 + part.powers(poles, 1) @ below)
-        tried = _linear(part, poles, below)
-        if tried.loss < curve.loss:
-            curve = tried
+        curve = min(curve, _linear(part, below), key=lambda tried: tried.loss)
     for _ in range(STEPS):
-        basis, root = _svd(curve.slopes)
+        basis, root, _ = svd(curve.slopes)
         step = (root @ (basis.conj().T @ (curve.residual * part.weight)))[-poles:]
         for share in (1.0, 0.3, 0.1, 0.02):
-            tried = _linear(part, poles, curve.below + share * step)
+            tried = _linear(part, curve.below + share * step)
             if tried.loss < curve.loss:
                 break
         else:
@@ -225,7 +248,7 @@ def fitted(part: LineWindow, poles: int) -> RationalCurve:
 
 def _weighed(curve: RationalCurve) -> LineWindow:
     """Weigh the lines by the noise that tells them best: a share has the poles of the loop."""
-    poles = 1 / np.abs(curve._below(curve.part.place)) ** 2
+    poles = 1 / np.abs(curve.sizes) ** 2
     power, poles = np.abs(curve.residual) ** 2, poles / poles.mean()
     sizes = [1 - share + share * poles for share in SHARES]
     cost = [np.log(size).sum() + len(power) * np.log((power / size).sum()) for size in sizes]
@@ -292,16 +315,13 @@ def judged(curve: RationalCurve, low: float, high: float) -> Peak:
     """Return the highest point of a curve between two places, and what it is worth."""
     part = curve.part
     place = _largest(curve, low, high)
-    value = curve.at(np.array([place]))[0]
-    slopes = curve.slopes
-    basis, root = _svd(slopes)
+    there = curve.alone(np.array([place]))
+    value = complex(there.driven[0])
+    basis, root, _ = svd(curve.slopes)
     left = curve.residual * part.weight
-    dof = len(left) - basis.shape[1]
-    noise = float((np.abs(left) ** 2).sum()) / dof
-    if part.periodic:
-        noise = max(noise, 1.0)  # more than the lines have is misfit
-    gradient = curve.gradient(place)
-    told = gradient @ root
+    lost, dof = float((np.abs(left) ** 2).sum()), len(left) - basis.shape[1]
+    noise = max(lost / dof, 1.0) if part.periodic else lost / dof  # more than lines have is misfit
+    told = there.slopes[0] @ root
     variance = noise * float((np.abs(told) ** 2).sum()) / 2
     taken = np.minimum((np.abs(basis) ** 2).sum(axis=1), 0.99)
     each = np.abs(told @ basis.conj().T) ** 2
@@ -309,47 +329,25 @@ def judged(curve: RationalCurve, low: float, high: float) -> Peak:
         variance = max(variance, float((each * np.abs(left) ** 2 / (1 - taken)).sum()) / 2)
     telling = 2 * float(each.sum() ** 2 / (each**2).sum()) if each.any() else 2.0
     # One step towards a curve of more freedom: what it gains, and by how much it is higher.
-    more, direct = _beyond(curve, place)
+    more = curve.beyond
     shared = basis.conj().T @ more
-    extra, back = _svd(more - basis @ shared)
-    factors = back @ (extra.conj().T @ left)
-    gained = float((np.abs(extra.conj().T @ left) ** 2).sum())
-    rest = dof - extra.shape[1]
-    noise_ = 1.0
-    if not part.periodic:
-        noise_ = max(float((np.abs(left) ** 2).sum()) - gained, 1e-300) / rest
-    chance = part.chance(gained, extra.shape[1], noise_, rest)
-    drift = direct - told @ shared
-    moved = float((value.conj() * (drift @ factors)).real / abs(value))
-    moved_std = noise_ * float((np.abs(drift @ back) ** 2).sum()) / 2
-    bias = max(moved**2 - moved_std, 0.0)
+    extra, back, _ = svd(more - basis @ shared)
+    gains = extra.conj().T @ left
+    gained, rest = float((np.abs(gains) ** 2).sum()), dof - extra.shape[1]
+    noise = 1.0 if part.periodic else max(lost - gained, 1e-300) / rest
+    drift = (there.beyond[0] - told @ shared) @ back
+    moved = float((value.conjugate() * (drift @ gains)).real / abs(value))
+    bias = max(moved**2 - noise * float((np.abs(drift) ** 2).sum()) / 2, 0.0)
     near = curve.roots[np.argmin(np.abs(curve.roots - place))].imag if curve.poles else np.inf
-    inside = low + 1e-9 < place < high - 1e-9
     return Peak(
-        complex(value),
+        value,
         float(np.sqrt(variance + bias)),
         place,
-        inside,
+        low + 1e-9 < place < high - 1e-9,
         min(2.0 * dof, telling),
-        chance,
+        part.chance(gained, extra.shape[1], noise, rest),
         2 * near,
     )
-
-
-def _beyond(curve: RationalCurve, place: float) -> tuple[Complexes, Complexes]:
-    """Return columns that a curve of more freedom has, weighted, and what they make of S."""
-    part, order = curve.part, curve.order
-    below = 1 + part.powers(curve.poles, 1) @ curve.below
-    powers = part.powers(order + BEYOND, order + 1) / below[:, None]
-    ends = powers[:, :0] if part.periodic else powers
-    pole = -(part.place ** (curve.poles + 1)) * curve.driven / below
-    own = part.r[:, [part.own]] * powers
-    matrix = np.concatenate([own, ends, pole[:, None]], axis=1) * part.weight[:, None]
-    here = 1 + (place ** np.arange(1, curve.poles + 1)) @ curve.below
-    gives = np.zeros(matrix.shape[1], dtype=np.complex128)
-    gives[:BEYOND] = place ** np.arange(order + 1, order + BEYOND + 1) / here
-    gives[-1] = -(place ** (curve.poles + 1)) * curve.at(np.array([place]))[0] / here
-    return np.asarray(matrix, dtype=np.complex128), gives
 
 
 def best_curve(part: LineWindow) -> RationalCurve:
