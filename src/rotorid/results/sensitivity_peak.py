@@ -71,14 +71,16 @@ class LineWindow:
     @cached_property
     def drives(self) -> Complexes:
         """What makes e through a polynomial over A: every r, and 1 of the ends of a record."""
-        return self.r if self.periodic else np.append(self.r, np.ones((len(self.r), 1)), axis=1)
+        ends = np.ones((len(self.r), 0 if self.periodic else 1), dtype=np.complex128)
+        return np.concatenate([self.r, ends], axis=1)
 
     def alone(self, place: Floats) -> LineWindow:
         """Return lines at places on which the own r is 1 and all else is 0: their e is S."""
         r = np.zeros((len(place), self.drives.shape[1]), dtype=np.complex128)
         r[:, self.own], one = 1.0, np.ones(len(place))
         none = np.zeros((len(place), self.rotation.shape[1]), dtype=np.complex128)
-        return LineWindow(place, one + 0j, r, none, self.own, one, periodic=True)
+        e = one.astype(np.complex128)
+        return LineWindow(place, e, r, none, self.own, one, periodic=True)
 
     def columns(self, order: int, below: Complexes | float = 1.0) -> Complexes:
         """Return the columns of N, T and the rotation, as they come out."""
@@ -144,11 +146,13 @@ class RationalCurve:
 
     @property
     def _count(self) -> int:
-        return len(self.linear) - self.part.rotation.shape[1]
+        count: int = len(self.linear) - self.part.rotation.shape[1]
+        return count
 
     @property
     def order(self) -> int:
-        return self._count // self.part.drives.shape[1] - 1
+        order: int = self._count // self.part.drives.shape[1] - 1
+        return order
 
     @cached_property
     def sizes(self) -> Complexes:
@@ -184,7 +188,7 @@ class RationalCurve:
 
     def _with_poles(self, columns: Complexes, first: int, last: int) -> Complexes:
         turned = -self.part.powers(last, first) * (self.driven / self.sizes)[:, None]
-        return np.concatenate([columns, turned], axis=1) * self.part.weight[:, None]
+        return np.asarray(np.concatenate([columns, turned], axis=1) * self.part.weight[:, None])
 
     def alone(self, place: Floats) -> RationalCurve:
         """Return the curve of lines at some places that are S there."""
