@@ -376,7 +376,7 @@ def test_the_report_of_a_result_made_in_python(folder, capsys):
     assert "holds no evidence of its records" in (folder / "bare.html").read_text()
 
 
-@pytest.mark.parametrize("ending", [".pdf", ".HTMLX", ".json"])
+@pytest.mark.parametrize("ending", [".pdf", ".HTMLX"])
 def test_a_report_is_a_page(folder, capsys, ending):
     for command in (["identify", "run.toml"], ["inspect", "run.toml"], ["demo", "--runs", "1"]):
         assert cli.run([*command, "--report", f"a{ending}"]) == 2
@@ -400,20 +400,22 @@ def test_what_fails_for_a_report_takes_no_answer_with_it(folder, monkeypatch, ca
     assert rid.load_estimate("run.json").status == "ok"
 
 
-@pytest.mark.parametrize("ending", [".csv", ".mat", ".tex", ".CSV"])
-def test_export(folder, capsys, ending):
+def test_export(folder, capsys):
     assert cli.run(["identify", "run.toml", "--method", "batch", "--json", "run.json"]) == 0
+    for ending in (".csv", ".mat", ".tex", ".CSV"):
+        capsys.readouterr()
+        assert cli.run(["export", "run.json", "--to", f"out{ending}"]) == 0
+        told = capsys.readouterr().out
+        assert told.startswith(f"out{ending}: 5 parameters, 0 nuisance")
+        assert ("state space of 4 states" in told) == (ending == ".mat")
+        assert (folder / f"out{ending}").stat().st_size > 100
+
+
+def test_outputs_never_replace_inputs(folder, capsys):
+    assert cli.run(["identify", "run.toml", "--method", "ls", "--json", "run.json"]) == 0
     capsys.readouterr()
-    assert cli.run(["export", "run.json", "--to", f"out{ending}"]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(f"out{ending}: 5 parameters, 0 nuisance")
-    assert ("state space of 4 states" in told) == (ending == ".mat")
-    assert (folder / f"out{ending}").stat().st_size > 100
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for arguments in (
         ["export", "run.json", "--to", "run.xlsx"],
         ["export", "run.json", "--to", "run"],
         ["export", "run.json", "--to", "run.json"],
@@ -422,15 +424,10 @@ def test_export(folder, capsys, ending):
         ["report", "run.json", "--out", "run.json"],
         ["report", "run.toml"],
         ["validate", "run.json", "run.toml", "--json", "run.json"],
-    ],
-)
-def test_outputs_never_replace_inputs(folder, capsys, arguments):
-    assert cli.run(["identify", "run.toml", "--method", "ls", "--json", "run.json"]) == 0
-    capsys.readouterr()
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert cli.run(arguments) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    ):
+        assert cli.run(arguments) == 2, arguments
+        assert len(capsys.readouterr().err.splitlines()) == 1
+        assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from model_text import model_text
 from working_folder import shaken
 
 import rotorid as rid
@@ -429,24 +428,6 @@ def test_a_file_without_a_column_of_numbers(tmp_path):
         data["title"] = "words"
     with pytest.raises(InputError, match=r"run\.h5: found .*expected"):
         draft([tmp_path / "run.h5"], "jeffcott", tmp_path)
-
-
-def test_a_wide_table_is_read_in_time(monkeypatch):
-    """Names are held against those of their own figures and axes, not each against each."""
-    looked_at = []
-    alike = columns_module._alike
-    monkeypatch.setattr(
-        columns_module, "_alike", lambda *names: looked_at.append(1) or alike(*names)
-    )
-    places = [f"x{i}" for i in range(100)]
-    coordinates, inputs = dict.fromkeys(places, "m"), {f"F_{x}": "N" for x in places}
-    equations = [f"m*{x}'' + k*{x} = F_{x}" for x in places]
-    model = rid.parse_model(model_text("many", equations, coordinates, inputs, "m kg, k N/m"))
-    names = [f"{kind} x{i}" for i in range(1000) for kind in ("force", "pos")]
-    found = assign(model, [Found(n, np.zeros(0), None, "channel") for n in names])
-    assert found["F_x77"].name == "force x77"
-    assert found["x3"].name == "pos x3"
-    assert len(looked_at) < 1000
 
 
 def test_the_unit_of_times_may_stand_in_their_name():

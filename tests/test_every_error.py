@@ -9,7 +9,7 @@ from working_folder import make
 
 from rotorid import InputError, cli
 
-OK, NO_ANSWER, WRONG_INPUT = 0, 1, 2  # the exit codes as they are documented
+NO_ANSWER, WRONG_INPUT = 1, 2  # the exit codes as they are documented
 
 OUTPUTS = ["--json", "new.json", "--report", "new.html"]
 COMMANDS = {

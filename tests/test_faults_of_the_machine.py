@@ -239,9 +239,9 @@ def whole(path: Path) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("command", "count"), [("identify", 20), ("simulate", 10)])
+@pytest.mark.parametrize(("command", "count"), [("identify", 12), ("simulate", 6)])
 def test_random_kills(here, command, count):
-    """Thirty in all: every file is the old one or the new one, and whole."""
+    """Eighteen in all: every file is the old one or the new one, and whole."""
     generator = random.Random(11)
     arguments = {
         "identify": ["identify", "run.toml", "--json", "kill.json", "--report", "kill.html"],

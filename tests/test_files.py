@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from working_folder import EXPERIMENT
 
 import rotorid as rid
 from rotorid import InputError, ReadError, load_rig
@@ -18,7 +19,6 @@ from rotorid.core.files import (
     MARK,
     Kind,
     check_apart,
-    check_beside,
     check_target,
     open_regular,
     read_regular,
@@ -32,21 +32,6 @@ from rotorid.testing import open_table
 
 # -------------------------------------------------------------------------------------------------
 # What may be opened, how much of it is read, and that anything else is told at once.
-
-
-EXPERIMENT = """
-model = "jeffcott"
-[[records]]
-file = "{file}"
-sample_rate = "2 kHz"
-fundamental = "10 Hz"
-harmonics = [1]
-[channels]
-F_x = {{ column = "fx", unit = "N" }}
-F_y = {{ column = "fy", unit = "N" }}
-x = {{ column = "x", unit = "um" }}
-y = {{ column = "y", unit = "um" }}
-"""
 
 
 def listening(path: Path) -> None:
@@ -90,23 +75,15 @@ def test_only_regular_files_are_opened(odd, tmp_path):
         assert "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize("command", ["identify", "inspect", "simulate", "report", "export"])
-def test_commands_refuse_devices(command, capfd):
-    extra = ["--csv", "never.csv"] if command == "export" else []
-    assert run([command, "/dev/zero", *extra]) == 2
-    assert capfd.readouterr().err.count("\n") <= 2
-
-
-def test_validate_refuses_devices(tmp_path, capfd):
-    (tmp_path / "run.toml").write_text(EXPERIMENT.format(file="run.csv"))
-    assert run(["validate", "/dev/zero", str(tmp_path / "run.toml")]) == 2
-    assert "/dev/zero: found a device" in capfd.readouterr().err
-
-
-def test_a_pipe_for_a_record(tmp_path, capfd):
+def test_commands_refuse_devices_and_pipes(tmp_path, capfd):
+    experiment = str(tmp_path / "run.toml")
+    Path(experiment).write_text(EXPERIMENT)
     os.mkfifo(tmp_path / "run.csv")
-    (tmp_path / "run.toml").write_text(EXPERIMENT.format(file="run.csv"))
-    assert run(["identify", str(tmp_path / "run.toml")]) == 2
+    more = {"simulate": ["--out", "no.h5"], "export": ["--to", "no.csv"], "validate": [experiment]}
+    for command in ("identify", "inspect", "report", *more):
+        assert run([command, "/dev/zero", *more.get(command, [])]) == 2
+        assert "/dev/zero: found a device" in capfd.readouterr().err
+    assert run(["identify", experiment]) == 2
     assert "run.csv: found a pipe" in capfd.readouterr().err
 
 
@@ -154,7 +131,7 @@ def test_bounds_of_values(tmp_path):
 def test_byte_order_marks(tmp_path):
     """Editors of Windows put them before TOML and JSON: that is no fault."""
     path, result = tmp_path / "run.toml", tmp_path / "run.json"
-    path.write_text(EXPERIMENT.format(file="run.csv"), encoding="utf-8-sig")
+    path.write_text(EXPERIMENT, encoding="utf-8-sig")
     assert rid.load_experiment(path).model.name == "jeffcott"
     rid.Estimate("one", "ls", "ok", (rid.Value("m", "kg", 2.0, std=0.01),)).save(result)
     result.write_text(result.read_text(), encoding="utf-8-sig")
@@ -184,29 +161,6 @@ def test_numbers_of_results(number, tmp_path):
     with pytest.raises(ReadError, match=r"run\.json") as told:
         rid.load_estimate(path)
     assert len(str(told.value)) < 300
-
-
-def test_files_that_a_record_names(tmp_path):
-    """They lie below its folder, wherever links lead, and are regular files."""
-    record = tmp_path / "data" / "run.h5"
-    (tmp_path / "data" / "parts").mkdir(parents=True)
-    for path in (record, record.with_name("a.h5"), tmp_path / "outside.h5"):
-        path.write_bytes(b"x")
-    (tmp_path / "data" / "parts" / "b.h5").write_bytes(b"x")
-    record.with_name("link.h5").symlink_to(tmp_path / "outside.h5")
-    record.with_name("circle.h5").symlink_to("circle.h5")
-    os.mkfifo(record.with_name("pipe.h5"))
-    for name in ("a.h5", "parts/b.h5", "parts/../a.h5", str(record.with_name("a.h5"))):
-        assert check_beside(name, record).is_file()
-    for name in ("../outside.h5", "link.h5", "/dev/zero", str(tmp_path / "outside.h5"), "a\0b"):
-        with pytest.raises(ReadError, match="expected samples in the record, or in files below"):
-            check_beside(name, record)
-    with pytest.raises(ReadError, match="found a pipe; expected a part of"):
-        check_beside("pipe.h5", record)
-    with pytest.raises(ReadError, match="no such file"):
-        check_beside("gone.h5", record)
-    with pytest.raises(InputError, match=r"run\.h5: found samples in|links"):
-        check_beside("circle.h5", record)
 
 
 # -------------------------------------------------------------------------------------------------

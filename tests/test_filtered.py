@@ -271,32 +271,6 @@ def test_a_cutoff_below_the_motion_is_told():
     assert [w for w in found.warnings if "or the motion reaches up to the cut-off" in w]
 
 
-def test_a_record_that_changes_is_turned_away():
-    first, second = (axis(np.random.default_rng(s), seconds=10.0) for s in (0, 1))
-    heavier = second.samples + np.array([40.0, 0.0])
-    changed = [rid.filtered(r, 40.0) for r in (first, replace(second, samples=heavier))]
-    found = rid.identify(AXIS, changed, "ls")
-    assert found.status == "rejected"
-    assert any("halves of the record differ" in w and "offset" in w for w in found.warnings)
-
-
-def test_a_wrong_sign_is_turned_away():
-    record = axis(np.random.default_rng(0))
-    wrong = replace(record, samples=record.samples * np.array([-1.0, 1.0]))
-    found = rid.identify(AXIS, rid.filtered(wrong, 40.0), "ls")
-    assert found.status == "rejected"
-    assert any("which the model declares positive" in w for w in found.warnings)
-
-
-def test_a_force_of_another_machine_is_turned_away():
-    """What is not predicted is no answer, whatever its deviations."""
-    record, other = axis(np.random.default_rng(0)), axis(np.random.default_rng(9))
-    mixed = replace(record, samples=np.column_stack([other.samples[:, 0], record.samples[:, 1]]))
-    found = rid.identify(AXIS, rid.filtered(mixed, 40.0), "ls")
-    assert found.status == "rejected"
-    assert any("is predicted with an error of" in w for w in found.warnings)
-
-
 def test_what_is_excited_once_has_no_deviation():
     """Friction that shows in one short stretch: a value, and no deviation."""
     record = quiet_axis()
@@ -369,13 +343,13 @@ def test_filters_that_cannot_be(asked, message):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["axis", "white", "rests", "spring"])
 def test_deviations_cover(kind):
-    """Sixty records of each; the scatter of all parameters over what is stated is known to 6.5 %.
+    """Forty records of each; the scatter of all parameters over what is stated is known to 8 %.
 
-    All deviations 20 % too small (a scatter of 1.25) are found with 98 %, in all four kinds always;
+    All deviations 20 % too small (a scatter of 1.25) are found with 85 %, in all four kinds always;
     those of one with 1 in 2.
     """
     errors = []
-    for seed in range(60):
+    for seed in range(40):
         rng = np.random.default_rng(seed)
         if kind == "spring":
             model, truth, low = DUFFING, DUFFING_TRUE, rid.filtered(duffing(rng), 60.0, decimate=5)

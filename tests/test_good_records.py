@@ -2,7 +2,7 @@
 
 import good_records
 import pytest
-from good_records import ROTORS, informs, listed, rotor_bound
+from good_records import informs, rotor_bound
 from rotor_bank import SETTINGS, rotor_case
 
 from rotorid import MaximumLikelihood, identify
@@ -33,13 +33,3 @@ def test_the_bound_is_what_maximum_likelihood_states():
     for name, share in rotor_bound(case).items():
         if name not in good_records.UNBALANCE:
             assert estimate[name].std == pytest.approx(share * case.truth[name], rel=0.15)
-
-
-def test_every_rotor_of_the_bank_informs():
-    """Where the first that is drawn does not, another is."""
-    name = ROTORS[104 % len(ROTORS)]
-    first = rotor_case(SETTINGS[name], 1004)
-    good = listed("rotor", 104)
-    assert good.what == name
-    assert good.truth["I_p"] < 1.9 * good.truth["I_t"]
-    assert good.truth["I_t"] != first.truth["I_t"]

@@ -121,9 +121,9 @@ def test_a_run_down_too_fast_to_settle_is_told():
 
 @pytest.mark.slow
 def test_error_bars_of_run_downs():
-    """Unbalance, damping and stiffness of 100 run-downs with a trial mass."""
+    """Unbalance, damping and stiffness of 70 run-downs with a trial mass."""
     ratios, method = [], rid.MaximumLikelihood(fixed=KNOWN, effort="quick")
-    for number in range(100):
+    for number in range(70):
         rng = np.random.default_rng([number, 5])
         tables = [rid.phasors(run_down(rng, 3e-4, trial=t)) for t in (0.0, TRIAL)]
         runs = [tables[0], tables[1].with_parameters(t_x=TRIAL.real, t_y=TRIAL.imag)]
@@ -132,7 +132,7 @@ def test_error_bars_of_run_downs():
         ratios.append(
             [(estimate.value(n) - v) / (estimate.std(n) or np.nan) for n, v in SLOWER.items()]
         )
-    # 100 numbers each, and of five that belong together: within three of their deviations.
+    # 70 numbers each, and of five that belong together: within two of their deviations.
     rms = np.sqrt((np.array(ratios) ** 2).mean(axis=0))
     assert (rms > 0.8).all()
     assert (rms < 1.2).all()

@@ -207,29 +207,6 @@ class TestMistakes:
         assert any("set lag = true in the channels" in w for w in result.warnings)
 
     @pytest.mark.slow
-    def test_damping_below_zero_by_chance_is_no_growth(self):
-        """A model without damping, and one whose damping is zero within its deviation."""
-        clean = response(c=0.0)[::4, [0, 2]]
-        lines = rid.response_lines(F, [X1, X3], THIN, clean, std=1e-12)
-        held = rid.identify(MODEL, lines, rid.MaximumLikelihood(fixed={"c": 0.0}))
-        assert held.status == "ok"
-        rng, signs = np.random.default_rng(8), []
-        for _ in range(6):
-            noise = rng.standard_normal((2, *clean.shape)) * 1e-9
-            found = clean + noise[0] + 1j * noise[1]
-            free = estimate(found, frequency=THIN, std=1e-9)
-            assert free.status == "ok"
-            signs.append(free.value("c") < 0)
-        assert any(signs)
-
-    @pytest.mark.slow
-    def test_a_sensor_upside_down(self):
-        found, coherence = thinned()
-        result = estimate(found * [1, -1], frequency=THIN, coherence=coherence, averages=20)
-        assert result.status != "ok"
-        assert result.suspects[0].term == "sign[x3]"
-
-    @pytest.mark.slow
     @pytest.mark.parametrize(("changed", "term"), [(np.conj, "lag"), (np.negative, "sign[force]")])
     def test_what_is_mistaken_of_all_is_named_first(self, changed, term):
         """Where no search arrives: a negative damping explains 98 % of phases that lag."""
@@ -442,9 +419,9 @@ class TestFiles:
 @pytest.mark.slow
 @pytest.mark.parametrize("averages", [5, 20])
 def test_deviations_hold(averages):
-    """150 tests each: errors over stated deviations, cover, and a 5 % test."""
+    """100 tests each: errors over stated deviations, cover, and a 5 % test."""
     errors, stated, rejected = [], [], []
-    for seed in range(150):
+    for seed in range(100):
         found, coherence = averaged(np.random.default_rng(seed), averages)
         result = estimate(found, coherence=coherence, averages=averages, effort="quick")
         assert result.status == "ok"

@@ -13,7 +13,6 @@ from scipy.linalg import expm
 
 import rotorid as rid
 from rotorid import Channel, InputError, MaximumLikelihood, Record, cli, identify, spectra
-from rotorid.answer.judge import of_data
 from rotorid.data.whole_record import TRANSIENT
 from rotorid.experiment.duplicates import Wave, check_rotation
 from rotorid.likelihood import fit
@@ -340,17 +339,6 @@ def lines_with(record: rid.Record, samples: np.ndarray) -> rid.Lines:
 
 
 @pytest.mark.slow
-def test_a_channel_that_is_cut_at_a_limit_is_told(record):
-    assert not lines_with(record, record.samples).checks
-    samples, x = record.samples.copy(), record.names.index("x")
-    limit = np.quantile(np.abs(samples[:, x]), 0.98)
-    samples[:, x] = np.clip(samples[:, x], -limit, limit)
-    estimate = rid.identify(MODEL, lines_with(record, samples), KNOWN)
-    told = [check for check in estimate.checks if check.about == "clipped"]
-    assert [(", ".join(check.on), check.verdict) for check in told] == [("x", "warning")]
-
-
-@pytest.mark.slow
 def test_references_that_are_not_logged_to_the_end_are_told(record):
     """What they drove counts as noise then: too little is left of it in the misfit."""
     samples = record.samples.copy()
@@ -364,26 +352,12 @@ def test_references_that_are_not_logged_to_the_end_are_told(record):
     assert any("is far below" in w and "references are late" in w for w in wrong.warnings)
 
 
-def test_one_column_for_two_sensors_is_told(record):
-    samples = record.samples.copy()
-    samples[:, record.names.index("y")] = -2 * samples[:, record.names.index("x")]
-    (told,) = lines_with(record, samples).checks
-    assert (told.about, ", ".join(told.on), told.verdict) == ("copied", "x, y", "warning")
-    assert "y is -2 times x, noise and all" in told.found
-
-
 def frozen(record: rid.Record, name: str, value: float | None = None) -> np.ndarray:
     """Return samples of which a channel stays at its last value, or at another, from 3.5 s on."""
     samples, column = record.samples.copy(), record.names.index(name)
     at = round(0.7 * len(samples))
     samples[at:, column] = samples[at - 1, column] if value is None else value
     return samples
-
-
-@pytest.mark.slow
-def test_a_sensor_that_stops_is_refused(record):
-    with pytest.raises(rid.InputError, match=r"stuck, x: .* from 3.4998 to 5 s.*check its cable"):
-        rid.identify(MODEL, lines_with(record, frozen(record, "x")), KNOWN)
 
 
 @pytest.fixture(scope="module")
@@ -415,17 +389,6 @@ def test_references_that_never_move_are_told(record, names, value, verdict):
     told = lines_with(record, samples).checks
     assert [(check.on, check.verdict) for check in told] == [((name,), verdict) for name in names]
     assert "name the column of the excitation" in told[0].found
-
-
-def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record):
-    samples = record.samples.copy()
-    samples[:, record.names.index("x")] = 4e-6 + 1e-8 * np.random.default_rng(1).integers(
-        -1, 2, len(samples)
-    )
-    (told,) = lines_with(record, samples).checks
-    assert (told.about, ", ".join(told.on), told.verdict) == ("quantized", "x", "warning")
-    (first,) = of_data([told], "rejected")
-    assert first.text.startswith("before any suspect, see to quantized, x: 4e-06 m in every sample")
 
 
 # -------------------------------------------------------------------------------------------------

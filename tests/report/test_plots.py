@@ -9,7 +9,6 @@ import numpy as np
 import plotly.graph_objects
 import pytest
 from linear_machines import estimate_of
-from model_text import model_text
 from report_pages import Page, check_self_contained, titles
 
 import rotorid as rid
@@ -402,36 +401,6 @@ def test_the_page_of_modes(estimate):
     critical = f"{30 / np.pi * diagram.critical[0].speed_rad_s:.6g}"
     for text in ("Modes at 8400 rpm", critical, "rotorid modes run.json"):
         assert text in page.words
-
-
-@pytest.mark.slow
-def test_what_a_report_shows_of_a_machine(estimate):
-    turning, still = machine_part(estimate, SPEED), machine_part(estimate, 0.0)
-    assert [one.title for one in turning.parts if one.panels] == [
-        "Campbell diagram",
-        "Mode shapes",
-        "Unbalance response",
-    ]
-    assert [one.title for one in still.parts if one.panels] == ["Mode shapes"]
-    assert still.title == "Modes at standstill"
-    lost = estimate.with_(status="not_converged")
-    (said,) = machine_part(lost, SPEED).said
-    assert said.startswith("No modes are told: a result that has not converged; ")
-
-
-def test_of_a_machine_in_one_plane_and_one_that_does_not_turn(tmp_path):
-    text = model_text(
-        "a mass on a spring",
-        ["m*q'' + c*q' + k*q = F"],
-        "q m",
-        "F N",
-        "m 2.0 kg, c 4.0 N s/m, k 800.0 N/m",
-    )
-    model = rid.parse_model(text)
-    page = Page(modes_report(model, modes(model), None, []))
-    check_self_contained(page)
-    assert f"{np.sqrt(400 - 1) / (2 * np.pi):.6g}" in page.words
-    assert titles(page) == []  # one place has no shape
 
 
 def test_the_page_of_a_balance(estimate, model):
