@@ -32,22 +32,17 @@ def test_statistics_of_the_periods():
     np.testing.assert_allclose(periodic.omega, 2 * np.pi * periodic.frequency)
     np.testing.assert_array_equal(periodic.multiplicity, [1, 2, 1])
     np.testing.assert_allclose(periodic.time, np.arange(100).reshape(10, 10) / 100)
+    unsorted = average(record_of(RANDOM), period_samples=9, harmonics=np.array([4, 0]))
+    np.testing.assert_array_equal(unsorted.harmonics, [0, 4])
+    np.testing.assert_array_equal(unsorted.multiplicity, [1, 2])  # no Nyquist line of an odd count
 
 
-def test_lines_of_an_odd_count_have_no_nyquist_line():
-    periodic = average(record_of(RANDOM), period_samples=9, harmonics=[0, 4])
-    np.testing.assert_array_equal(periodic.multiplicity, [1, 2])
-
-
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.integers(2, 40), st.integers(2, 12), st.integers(0, 10**6))
 def test_averaging_identical_periods_is_the_identity(size, periods, seed):
     one = np.random.default_rng(seed).standard_normal((size, 2))
-    periodic = average(
-        record_of(np.tile(one, (periods, 1))),
-        period_samples=size,
-        harmonics=range(size // 2 + 1),
-    )
+    record, lines = record_of(np.tile(one, (periods, 1))), range(size // 2 + 1)
+    periodic = average(record, period_samples=size, harmonics=lines)
     np.testing.assert_allclose(periodic.mean, one, atol=1e-15)
     np.testing.assert_allclose(periodic.variance, 0, atol=1e-29)
     np.testing.assert_allclose(periodic.mean_spectrum, np.fft.rfft(one, axis=0) / size, atol=1e-15)
@@ -96,11 +91,6 @@ def test_band_of_a_fundamental_without_a_finite_decimal():
     np.testing.assert_array_equal(found, [1, 2, 3])
 
 
-def test_harmonics_are_sorted():
-    periodic = average(record_of(RANDOM), 10.0, harmonics=[5, 0, 3])
-    np.testing.assert_array_equal(periodic.harmonics, [0, 3, 5])
-
-
 def test_hold_and_delay_are_corrected_on_the_lines_and_only_there():
     channels = [Channel("u", hold=True, delay=1e-3), Channel("x")]
     periodic = average(record_of(RANDOM, channels=channels), 10.0, harmonics=[0, 3])
@@ -117,10 +107,7 @@ def test_hold_and_delay_are_corrected_on_the_lines_and_only_there():
     ("options", "message"),
     [
         ({"harmonics": [1]}, "neither or both of fundamental and period_samples"),
-        (
-            {"fundamental": 10.0, "period_samples": 10, "harmonics": [1]},
-            "neither or both of fundamental and period_samples",
-        ),
+        ({"fundamental": 10.0, "period_samples": 10, "harmonics": [1]}, "neither or both of fund"),
         ({"fundamental": 10.0}, "neither or both of harmonics and band"),
         ({"fundamental": 10.0, "harmonics": [1], "band": (0, 1)}, "neither or both of harmonics"),
         ({"fundamental": 30.0, "harmonics": [1]}, "a period of 3.33333 samples.*whole number"),
@@ -148,11 +135,6 @@ def test_hold_and_delay_are_corrected_on_the_lines_and_only_there():
 def test_refusals(options, message):
     with pytest.raises(InputError, match=rf"^a.csv: (\w+: )?found .*{message}"):
         average(record_of(RANDOM), **options)
-
-
-def test_harmonics_may_be_an_array():
-    lines = np.array([1, 3])
-    assert average(record_of(RANDOM), 10.0, harmonics=lines).harmonics.tolist() == [1, 3]
 
 
 def test_the_nyquist_line_cannot_be_corrected():

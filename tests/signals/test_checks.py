@@ -66,19 +66,32 @@ def told(record: Record, **options: object) -> list[Note]:
     return [c for c in periods.checks if c.verdict != "ok"]
 
 
+def of_check(notes: Iterable[Note], about: str) -> list[Note]:
+    return [note for note in notes if note.about == about and note.verdict != "ok"]
+
+
 def only(found: list[Note], name: str) -> Note:
     grave = [c for c in found if c.verdict in ("warning", "refused")]
     assert [c.about for c in grave] == [name], [str(c) for c in found]
     return grave[0]
 
 
-@pytest.mark.sampled(7)
-@pytest.mark.parametrize("periods", [2, 3, 4, 6, 8, 30, 150])
-@pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
-def test_a_clean_record_gives_no_alarm(periods, colour):
-    for seed in range(10):
-        found = told(machine(periods, seed=seed, colour=colour, noise=10 ** (seed / 4 - 2)))
-        assert [str(c) for c in found if c.verdict in ("warning", "refused")] == []
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("part", range(6))
+def test_a_clean_record_gives_no_alarm(part):
+    """Of all 360: what calls 1 % is found with 97 %."""
+    alarms = []
+    for seed in range(60 * part, 60 * part + 60):
+        rng = np.random.default_rng(10_000 + seed)
+        record = machine(
+            periods=int(rng.integers(4, 200)) if seed % 2 else (2, 3, 4, 6, 8)[seed // 2 % 5],
+            noise=10 ** rng.uniform(-2.5, 0.5),
+            seed=seed,
+            colour=float(rng.choice([0.0, 0.5, 0.9, 0.95, 0.99, 0.995])),
+            speed=2 * np.pi * F0 * float(rng.choice([0, 5, 7, 9])),
+        )
+        alarms += [(seed, str(c)) for c in told(record) if c.verdict in ("warning", "refused")]
+    assert alarms == []
 
 
 def test_everything_looked_at_is_named():
@@ -91,28 +104,19 @@ def test_everything_looked_at_is_named():
     assert worst(()) == "ok"
 
 
-def test_a_quiet_input_is_a_note_and_a_dead_sensor_more():
-    quiet = damaged(machine(), of(1, lambda v: 0 * v))
-    assert next((c.about, ", ".join(c.on), c.verdict) for c in told(quiet)) == (
-        "dead",
-        "F_y",
-        "note",
-    )
-    dead = only(told(damaged(machine(), of(2, lambda v: 0 * v + 3.3))), "dead")
-    assert (", ".join(dead.on), dead.verdict) == ("x", "refused")
-    assert "3.3 in every sample" in dead.found
-
-
-def test_no_living_sensor_is_refused():
-    record = damaged(machine(), lambda s: s * [1, 1, 0, 0])
-    assert {c.verdict for c in check_record(record) if c.about == "dead"} == {"refused"}
-
-
-def test_without_noise_a_sensor_may_rest():
-    """A simulated axis that nothing excites is zero, and nothing is wrong with it."""
-    record = damaged(machine(noise=0.0), of(3, lambda v: 0 * v))
-    periods = cut(record)
-    assert worst(c for c in check_record(record, periods) if c.about == "dead") == "warning"
+@pytest.mark.parametrize(
+    ("noise", "dead", "on", "verdict"),
+    [
+        (0.05, of(1, lambda v: 0 * v), ["F_y"], "note"),
+        (0.05, of(2, lambda v: 0 * v + 3.3), ["x"], "refused"),
+        (0.05, lambda s: s * [1, 1, 0, 0], ["x", "y"], "refused"),
+        (0.0, of(3, lambda v: 0 * v), ["y"], "warning"),  # a simulated axis may rest
+    ],
+)
+def test_a_quiet_input_is_a_note_and_a_dead_sensor_more(noise, dead, on, verdict):
+    record = damaged(machine(noise=noise), dead)
+    found = of_check(check_record(record, cut(record)), "dead")
+    assert [(name, c.verdict) for c in found for name in c.on] == [(name, verdict) for name in on]
 
 
 def clipped_at(part: float) -> Damage:
@@ -122,15 +126,18 @@ def clipped_at(part: float) -> Damage:
 @pytest.mark.parametrize("held", [2, 4, 8])
 def test_a_held_command_is_not_clipped(held):
     record = damaged(machine(noise=0.0), lambda s: np.repeat(s[::held], held, axis=0)[: len(s)])
-    assert not [c for c in check_record(record) if c.about == "clipped" and c.verdict != "ok"]
+    assert not of_check(check_record(record), "clipped")
 
 
-def test_a_rest_at_the_end_of_the_stroke_is_not_clipped():
-    """A position that comes to rest in single steps of its encoder."""
-    stroke = 0.1 * np.clip(np.sin(np.linspace(0, 20, 20_000)) * 1.0, -1, 1)
+def test_what_rests_or_is_masked_is_not_clipped():
+    """A position that comes to rest at the end of its stroke, in single steps of its encoder."""
+    stroke = 0.1 * np.sin(np.linspace(0, 20, 20_000))
     eased = np.round(np.tanh(20 * stroke) / 1e-4) * 1e-4
-    record = Record([Channel("x", "m")], eased[:, None], 1000.0)
-    assert not [c for c in check_record(record) if c.about == "clipped" and c.verdict != "ok"]
+    resting = Record([Channel("x", "m")], eased[:, None], 1000.0)
+    record = damaged(machine(), clipped_at(0.8))
+    x = np.abs(record.samples[:, 2])
+    for each in (resting, replace(record, valid=x < x.max())):
+        assert not of_check(check_record(each), "clipped")
 
 
 @pytest.mark.parametrize(
@@ -165,24 +172,19 @@ def test_each_copy_of_a_channel_is_told_of_the_first_alone():
 
 
 def test_the_same_excitation_on_two_axes_is_no_copy():
-    """Equal commands, each with noise of its own; or without any."""
+    """Equal commands, each with noise of its own, or without any; nor is what settles."""
 
     def same(samples: np.ndarray) -> np.ndarray:
         samples[:, 1] = samples[:, 0] + 1e-3 * np.random.default_rng(5).normal(size=len(samples))
         return samples
 
-    assert not [c for c in told(damaged(machine(), same)) if c.about == "copied"]
-    exact = machine(noise=0.0)
-    assert not [c for c in told(damaged(exact, same)) if c.about == "copied"]
-
-
-def test_what_settles_without_noise_is_no_copy():
     def settled(samples: np.ndarray) -> np.ndarray:
         fading = np.exp(-np.arange(len(samples)) / SIZE)
         return samples * (1 + np.where(fading > 1e-9, fading, 0.0))[:, None]
 
-    quiet = damaged(machine(noise=0.0), settled)
-    assert not [c for c in told(quiet) if c.about == "copied periods"]
+    for noise, change in ((0.05, same), (0.0, same), (0.0, settled)):
+        found = told(damaged(machine(noise=noise), change))
+        assert not [c for c in found if c.about.startswith("copied")]
 
 
 def test_one_channel_without_scatter_is_named():
@@ -279,25 +281,19 @@ def test_damage_is_named_with_its_channels(what):
     assert re.search(words, note.found)
 
 
-def test_lines_whose_size_changes_too_are_no_second_clock():
-    """Gaps that grow with heat turn the lines of a closed loop as a clock does, and more."""
+@pytest.mark.parametrize(("turning", "size"), [(False, "1.9|2"), (True, "")])
+def test_a_slow_change_is_a_drift_with_its_size(turning, size):
+    """Gaps that grow with heat turn the lines of a closed loop as a second clock does, and more."""
     ramp = np.linspace(-1, 1, 60 * SIZE)[:, None] * np.array([0, 0, 0.01, 0.01])
 
     def warmer(samples: np.ndarray) -> np.ndarray:
-        return samples * (1 + ramp) + np.roll(samples, 3, axis=0) * ramp
+        return samples * (1 + ramp) + turning * np.roll(samples, 3, axis=0) * ramp
 
     found = told(damaged(machine(noise=0.02), warmer))
-    assert {(c.about, ", ".join(c.on)) for c in found} == {("drift", "x"), ("drift", "y")}
-
-
-def test_a_slow_change_is_a_drift_with_its_size():
-    ramp = np.linspace(0.99, 1.01, 60 * SIZE)[:, None] ** np.array([0, 0, 1, 1])
-    found = told(damaged(machine(noise=0.02), lambda s: s * ramp))
-    assert {(c.about, ", ".join(c.on), c.verdict) for c in found} == {
-        ("drift", "x", "warning"),
-        ("drift", "y", "warning"),
-    }
-    assert " changes by 1.9" in found[0].found or " changes by 2" in found[0].found
+    assert [(c.about, c.on, c.verdict) for c in found] == [
+        ("drift", (name,), "warning") for name in "xy"
+    ]
+    assert re.search(f" changes by ({size})", found[0].found)
 
 
 @pytest.mark.parametrize(("grows", "name"), [(True, "drift"), (False, "speed")])
@@ -307,9 +303,8 @@ def test_what_changes_the_line_of_the_rotation_alone(grows, name):
     change = np.linspace(-0.01, 0.01, len(time))
     phase = 2 * np.pi * 7 * F0 * time
     bent = 3 * np.cos(phase) * (1 + change) if grows else 3 * np.cos(phase + change)
-    found = told(
-        replace(damaged(plain, lambda s: s + SCALE * bent[:, None]), speed=2 * np.pi * 7 * F0)
-    )
+    record = damaged(plain, lambda s: s + SCALE * bent[:, None])
+    found = told(replace(record, speed=2 * np.pi * 7 * F0))
     assert {c.about for c in found if c.verdict == "warning"} == {name}
 
 
@@ -323,7 +318,7 @@ def test_a_transient_is_found_with_few_periods_too(periods):
 
 
 def test_two_periods_show_no_transient_and_it_is_said():
-    (found,) = [c for c in told(machine(2)) if c.about == "settled"]
+    (found,) = of_check(told(machine(2)), "settled")
     assert found.verdict == "note"
     assert "2 periods cannot show a transient" in found.found
 
@@ -339,7 +334,7 @@ def turning(frequency: float, given: float, periods: int = 100) -> Record:
 @pytest.mark.parametrize("speed", [93.37, 97.1, 140.0, 80.0])
 def test_the_right_speed_is_no_matter(speed):
     """Off the lines, on one that is excited, on one that is not."""
-    assert not [c for c in told(turning(speed, speed)) if c.about == "speed"]
+    assert not of_check(told(turning(speed, speed)), "speed")
 
 
 @pytest.mark.parametrize(
@@ -352,7 +347,7 @@ def test_the_right_speed_is_no_matter(speed):
     ],
 )
 def test_a_wrong_speed_is_named_with_the_one_that_the_record_shows(true, given, words):
-    (found,) = [c for c in told(turning(true, given)) if c.about == "speed"]
+    (found,) = of_check(told(turning(true, given)), "speed")
     assert found.verdict == "warning"
     assert words in found.found
 
@@ -370,7 +365,7 @@ def test_a_record_that_does_not_repeat_is_told(periods):
 def test_a_fundamental_that_is_twice_the_true_one(start):
     """Excited at 20 Hz and its odd multiples, said to be 40 Hz."""
     record = replace(machine(60), start=start)
-    (found,) = [c for c in told(record, fundamental=2 * F0) if c.about == "multiple period"]
+    (found,) = of_check(told(record, fundamental=2 * F0), "multiple period")
     assert (", ".join(found.on), found.verdict) == ("F_x, F_y", "warning")
     assert "the fundamental is 20 Hz, not 40; multiply the harmonics by 2" in found.found
 
@@ -388,17 +383,9 @@ def test_a_rotation_half_way_between_the_lines_is_no_longer_period():
 @pytest.mark.parametrize("start", [0.0, 100.0])
 def test_a_tone_at_standstill_is_a_note(start):
     record = replace(turning(50.33, 0.0), start=start)
-    (found,) = [c for c in told(record) if c.about == "speed"]
+    (found,) = of_check(told(record), "speed")
     assert found.verdict == "note"
     assert "a line at 50.33" in found.found
-
-
-def test_masked_samples_are_not_looked_at():
-    record = damaged(machine(), clipped_at(0.8))
-    masked = replace(
-        record, valid=np.abs(record.samples[:, 2]) < np.abs(record.samples[:, 2]).max()
-    )
-    assert "clipped" not in [c.about for c in check_record(masked) if c.verdict != "ok"]
 
 
 def test_lines_that_nothing_excites_are_told():
@@ -408,23 +395,6 @@ def test_lines_that_nothing_excites_are_told():
     grave = told(machine(), lines=[2, 4, 6])
     assert {c.verdict for c in grave} == {"warning"}
     assert "no line used of any input" in grave[0].found
-
-
-@pytest.mark.slow
-def test_random_machines_raise_no_alarm():
-    """With those of `test_a_clean_record_gives_no_alarm` 360: what calls 1 % is found with 97 %."""
-    alarms = []
-    for seed in range(150):
-        rng = np.random.default_rng(10_000 + seed)
-        record = machine(
-            periods=int(rng.integers(4, 200)),
-            noise=10 ** rng.uniform(-2.5, 0.5),
-            seed=seed,
-            colour=float(rng.choice([0.0, 0.5, 0.95, 0.995])),
-            speed=2 * np.pi * F0 * float(rng.choice([0, 5, 7, 9])),
-        )
-        alarms += [(seed, str(c)) for c in told(record) if c.verdict in ("warning", "refused")]
-    assert alarms == []
 
 
 @pytest.mark.parametrize(("swing", "told"), [(0.0, False), (0.03, True)])
@@ -451,30 +421,24 @@ def stopping(part: float, value: float | None = None) -> Damage:
     return change
 
 
-def stuck(record: Record) -> list[Note]:
-    return [note for note in told(record) if note.about == "stuck"]
-
-
 def test_a_sensor_that_stops_is_refused():
     found, *others = told(damaged(machine(), of(3, stopping(0.021))))
     assert [other.about for other in others] == ["knock"]
     assert (", ".join(found.on), found.verdict) == ("y", "refused")
     assert "from 1 to 1.063 s" in found.found
-    assert not stuck(damaged(machine(), of(3, stopping(0.019))))
+    assert not of_check(told(damaged(machine(), of(3, stopping(0.019)))), "stuck")
     for value, verdict in ((0.0, "note"), (5.0, "warning")):  # where it drives nothing, or not
-        (check,) = stuck(damaged(machine(), of(0, stopping(0.021, value))))
+        (check,) = of_check(told(damaged(machine(), of(0, stopping(0.021, value)))), "stuck")
         assert (check.about, ", ".join(check.on), check.verdict) == ("stuck", "F_x", verdict)
 
 
 def test_what_rests_before_it_is_used_or_at_every_step_is_not_stuck():
     idle = damaged(machine(), of(3, lambda v: np.where(np.arange(len(v)) < 1000, 0.0, v)))
-    periods = average(idle, F0, harmonics=LINES.tolist(), skip=0.2)
-    assert "stuck" not in [c.about for c in periods.checks if c.verdict != "ok"]
+    assert not of_check(average(idle, F0, harmonics=LINES, skip=0.2).checks, "stuck")
     stairs = np.repeat(np.arange(12), 15_000 // 12) % 5 * 1e-4
-    assert not stuck(damaged(machine(), of(3, lambda v: stairs + 0 * v)))
-    # Few samples may well stay the same.
-    few = damaged(machine(2), of(3, stopping(0.08)))
-    assert not stuck(few)
+    few = damaged(machine(2), of(3, stopping(0.08)))  # few samples may well stay the same
+    for record in (damaged(machine(), of(3, lambda v: stairs + 0 * v)), few):
+        assert not of_check(told(record), "stuck")
 
 
 def rotating(hertz: float, y_phase: float, y_size: float = 1.0) -> Record:
@@ -497,15 +461,14 @@ def test_a_tone_that_goes_round_is_the_rotation(hertz):
         (0.0, 1.0, "note"),
         (np.pi, 1.0, "note"),
     ):
-        (found,) = [c for c in told(rotating(hertz, phase, size)) if c.about == "speed"]
+        (found,) = of_check(told(rotating(hertz, phase, size)), "speed")
         assert found.verdict == verdict, (phase, size)
 
 
 def test_a_light_mode_that_goes_round_is_no_rotation(monkeypatch):
     """What stands out less than clearly stays a note."""
-    record = rotating(110.3, np.pi / 2)
     monkeypatch.setattr(checks_rotation, "CLEAR", 1e9)
-    (found,) = [c for c in told(record) if c.about == "speed"]
+    (found,) = of_check(told(rotating(110.3, np.pi / 2)), "speed")
     assert found.verdict == "note"
 
 
@@ -548,7 +511,7 @@ def test_synchronous_rotation_gives_no_warning():
     np.testing.assert_allclose(found.leakage, 0.0, atol=1e-9)
 
 
-def test_slip_is_said_with_its_leakage():
+def test_slip_and_drift_are_said():
     periods = wave_at(2 * np.pi * 30.05)
     found = synchronism(periods)
     slip = np.pi * 0.05 * TIME[-1]
@@ -558,6 +521,8 @@ def test_slip_is_said_with_its_leakage():
     assert "3.005 revolutions per period" in warning
     assert "108 degrees off over 60 periods" in warning
     assert f"loses {100 * found.loss:.2g} %" in warning
+    (warning,) = rotation_warnings(wave_at(2 * np.pi * 30.0, drift=0.5))
+    assert "speed changing by 28.6 rpm" in warning
 
 
 def test_leakage_is_the_spectrum_of_the_unbalance():
@@ -567,11 +532,6 @@ def test_leakage_is_the_spectrum_of_the_unbalance():
     off = 2 * np.pi * (40.15 - periods.frequency)
     wave = np.abs([np.mean(np.exp(1j * w * TIME)) for w in off])
     np.testing.assert_allclose(found.leakage, wave, rtol=1e-6)
-
-
-def test_drift_is_said():
-    (warning,) = rotation_warnings(wave_at(2 * np.pi * 30.0, drift=0.5))
-    assert "speed changing by 28.6 rpm" in warning
 
 
 def noisy(transient: float, sigma: float, seed: int) -> PeriodicRecord:
@@ -600,9 +560,12 @@ def test_without_noise_the_transient_is_followed_far_down():
     assert detect_settling(noisy(0.0, 0.0, 0)).periods == 0
 
 
-def test_a_drift_is_no_transient():
-    drifting = slow_periods(WAVE * (1 + 0.1 * np.exp(-0.1 * TIME)))
-    assert detect_settling(drifting).periods == 0
+def test_a_drift_another_level_and_few_periods_are_no_transient():
+    rng = np.random.default_rng(3)
+    level = np.where(np.arange(len(TIME)) < 3120, 1.1, 1.0)
+    drifting = WAVE * (1 + 0.1 * np.exp(-0.1 * TIME))
+    for samples in (drifting, WAVE * level + 0.01 * rng.normal(size=len(TIME)), WAVE[:700]):
+        assert detect_settling(slow_periods(samples)).periods == 0
 
 
 def test_a_transient_longer_than_half_the_record_is_told():
@@ -612,18 +575,9 @@ def test_a_transient_longer_than_half_the_record_is_told():
     found = detect_settling(slow_periods(WAVE + start + 1e-4 * rng.normal(size=len(TIME))))
     assert found.periods == PERIODS // 2
     assert found.drop == pytest.approx(PERIODS // 2 / SLOW_F0)
-
-
-def test_another_level_in_the_first_half_is_no_transient():
-    rng = np.random.default_rng(3)
-    level = np.where(np.arange(len(TIME)) < 3120, 1.1, 1.0)
-    stepping = slow_periods(WAVE * level + 0.01 * rng.normal(size=len(TIME)))
-    assert detect_settling(stepping).periods == 0
-
-
-def test_few_periods_tell_nothing():
-    record = Record([Channel("x")], WAVE[:700, None], SLOW_RATE)
-    assert detect_settling(average(record, SLOW_F0, harmonics=[1])).periods == 0
+    scatter = "153 times the scatter of the later ones"
+    assert Settling(1, 0.2, 153.0).told == f"a transient in the first period, {scatter}"
+    assert Settling(3, 0.6, 153.0).told == f"a transient in the first 3 periods, {scatter}"
 
 
 def distorted(odd: float, even: float, sigma: float, seed: int = 0) -> Record:
@@ -634,20 +588,19 @@ def distorted(odd: float, even: float, sigma: float, seed: int = 0) -> Record:
 
 @pytest.mark.parametrize(("odd", "even"), [(0.01, 0.0), (0.0, 0.01), (0.01, 0.02)])
 def test_odd_and_even_distortion_are_told_apart(odd, even):
-    found = detect_distortion(distorted(odd, even, 0.0), SLOW_F0, [1, 3, 5], highest=15)
+    record = distorted(odd, even, 0.0)
+    found = detect_distortion(record, SLOW_F0, [1, 3, 5], highest=15)
     got_odd, got_even, noise = found.relative("F")
     assert (got_odd > 1e-3) == (odd > 0)
     assert (got_even > 1e-3) == (even > 0)
     assert noise < 1e-12
     np.testing.assert_array_equal(found.odd, [7, 9, 11, 13, 15])
     np.testing.assert_array_equal(found.even, range(2, 16, 2))
-
-
-def test_distortion_has_its_size():
-    record = distorted(0.0, 0.02, 0.0)
-    found = detect_distortion(record, SLOW_F0, [1, 3, 5], highest=10)
-    square = np.abs(np.fft.rfft(0.02 * WAVE**2, norm="forward"))[::PERIODS][[2, 4, 6, 8, 10]]
-    assert found.even_level[0] == pytest.approx(np.sqrt((square**2).mean()), rel=1e-9)
+    square = np.abs(np.fft.rfft(even * WAVE**2, norm="forward"))[::PERIODS][found.even]
+    assert found.even_level[0] == pytest.approx(np.sqrt((square**2).mean()), rel=1e-9, abs=1e-12)
+    turning = replace(record, speed=2 * np.pi * 70.0)  # the rotation is left aside
+    aside = detect_distortion(turning, SLOW_F0, [1, 3, 5], highest=15)
+    assert not {7, 14} & {*aside.odd.tolist(), *aside.even.tolist()}
 
 
 def test_noise_is_neither():
@@ -659,28 +612,12 @@ def test_noise_is_neither():
     np.testing.assert_allclose(np.mean(np.square(excess), axis=0), 1.0, atol=0.15)
 
 
-def test_the_rotation_is_left_aside():
-    turning = Record(
-        [Channel("F")], distorted(0.01, 0.0, 0.0).samples, SLOW_RATE, speed=2 * np.pi * 70.0
-    )
-    found = detect_distortion(turning, SLOW_F0, [1, 3, 5], highest=15)
-    assert 7 not in found.odd
-    assert 14 not in found.even
-
-
 def test_no_line_left_out_is_refused():
     with pytest.raises(InputError, match="every harmonic up to 3 excited"):
         detect_distortion(distorted(0, 0, 0), SLOW_F0, [1, 2, 3])
     found = detect_distortion(distorted(0, 0, 0), SLOW_F0, [1, 3])
     with pytest.raises(InputError, match="no channel 'G'"):
         found.relative("G")
-
-
-def test_a_transient_of_one_period_is_told_as_one():
-    one, more = Settling(1, 0.2, 153.0), Settling(3, 0.6, 153.0)
-    scatter = "153 times the scatter of the later ones"
-    assert one.told == f"a transient in the first period, {scatter}"
-    assert more.told == f"a transient in the first 3 periods, {scatter}"
 
 
 # Channels that stay at their last value, exactly or to the last digit, where nothing repeats.
@@ -702,18 +639,12 @@ def stopped(samples: np.ndarray, play: np.ndarray | float = 0.0) -> np.ndarray:
     return found
 
 
-def checks(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> list[Note]:
+def verdict(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> str:
     record = Record([Channel("c", unit)], samples[:, None], 1000.0)
     periods = average(record, period_samples=3000, harmonics=[1]) if steady else None
-    return of_check(check_record(record, periods), "stuck")
-
-
-def of_check(notes: Iterable[Note], about: str) -> list[Note]:
-    return [note for note in notes if note.about == about and note.severity != "passes"]
-
-
-def verdict(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> str:
-    found = checks(samples, unit, steady=steady)
+    found = of_check(check_record(record, periods), "stuck")
+    for check in found:
+        assert check.verdict != "refused" or "use the part in which it moves" in check.found
     return found[0].verdict if found else "ok"
 
 
@@ -723,9 +654,6 @@ def test_a_sensor_stops_out_of_full_motion(play):
     found = [verdict(stopped(slanted(steps), play)) for steps in (9, 12)]
     assert found == ["note", "refused"]
     assert verdict(stopped(slanted(9)), steady=True) == "refused"
-    (check,) = checks(stopped(slanted(12), play))
-    assert "from 2.106 to 3 s" in check.found
-    assert "use the part in which it moves" in check.found
 
 
 def test_the_last_digit_may_play():
@@ -744,9 +672,8 @@ def held(part: float, level: float) -> np.ndarray:
     """Return a drive that changes in a part of its samples, and stops at a level."""
     rng = np.random.default_rng(2)
     changes = rng.random(COUNT) < part
-    noise = rng.standard_normal(COUNT)[
-        np.maximum.accumulate(np.where(changes, np.arange(COUNT), 0))
-    ]
+    last = np.maximum.accumulate(np.where(changes, np.arange(COUNT), 0))
+    noise = rng.standard_normal(COUNT)[last]
     noise = (noise - noise.mean()) / noise.std()
     noise[FIRST:AFTER] = level
     return noise
@@ -823,16 +750,6 @@ def test_what_is_usual_is_told_by_what_lies_around():
         assert bool(found(samples)) == told
     assert not found(resting(90.0, count=199))
     assert found(resting(90.0, count=200))
-
-
-@pytest.mark.slow
-def test_a_gap_in_a_whole_record_is_told():
-    record = levitated(1)
-    samples = np.delete(record.samples, slice(12345, 12365), axis=0)
-    torn = rid.Record(record.channels, samples, record.sample_rate, record.speed)
-    answer = rid.identify(MODEL, rid.spectra(torn, (2.0, 120.0), references=["r_x", "r_y"]), KNOWN)
-    assert answer.status == "rejected"
-    assert any("2 positions jump within a sample at 2.4689 s: " in w for w in answer.warnings)
 
 
 @pytest.mark.parametrize("seed", range(4))
