@@ -31,8 +31,8 @@ from result_cases import (
     close_case,
     covered,
     identified,
-    minimum_from_the_truth,
     true_modes,
+    values_at_the_minimum,
 )
 
 
@@ -81,12 +81,10 @@ def _ratio_errors(seed: int) -> np.ndarray:
         return -found.real / np.abs(found)
 
     case = close_case(seed)
-    solution, inference = minimum_from_the_truth(case)
-    layout, covariance = solution.point.problem.layout, inference.covariance
-    names = [layout.unknowns[i].name for i in layout.free]
-    found = dict(case.truth) | dict(zip(names, solution.point.unknowns[layout.free], strict=True))
+    values, covariance = values_at_the_minimum(case)
+    found = dict(case.truth) | values
     slopes = []
-    for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True):
+    for name, std in zip(values, np.sqrt(np.diag(covariance)), strict=True):
         sides = [ratios(found | {name: found[name] + way * 1e-4 * std}) for way in (1, -1)]
         slopes.append((sides[0] - sides[1]) / (2e-4 * std))
     spread = np.sqrt(np.einsum("im,ij,jm->m", slopes, covariance, slopes))

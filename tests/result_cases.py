@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 import scipy.linalg
 import scipy.signal
-from linear_machines import SUPPORTED
+from linear_machines import SUPPORTED, estimate_of
 from rotor_bank import RATE, noisy_record, rigid_rotor
 
 import rotorid as rid
@@ -163,13 +163,13 @@ def true_modes(p: Mapping[str, float], speed: float) -> Complexes:
 
 def true_criticals(p: Mapping[str, float]) -> Floats:
     """Return the speeds at which a frequency is that of the rotation, by a fine grid."""
-    grid = np.linspace(50.0, TO, 261)
+    grid = np.linspace(50.0, TO, 66)
     over = np.array([true_modes(p, s).imag - s for s in grid])
     found = []
     for j in range(over.shape[1]):
         for k in np.flatnonzero(np.diff(np.sign(over[:, j]))):
             low, high = grid[k], grid[k + 1]
-            for _ in range(60):
+            for _ in range(45):
                 middle = (low + high) / 2
                 same = (true_modes(p, middle).imag[j] - middle) * over[k, j] > 0
                 low, high = (middle, high) if same else (low, middle)
@@ -227,23 +227,43 @@ def minimum_from_the_truth(case: Case) -> tuple[Solution, Inference]:
     return solution, solution.inference
 
 
+def values_at_the_minimum(case: Case) -> tuple[dict[str, float], Floats]:
+    """Return what is free, by name, and its covariance."""
+    solution, inference = minimum_from_the_truth(case)
+    layout = solution.point.problem.layout
+    names = [layout.unknowns[i].name for i in layout.free]
+    values = solution.point.unknowns[layout.free].tolist()
+    return dict(zip(names, values, strict=True)), inference.covariance
+
+
 def errors_at_the_minimum(case: Case) -> dict[str, float]:
     """Return errors over their stated deviations, by name."""
-    solution, inference = minimum_from_the_truth(case)
-    layout, std = solution.point.problem.layout, np.sqrt(np.diag(inference.covariance))
-    names = [layout.unknowns[i].name for i in layout.free]
-    rows = zip(names, solution.point.unknowns[layout.free].tolist(), std.tolist(), strict=True)
-    return {name: (value - case.truth[name]) / deviation for name, value, deviation in rows}
+    values, covariance = values_at_the_minimum(case)
+    rows = zip(values.items(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
+    return {name: (value - case.truth[name]) / deviation for (name, value), deviation in rows}
 
 
-def identified(seed: int, speed: float = 800.0, effort: Effort = "full") -> Found:
+def identified(seed: int, speed: float = 800.0) -> Found:
     """Identify a random machine with two close modes, and hold its modes against the truth."""
     case = close_case(seed, speed)
-    truth = case.truth
-    estimator = rid.MaximumLikelihood(fixed=case.known, start=case.start, effort=effort)
+    estimator = rid.MaximumLikelihood(fixed=case.known, start=case.start)
     estimate = rid.identify(case.model, [case.record], estimator)
-    if estimate.status != "ok":
-        return Found(estimate.status)
+    return held(case, estimate, speed) if estimate.status == "ok" else Found(estimate.status)
+
+
+def found_at_the_minimum(seed: int, speed: float = 800.0) -> Found:
+    """Hold the modes at the minimum next to the truth against it: the same without the search."""
+    case = close_case(seed, speed)
+    values, covariance = values_at_the_minimum(case)
+    fixed = tuple(case.known)
+    assert [*values] == [name for name in case.model.parameter_names if name not in fixed]
+    at = {**case.known, **values}
+    return held(case, estimate_of(case.model, at, fixed=fixed, covariance=covariance), speed)
+
+
+def held(case: Case, estimate: rid.Estimate, speed: float) -> Found:
+    """Hold modes and critical speeds of an estimate against the truth."""
+    truth = case.truth
     found = rid.modes(estimate, speed=speed)
     values = true_modes(truth, speed)
     frequency = [
