@@ -181,23 +181,20 @@ class RecordClock:
     start: float = 0.0
 
     def cut(
-        self, samples: Floats, valid: Booleans | None, skip: float
-    ) -> tuple[RecordClock, Floats, Booleans | None]:
+        self, samples: Floats, valid: Booleans, skip: float
+    ) -> tuple[RecordClock, Floats, Booleans]:
         """Leave out what follows the end, and what precedes `skip` where it holds defects."""
-        samples = samples[self.begin : self.end]
-        valid = None if valid is None else valid[self.begin : self.end]
-        if self.stamps is None:
-            first = math.ceil((skip - self.start) * self.rate - 1e-6)
-        else:
-            first = _first_at(self.stamps, skip - self.start)
+        samples, valid = samples[self.begin : self.end], valid[self.begin : self.end]
+        times, later = self.stamps, skip - self.start
+        first = math.ceil(later * self.rate - 1e-6) if times is None else _first_at(times, later)
         if first <= 0 or np.isfinite(samples[:first]).all():
             return self, samples, valid
-        times, passed = self.stamps, first / self.rate
-        if times is not None and first < len(times):
-            passed = float(times[first] - times[0])
-        left = None if times is None else times[first:]
+        passed, left = first / self.rate, None
+        if times is not None:
+            passed = float(times[first] - times[0]) if first < len(times) else passed
+            left = times[first:]
         clock = replace(self, stamps=left, start=self.start + passed)
-        return clock, samples[first:], None if valid is None else valid[first:]
+        return clock, samples[first:], valid[first:]
 
 
 def _first_at(stamps: Floats, time: float) -> int:
@@ -309,15 +306,15 @@ def _whole_multiple(rate: Rate, fundamental: float | None, *, exactly: bool) -> 
 
 
 def on_grid(
-    clock: RecordClock, samples: Floats, valid: Booleans | None, highest: float | None
-) -> tuple[Floats, Booleans | None, tuple[str, ...]]:
+    clock: RecordClock, samples: Floats, valid: Booleans, highest: float | None
+) -> tuple[RecordClock, Floats, Booleans]:
     """Put samples onto a uniform grid; those that are near enough to it are taken as they are."""
-    stamps = np.zeros(0) if clock.stamps is None else clock.stamps
+    if (stamps := clock.stamps) is None:
+        return clock, samples, valid
     if highest is not None and error_as_they_are(stamps, clock.rate, highest) <= NEGLIGIBLE:
-        return samples, valid, ()
-    used = samples
-    if valid is not None:  # what is left out may be no number, and must not spoil its neighbours
-        used = np.column_stack([np.where(valid[:, None], samples, 0.0), valid])
+        return clock, samples, valid
+    # What is left out may be no number, and must not spoil its neighbours.
+    used = np.column_stack([np.where(valid[:, None], samples, 0.0), valid])
     found, error, frequency = onto_grid(stamps, used, clock.rate, highest)
     if error > BEARABLE:
         worst = int(np.argmax(np.abs(np.diff(stamps) * clock.rate - 1)))
@@ -335,6 +332,5 @@ def on_grid(
         f"{clock.rate:.9g} Hz, with an error of {100 * error:.1g} % at {frequency:.4g} Hz; if only "
         "the stamps jitter, give sample_rate in place of time"
     )
-    if valid is None:
-        return found, None, (told,)
-    return found[:, :-1], found[:, -1] > 0.999, (told,)
+    clock = replace(clock, warnings=(*clock.warnings, told))
+    return clock, found[:, :-1], found[:, -1] > 0.999

@@ -136,14 +136,13 @@ def read_record(
             raise ReadError("no samples", "columns of samples", "check the file")
         into_si.check()
         omega, angle = _si(speed, "rad/s", "speed") or 0.0, _si(phase, "rad", "phase") or 0.0
-        valid = None if kept is None else (kept.values != 0) & np.isfinite(kept.values)
-        if valid is not None and len(valid) != len(samples):
+        mask_values = np.ones(len(samples)) if kept is None else kept.values
+        valid = (mask_values != 0) & np.isfinite(mask_values)
+        if len(valid) != len(samples):
             found = f"{len(valid)} samples where the channels have {len(samples)}"
             raise ReadError(found, "a mask of their length", "cut it alike", place=_MASK)
         clock, samples, valid = clock.cut(samples, valid, begin)
-        if clock.stamps is not None:
-            samples, valid, told = on_grid(clock, samples, valid, _si(highest, "Hz", "highest"))
-            clock = replace(clock, warnings=(*clock.warnings, *told))
+        clock, samples, valid = on_grid(clock, samples, valid, _si(highest, "Hz", "highest"))
     turned = angle + omega * (clock.start + np.arange(len(samples), dtype=float) / clock.rate)
     return Record(
         channels=into_si.channels,
@@ -153,7 +152,7 @@ def read_record(
         angle=None if angle == 0.0 else turned,
         phase_known=phase is not None,
         source=table.file,
-        valid=valid,
+        valid=None if mask is None else valid,
         warnings=clock.warnings,
         start=clock.start,
     )

@@ -12,7 +12,6 @@ import gc
 import json
 import logging
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -61,7 +60,7 @@ class Sandbox:
     def __init__(self, opener: Opener, file: str, kind: str = "data") -> None:
         from tempfile import TemporaryDirectory
 
-        self._file, self._kind, scratch = file, kind, TemporaryDirectory()
+        self._file, scratch = file, TemporaryDirectory()
         start = _forked if FORKS else _spawned
         self._questions, self._answers, end = start(opener, file, kind, scratch.name)
         self._patience = None if FORKS else PATIENCE * _seconds(file)
@@ -128,7 +127,7 @@ Started = tuple[IO[bytes], IO[bytes], Callable[[], int]]
 """Where a child is asked, where it answers, and how it is ended, which returns the signal."""
 
 
-def _forked(*work: Any) -> Started:
+def _forked(opener: Opener, *work: str) -> Started:
     (asked, questions), (answers, sender) = os.pipe(), os.pipe()
     with warnings.catch_warnings():  # threads of numerical libraries, which the child leaves alone
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -138,7 +137,7 @@ def _forked(*work: Any) -> Started:
         try:
             os.close(questions)
             os.close(answers)
-            _serve(asked, sender, *work)
+            _serve(asked, sender, opener, *work)
         finally:  # nothing of the parent's is to be written or tidied here
             os._exit(0)
     os.close(asked)
@@ -153,10 +152,10 @@ def _forked(*work: Any) -> Started:
     return open(questions, "wb"), open(answers, "rb"), end
 
 
-def _spawned(*work: Any) -> Started:
+def _spawned(opener: Opener, *work: str) -> Started:
     """Start an interpreter, which is told its work by this process, and by nobody else."""
     child = subprocess.Popen(
-        [sys.executable, "-m", __name__],
+        [sys.executable, "-m", __name__, opener.__module__, opener.__qualname__, *work],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -164,9 +163,6 @@ def _spawned(*work: Any) -> Started:
     )
     assert child.stdin is not None
     assert child.stdout is not None
-    with suppress(BrokenPipeError):
-        pickle.dump(work, child.stdin)
-        child.stdin.flush()
 
     def end() -> int:
         child.kill()
@@ -317,7 +313,5 @@ def _bound(file: str) -> None:
 
 
 if __name__ == "__main__":  # a new interpreter, which its parent tells its work
-    asked = os.dup(0)
-    with open(0, "rb", buffering=0) as told:  # and nothing of the questions after it
-        work = pickle.load(told)
-    _serve(asked, os.dup(1), *work)
+    _, module, name, *work = sys.argv
+    _serve(os.dup(0), os.dup(1), getattr(import_module(module), name), *work)

@@ -29,9 +29,6 @@ from rotorid.io.table import COLUMNS, Column, Rate, content, no_column, not_what
 LINE_CHARACTERS = 1 << 20
 """Of a line: ten thousand columns of a hundred characters."""
 
-SMALL_TEXT = 16_000_000
-"""Bytes of a table of which one line may be all: it takes a tenth of a second to refuse."""
-
 DIGITS = 400
 """Characters of a number: a double ends at 309 digits."""
 
@@ -432,7 +429,7 @@ class DelimitedTable:
         """Tell whether numpy takes a field for a number, or a clock's for a time."""
         if self.dialect.clocks[place]:
             return CLOCK.fullmatch(text) is not None
-        text = text.replace(".", "'").replace(",", ".") if self.dialect.decimal_comma else text
+        text = _pointed(text) if self.dialect.decimal_comma else text
         try:
             float(text)
         except ValueError:
@@ -459,38 +456,25 @@ class DelimitedTable:
             file=self.file,
         )
 
-    def _opened(self) -> IO[str]:
-        return Path(self.file).open(encoding=self.encoding, errors="replace")
-
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        with self._opened() as stream:
-            for number, line in enumerate(self._bounded(stream), start=1):
-                text = line.partition("#")[0]
-                if number > self.dialect.header_lines and text.strip():
-                    yield number, split(text, self.dialect.delimiter)
+        for number, line in enumerate(self._lines(), start=self.dialect.header_lines + 1):
+            text = line.partition("#")[0]
+            if text.strip():
+                yield number, split(text, self.dialect.delimiter)
 
-    def _lines(self, stream: IO[str]) -> Iterator[str]:
-        """Return the lines of values; those of a decimal comma with a point."""
-        lines = self._bounded(stream)
-        next(islice(lines, self.dialect.header_lines, self.dialect.header_lines), None)
-        if self.dialect.decimal_comma:  # a point would stand between thousands
-            return (line.replace(".", "'").replace(",", ".") for line in lines)
-        return lines
-
-    def _bounded(self, stream: IO[str]) -> Iterator[str]:
-        """Refuse a line without end; in a small file none can be, and looking takes time."""
-        return iter(stream) if getsize(self.file) <= SMALL_TEXT else self._checked(stream)
-
-    def _checked(self, stream: IO[str]) -> Iterator[str]:
-        for line in iter(partial(stream.readline, LINE_CHARACTERS), ""):
-            if len(line) >= LINE_CHARACTERS:
-                raise ReadError(
-                    f"a line of more than {LINE_CHARACTERS} characters",
-                    "lines of a table",
-                    "export the record anew; this is no table, or it was damaged",
-                    file=self.file,
-                )
-            yield line
+    def _lines(self) -> Iterator[str]:
+        """Yield the lines of values; a line without end is refused before it is read."""
+        with Path(self.file).open("rb") as blocks:
+            for block in iter(partial(blocks.read, LINE_CHARACTERS), b""):
+                if len(block) == LINE_CHARACTERS and not (b"\n" in block or b"\r" in block):
+                    raise ReadError(
+                        f"a line of more than {LINE_CHARACTERS} characters",
+                        "lines of a table",
+                        "export the record anew; this is no table, or it was damaged",
+                        file=self.file,
+                    )
+        with Path(self.file).open(encoding=self.encoding, errors="replace") as lines:
+            yield from islice(lines, self.dialect.header_lines, None)
 
     def _numbers(self, positions: list[int]) -> list[Floats]:
         """Return columns of numbers; nothing of the text is kept, and each number at most twice."""
@@ -498,15 +482,12 @@ class DelimitedTable:
         if fast is not None:
             return fast
         delimiter = None if self.dialect.delimiter == " " else self.dialect.delimiter
-        with self._opened() as stream, warnings.catch_warnings():
+        lines = map(_pointed, self._lines()) if self.dialect.decimal_comma else self._lines()
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # numpy warns of a table without rows
             try:
                 table = np.loadtxt(
-                    self._lines(stream),
-                    delimiter=delimiter,
-                    usecols=positions,
-                    ndmin=2,
-                    quotechar='"',
+                    lines, delimiter=delimiter, usecols=positions, ndmin=2, quotechar='"'
                 )
                 return [np.ascontiguousarray(column) for column in table.T]
             except InputError:
@@ -572,6 +553,11 @@ class DelimitedTable:
                 file=self.file,
                 place=f"column {name}",
             ) from None
+
+
+def _pointed(text: str) -> str:
+    """Write a decimal comma as a point; a point would stand between thousands."""
+    return text.replace(".", "'").replace(",", ".")
 
 
 def _says_nothing(line: str) -> bool:
