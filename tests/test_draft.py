@@ -65,6 +65,8 @@ def test_a_record_of_a_logger(tmp_path):
         "x": {"column": "px", "unit": "um"},
         "y": {"column": "py", "unit": "um"},
     }
+    assert '# m = { start = "5 kg" }' in text
+    assert "fixed" not in text  # nobody measures an eccentricity by a ruler
     path = tmp_path / "experiment.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r'0.speed: found "\?" in records.0.speed;.*comments'):

@@ -620,7 +620,7 @@ def _sensor_name(name: str) -> str:
 
 def _parameters(model: Model) -> Iterator[_Line]:
     yield "", None, "what is known beforehand, such as"
-    lengths = [p for p in model.parameters if converts(p.unit, "m")]
+    lengths = [p for p in model.parameters if p.positive and converts(p.unit, "m")]
     masses = [p for p in model.parameters if p.nominal is not None and converts(p.unit, "kg")]
     for each in lengths[:1]:
         yield "", None, f'{each.name} = {{ fixed = "300 mm" }}'
