@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rotorid import Channel, Drive, InputError, Record, average
+from rotorid.force.channel_dynamics import Constant
 from rotorid.force.entry import LawEntry
-from rotorid.force.laws import MU0, Differential, Flux, LawConstant, Linear
-from rotorid.force.reading import ForceReading, as_channels, forces
+from rotorid.force.laws import MU0, Differential, Flux, Linear
+from rotorid.force.reading import ForceReading, as_channels, forces, through_laws
 
 # Force laws against closed forms, differences and Monte Carlo.
 
@@ -64,34 +65,6 @@ def test_geometry_gives_the_constant_of_a_horseshoe():
     assert law.force(0.0, 0.0) == 0.0
     single = law.K * (2.0 / 5e-4) ** 2
     assert single == pytest.approx(2 * 2e-4 * flux**2 / (2 * MU0), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("law", "at"),
-    [
-        (Linear(120.0, 2e5, std={"ki": 2.4, "ks": 1e4}), (0.7, 1e-4)),
-        (
-            replace(MAGNET, std={"K": 1e-7, "bias": 0.01, "gap": 4e-6, "angle": 0.01}),
-            (0.7, 1e-4),
-        ),
-        (replace(SINGLE, std={"K": 1e-7, "gap": 4e-6, "iron": 1e-6}), (-0.7, 1e-4)),
-        (Flux(2e-4, 2, 0.3, std={"area": 2e-6, "angle": 0.01}), (0.9, 0.4)),
-    ],
-)
-def test_deviation_of_the_force_is_that_of_drawn_constants(law, at):
-    rng = np.random.default_rng(2)
-    forces = []
-    for _ in range(4000):
-        drawn = {n: getattr(law, n) + std * rng.normal() for n, std in law.std.items()}
-        forces.append(replace(law, **drawn).force(*at))
-    assert law.force_std(*at) == pytest.approx(np.std(forces), rel=0.05)
-
-
-def test_deviation_of_the_slopes():
-    law = replace(MAGNET, std={"gap": 4e-6})
-    slope = law.linearize()
-    assert slope.std["ki"] == pytest.approx(2 * 0.01 * slope.ki, rel=1e-12)
-    assert slope.std["ks"] == pytest.approx(3 * 0.01 * slope.ks, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -295,8 +268,10 @@ def test_flux_densities():
 
 def test_constants_of_the_law_give_the_gain_its_deviation():
     law = Linear(ki=120.0, std={"ki": 1.2})
-    record = forces(recorded(False, 0.0, 0.0), {"F": ForceReading(law, ("i",))})
-    assert record.channels[0].gain_std == pytest.approx(0.01)
+    through = {"i": ForceReading(law, ("i",))}
+    for currents in (True, False):
+        record = through_laws(recorded(False, 0.0, 0.0), through, currents=currents)
+        assert record.channels[0].gain_std == pytest.approx(0.01)
 
 
 def test_displacement_as_a_combination_of_sensors():
@@ -393,7 +368,7 @@ def test_flux_laws_scale():
     assert law.flowing(force, np.zeros(1)) == force
     other = law.changed(force, np.zeros(1), {"area": 1e-5, "angle": -0.1})
     assert other == pytest.approx(Flux(2.1e-4, 2, 0.2).force(0.6, 0.5), rel=1e-14)
-    assert law.constants["area"] == LawConstant("m^2", 2e-4, 2e-6, True, "poles")
+    assert law.constants["area"] == Constant("area", "m^2", 2e-4, 2e-6, True, "poles")
     assert not law.constants["angle"].std
 
 

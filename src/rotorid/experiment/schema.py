@@ -12,7 +12,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema, members, si
 from rotorid.core.units import to_si
 from rotorid.force.channel_dynamics import Constant
-from rotorid.force.entry import LawEntry, LawName, law_keys, stated_constant
+from rotorid.force.entry import LawEntry, LawName, constant, law_keys
 from rotorid.likelihood.unknowns import Nuisances
 
 Hertz = Annotated[float, si("Hz"), Field(ge=1e-9, le=1e12)]
@@ -57,18 +57,6 @@ class DelayEntry(Schema):
 Delay = Annotated[DelayEntry, _short("value", str | int | float)]
 
 
-def _constant(name: str, unit: str) -> BeforeValidator:
-    """Read a constant of dynamics: a quantity, value and std, or a start."""
-
-    def read(value: object) -> object:
-        if isinstance(value, Constant):
-            return value
-        told = stated_constant(value, unit, shares=False)
-        return Constant(name, unit, told.value, told.std)
-
-    return BeforeValidator(read)
-
-
 class DynamicsEntry(Schema):
     """What an amplifier, a filter or a sensor does to each line of a column.
 
@@ -77,9 +65,9 @@ class DynamicsEntry(Schema):
     sensor's, unless ``of`` says otherwise.
     """
 
-    bandwidth: Annotated[Constant | None, _constant("bandwidth", "Hz")] = None
-    damping: Annotated[Constant | None, _constant("damping", "1")] = None
-    eddy: Annotated[Constant | None, _constant("eddy", "s")] = None
+    bandwidth: Annotated[Constant | None, constant("bandwidth", "Hz", of_law=False)] = None
+    damping: Annotated[Constant | None, constant("damping", "1", of_law=False)] = None
+    eddy: Annotated[Constant | None, constant("eddy", "s", of_law=False)] = None
     table: str | None = None
     shared: str = ""
     of: Literal["actuator", "sensor"] | None = None

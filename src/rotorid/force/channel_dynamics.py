@@ -20,22 +20,15 @@ UNKNOWN = float("inf")
 
 @frozen
 class Constant:
-    """A constant of a channel: value and deviation (0: exact, `UNKNOWN`: to be found)."""
+    """A constant of a channel or of a force law: value and deviation (0: exact, or `UNKNOWN`)."""
 
     name: str
     unit: str
     # SI
     value: float
     std: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.value) and self.value > 0 and self.std >= 0):
-            raise InputError(
-                f"{self.name} = {self.value:g} +- {self.std:g} {self.unit}",
-                "more than 0, with a deviation of 0 or more",
-                f"give the {self.name} of the amplifier or sensor",
-                place=self.name,
-            )
+    positive: bool = True  # a search keeps it above 0
+    shared: str = ""  # name under which channels share it
 
 
 @frozen(kw_only=True)

@@ -1,8 +1,9 @@
-"""Force laws as they stand in files: the same keys in experiment and in rig files."""
+"""Constants as they stand in files, and force laws: the same keys in experiment and rig files."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,32 +12,41 @@ from pydantic import BeforeValidator, Field, StrictInt
 from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
-from rotorid.force.laws import MU0, Differential, Flux, LawConstant, Linear
+from rotorid.force.channel_dynamics import UNKNOWN, Constant
+from rotorid.force.laws import MU0, Differential, Flux, Linear
 
 LawName = Literal["linear", "differential", "flux"]
 
 
-def stated_constant(value: object, unit: str, *, shares: bool = True) -> LawConstant:
-    """Read a quantity, value and std, or a start; with a name in `shared` where it `shares`."""
+def constant(name: str, unit: str, *, of_law: bool = True) -> BeforeValidator:
+    """Return what reads a constant: a quantity, value and std, or a start; `shared` in a law."""
+    return BeforeValidator(lambda value: _stated(value, Constant(name, unit, 0.0), of_law))
+
+
+def _stated(value: object, of: Constant, of_law: bool) -> Constant:
     if not isinstance(value, dict):
-        return LawConstant(unit, to_si(value, unit))
-    keys, shared = set(value) - ({"shared"} if shares else set()), value.get("shared", "")
-    if keys not in ({"value", "std"}, {"start"}) or not isinstance(shared, str):
-        beside = ", or a quantity alone; a name in shared beside them" if shares else ""
+        found = replace(of, value=to_si(value, of.unit))
+    else:
+        keys, shared = set(value) - ({"shared"} if of_law else set()), value.get("shared", "")
+        if keys not in ({"value", "std"}, {"start"}) or not isinstance(shared, str):
+            others = ", or a quantity alone; a name in shared beside them" if of_law else ""
+            raise InputError(
+                f"the keys {', '.join(sorted(value)) or '(none)'}",
+                f"value and std, or start{others}",
+                f"write {{ value = '1 {of.unit}', std = '0.01 {of.unit}' }}, or "
+                f"{{ start = '1 {of.unit}' }}",
+            )
+        said = {key: to_si(value[key], of.unit, place=key) for key in value if key in keys}
+        number, std = said.get("start", said.get("value", 0.0)), said.get("std", UNKNOWN)
+        found = replace(of, value=number, std=std, shared=shared)
+    if not of_law and not (0 < found.value < np.inf and found.std >= 0):
         raise InputError(
-            f"the keys {', '.join(sorted(value)) or '(none)'}",
-            f"value and std, or start{beside}",
-            f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}, or {{ start = '1 {unit}' }}",
+            f"{of.name} = {found.value:g} +- {found.std:g} {of.unit}",
+            "more than 0, with a deviation of 0 or more",
+            f"give the {of.name} of the amplifier or sensor",
+            place=of.name,
         )
-    if keys == {"start"}:
-        start = to_si(value["start"], unit, place="start")
-        return LawConstant(unit, start, np.inf, shared=shared)
-    number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
-    return LawConstant(unit, number, std, shared=shared)
-
-
-def _constant(unit: str) -> BeforeValidator:
-    return BeforeValidator(lambda value: stated_constant(value, unit))
+    return found
 
 
 _LAWS: Mapping[
@@ -58,27 +68,27 @@ class LawEntry(Schema):
     """
 
     law: LawName
-    ki: Annotated[LawConstant | None, _constant("N/A")] = None
-    ks: Annotated[LawConstant | None, _constant("N/m")] = None
-    K: Annotated[LawConstant | None, _constant("N m^2/A^2")] = None
-    area: Annotated[LawConstant | None, _constant("m^2")] = None
+    ki: Annotated[Constant | None, constant("ki", "N/A")] = None
+    ks: Annotated[Constant | None, constant("ks", "N/m")] = None
+    K: Annotated[Constant | None, constant("K", "N m^2/A^2")] = None
+    area: Annotated[Constant | None, constant("area", "m^2")] = None
     turns: Annotated[float | None, Field(gt=0, allow_inf_nan=False)] = None
-    bias: Annotated[LawConstant | None, _constant("A")] = None
-    gap: Annotated[LawConstant | None, _constant("m")] = None
-    angle: Annotated[LawConstant | None, _constant("rad")] = None
+    bias: Annotated[Constant | None, constant("bias", "A")] = None
+    gap: Annotated[Constant | None, constant("gap", "m")] = None
+    angle: Annotated[Constant | None, constant("angle", "rad")] = None
     poles: StrictInt | None = None
-    bias_difference: Annotated[LawConstant | None, _constant("A")] = None
-    iron: Annotated[LawConstant | None, _constant("m")] = None
-    saturation: Annotated[LawConstant | None, _constant("A/m")] = None
+    bias_difference: Annotated[Constant | None, constant("bias_difference", "A")] = None
+    iron: Annotated[Constant | None, constant("iron", "m")] = None
+    saturation: Annotated[Constant | None, constant("saturation", "A/m")] = None
 
     @property
     def uncertain(self) -> tuple[str, ...]:
-        return tuple(key for key, constant in self._constants.items() if constant.std)
+        return tuple(key for key, one in self._constants.items() if one.std)
 
     @property
-    def _constants(self) -> dict[str, LawConstant]:
-        every = {key: getattr(self, key) for key in type(self).model_fields}
-        return {key: value for key, value in every.items() if isinstance(value, LawConstant)}
+    def _constants(self) -> dict[str, Constant]:
+        every = ((key, getattr(self, key)) for key in law_keys())
+        return {key: value for key, value in every if isinstance(value, Constant)}
 
     def build(self) -> Linear | Differential | Flux:
         law, needed, more = _LAWS[self.law]
@@ -96,39 +106,37 @@ class LawEntry(Schema):
                 "remove it",
                 place=key,
             )
-        for key, constant in self._constants.items():
-            if self.law == "linear" and (constant.std == np.inf or constant.shared):
+        given = self._constants
+        for key, one in given.items():
+            if self.law == "linear" and (one.std == np.inf or one.shared):
                 raise InputError(
                     f"an unknown or shared {key}",
                     "a quantity, or value and std",
                     f'write gains = ["{key}"] under [estimator] to estimate it',
                     place=key,
                 )
-        given = self._constants
         if self.law == "differential":
-            given = {"K": self._magnet(), **given}
-            given.pop("area", None)
-        values: dict[str, Any] = {name: constant.value for name, constant in given.items()}
+            area = given.pop("area", None)
+            given = {"K": self._magnet(given.get("K"), area), **given}
+        values: dict[str, Any] = {name: one.value for name, one in given.items()}
         if self.poles is not None:
             values["poles"] = self.poles
-        std = {name: constant.std for name, constant in given.items() if constant.std}
-        shared = {name: constant.shared for name, constant in given.items() if constant.shared}
+        std = {name: one.std for name, one in given.items() if one.std}
+        shared = {name: one.shared for name, one in given.items() if one.shared}
         return law(**values, std=std, shared=shared)
 
-    def _magnet(self) -> LawConstant:
+    def _magnet(self, given: Constant | None, area: Constant | None) -> Constant:
         """Return K of one magnet, given or of its geometry."""
-        geometry: Any = (self.area, self.turns)
-        if (self.K is None) == (None in geometry):
+        if given is not None and area is None and self.turns is None:
+            return given
+        if given is not None or area is None or self.turns is None:
             raise InputError(
-                "both K and a geometry" if self.K is not None else "no K",
+                "no K" if given is None else "both K and a geometry",
                 "K, or area and turns",
-                "keep one of them" if self.K is not None else "add K",
+                "add K" if given is None else "keep one of them",
             )
-        if self.K is not None:
-            return self.K
-        area, turns = geometry
-        factor, unit = MU0 * turns**2 / 4, Differential.stated["K"].unit
-        return LawConstant(unit, factor * area.value, factor * area.std, shared=area.shared)
+        factor = MU0 * self.turns**2 / 4
+        return Constant("K", "", factor * area.value, factor * area.std, shared=area.shared)
 
 
 def law_keys() -> tuple[str, ...]:

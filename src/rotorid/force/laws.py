@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError
 from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.force.channel_dynamics import Constant
 
 MU0 = 4e-7 * np.pi
 """Permeability of vacuum in N/A^2."""
 
 _STEP = 1e-30
-
+"""Imaginary part by which an argument moves for a derivative, exact to the last digit."""
 
 Limit = tuple[Callable[[float], bool], str]
 """What a constant may be, and the same in words."""
@@ -47,16 +48,6 @@ class Stated(NamedTuple):
     positive: bool = False  # a search keeps it above 0
 
 
-class LawConstant(NamedTuple):
-    """A constant, SI: `std` 0 exact, infinite unknown; `shared`: name where channels share it."""
-
-    unit: str
-    value: float
-    std: float = 0.0
-    positive: bool = False
-    shared: str = ""
-
-
 @frozen(kw_only=True)
 class Law(ABC):
     """A force law of two signals: current and displacement, or two flux densities."""
@@ -79,16 +70,12 @@ class Law(ABC):
             require(std >= 0, f"{name}_std", std, unsure, cure)
 
     @property
-    def constants(self) -> dict[str, LawConstant]:
-        found = {}
-        for name, of in self.stated.items():
-            value, std, shared = (
-                getattr(self, name),
-                self.std.get(name, 0.0),
-                self.shared.get(name, ""),
-            )
-            found[name] = LawConstant(of.unit, value, std, of.positive, shared)
-        return found
+    def constants(self) -> dict[str, Constant]:
+        def constant(name: str, of: Stated) -> Constant:
+            std, shared = self.std.get(name, 0.0), self.shared.get(name, "")
+            return Constant(name, of.unit, getattr(self, name), std, of.positive, shared)
+
+        return {name: constant(name, of) for name, of in self.stated.items()}
 
     @property
     def reach(self) -> float:
@@ -106,22 +93,6 @@ class Law(ABC):
     def force(self, *signals: ArrayLike) -> Floats:
         """Return the force in N, broadcast over the signals."""
         return np.asarray(self._force(*self._within(*signals)))
-
-    def force_std(self, *signals: ArrayLike) -> Floats:
-        """Return the deviation of the force in N that the constants' deviations cause."""
-        at = self._within(*signals)
-        return self.deviation_of(lambda law: law._force(*at))
-
-    def deviation_of(self, function: Callable[[Self], Any]) -> Floats:
-        """Return the deviation of a function by those of the constants; infinite by an unknown."""
-        total: Any = 0.0
-        for name, deviation in self.std.items():
-            step = _STEP * (abs(getattr(self, name)) or 1.0)
-            slope = np.imag(function(self.moved({name: 1j * step}))) / step
-            if deviation == np.inf:  # zero times infinity would be no number
-                slope, deviation = np.where(slope == 0, 0.0, np.inf), 1.0
-            total = total + (slope * deviation) ** 2
-        return np.asarray(np.sqrt(total), dtype=float)
 
     def moved(self, changes: Mapping[str, complex]) -> Self:
         """Return the law with those of the constants that it has moved by so much, unchecked."""
@@ -236,7 +207,7 @@ class Differential(Law):
         )
 
     @property
-    def constants(self) -> dict[str, LawConstant]:
+    def constants(self) -> dict[str, Constant]:
         found = super().constants
         return found if self.bias else {n: c for n, c in found.items() if n not in _BIASED}
 
@@ -315,22 +286,6 @@ class Differential(Law):
         gap = self.gap + self.iron - side * position * c
         return np.asarray(side * gap * np.sqrt(np.abs(force) / (self.K * c)))
 
-    def _slopes(self, current: float, position: float) -> Any:
-        c = np.cos(self.angle)
-        gaps = self.gap + self.iron - position * c, self.gap + self.iron + position * c
-        biases = self.bias + self.bias_difference, self.bias - self.bias_difference
-        ki, ks = 0.0, 0.0
-        for gap, bias, side in zip(gaps, biases, (1, -1), strict=True):
-            b = (bias + side * current) / gap
-            b = b * (b.real > 0)
-            bend = 1.0
-            if self.saturation != np.inf:
-                # The slope of g^2 / 2, g the bent b: b (1 + (b / b_s)^p)^(-2 / p - 1).
-                bend = (1 + (b / self.saturation) ** KNEE) ** (-2 / KNEE - 1)
-            ki = ki + 2 * self.K * c * b * bend / gap
-            ks = ks + 2 * self.K * c**2 * b**2 * bend / gap
-        return np.array([ki, ks])
-
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
         """Return the slopes at a point; at the origin 4 K i0 cos / s0^2, 4 K i0^2 cos^2 / s0^3."""
         self._within(current, position)
@@ -340,10 +295,8 @@ class Differential(Law):
                 "a current other than 0, or a bias",
                 "linearize about the current that flows",
             )
-        ki, ks = self._slopes(current, position)
-        std = np.broadcast_to(self.deviation_of(lambda law: law._slopes(current, position)), 2)
-        named = zip(("ki", "ks"), std.tolist(), strict=True)
-        return Linear(float(ki), float(ks), std=dict(named))
+        moved = (current + 1j * _STEP, position), (current, position + 1j * _STEP)
+        return Linear(*(float(np.imag(self._force(*at)) / _STEP) for at in moved))
 
 
 @frozen

@@ -145,16 +145,13 @@ class _Reader:
     record: Record
     period: int | None
 
-    def channel(self, name: str) -> Channel:
-        self.record.column(name)  # raises where there is none
-        return self.record.channels[self.record.names.index(name)]
-
     def shifted(self, samples: Floats, seconds: float) -> Floats:
         return shifted(samples, seconds * self.record.sample_rate, self.period)
 
     def column(self, name: str, lead: float = 0.0) -> Floats:
         """Return the quantity of a column, `lead` (s) later."""
-        channel, samples = self.channel(name), self.record.column(name)
+        samples = self.record.column(name)
+        channel = self.record.channels[self.record.index(name)]
         if channel.dynamics is None:  # one shift is nearer than two
             return self.shifted(samples, channel.delay + lead)
         rate = self.record.sample_rate
@@ -167,26 +164,15 @@ class _Reader:
         return total
 
     def force(self, name: str, reading: ForceReading) -> tuple[Channel, Floats]:
-        source = self.channel(reading.channels[0])
+        law, source = reading.law, self.record.channels[self.record.index(reading.channels[0])]
         with naming(self.record.source, place=name):
-            if isinstance(reading.law, Flux):
-                fluxes = [self.column(flux) for flux in reading.channels]
-                force = reading.law.force(*fluxes)
+            if isinstance(law, Flux):
+                force = law.force(*map(self.column, reading.channels))
             else:
-                force = self._from_current(reading.law, source, reading.position)
-        return self._channel(name, force, reading, source), force
-
-    def _channel(self, name: str, force: Floats, reading: ForceReading, source: Channel) -> Channel:
-        law = reading.law
-        plain = Channel(name, "N", delay_std=source.delay_std, gain_std=source.gain_std)
-        if isinstance(law, Differential | Flux):
-            return replace(plain, law=replace(law, position=reading.position))
-        current = self.record.column(source.name)
-        deviation = law.force_std(current, self.displacement(reading.position, 0.0))
-        size = float(np.sqrt(np.mean(force**2)))
-        spread = float(np.sqrt(np.mean(np.broadcast_to(deviation, force.shape) ** 2)))
-        relative = spread / size if size > 0 else 0.0
-        return replace(plain, gain_std=float(np.hypot(source.gain_std, relative)))
+                force = self._from_current(law, source, reading.position)
+        kept = None if isinstance(law, Linear) else replace(law, position=reading.position)
+        std = source.delay_std
+        return Channel(name, "N", delay_std=std, gain_std=source.gain_std, law=kept), force
 
     def _from_current(
         self, law: Linear | Differential, source: Channel, position: Mapping[str, float]

@@ -436,7 +436,8 @@ def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     for (name, label), on in (groups | (common if wanted is None else {})).items():
         first, *others = dict.fromkeys(laws[each].constants[name] for each in on)
         if label and others:
-            listed = ", ".join(f"{of.value:g} +- {of.std:g}" for of in sorted([first, *others]))
+            values = sorted((of.value, of.std) for of in (first, *others))
+            listed = ", ".join(f"{value:g} +- {std:g}" for value, std in values)
             told = f"{name} of {label} as {listed}"
             expected = "one value and deviation of a constant that is shared"
             cure = "write the same in every channel, or drop shared"

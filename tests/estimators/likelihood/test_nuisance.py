@@ -22,6 +22,7 @@ from rotorid import (
     spectra,
 )
 from rotorid.data.observation import Observation
+from rotorid.experiment.schema import DynamicsEntry
 from rotorid.force.channel_dynamics import (
     UNKNOWN,
     Constant,
@@ -433,8 +434,8 @@ def test_a_measured_response_is_linear_in_amplitude_and_phase():
 
 
 def test_constants_are_positive():
-    with pytest.raises(InputError, match="more than 0"):
-        Constant("bandwidth", "Hz", 0.0)
+    with pytest.raises(ValueError, match=r"bandwidth: found .* more than 0"):
+        DynamicsEntry(bandwidth="0 Hz")
 
 
 # What is no factor of a line, as unknowns: a mass on a spring between two magnets.
