@@ -270,30 +270,6 @@ EMPS = Problem(
 # Models as a user would type them.
 
 
-def pendulum_columns(p: SimpleNamespace, grid: Grid) -> Columns:
-    a = wave(grid, (1, 2, 5), 0.9, offset=0.3)
-    inertia = p.m * p.l**2 + p.J
-    torque = inertia * a.ddq + 9.81 * p.m * p.l * np.sin(a.q) + p.c * a.dq
-    return {"tau": torque + p.T_c * np.sign(a.dq), "alpha": a.q}
-
-
-PENDULUM = Problem(
-    name="pendulum",
-    text=model_text(
-        "pendulum with friction",
-        ["(m*l^2 + J)*alpha'' = tau - c*alpha' - T_c*sign(alpha') - m*9.81*l*sin(alpha)"],
-        "alpha rad",
-        "tau N m",
-        "m kg, l m, J kg m^2, c N m s, T_c N m",
-    ),
-    truth={"m": 1.3, "l": 0.4, "J": 0.02, "c": 0.15, "T_c": 0.5},
-    columns=pendulum_columns,
-    harmonics=tuple(range(20)),
-    base=names("m*l, m*l^2 + J, c, T_c"),
-    derived=("c", "T_c"),
-)
-
-
 def arm_columns(p: SimpleNamespace, grid: Grid) -> Columns:
     a, b = wave(grid, (1, 2, 3), 0.8), wave(grid, (1, 2, 4), 1.1, shift=0.5, offset=0.4)
     h = p.m2 * p.l1 * p.r2
@@ -529,7 +505,6 @@ BANK = (
     RIGID,
     JEFFCOTT,
     EMPS,
-    PENDULUM,
     ARM,
     ARM_OF_KNOWN_LENGTH,
     DUFFING,

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from io_writers import write_table
 from scipy import signal
 
 import rotorid as rid
@@ -55,7 +56,7 @@ def write(path: Path, rpm: np.ndarray, phasors: np.ndarray) -> None:
     columns = [rpm]
     for one in phasors.T:
         columns += [1e6 * np.abs(one), np.degrees(np.angle(one))]
-    np.savetxt(path, np.column_stack(columns), delimiter=",", header="n,ax,px,ay,py", comments="")
+    write_table(path, "n,ax,px,ay,py", *columns)
 
 
 def load(folder: Path, text: str = EXPERIMENT) -> rid.Experiment:

@@ -3,8 +3,9 @@
 import gc
 import struct
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import IO
 
 import h5py
 import numpy as np
@@ -12,6 +13,17 @@ import scipy.io
 
 RATE = 1000.0
 Columns = Mapping[str, tuple[np.ndarray, str]]
+
+
+def write_table(
+    path: str | Path | IO[str],
+    names: str,
+    *columns: np.ndarray,
+    separator: str = ",",
+    fmt: str | Sequence[str] = "%.18e",
+) -> None:
+    """Write columns, or tables of several, under their names as text."""
+    np.savetxt(path, np.column_stack(columns), fmt, separator, header=names, comments="")
 
 
 def write_csv(path: Path, columns: Columns) -> None:

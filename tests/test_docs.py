@@ -11,6 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from io_writers import write_table
 
 import rotorid as rid
 from rotorid import cli
@@ -106,8 +107,7 @@ def write(record: rid.Record, path: Path, channels: dict[str, dict[str, str]]) -
         for name, each in channels.items()
     }
     if path.suffix == ".csv":
-        text = np.column_stack(list(table.values()))
-        np.savetxt(path, text, delimiter=",", header=",".join(table), comments="", fmt="%.12g")
+        write_table(path, ",".join(table), *table.values(), fmt="%.12g")
     else:
         with h5py.File(path, "w") as file:
             for column, samples in table.items():
@@ -259,9 +259,9 @@ def test_the_example_of_every_help_runs(tmp_path, monkeypatch):
     rng = np.random.default_rng(5)
     r = rng.standard_normal((10_000, 2))
     e = 1.4 * r + 0.1 * rng.standard_normal(r.shape)
-    table = np.column_stack([e, r, rng.standard_normal(r.shape)])
-    np.savetxt("sweep.csv", table, delimiter=",", header="e1,e2,r1,r2,x,y", comments="")
-    np.savetxt("run.csv", table, delimiter=",", header="a,b,c,d,x,y", comments="")
+    other = rng.standard_normal(r.shape)
+    write_table("sweep.csv", "e1,e2,r1,r2,x,y", e, r, other)
+    write_table("run.csv", "a,b,c,d,x,y", e, r, other)
     Path("loop.toml").write_text(SWEEP)
     for arguments in examples():
         if arguments[0] == "validate":

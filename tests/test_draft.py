@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from io_writers import write_table
 from working_folder import shaken
 
 import rotorid as rid
@@ -33,16 +34,11 @@ MODEL = rid.load_model("jeffcott")
 RATE = 2000.0
 
 
-def simulated(axes: str = "xy") -> rid.Record:
-    return shaken(axes, periods=12, speed=0.0, noise=1e-3)
-
-
-def write_csv(
-    path: Path, record: rid.Record, names: str = "Time [ms],Fx [N],Fy [N],px [um],py [um]"
-) -> Path:
+def write_csv(path: Path) -> Path:
+    record = shaken(periods=12, speed=0.0, noise=1e-3)
     time = 1e3 * np.arange(len(record.samples)) / RATE
-    table = np.column_stack([time, record.samples * [1, 1, 1e6, 1e6]])
-    np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.10g")
+    names = "Time [ms],Fx [N],Fy [N],px [um],py [um]"
+    write_table(path, names, time, record.samples * [1, 1, 1e6, 1e6], fmt="%.10g")
     return path
 
 
@@ -51,7 +47,7 @@ def parse(text: str) -> dict:
 
 
 def test_a_record_of_a_logger(tmp_path):
-    text = draft([write_csv(tmp_path / "run.csv", simulated())], "jeffcott", tmp_path)
+    text = draft([write_csv(tmp_path / "run.csv")], "jeffcott", tmp_path)
     found = parse(text)
     (record,) = found["records"]
     assert record["file"] == "run.csv"
@@ -77,15 +73,8 @@ def test_a_record_of_a_logger(tmp_path):
     assert estimate.value("m") == pytest.approx(MODEL.nominal["m"], rel=1e-3)
 
 
-def test_a_record_for_each_axis(tmp_path):
-    files = [write_csv(tmp_path / f"{axis}.csv", simulated(axis)) for axis in "xy"]
-    found = parse(draft(files, "jeffcott", tmp_path))
-    assert [record["file"] for record in found["records"]] == ["x.csv", "y.csv"]
-    assert all(record["fundamental"] == "10 Hz" for record in found["records"])
-
-
 def test_files_of_one_clock_are_one_record(tmp_path):
-    record = simulated()
+    record = shaken(periods=12, speed=0.0, noise=1e-3)
     for name, columns in (("forces", (0, 1)), ("positions", (2, 3))):
         with h5py.File(tmp_path / f"{name}.h5", "w") as data:
             for column in columns:
@@ -121,10 +110,9 @@ def test_what_is_left_open_is_told_in_one_line(tmp_path, capfd):
 
 def test_currents_need_a_law(tmp_path):
     names = "t [ms],i_x [A],i_y [A],x [um],y [um],n_rpm"
-    record = simulated()
+    record = shaken(periods=12, speed=0.0, noise=1e-3)
     time = 1e3 * np.arange(len(record.samples)) / RATE
-    table = np.column_stack([time, record.samples, np.full(len(time), 1800.0)])
-    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header=names, comments="")
+    write_table(tmp_path / "run.csv", names, time, record.samples, np.full(len(time), 1800.0))
     found = parse(draft([tmp_path / "run.csv"], "jeffcott", tmp_path))
     law = {"law": "linear", "current": {"column": "i_x", "unit": "A"}}
     assert found["channels"]["F_x"] == law | {"position": "x", "ki": "?", "ks": "?"}
@@ -137,7 +125,7 @@ def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path):
     names = [f"I {p} [A]" for p in places] + [f"Pos {p} [um]" for p in places]
     table = np.random.default_rng(1).normal(size=(400, 8))
     path = tmp_path / "run.csv"
-    np.savetxt(path, table, delimiter=";", header=";".join(names), comments="")
+    write_table(path, ";".join(names), table, separator=";")
     text = draft([path], "three-mass", tmp_path)
     channels = parse(text)["channels"]
     for name, column, position in (("F_x1", "I AX", "x1"), ("F_y3", "I BY", "y3")):
@@ -157,7 +145,7 @@ def test_a_slash_between_plane_and_axis_is_no_path(tmp_path):
     names = [f"I {p} [mA]" for p in places] + [f"Weg {p} [um]" for p in places]
     table = np.random.default_rng(1).normal(size=(400, 8))
     path = tmp_path / "run.csv"
-    np.savetxt(path, table, delimiter=";", header=";".join(names), comments="")
+    write_table(path, ";".join(names), table, separator=";")
     channels = parse(draft([path], "rigid", tmp_path))["channels"]
     assert channels["F_xb"]["current"]["column"] == "I B/X"
     assert channels["s_xb"]["reads"] == "x + L_b*theta_y"
@@ -216,9 +204,8 @@ def test_a_sweep_for_each_axis_as_a_logger_writes_it(tmp_path):
         columns = np.zeros((count, 6))
         columns[:, axis] = columns[:, 2 + axis] = sweep
         columns[:, 2:] += 0.1 * rng.normal(size=(count, 4))
-        table = np.column_stack([time, columns])
         header = "t [s],ex_x [N],ex_y [N],Fx [N],Fy [N],x [um],y [um]"
-        np.savetxt(tmp_path / f"{axis}.csv", table, delimiter=",", header=header, comments="")
+        write_table(tmp_path / f"{axis}.csv", header, time, columns)
     text = draft([tmp_path / "0.csv", tmp_path / "1.csv"], "jeffcott", tmp_path)
     found = parse(text)
     for record, axis in zip(found["records"], "xy", strict=True):
@@ -255,14 +242,7 @@ def write_sweep(path: Path, axis: int, *, marks: bool = True) -> Path:
     preamble = "Data logger\nDate: 2025-11-04 14:20:07\nChannels: 13\n\n"
     with path.open("w", encoding="utf-8") as file:
         file.write(preamble)
-        np.savetxt(
-            file,
-            np.column_stack(columns),
-            delimiter=";",
-            header=";".join(["Time [ms]", *names]),
-            comments="",
-            fmt="%.3f",
-        )
+        write_table(file, ";".join(["Time [ms]", *names]), *columns, separator=";", fmt="%.3f")
     return path
 
 
@@ -350,12 +330,11 @@ def test_probes_at_right_angles_are_the_axes_of_the_model(names, assumed):
 
 def test_how_a_sensor_beside_a_magnet_is_written_is_shown(tmp_path):
     """Where no name tells which is which; a model that has them as coordinates needs none."""
-    table = np.column_stack(
-        [np.arange(400) / 1000.0, np.random.default_rng(1).normal(size=(400, 2))]
-    )
     header = 't [s],gap "one" [um],gap two [um]'
     path = tmp_path / "run.csv"
-    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    write_table(
+        path, header, np.arange(400) / 1000.0, np.random.default_rng(1).normal(size=(400, 2))
+    )
     told = [
         line for line in draft([path], "rigid", tmp_path).splitlines() if "a magnet: s_" in line
     ]
@@ -368,10 +347,9 @@ def test_how_a_sensor_beside_a_magnet_is_written_is_shown(tmp_path):
 def test_currents_that_no_name_tells_apart_leave_a_law_to_be_completed(tmp_path):
     rng = np.random.default_rng(1)
     for part in (1, 2):
-        table = np.column_stack([np.arange(400) / 1000.0, rng.normal(size=(400, 5))])
         header = "t [s],coil a [A],coil b [A],x [um],y [um],injected [mA]"
         path = tmp_path / f"{part}.csv"
-        np.savetxt(path, table, delimiter=",", header=header, comments="")
+        write_table(path, header, np.arange(400) / 1000.0, rng.normal(size=(400, 5)))
     text = draft([tmp_path / "1.csv", tmp_path / "2.csv"], "jeffcott", tmp_path)
     found = parse(text)
     assert found["channels"]["F_x"] == {
@@ -413,15 +391,13 @@ def test_columns_without_a_spectrum_are_not_searched_for_lines(size, name, tmp_p
     rng = np.random.default_rng(3)
     values = {"fx": rng.standard_normal(400), "px": rng.standard_normal(400)}
     values[name] = np.full(400, 2.0) if size == 1 else values[name] * size
-    table = np.column_stack([np.arange(400) / RATE, values["fx"], values["px"]])
-    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t,fx,px", comments="")
+    write_table(tmp_path / "run.csv", "t,fx,px", np.arange(400) / RATE, values["fx"], values["px"])
     text = draft([tmp_path / "run.csv"], None, tmp_path)
     assert f"where {'fx' if name == 'px' else 'px'} is large" in text
 
 
 def test_a_record_at_rest_has_no_band(tmp_path):
-    table = np.column_stack([np.arange(400) / RATE, np.zeros(400), np.ones(400)])
-    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t,fx,px", comments="")
+    write_table(tmp_path / "run.csv", "t,fx,px", np.arange(400) / RATE, np.zeros(400), np.ones(400))
     assert "is large" not in draft([tmp_path / "run.csv"], None, tmp_path)
 
 

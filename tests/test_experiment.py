@@ -5,6 +5,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from io_writers import write_table
 from working_folder import shaken
 
 import rotorid as rid
@@ -423,7 +424,7 @@ def test_the_head_of_a_table_of_a_response_is_read(head, columns, tmp_path):
         rows = np.column_stack([hertz, np.abs(value), np.angle(value, deg=columns == "deg")])
     else:
         rows = np.column_stack([hertz, value.real, value.imag]) * columns
-    np.savetxt(tmp_path / "amp.csv", rows, delimiter=",", header=head, comments="")
+    write_table(tmp_path / "amp.csv", head, rows)
     found = dynamics_of(DynamicsEntry(table="amp.csv"), actuator=True, folder=tmp_path)
     np.testing.assert_allclose(found.frequency, hertz, rtol=1e-12)
     np.testing.assert_allclose(found.measured, value, rtol=1e-12)
@@ -432,6 +433,6 @@ def test_the_head_of_a_table_of_a_response_is_read(head, columns, tmp_path):
 @pytest.mark.parametrize("head", ["f,mag [dB],phase [deg]", "f,amplitude,phase", "f [s],re,im"])
 def test_a_response_in_other_terms_is_refused(head, tmp_path):
     rows = np.arange(9.0).reshape(3, 3)
-    np.savetxt(tmp_path / "amp.csv", rows, delimiter=",", header=head, comments="")
+    write_table(tmp_path / "amp.csv", head, rows)
     with pytest.raises(InputError, match=r"amp\.csv: .*(amplitude and phase|does not convert|s )"):
         dynamics_of(DynamicsEntry(table="amp.csv"), actuator=True, folder=tmp_path)

@@ -15,17 +15,7 @@ from rotorid import InputError, ReadError, load_rig
 from rotorid.answer.result_file import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES
 from rotorid.cli import run
 from rotorid.commands import console
-from rotorid.core.files import (
-    MARK,
-    Kind,
-    check_apart,
-    check_target,
-    open_regular,
-    read_regular,
-    seen,
-    write_files,
-    write_whole,
-)
+from rotorid.core import files
 from rotorid.core.toml import TOML_BYTES, TOML_VALUES, parse_toml
 from rotorid.io import READERS
 from rotorid.testing import open_table
@@ -93,13 +83,13 @@ def test_a_pipe_put_in_the_place_of_a_file(tmp_path, monkeypatch):
     os.mkfifo(path)
     monkeypatch.setattr("rotorid.core.files.check_regular", lambda *_: None)
     with pytest.raises(ReadError, match="found a pipe"):
-        open_regular(path)
+        files.open_regular(path)
 
 
 def test_bounds_of_bytes(tmp_path):
     path = tmp_path / "run.toml"
     path.write_bytes(b"#" * TOML_BYTES)
-    assert len(read_regular(path, TOML_BYTES, "text", "cut it")) == 1_000_000
+    assert len(files.read_regular(path, TOML_BYTES, "text", "cut it")) == 1_000_000
     path.write_bytes(b"#" * (TOML_BYTES + 1))
     for load in (rid.load_model, rid.load_experiment, load_rig):
         with pytest.raises(ReadError, match="more than 1000 kB"):
@@ -167,7 +157,7 @@ def test_numbers_of_results(number, tmp_path):
 # Files written whole or not at all, and never over what the program did not write.
 
 
-KIND = Kind("rotorid test")
+KIND = files.Kind("rotorid test")
 
 
 def fail() -> bytes:
@@ -178,7 +168,7 @@ def test_all_or_nothing(tmp_path):
     first, second = tmp_path / "a.json", tmp_path / "b.html"
     first.write_text("old")
     with pytest.raises(OSError, match="No space left"):
-        write_files({first: lambda: b"new", second: fail})
+        files.write_files({first: lambda: b"new", second: fail})
     assert first.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
 
@@ -191,7 +181,7 @@ def test_a_disk_that_fills_names_the_users_file(tmp_path, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(f"rotorid.core.files.os.{step}", lambda *_, **__: fail())
             with pytest.raises(OSError, match="No space left on device") as found:
-                write_whole(target, b"new")
+                files.write_whole(target, b"new")
         assert found.value.filename == str(target)
         assert target.read_text() == "old"
         target.unlink()
@@ -201,9 +191,9 @@ def test_a_disk_that_fills_names_the_users_file(tmp_path, monkeypatch):
 def test_a_link_stays_a_link(tmp_path):
     target, link = tmp_path / "a.json", tmp_path / "link.json"
     link.symlink_to(target)
-    write_whole(link, b"new")  # it led to nothing
+    files.write_whole(link, b"new")  # it led to nothing
     assert target.read_text() == "new"
-    write_whole(link, b"newer")
+    files.write_whole(link, b"newer")
     assert target.read_text() == "newer"
     assert link.is_symlink()
 
@@ -214,7 +204,7 @@ def test_the_mode_of_a_file_stays(tmp_path):
     target.chmod(0o600)
     before = os.umask(0o027)
     try:
-        write_files({target: lambda: b"new", new: lambda: b"new"})
+        files.write_files({target: lambda: b"new", new: lambda: b"new"})
     finally:
         os.umask(before)
     assert stat.S_IMODE(target.stat().st_mode) == 0o600
@@ -222,21 +212,21 @@ def test_the_mode_of_a_file_stays(tmp_path):
 
 
 def test_devices_and_pipes_are_written_directly(tmp_path):
-    write_whole("/dev/null", b"gone")
+    files.write_whole("/dev/null", b"gone")
     assert not Path("/dev/null").is_file()
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     with pytest.raises(InputError, match="found a pipe that nobody reads"):
-        write_whole(pipe, b"nobody reads this")
+        files.write_whole(pipe, b"nobody reads this")
     reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    write_whole(pipe, b"answer")
+    files.write_whole(pipe, b"answer")
     assert os.read(reading, 100) == b"answer"
     os.close(reading)
 
 
 def test_names_as_long_as_the_disk_allows(tmp_path):
     target = tmp_path / ("n" * 250 + ".json")
-    write_whole(target, b"new")
+    files.write_whole(target, b"new")
     assert target.read_bytes() == b"new"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -245,75 +235,75 @@ def test_what_a_killed_process_left_is_in_nobodys_way(tmp_path):
     """In a container the next process has the same number."""
     left = tmp_path / f".a.json.{os.getpid()}-0.part"
     left.write_text("half")
-    write_whole(tmp_path / "a.json", b"new")
+    files.write_whole(tmp_path / "a.json", b"new")
     assert (tmp_path / "a.json").read_bytes() == b"new"
     assert left.read_text() == "half"
 
 
 def test_targets(tmp_path):
-    check_target(tmp_path / "new.json")
-    check_target(Path("/dev/null"))
+    files.check_target(tmp_path / "new.json")
+    files.check_target(Path("/dev/null"))
     with pytest.raises(InputError, match="no such folder"):
-        check_target(tmp_path / "none" / "new.json")
+        files.check_target(tmp_path / "none" / "new.json")
     with pytest.raises(InputError, match="a file to write"):
-        check_target(tmp_path)
+        files.check_target(tmp_path)
     loop = tmp_path / "loop"
     loop.symlink_to(loop)
     with pytest.raises(InputError, match="symbolic links"):
-        check_target(loop)
+        files.check_target(loop)
     with pytest.raises(InputError, match="too long"):
-        check_target(tmp_path / ("n" * 300))
+        files.check_target(tmp_path / ("n" * 300))
     with pytest.raises(InputError, match="null"):
-        check_target(Path("a\0b"))
+        files.check_target(Path("a\0b"))
     with pytest.raises(InputError, match="Not a directory"):
-        check_target(Path(__file__) / "a.json")
+        files.check_target(Path(__file__) / "a.json")
 
 
 def test_a_file_of_others_is_kept(tmp_path):
     target = tmp_path / "a.json"
-    check_target(target, KIND)
+    files.check_target(target, KIND)
     target.touch()  # as mktemp does: there is nothing to lose
-    check_target(target, KIND)
-    own = KIND.signed(f'{{"mass": 2, "written": "{MARK}"}}'.encode())
-    quoting = own.replace(b"2", b'"%s"' % MARK.encode().replace(b"0", b"1"), 1)
+    files.check_target(target, KIND)
+    own = KIND.signed(f'{{"mass": 2, "written": "{files.MARK}"}}'.encode())
+    quoting = own.replace(b"2", b'"%s"' % files.MARK.encode().replace(b"0", b"1"), 1)
     for data in (own, KIND.signed(quoting.replace(own[-66:-2], b"0" * 64))):
         target.write_bytes(data)
-        check_target(target, KIND)
-    other = Kind("rotorid other").signed(f'{{"mass": 2, "written": "{MARK}"}}'.encode())
-    for data in (other, own.replace(b"2", b"3", 1), own + b"\n", MARK.encode(), b"[]", b"\0"):
+        files.check_target(target, KIND)
+    other = files.Kind("rotorid other").signed(f'{{"mass": 2, "written": "{files.MARK}"}}'.encode())
+    for data in (other, own.replace(b"2", b"3", 1), own + b"\n", files.MARK.encode(), b"[]", b"\0"):
         target.write_bytes(data)
         with pytest.raises(InputError, match=r"`rotorid test` did not write.*--force"):
-            check_target(target, KIND)
-        check_target(target, KIND, force=True)
+            files.check_target(target, KIND)
+        files.check_target(target, KIND, force=True)
 
 
 def test_one_file_for_two(tmp_path):
     one, other, link = tmp_path / "a", tmp_path / "b", tmp_path / "c"
     link.symlink_to(one)
-    check_apart([one, other], [])
-    check_apart([Path("/dev/null"), Path("/dev/null")], [Path("/dev/null")])
+    files.check_apart([one, other], [])
+    files.check_apart([Path("/dev/null"), Path("/dev/null")], [Path("/dev/null")])
     with pytest.raises(InputError, match="an input of this run"):
-        check_apart([one], [link])
+        files.check_apart([one], [link])
     with pytest.raises(InputError, match="another output of this run"):
-        check_apart([one, link], [])
+        files.check_apart([one, link], [])
 
 
 def test_what_came_meanwhile_is_kept(tmp_path):
     new, old = tmp_path / "new.json", tmp_path / "old.json"
     old.write_text("old")
-    found = {new: seen(new), old: seen(old)}
+    found = {new: files.seen(new), old: files.seen(old)}
     assert found[new] is None
-    write_files({new: lambda: b"mine", old: lambda: b"mine"}, found)
+    files.write_files({new: lambda: b"mine", old: lambda: b"mine"}, found)
     assert new.read_text() == old.read_text() == "mine"
     for late in (new, old):
-        found = {path: seen(path) for path in (new, old)}
+        found = {path: files.seen(path) for path in (new, old)}
 
         def another(late: Path = late) -> bytes:
             late.write_text("somebody else's")
             return b"mine again"
 
         with pytest.raises(InputError, match=f"{late.name}: found a file that another program"):
-            write_files({new: another, old: lambda: b"mine again"}, found)
+            files.write_files({new: another, old: lambda: b"mine again"}, found)
         assert late.read_text() == "somebody else's"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new.json", "old.json"]
 

@@ -11,7 +11,6 @@ from sampled_bank import (
     DUFFING,
     DUFFING_TRUE,
     axis,
-    axis_force,
     duffing,
     dwelling,
     measured,
@@ -269,35 +268,6 @@ def test_a_cutoff_below_the_motion_is_told():
     """The cube of a position that lost its upper lines is not the cube of the position."""
     found = rid.identify(DUFFING, rid.filtered(duffing(np.random.default_rng(0)), 8.0), "ls")
     assert [w for w in found.warnings if "or the motion reaches up to the cut-off" in w]
-
-
-def test_what_is_excited_once_has_no_deviation():
-    """Friction that shows in one short stretch: a value, and no deviation."""
-    record = quiet_axis()
-    q = record.samples[:, 1].copy()
-    rate = 1000.0
-    time = np.arange(len(q)) / rate
-    q = 0.1 * time + 0.02 * np.exp(-(((time - 7.3) / 0.08) ** 2)) * (time - 7.3)
-    v, a = np.gradient(q, 1 / rate), np.gradient(np.gradient(q, 1 / rate), 1 / rate)
-    force = axis_force(v, a) + 0.1 * np.random.default_rng(0).standard_normal(len(q))
-    found = rid.identify(
-        AXIS,
-        rid.filtered(measured(force, q, ("F", "q"), rate), 60.0),
-        rid.LeastSquares(fixed={"Fv": 200.0, "Fc": 20.0}),
-    )
-    assert found["M"].std is None
-    assert any("blocks of the record tells M" in w for w in found.warnings)
-    assert found.std("offset") > 0
-
-
-def test_prediction_of_another_record():
-    first, second = (rid.filtered(axis(np.random.default_rng(s)), 40.0) for s in (0, 1))
-    found = rid.identify(AXIS, first, "ls")
-    error = rid.predict(AXIS, found, second)["F"]
-    assert error is not None
-    own = found.prediction["F"]
-    assert own is not None
-    assert error.relative_error == pytest.approx(own.relative_error, rel=0.3)
 
 
 def test_what_cannot_be_done():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from io_writers import write_table
 from sampled_bank import AXIS_TRUE, axis
 
 import rotorid as rid
@@ -35,7 +36,7 @@ def folder(tmp_path_factory):
     for number in range(2):
         samples = axis(np.random.default_rng(number)).samples * np.array([1.0, 1e3])
         name = folder / ("axis.csv" if number == 0 else "second.csv")
-        np.savetxt(name, samples, delimiter=",", header="F,q", comments="", fmt="%.9g")
+        write_table(name, "F,q", samples, fmt="%.9g")
     return folder
 
 
@@ -109,9 +110,8 @@ def test_a_draft_for_a_nonlinear_model_gives_a_cutoff(folder, capsys):
     """From the logger's file to the answer; the motion goes up to 2.5 Hz."""
     record = axis(np.random.default_rng(0))
     time = np.arange(len(record.samples)) / 1000.0
-    table = np.column_stack([time, record.samples])
     header = "t [s],F [N],q [m]"
-    np.savetxt(folder / "log.csv", table, delimiter=",", header=header, comments="", fmt="%.10g")
+    write_table(folder / "log.csv", header, time, record.samples, fmt="%.10g")
     out = folder / "draft.toml"
     assert run(["new", str(folder / "log.csv"), "--model", "emps", "--out", str(out)]) == 0
     (entry,) = rid.load_experiment(out).entry.records

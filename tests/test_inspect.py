@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from io_writers import write_table
 
 from rotorid import load_rig
 from rotorid.cli import run
@@ -78,7 +79,7 @@ def test_a_period_of_an_odd_number_of_samples(tmp_path, capsys):
     angle = 2 * np.pi * np.arange(6300) / 63
     noise = 0.01 * np.random.default_rng(1).standard_normal((6300, 2))
     columns = np.column_stack([np.cos(angle) + np.cos(3 * angle), np.sin(angle)]) + noise
-    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="f [N],x [um]", comments="")
+    write_table(tmp_path / "run.csv", "f [N],x [um]", columns)
     text = 'model = "?"\n[[records]]\nfile = "run.csv"\nsample_rate = "2 kHz"\nspeed = "0 rpm"\n'
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
     assert run(["inspect", str(tmp_path / "run.toml")]) == 0
@@ -113,10 +114,10 @@ def test_a_sweep_is_not_searched_for_a_period(tmp_path, capsys):
     turning = 2 * np.pi * 40.0 * time
     sweep = 0.3 * np.sin(2 * np.pi * (5 + 10 * time) * time)
     noise = 0.01 * np.random.default_rng(1).normal(size=(4, len(time)))
-    columns = [np.cos(turning) + sweep, np.sin(turning), np.cos(turning + 1) + sweep]
-    table = np.column_stack([time, *(np.array([*columns, np.sin(turning + 1)]) + noise), sweep])
+    forces, positions = ([np.cos(turning + at) + sweep, np.sin(turning + at)] for at in (0.0, 1.0))
     names = "t [s],Fx [N],Fy [N],x [um],y [um],ref_x [N]"
-    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header=names, comments="")
+    columns = np.array([*forces, *positions]) + noise
+    write_table(tmp_path / "run.csv", names, time, *columns, sweep)
     path = tmp_path / "run.toml"
     path.write_text(SWEEP, encoding="utf-8")
     assert run(["inspect", str(path)]) == 0

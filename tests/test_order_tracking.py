@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from coast_down import MODEL, TRUTH, load, run_down
+from io_writers import write_table
 
 import rotorid as rid
 from rotorid import InputError
@@ -193,15 +194,8 @@ t_y = { fixed = "0 kg m" }
 def folder(tmp_path):
     record = run_down(np.random.default_rng(6), 1e-4)
     pulse = (np.asarray(record.angle) % (2 * np.pi) < 0.8).astype(float)
-    table = np.column_stack([record.samples * 1e6, np.asarray(record.angle), pulse])
-    np.savetxt(
-        tmp_path / "run.csv",
-        table,
-        fmt=["%.1f", "%.1f", "%.5f", "%d"],
-        delimiter=",",
-        header="x,y,phi,kp",
-        comments="",
-    )
+    columns, digits = (1e6 * record.samples, record.angle, pulse), ["%.1f", "%.1f", "%.5f", "%d"]
+    write_table(tmp_path / "run.csv", "x,y,phi,kp", *columns, fmt=digits)
     (tmp_path / "model.toml").write_text(MODEL)
     return tmp_path
 

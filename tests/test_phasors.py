@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, write
+from io_writers import write_table
 
 import rotorid as rid
 from rotorid import InputError
@@ -71,13 +72,7 @@ def test_force_phasors_are_inputs(folder):
     stiffness = TRUTH["k"] - TRUTH["m"] * turning**2 + 1j * TRUTH["c"] * turning
     motion = coast(RPM) + np.column_stack([np.full_like(turning, 50.0) / stiffness, 0 * turning])
     table = np.column_stack([RPM, motion.real, motion.imag, np.full_like(RPM, 50.0), 0 * RPM])
-    np.savetxt(
-        folder / "run.csv",
-        table[:, [0, 1, 3, 2, 4, 5, 6]],
-        delimiter=",",
-        header="n,xr,xi,yr,yi,f,zero",
-        comments="",
-    )
+    write_table(folder / "run.csv", "n,xr,xi,yr,yi,f,zero", table[:, [0, 1, 3, 2, 4, 5, 6]])
     text = """
 model = "jeffcott"
 [[records]]
@@ -153,7 +148,7 @@ def test_how_instruments_state_a_phasor(folder, size, turn, unit, keys):
     for one in coast(RPM).T:
         columns += [size * np.abs(one), turn * np.angle(one)]
     table = np.column_stack(columns)
-    np.savetxt(folder / "run.csv", table, delimiter=",", header=TABLE, comments="")
+    write_table(folder / "run.csv", TABLE, table)
     text = EXPERIMENT.replace('"um", std = "1 um"', f'{unit}, {keys}, std = "1 um"')
     estimate = identify(folder, text)
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-9)
@@ -195,13 +190,7 @@ def test_deviations_from_a_column(folder):
     write(folder / "run.csv", RPM, phasors + std[:, None] * noise)
     table = np.genfromtxt(folder / "run.csv", delimiter=",", skip_header=1)
     header = "n,ax,px,ay,py,s"
-    np.savetxt(
-        folder / "run.csv",
-        np.column_stack([table, 1e6 * std]),
-        delimiter=",",
-        header=header,
-        comments="",
-    )
+    write_table(folder / "run.csv", header, table, 1e6 * std)
     estimate = identify(folder, EXPERIMENT.replace('std = "1 um"', 'std = "s"'))
     assert estimate.status == "ok"
     assert estimate.value("u_x") == pytest.approx(TRUTH["u_x"], rel=1e-3)
@@ -420,7 +409,7 @@ def test_a_table_beside_samples(folder):
         rng=np.random.default_rng(1),
     )
     table = np.column_stack([record.column(n) for n in ("F_x", "F_y", "x", "y")])
-    np.savetxt(folder / "shaken.csv", table, delimiter=",", header="fx,fy,x,y", comments="")
+    write_table(folder / "shaken.csv", "fx,fy,x,y", table)
     text = """
 model = "jeffcott"
 [[records]]

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from io_writers import write_responses
+from io_writers import write_responses, write_table
 from model_text import model_text
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.cli import run
 from rotorid.data.lines import SilentClock
 from rotorid.data.table_lines import FAINT
 
@@ -141,13 +140,6 @@ class TestNoise:
         size = np.abs(found[tuple(at)]) ** 2
         assert variance == pytest.approx(size * 5e-4 / (1 - 5e-4) / 39)
         assert wrong(estimate(found, coherence=short, averages=40)) < 5
-
-    def test_coherence_and_its_averages_give_honest_deviations(self):
-        found, coherence = averaged(np.random.default_rng(11), 20)
-        result = estimate(found, coherence=coherence, averages=20)
-        assert result.status == "ok"
-        assert wrong(result) < 4
-        assert not any("too few periods" in w for w in result.warnings)
 
 
 class TestRefused:
@@ -293,9 +285,9 @@ def folder(tmp_path_factory):
     found, coherence = averaged(np.random.default_rng(1), 20)
     polar = [1e6 * np.abs(found[:, 0]), np.degrees(np.angle(found[:, 0])), coherence[:, 0]]
     driven = -(OMEGA**2) * found[:, 1]
-    table = np.column_stack([HERTZ, *polar, driven.real, driven.imag, coherence[:, 1]])
     header = "f,a1,p1,c1,re,im,c3"
-    np.savetxt(folder / "tap.csv", table, "%.15g", delimiter=",", header=header, comments="")
+    columns = [*polar, driven.real, driven.imag, coherence[:, 1]]
+    write_table(folder / "tap.csv", header, HERTZ, *columns, fmt="%.15g")
     for binary in (0, 1):
         common = {"force": (1, 1), "frequency": HERTZ}
         sets = [
@@ -336,19 +328,6 @@ def identified(experiment: rid.Experiment) -> rid.Estimate:
 
 
 class TestFiles:
-    @pytest.mark.slow
-    def test_a_table_is_inspected(self, folder, capsys):
-        polar = "amplitude = 'a1', phase = 'p1', coherence = 'c1', unit = 'um/N'"
-        load(folder, f"x1 = {{ input = 'F', {polar} }}")
-        assert run(["inspect", str(folder / "run.toml")]) == 0
-        told = capsys.readouterr().out
-        assert "117 lines of responses to F, from 5 to 297.5 Hz" in told
-        assert "1 line with a coherence below 0.01 left out" in told
-        size = np.abs(averaged(np.random.default_rng(1), 20)[0][:, 0])
-        assert f"{size.max():.4g}" in told
-        assert f"{HERTZ[size.argmax()]:.6g}" in told
-        assert "(m)/(N)" in told
-
     def test_a_table(self, folder):
         check_alike(identified(load(folder, TABLE)))
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from io_writers import write_table
 from model_text import model_text
 from scipy.linalg import expm
 
@@ -489,7 +490,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     for name, record in (("run", levitated(1)), ("quiet", levitated(2, excitation=0.0))):
         samples = record.samples * [1, 1, 1e6, 1e6, 1, 1]
-        np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER, comments="")
+        write_table(folder / f"{name}.csv", HEADER, samples)
     return folder
 
 
@@ -525,14 +526,6 @@ def test_what_does_not_go_together_is_refused(folder, noise, message, capsys):
     assert message in line
 
 
-@pytest.mark.slow
-def test_least_squares_asks_for_periods(folder, capsys):
-    identify_whole(folder, REFERENCES)
-    capsys.readouterr()
-    assert cli.run(["identify", str(folder / "run.toml"), "--method", "batch"]) == 2
-    assert "whole periods for this method" in capsys.readouterr().err
-
-
 def of_two(turning: str, second: str) -> str:
     text = EXPERIMENT.format(noise=REFERENCES, rpm=0).replace('speed = "0 rpm"', turning)
     head, record, rest = re.split(r"(?=\[\[records|\[channels)", text)
@@ -548,7 +541,7 @@ def turning(tmp_path_factory):
     for name, seed, first in (("first", 1, 0), ("second", 2, later)):
         record = levitated(seed, excitation=5.0)
         samples = (record.samples * [1, 1, 1e6, 1e6, 1, 1])[first:]
-        np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER, comments="")
+        write_table(folder / f"{name}.csv", HEADER, samples)
     return folder
 
 

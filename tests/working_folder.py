@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from io_writers import write_table
 
 import rotorid as rid
 from rotorid import load_rig
@@ -27,7 +28,6 @@ BY_BATCH = EXPERIMENT + '\n[estimator]\nmethod = "batch"\n'
 
 
 def shaken(
-    axes: str = "xy",
     *,
     periods: int = 20,
     speed: float = 2 * np.pi * 30,
@@ -41,7 +41,7 @@ def shaken(
     return rid.simulate(
         model,
         model.values(model.nominal),
-        forces * [axis in axes for axis in "xy"],
+        forces,
         sample_rate=2000.0,
         periods=periods,
         speed=speed,
@@ -54,7 +54,7 @@ def shaken(
 def write_record(folder: Path, scale: float = 1.0) -> None:
     """Write run.csv, a noisy record; all columns times `scale`."""
     samples = shaken().samples * scale
-    np.savetxt(folder / "run.csv", samples, delimiter=",", header="fx,fy,x,y", comments="")
+    write_table(folder / "run.csv", "fx,fy,x,y", samples)
 
 
 def make(folder: Path, scale: float = 1.0) -> Path:

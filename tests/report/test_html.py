@@ -13,25 +13,6 @@ from report_pages import Page, check_self_contained, titles
 from severities import causes
 
 import rotorid as rid
-from rotorid import (
-    Estimate,
-    LeastSquares,
-    LineMisfit,
-    Misfit,
-    Model,
-    Note,
-    PeriodicRecord,
-    Provenance,
-    Suspect,
-    Value,
-    average,
-    cli,
-    identify,
-    load_estimate,
-    load_model,
-    simulate,
-    with_evidence,
-)
 from rotorid.answer.estimate import Evidence, Prior, SourceFile
 from rotorid.answer.predict import ChannelError
 from rotorid.demo import TABLE, demo_report, findings, run_demo
@@ -59,7 +40,7 @@ def demo():
 
 @pytest.fixture(scope="module")
 def model():
-    return load_model("jeffcott")
+    return rid.load_model("jeffcott")
 
 
 @pytest.fixture(scope="module")
@@ -67,12 +48,12 @@ def demo_page(demo):
     return Page(demo_report(demo))
 
 
-def record(model: Model, noise: float = 1e-3, periods: int = 40) -> PeriodicRecord:
+def record(model: rid.Model, noise: float = 1e-3, periods: int = 40) -> rid.PeriodicRecord:
     t = np.arange(100) / 1000.0
     forces = np.column_stack(
         [np.cos(20 * np.pi * t) + np.cos(60 * np.pi * t), np.sin(20 * np.pi * t)]
     )
-    motion = simulate(
+    motion = rid.simulate(
         model,
         model.values(model.nominal),
         1e3 * forces,
@@ -82,7 +63,7 @@ def record(model: Model, noise: float = 1e-3, periods: int = 40) -> PeriodicReco
         noise={"F_x": noise, "F_y": noise, "x": 1e-3 * noise, "y": 1e-3 * noise},
         rng=np.random.default_rng(4),
     )
-    return average(motion, 10.0, harmonics=[1, 2, 3])
+    return rid.average(motion, 10.0, harmonics=[1, 2, 3])
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +76,9 @@ def estimate(model, periods):
     return gathered(model, periods)
 
 
-def gathered(model: Model, *periods: PeriodicRecord) -> Estimate:
-    method = LeastSquares()
-    return with_evidence(identify(model, periods, method), model, periods, method)
+def gathered(model: rid.Model, *periods: rid.PeriodicRecord) -> rid.Estimate:
+    method = rid.LeastSquares()
+    return rid.with_evidence(rid.identify(model, periods, method), model, periods, method)
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +128,7 @@ def test_estimate_report_shows_the_estimate(estimate, model, estimate_page):
 def test_the_page_is_that_of_the_file(estimate, tmp_path):
     """The same page from the result alone, to the byte."""
     estimate.save(tmp_path / "run.json")
-    assert estimate_report(load_estimate(tmp_path / "run.json")) == estimate_report(estimate)
+    assert estimate_report(rid.load_estimate(tmp_path / "run.json")) == estimate_report(estimate)
 
 
 def test_every_record_has_its_pictures(model, periods):
@@ -160,10 +141,10 @@ def test_every_record_has_its_pictures(model, periods):
 def test_misfit_suspects_and_warnings_are_shown(estimate):
     rejected = estimate.with_(
         status="rejected",
-        misfit=Misfit(120.0, 84.2, 82, 1e-7),
+        misfit=rid.Misfit(120.0, 84.2, 82, 1e-7),
         notes=(
-            *causes(Suspect("damping k", 31.0, share=0.9)),
-            Note("record", "remarks", "the speed of the record is not that of the file"),
+            *causes(rid.Suspect("damping k", 31.0, share=0.9)),
+            rid.Note("record", "remarks", "the speed of the record is not that of the file"),
         ),
     )
     words = Page(estimate_report(rejected)).words
@@ -189,10 +170,10 @@ def test_hostile_names_are_text(estimate, periods):
         derived=named,
         prediction={HOSTILE: None},
         notes=(
-            *causes(Suspect(HOSTILE, 1.0, value=2.0, unit=HOSTILE)),
-            Note("record", "remarks", HOSTILE),
+            *causes(rid.Suspect(HOSTILE, 1.0, value=2.0, unit=HOSTILE)),
+            rid.Note("record", "remarks", HOSTILE),
         ),
-        provenance=Provenance((SourceFile(HOSTILE, "ab"),), HOSTILE, "1", HOSTILE),
+        provenance=rid.Provenance((SourceFile(HOSTILE, "ab"),), HOSTILE, "1", HOSTILE),
         evidence=evidence,
     )
     page = Page(estimate_report(hostile))
@@ -224,7 +205,7 @@ def test_of_hidden_coordinates(estimate, model, periods):
         mean=periods.mean[:, :3],
         variance=periods.variance[:, :3],
     )
-    found = with_evidence(estimate, model, hidden)
+    found = rid.with_evidence(estimate, model, hidden)
     assert found.evidence is not None
     names = [c.name for c in found.evidence.records[0].channels if c.predicted]
     assert names == ["x"]  # the reading, since a coordinate is hidden
@@ -245,8 +226,8 @@ def test_of_parameters_left_open(model, periods):
 
 
 def test_where_the_misfit_lies(estimate):
-    lines = tuple(LineMisfit(0, f, cost, 12.0) for f, cost in ((10, 11), (20, 90.5), (30, 13)))
-    found = estimate.with_(misfit=Misfit(114.5, 36.0, 30, 1e-7), line_misfit=lines)
+    lines = tuple(rid.LineMisfit(0, f, cost, 12.0) for f, cost in ((10, 11), (20, 90.5), (30, 13)))
+    found = estimate.with_(misfit=rid.Misfit(114.5, 36.0, 30, 1e-7), line_misfit=lines)
     page = Page(estimate_report(found))
     check_self_contained(page)
     assert "Misfit, frequency by frequency" in titles(page)
@@ -254,12 +235,14 @@ def test_where_the_misfit_lies(estimate):
     text = str(found).splitlines()
     start = text.index("misfit by line  found  by noise")
     assert [line.split()[0] for line in text[start + 1 : start + 4]] == ["20", "30", "10"]
-    fits = found.with_(misfit=Misfit(37.0, 36.0, 30, 0.4))
+    fits = found.with_(misfit=rid.Misfit(37.0, 36.0, 30, 0.4))
     assert "misfit by line" not in str(fits)
 
 
 def test_where_an_estimate_comes_from(estimate):
-    source = Provenance((SourceFile("run<1>.csv", "ab12"),), "model = 1", "0.1", "rotorid identify")
+    source = rid.Provenance(
+        (SourceFile("run<1>.csv", "ab12"),), "model = 1", "0.1", "rotorid identify"
+    )
     source = replace(source, environment="numpy 9")
     page = Page(estimate_report(estimate.with_(provenance=source)))
     for text in (
@@ -322,9 +305,9 @@ def test_what_was_known_stands_beside(estimate):
 @pytest.mark.parametrize(("value", "shown"), [(9.9e-5, "0"), (1.1e-4, "0.00011"), (2e-3, "0.0020")])
 def test_what_rounding_leaves_of_zero_is_zero(value, shown):
     """A phase that is known to be zero, and nothing of the record says otherwise."""
-    phase = Value("phase[0]", "rad", value, 0.02)
+    phase = rid.Value("phase[0]", "rad", value, 0.02)
     known = Evidence((), (Prior("phase[0]", 0.0, 0.02),))
-    estimate = Estimate("rigid", "ml", "ok", (phase,), evidence=known)
+    estimate = rid.Estimate("rigid", "ml", "ok", (phase,), evidence=known)
     ((row,),) = (rows for _, rows in groups(estimate))
     assert row.percent == ("" if value < 2e-3 else "2000")
     assert row.moved == {"0": "0 std", "0.00011": "+0.0055 std"}.get(shown, "+0.1 std")
@@ -384,7 +367,7 @@ def pages(tmp_path_factory, demo):
     planes = ("--plane", "F_xa,F_ya", "--plane", "F_xb,F_yb", "--radius", "30 mm")
 
     def run(*arguments: str) -> None:
-        assert cli.run(arguments) == 0, arguments
+        assert rid.cli.run(arguments) == 0, arguments
 
     run("simulate", "rigid", "--out", record)
     run("identify", experiment, "--json", result)
@@ -431,7 +414,7 @@ def _of_whole_records() -> str:
         )
         turning = replace(record, angle=None, phase_known=phase == 0)
         data.append(rid.spectra(turning, (2.0, 60.0), inputs=model.inputs))
-    page = estimate_report(with_evidence(rid.identify(model, data, "ml"), model, data))
+    page = estimate_report(rid.with_evidence(rid.identify(model, data, "ml"), model, data))
     assert "Measured and predicted signals, record 2" in page
     return page
 

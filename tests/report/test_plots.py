@@ -12,50 +12,10 @@ from linear_machines import estimate_of
 from report_pages import Page, check_self_contained, titles
 
 import rotorid as rid
-from rotorid import (
-    Channel,
-    InputError,
-    LineMisfit,
-    Record,
-    average,
-    campbell,
-    identify,
-    load_model,
-    modes,
-)
 from rotorid.demo import ESTIMATORS, FUNDAMENTAL, HARMONICS, simulate_record
+from rotorid.report import drawn, machines
 from rotorid.report import html as interactive
-from rotorid.report import machines
-from rotorid.report.drawn import (
-    Axis,
-    Curve,
-    Panel,
-    correlation,
-    difference,
-    envelope,
-    label,
-    lines,
-    misfit,
-    over_time,
-    residual,
-    response,
-    samples,
-    shapes,
-    spectra,
-    wave,
-)
-from rotorid.report.drawn import campbell as campbell_panel
 from rotorid.report.figure import figure_of
-from rotorid.report.machines import (
-    balance_report,
-    machine_part,
-    mode_table,
-    modes_report,
-    modes_sentence,
-    ringing,
-    ringing_curves,
-    summary,
-)
 from rotorid.results.evidence import record_evidence
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import partners, response_of
@@ -66,7 +26,7 @@ from rotorid.results.modes import partners, response_of
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 
 
-MODEL = load_model("three-mass")
+MODEL = rid.load_model("three-mass")
 
 
 @pytest.fixture(scope="module")
@@ -76,12 +36,12 @@ def record():
 
 @pytest.fixture(scope="module")
 def periods(record):
-    return average(record, FUNDAMENTAL, harmonics=HARMONICS)
+    return rid.average(record, FUNDAMENTAL, harmonics=HARMONICS)
 
 
 @pytest.fixture(scope="module")
 def estimates(periods):
-    return {name: identify(MODEL, periods, ESTIMATORS[name]) for name in ("batch-100", "ml")}
+    return {name: rid.identify(MODEL, periods, ESTIMATORS[name]) for name in ("batch-100", "ml")}
 
 
 @pytest.fixture(scope="module")
@@ -89,13 +49,13 @@ def evidence(periods, estimates):
     return {name: record_evidence(e, MODEL, [periods])[0] for name, e in estimates.items()}
 
 
-def curve(panel: Panel, text: str) -> Curve:
+def curve(panel: drawn.Panel, text: str) -> drawn.Curve:
     (found,) = [one for one in panel.curves if one.label.startswith(text)]
     return found
 
 
 def test_positions_are_drawn_in_micrometres(periods):
-    panel = spectra(periods)[periods.index("x1")]
+    panel = drawn.spectra(periods)[periods.index("x1")]
     assert panel.y.title == "amplitude in µm"
     found = np.abs(periods.mean_spectrum[:, periods.index("x1")])
     np.testing.assert_allclose(curve(panel, "used").y, 2e6 * found)
@@ -105,7 +65,7 @@ def test_positions_are_drawn_in_micrometres(periods):
 def test_predicted_forces_have_the_error_that_the_estimate_states(estimates, evidence, name):
     stated, record = estimates[name].prediction, evidence[name]
     for channel, waves, on_lines in zip(
-        record.channels[:4], over_time(record, wave), lines(record), strict=False
+        record.channels[:4], drawn.over_time(record, drawn.wave), drawn.lines(record), strict=False
     ):
         measured, predicted = curve(waves, "measured").y, curve(waves, "predicted").y
         error = np.linalg.norm(predicted - measured) / np.linalg.norm(measured)
@@ -120,11 +80,11 @@ def test_predicted_forces_have_the_error_that_the_estimate_states(estimates, evi
 
 def test_forces_are_drawn_over_one_period_with_their_noise(evidence):
     record = evidence["ml"]
-    panels = over_time(record, wave)
+    panels = drawn.over_time(record, drawn.wave)
     assert [panel.y.title for panel in panels] == [f"F_{n} in N" for n in ("x1", "y1", "x3", "y3")]
     assert panels[0].x.title == "time in ms"
     np.testing.assert_allclose(curve(panels[0], "predicted").x, np.arange(250) / 5)
-    for panel, left in zip(panels, over_time(record, difference), strict=True):
+    for panel, left in zip(panels, drawn.over_time(record, drawn.difference), strict=True):
         band, away = curve(left, "95"), curve(left, "predicted")
         assert band.base is not None
         np.testing.assert_allclose(band.base, -band.y)
@@ -134,7 +94,7 @@ def test_forces_are_drawn_over_one_period_with_their_noise(evidence):
 
 
 def test_what_is_left_is_shown_over_its_noise(evidence):
-    (panel,) = residual(evidence["ml"])
+    (panel,) = drawn.residual(evidence["ml"])
     assert panel.matrix is not None
     assert panel.matrix.values.shape == (4, 6)
     size = np.sqrt((panel.matrix.values**2).mean())
@@ -143,56 +103,62 @@ def test_what_is_left_is_shown_over_its_noise(evidence):
 
 
 def test_correlation_names_rows_and_columns():
-    panel = correlation(["a", "<b>"], np.array([[1.0, -0.9], [-0.9, 1.0]]))
-    drawn = interactive.spec(panel)
+    panel = drawn.correlation(["a", "<b>"], np.array([[1.0, -0.9], [-0.9, 1.0]]))
+    spec = interactive.spec(panel)
     for axis in ("xaxis", "yaxis"):
-        assert drawn["layout"][axis]["ticktext"] == ["a", "&lt;b&gt;"]
-    assert drawn["data"][0]["text"] == [["", "\N{MINUS SIGN}.90"], ["\N{MINUS SIGN}.90", ""]]
+        assert spec["layout"][axis]["ticktext"] == ["a", "&lt;b&gt;"]
+    assert spec["data"][0]["text"] == [["", "\N{MINUS SIGN}.90"], ["\N{MINUS SIGN}.90", ""]]
     axes = figure_of([panel]).axes[0]
     assert [text.get_text() for text in axes.get_xticklabels()] == ["a", "<b>"]
     assert {text.get_text() for text in axes.texts} == {"\N{MINUS SIGN}.9"}
 
 
 def test_misfit_is_drawn_over_its_expectation():
-    panel = misfit(map(LineMisfit, [0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0] * 3))
+    panel = drawn.misfit(
+        map(rid.LineMisfit, [0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0] * 3)
+    )
     first, second = curve(panel, "record 1"), curve(panel, "record 2")
     np.testing.assert_allclose([first.x, first.y], [[10, 20], [1, 7.5]])
     np.testing.assert_allclose([second.x, second.y], [[10], [1]])
 
 
 def test_misfit_of_phasors_is_drawn_over_the_speed_with_ticks_to_read():
-    panel = misfit(map(LineMisfit, [0, 0], [10.0, 20.0], [12.0, 2.0], [12.0] * 2), turning=True)
+    panel = drawn.misfit(
+        map(rid.LineMisfit, [0, 0], [10.0, 20.0], [12.0, 2.0], [12.0] * 2), turning=True
+    )
     assert panel.x.title == "speed in rpm"
     np.testing.assert_allclose(panel.curves[0].x, [600, 1200])
     axis = interactive.spec(panel)["layout"]["yaxis"]
     assert {"0.2", "0.5", "1", "2"} <= set(axis["ticktext"])
     assert "dtick" not in axis
     for top, told in ((3.9, None), (4.1, "tickvals"), (310.0, "tickvals"), (320.0, "dtick")):
-        axis = interactive.spec(Panel(y=Axis(log=True, ends=(1.0, top))))["layout"]["yaxis"]
+        axis = interactive.spec(drawn.Panel(y=drawn.Axis(log=True, ends=(1.0, top))))["layout"][
+            "yaxis"
+        ]
         assert [key for key in ("tickvals", "dtick") if key in axis] == ([told] if told else [])
 
 
 def test_names_of_marks_stay_in_the_picture():
     x, y = np.array([-5.0, 9.0, 9.0]), np.array([3.0, 3.0, -3.0])
-    marks = Curve(x, y, "masses", look="named", told=("a", "b", "c"))
+    marks = drawn.Curve(x, y, "masses", look="named", told=("a", "b", "c"))
     for ends, at in (
         ((-10.0, 10.0), ["middle right", "top left", "bottom left"]),
         (None, "middle right"),
     ):
-        (trace,) = interactive.spec(Panel("", Axis(ends=ends), curves=(marks,)))["data"]
+        (trace,) = interactive.spec(drawn.Panel("", drawn.Axis(ends=ends), curves=(marks,)))["data"]
         assert trace["textposition"] == at
 
 
 def test_a_spike_shows_in_a_long_record():
     values = np.zeros((100_000, 1))
     values[54_321] = 7.0
-    record = Record([Channel("x", "V")], values, sample_rate=1000.0)
-    (panel,) = samples(record)
+    record = rid.Record([rid.Channel("x", "V")], values, sample_rate=1000.0)
+    (panel,) = drawn.samples(record)
     (band,) = panel.curves
     assert len(band.x) <= 600
     assert band.y.max() == 7.0
     assert band.x[np.argmax(band.y)] == pytest.approx(54.321, abs=0.1)
-    low, high, size = envelope(np.arange(10.0), 3)
+    low, high, size = drawn.envelope(np.arange(10.0), 3)
     assert (low.tolist(), high.tolist(), size) == ([0, 4], [3, 7], 4)
 
 
@@ -204,7 +170,7 @@ def test_deviations_of_an_estimate_are_drawn_in_percent(estimates):
     np.testing.assert_allclose(left.lines[0].get_xdata(), percent)
     shown = right.collections[0].get_array().reshape(estimate.correlation.shape)
     np.testing.assert_allclose(shown, estimate.correlation)
-    with pytest.raises(InputError, match="without covariance"):
+    with pytest.raises(rid.InputError, match="without covariance"):
         estimate.with_(covariance=np.zeros((0, 0))).plot()
 
 
@@ -212,31 +178,35 @@ def test_every_panel_is_what_plotly_takes(record, periods, evidence):
     """The library that draws it knows every key, and the numbers are JSON."""
     predicted = evidence["ml"]
     panels = [
-        *over_time(predicted, wave),
-        *over_time(predicted, difference),
-        *lines(predicted),
-        *residual(predicted),
-        *spectra(periods)[:1],
-        *samples(record)[:1],
-        misfit(map(LineMisfit, [0, 1], [10.0, 20.0], [1.0, np.nan], [1.0, 1.0])),
-        correlation(["a", "b"], np.array([[1.0, np.nan], [np.nan, 1.0]])),
+        *drawn.over_time(predicted, drawn.wave),
+        *drawn.over_time(predicted, drawn.difference),
+        *drawn.lines(predicted),
+        *drawn.residual(predicted),
+        *drawn.spectra(periods)[:1],
+        *drawn.samples(record)[:1],
+        drawn.misfit(map(rid.LineMisfit, [0, 1], [10.0, 20.0], [1.0, np.nan], [1.0, 1.0])),
+        drawn.correlation(["a", "b"], np.array([[1.0, np.nan], [np.nan, 1.0]])),
     ]
     for panel in panels:
-        drawn = interactive.spec(panel)
-        json.dumps(drawn, allow_nan=False)
-        figure = plotly.graph_objects.Figure(drawn)
+        spec = interactive.spec(panel)
+        json.dumps(spec, allow_nan=False)
+        figure = plotly.graph_objects.Figure(spec)
         assert figure.layout.height >= 100
 
 
 def test_names_are_no_markup_in_a_page():
     bad = '<a href="https://example.org">x</a>'
-    panel = Panel(bad, Axis(bad), Axis(names=(bad,)), (Curve(np.ones(1), np.zeros(1), bad),))
+    panel = drawn.Panel(
+        bad, drawn.Axis(bad), drawn.Axis(names=(bad,)), (drawn.Curve(np.ones(1), np.zeros(1), bad),)
+    )
     assert "<" not in json.dumps(interactive.spec(panel))
 
 
 def test_pictures_are_the_same_each_time_and_leave_no_trace(evidence):
     before = dict(mpl.rcParams)
-    first, second = (figure_of(over_time(evidence["ml"], wave), columns=3) for _ in range(2))
+    first, second = (
+        figure_of(drawn.over_time(evidence["ml"], drawn.wave), columns=3) for _ in range(2)
+    )
     for one, other in zip(first.axes, second.axes, strict=True):
         for a, b in zip(one.lines, other.lines, strict=True):
             np.testing.assert_array_equal(a.get_xydata(), b.get_xydata())
@@ -248,7 +218,7 @@ def test_pictures_are_the_same_each_time_and_leave_no_trace(evidence):
     [("k1*L1", "k1*L1"), ("a\nb\x00", "a b "), ("x" * 30, "x" * 23 + "…"), ("$x_{$", "$x_{$")],
 )
 def test_labels(name, shown):
-    assert label(name) == shown
+    assert drawn.label(name) == shown
 
 
 def test_pictures_of_the_documentation_are_small():
@@ -275,8 +245,8 @@ def estimate(model):
 
 
 def test_a_diagram_shows_what_was_computed(estimate):
-    found = campbell(estimate, 1.3 * SPEED)
-    panel = campbell_panel(found)
+    found = rid.campbell(estimate, 1.3 * SPEED)
+    panel = drawn.campbell(found)
     lines = [c for c in panel.curves if c.look == "line"]
     assert len(lines) == len(found.whirl)
     for curve, frequency in zip(lines, found.frequency_hz.T, strict=True):
@@ -296,10 +266,10 @@ def test_a_diagram_shows_what_was_computed(estimate):
 
 def test_a_shape_is_its_forward_and_its_backward_part(model):
     """The first bending mode of a symmetric rotor: its ends alike, its middle against them."""
-    found = modes(model, speed=SPEED)
+    found = rid.modes(model, speed=SPEED)
     names = model.coordinates
     pairs = [pair for pair in partners(names) if model.units[names[pair[0]]] == "m"]
-    panels = shapes(found, pairs, [])
+    panels = drawn.shapes(found, pairs, [])
     assert len(panels) == len(found.modes)
     for panel, mode in zip(panels, found.modes, strict=True):
         assert panel.x.names == ("x1", "x2", "x3")
@@ -315,11 +285,11 @@ def test_a_shape_is_its_forward_and_its_backward_part(model):
 
 def test_shapes_of_a_drawing_stand_along_the_rotor():
     model = rid.load_model("flexible")
-    part = machine_part(model, 0.0)
+    part = machines.machine_part(model, 0.0)
     (picture,) = (p for p in part.parts if p.title == "Mode shapes")
-    found = modes(model)
+    found = rid.modes(model)
     pairs, _ = machines._places(model)
-    (first, *_) = shapes(found, pairs, [], machines._positions(model, pairs))
+    (first, *_) = drawn.shapes(found, pairs, [], machines._positions(model, pairs))
     assert first.x.title == "mm from the left end"
     along = first.curves[0].x
     assert (along[0], along[-1]) == pytest.approx((0.0, 530.0))
@@ -333,7 +303,7 @@ def test_an_amplitude_that_hardly_changes_is_drawn_from_zero():
     """A rigid rotor moves alike at every speed, known to a thousandth."""
     model = rid.load_model("rigid")
     found = response_of(machine_of(model), np.linspace(100.0, 800.0, 5))
-    for panel in response(found, model.units):
+    for panel in drawn.response(found, model.units):
         assert panel.y.ends is not None
         assert panel.y.ends[0] == 0.0
         assert panel.y.ends[1] == pytest.approx(1.25 * panel.curves[0].y[0])
@@ -350,15 +320,15 @@ def test_motion_in_a_plane_is_one_line(model, tilt):
     for k, place in enumerate("123"):
         motion[names.index(f"x{place}")] = 0.6 * shape[k] - 0.8 * across[k]
         motion[names.index(f"y{place}")] = 1j * (0.8 * shape[k] + 0.6 * across[k])
-    found = modes(model, speed=SPEED)
+    found = rid.modes(model, speed=SPEED)
     mode = replace(found.modes[0], whirl="planar", shape=tuple(motion))
     pairs = [(names.index(f"x{k}"), names.index(f"y{k}")) for k in "123"]
-    (panel,) = shapes(replace(found, modes=(mode,)), pairs, [])
+    (panel,) = drawn.shapes(replace(found, modes=(mode,)), pairs, [])
     told = [c.label for c in panel.curves if c.label]
     if tilt == 0:
         np.testing.assert_allclose(panel.curves[0].y, shape, atol=1e-12)
     assert (told == ["in a plane"]) == (tilt < 0.05)
-    assert shapes(found, pairs[:1], []) == []  # a single place has no shape
+    assert drawn.shapes(found, pairs[:1], []) == []  # a single place has no shape
 
 
 @pytest.mark.parametrize("names", [("h", "v"), ("q1", "q2")])
@@ -369,20 +339,20 @@ def test_coordinates_without_a_partner_are_shown_as_they_stand(names):
         text = text.replace(f"{old}''", f"{new}''").replace(f"{old}'", f"{new}'")
         text = text.replace(f"k*{old} ", f"k*{new} ").replace(f'{old} = "m"', f'{new} = "m"')
     renamed = rid.parse_model(text, name="renamed")
-    found = modes(renamed, speed=SPEED)
+    found = rid.modes(renamed, speed=SPEED)
     assert found.coordinates == names
-    panels = shapes(found, partners(names), [0, 1])
+    panels = drawn.shapes(found, partners(names), [0, 1])
     assert panels
     for panel in panels:
         assert max(np.abs(c.y).max() for c in panel.curves) == pytest.approx(1.0)
-    page = Page(modes_report(renamed, found, None, []))
+    page = Page(machines.modes_report(renamed, found, None, []))
     assert titles(page) == ["Mode shapes"]
 
 
 def test_a_response_is_drawn_with_its_band(estimate, model):
     speeds = np.linspace(100.0, 800.0, 5)
     found = response_of(machine_of(estimate), speeds)
-    panels = response(found, model.units)
+    panels = drawn.response(found, model.units)
     assert [panel.title for panel in panels] == list(model.coordinates)
     assert panels[0].y.title == "amplitude in \N{MICRO SIGN}m"
     band, line = panels[0].curves
@@ -394,8 +364,8 @@ def test_a_response_is_drawn_with_its_band(estimate, model):
 
 
 def test_the_page_of_modes(estimate):
-    found, diagram = modes(estimate, speed=SPEED), campbell(estimate, 1.3 * SPEED)
-    page = Page(modes_report(estimate, found, diagram, ["rotorid modes run.json"]))
+    found, diagram = rid.modes(estimate, speed=SPEED), rid.campbell(estimate, 1.3 * SPEED)
+    page = Page(machines.modes_report(estimate, found, diagram, ["rotorid modes run.json"]))
     check_self_contained(page)
     assert titles(page) == ["Campbell diagram", "Mode shapes", "Unbalance response"]
     critical = f"{30 / np.pi * diagram.critical[0].speed_rad_s:.6g}"
@@ -406,7 +376,7 @@ def test_the_page_of_modes(estimate):
 def test_the_page_of_a_balance(estimate, model):
     planes = ("x2 - 0.02*theta_y, y2 + 0.02*theta_x", "x2 + 0.02*theta_y, y2 - 0.02*theta_x")
     found = rid.balance(estimate, planes, SPEED, radius="60 mm", masses=["1 g", "2 g"])
-    page = Page(balance_report(found, [], model, ["rotorid balance run.json"]))
+    page = Page(machines.balance_report(found, [], model, ["rotorid balance run.json"]))
     check_self_contained(page)
     assert "Balanced with this to less than G " in page.words
     assert "rotorid balance run.json" in page.words
@@ -425,42 +395,42 @@ def test_the_page_of_a_balance(estimate, model):
 
 def test_planes_that_do_not_reach_are_said(estimate, model):
     found = rid.balance(estimate, ["x1,y1"], SPEED)
-    page = Page(balance_report(found, [], model))
+    page = Page(machines.balance_report(found, [], model))
     assert "These planes cannot do away with the unbalance: " in page.words
 
 
 def test_what_is_overdamped_is_no_mode_of_a_page(estimate):
     """A pole without a peak in any response, damping ratio above .707, is neither row nor curve."""
-    found = modes(estimate, speed=SPEED)
+    found = rid.modes(estimate, speed=SPEED)
     dull = replace(found.modes[1], damping_ratio=0.71, frequency_hz=57.6)
     crowd = replace(found, modes=(found.modes[0], dull, *found.modes[2:]))
-    assert len(ringing(crowd).modes) == len(found.modes) - 1
-    assert "57.6" not in [cell for row in mode_table(crowd).rows for cell in row]
-    assert [text for text in summary(crowd) if text.startswith("1 overdamped")]
+    assert len(machines.ringing(crowd).modes) == len(found.modes) - 1
+    assert "57.6" not in [cell for row in machines.mode_table(crowd).rows for cell in row]
+    assert [text for text in machines.summary(crowd) if text.startswith("1 overdamped")]
     rings = replace(dull, damping_ratio=0.70)
-    assert len(ringing(replace(found, modes=(rings,))).modes) == 1
-    diagram = campbell(estimate, SPEED)
+    assert len(machines.ringing(replace(found, modes=(rings,))).modes) == 1
+    diagram = rid.campbell(estimate, SPEED)
     ratio = diagram.damping_ratio.copy()
     ratio[:, 0] = 1.0
     ratio[0, 1] = 0.8
-    kept = ringing_curves(replace(diagram, damping_ratio=ratio))
+    kept = machines.ringing_curves(replace(diagram, damping_ratio=ratio))
     assert len(kept.whirl) == len(diagram.whirl) - 1
     assert np.isnan(kept.frequency_hz[0, 0])
     np.testing.assert_array_equal(kept.frequency_hz[1:, 0], diagram.frequency_hz[1:, 1])
     jumping = diagram.frequency_hz.copy()
     jumping[0, :2] *= 1e3, 5  # two curves in one, and one that is steep
-    kept = ringing_curves(replace(diagram, frequency_hz=jumping))
+    kept = machines.ringing_curves(replace(diagram, frequency_hz=jumping))
     assert np.isnan(kept.frequency_hz[0, :2]).tolist() == [True, False]
 
 
 @pytest.mark.slow
 def test_modes_in_a_sentence(estimate):
-    found, diagram = modes(estimate, speed=SPEED), campbell(estimate, "20000 rpm")
-    said = modes_sentence(found, diagram)
+    found, diagram = rid.modes(estimate, speed=SPEED), rid.campbell(estimate, "20000 rpm")
+    said = machines.modes_sentence(found, diagram)
     nearest = min((c.speed_rad_s for c in diagram.critical), key=lambda s: abs(s - SPEED))
     listed = ", ".join(f"{mode.frequency_hz:.4g}" for mode in found.modes[:4])
     assert said.startswith(f"At 8400 rpm the machine rings at {listed} and ")
     assert f"{30 / np.pi * nearest:.5g} rpm, lies {100 * (nearest / SPEED - 1):.3g} % above" in said
-    still = modes_sentence(modes(estimate, speed=0.0), None)
+    still = machines.modes_sentence(rid.modes(estimate, speed=0.0), None)
     assert still.startswith("At standstill the machine rings at ")
     assert still.endswith(" Hz.")
