@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from itertools import count, islice, takewhile
 from pathlib import Path
@@ -351,9 +352,9 @@ def open_mdf(file: str) -> Iterator[ArrayFile]:
 
 
 class _Channels:
-    """The channels of an open file, whose conversions asammdf is handed once they are looked at.
+    """The channels of an open file, converted here: asammdf evaluates what the file says.
 
-    It is left none that it could evaluate, by whatever way it reads a channel.
+    It is left no conversion that it could evaluate, by whatever way it reads a channel.
     """
 
     def __init__(self, data: Any, file: str) -> None:
@@ -431,28 +432,19 @@ class _Channels:
         return values
 
 
-# What makes numbers of numbers alone, by the type that ASAM gives it: asammdf computes it from the
-# numbers in its block. All else it knows makes text of numbers, numbers of text, or is a formula.
-_NUMERIC = {3: (0, 1, 2, 6, 7, 8, 9, 65535), 4: (0, 1, 2, 4, 5)}
-_FORMULA = {3: 10, 4: 3}
-_RANGES, _VALUES_TO_TEXT, _RANGES_TO_TEXT = 6, 7, 8  # of MDF 4, perhaps with numbers among them
-
-
 def convert(samples: np.ndarray, block: Any, version: int) -> Floats:
     """Return samples in the unit of their channel; types of MDF 3 (and 2) mean others than of 4."""
-    numbers = samples.astype(np.float64)  # float32 would stay so, and lose digits
+    if samples.dtype.kind == "f":  # float32 would stay so, and lose digits
+        samples = samples.astype(np.float64)
     if block is None:
-        return numbers
+        return samples.astype(np.float64)
     _check_no_formula(block, _FORMULA[version])
-    kind = block.conversion_type
+    rule = _RULES[version].get(block.conversion_type)
+    if rule is None:
+        raise no_numbers("a conversion to text, or of an unknown kind")
     with np.errstate(all="ignore"):  # what cannot be computed is NaN, as a missing sample is
-        if kind in _NUMERIC[version]:
-            converted: Floats = block.convert(numbers).astype(np.float64)
-        elif version == 4 and kind in (_RANGES, _VALUES_TO_TEXT, _RANGES_TO_TEXT):
-            converted = _by_ranges(samples, block)
-        else:
-            raise no_numbers("a conversion to text, or of an unknown kind")
-    converted[np.isnan(numbers)] = np.nan  # a table gives every sample a value
+        converted: Floats = rule(samples, block).astype(np.float64)
+    converted[np.isnan(samples)] = np.nan  # a table gives every sample a value
     return converted
 
 
@@ -480,21 +472,54 @@ def _is_block(part: Any) -> bool:
     return hasattr(part, "conversion_type")
 
 
-def _by_ranges(x: np.ndarray, block: Any) -> Floats:
-    """Convert samples by the entry in whose range they are; text ("no signal") is NaN.
+def _linear(x: np.ndarray, block: Any) -> Any:
+    return block.a * x + block.b
 
-    The end of a range is in it for integers only (ASAM MDF 4), which asammdf has otherwise.
-    """
-    single = block.conversion_type == _VALUES_TO_TEXT
-    first, last = ("val", "val") if single else ("lower", "upper")
-    lower, upper = _values(block, first), _values(block, last)
-    order = np.argsort(lower)
-    place = order[np.searchsorted(lower[order], x, side="right") - 1]
-    ends = x <= upper[place] if x.dtype.kind != "f" or single else x < upper[place]
-    entry = np.where((x >= lower[place]) & ends, place, -1)
-    if block.conversion_type == _RANGES:
-        return np.where(entry < 0, block.default, _values(block, "phys")[entry])
-    parts = block.referenced_blocks or {}
+
+def _rational(x: np.ndarray, block: Any) -> Any:
+    """(P1 x^2 + P2 x + P3) / (P4 x^2 + P5 x + P6)."""
+    above = [block.P1, block.P2, block.P3]
+    below = [block.P4, block.P5, block.P6]
+    if above[2] == below[2] == 0:  # x in both, which at x = 0 would leave 0/0
+        above, below = above[:2], below[:2]
+    return np.polyval(above, x) / np.polyval(below, x)
+
+
+def _hyperbolic(x: np.ndarray, block: Any) -> Any:
+    """(P2 - P4 y) / (P3 y - P1) with y = x - P5 - P6: "polynomial" in MDF 3."""
+    y = x - block.P5 - block.P6
+    return (block.P2 - block.P4 * y) / (block.P3 * y - block.P1)
+
+
+def _of_seven(function: np.ufunc, x: np.ndarray, block: Any) -> Any:
+    """f(((x - P7) P6 - P3) / P1) / P2 where P4 = 0, and f((P3 / (x - P7) - P6) / P4) / P5."""
+    if block.P4 == 0:
+        return function(((x - block.P7) * block.P6 - block.P3) / block.P1) / block.P2
+    if block.P1 == 0:
+        return function((block.P3 / (x - block.P7) - block.P6) / block.P4) / block.P5
+    raise ValueError("a conversion of both P1 and P4")
+
+
+def _interpolated(x: np.ndarray, block: Any) -> Any:
+    return np.interp(x, _values(block, "raw"), _values(block, "phys"))
+
+
+def _nearest(x: np.ndarray, block: Any) -> Any:
+    """Value to value without interpolation: the nearest entry, the lower one half way."""
+    raw, physical = _values(block, "raw"), _values(block, "phys")
+    above = np.searchsorted(raw, x).clip(max=len(raw) - 1)
+    below = (above - 1).clip(min=0)
+    return np.where(x - raw[below] <= raw[above] - x, physical[below], physical[above])
+
+
+def _ranges(x: np.ndarray, block: Any) -> Any:
+    entry = _entry(x, block, "lower", "upper")
+    return np.where(entry < 0, block.default, _values(block, "phys")[entry])
+
+
+def _referenced(first: str, last: str, x: np.ndarray, block: Any) -> Floats:
+    """Convert samples by the conversion that their entry refers to; text ("no signal") is NaN."""
+    entry, parts = _entry(x, block, first, last), block.referenced_blocks or {}
     if not any(map(_is_block, parts.values())):
         raise no_numbers("a conversion to text")
     found = np.full(len(x), np.nan)
@@ -505,7 +530,43 @@ def _by_ranges(x: np.ndarray, block: Any) -> Floats:
     return found
 
 
+def _entry(x: np.ndarray, block: Any, first: str, last: str) -> np.ndarray:
+    """Return the range of each sample, or -1; its end is in it for integers only (ASAM MDF 4)."""
+    lower, upper = _values(block, first), _values(block, last)
+    order = np.argsort(lower)
+    place = order[np.searchsorted(lower[order], x, side="right") - 1]
+    ends = x <= upper[place] if x.dtype.kind != "f" or first == last else x < upper[place]
+    return np.where((x >= lower[place]) & ends, place, -1)
+
+
 def _values(block: Any, name: str) -> Floats:
     """Return name_0, name_1 and so on."""
     keys = takewhile(lambda key: hasattr(block, key), (f"{name}_{i}" for i in count()))
     return np.array([getattr(block, key) for key in keys], dtype=np.float64)
+
+
+# Type numbers as ASAM gives them. MDF 4 knows text to value, text to text and bit fields besides,
+# MDF 3 values and ranges to text, dates and times: none of them gives numbers from numbers.
+_RULES: Mapping[int, Mapping[int, Callable[[np.ndarray, Any], Any]]] = {
+    3: {
+        0: _linear,
+        1: _interpolated,
+        2: _nearest,
+        6: _hyperbolic,
+        7: partial(_of_seven, np.exp),
+        8: partial(_of_seven, np.log),
+        9: _rational,
+        65535: lambda x, _: x,
+    },
+    4: {
+        0: lambda x, _: x,
+        1: _linear,
+        2: _rational,
+        4: _interpolated,
+        5: _nearest,
+        6: _ranges,
+        7: partial(_referenced, "val", "val"),
+        8: partial(_referenced, "lower", "upper"),
+    },
+}
+_FORMULA = {3: 10, 4: 3}
