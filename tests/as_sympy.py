@@ -12,11 +12,15 @@ def to_sympy(value):
         return symbol(value.parts[0])
     if value.kind == "pi":
         return sp.pi
-    if value.kind == "number":
-        return sp.Rational(value.parts[0].numerator, value.parts[0].denominator)
-    if value.kind in ("product", "power"):
-        powers = ((to_sympy(base), n) for base, n in value.factors)
-        return sp.Mul(*(base ** sp.Rational(n.numerator, n.denominator) for base, n in powers))
-    inner = [to_sympy(part) for part in value.parts]
-    function = {"sum": "Add", "abs": "Abs"}.get(value.kind, value.kind)
-    return getattr(sp, function)(*inner)
+    if value.kind == "sum":
+        return sp.Add(*(sp.Mul(_rational(c), *map(_power, factors)) for factors, c in value.parts))
+    function = {"abs": "Abs"}.get(value.kind, value.kind)
+    return getattr(sp, function)(to_sympy(value.parts[0]))
+
+
+def _power(factor):
+    return to_sympy(factor[0]) ** _rational(factor[1])
+
+
+def _rational(number):
+    return sp.Rational(number.numerator, number.denominator)

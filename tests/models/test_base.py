@@ -16,8 +16,8 @@ from model_text import model_text
 from rotorid import InputError, load_model, parse_model
 from rotorid.models.base import _relations, independent_signals
 from rotorid.models.equations import split_equations
-from rotorid.models.expressions import evaluate
-from rotorid.models.parser import expression, read
+from rotorid.models.expressions import evaluate, expression
+from rotorid.models.parser import read
 
 
 def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):

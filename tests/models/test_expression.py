@@ -18,8 +18,8 @@ from model_text import model_text
 from rotorid import InputError, Model, ModelError, load_model, parse_model, shipped_models
 from rotorid.models import parser
 from rotorid.models.equations import polynomial, split_equations
-from rotorid.models.expressions import FUNCTIONS, Expression, evaluate, product
-from rotorid.models.parser import expression, read
+from rotorid.models.expressions import FUNCTIONS, Expression, evaluate, expression, product
+from rotorid.models.parser import read
 
 # The grammar: what a text means, what is refused and how it says so.
 

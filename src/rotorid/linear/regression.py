@@ -393,6 +393,5 @@ class SampledRegression(Equations):
 def _signs_of(value: Expression) -> Iterator[Expression]:
     if value.kind == "sign":
         yield value.parts[0]
-    for part in value.parts:
-        if isinstance(part, Expression):
-            yield from _signs_of(part)
+    for part in value.inner:
+        yield from _signs_of(part)

@@ -116,7 +116,7 @@ def _relations(
     rank = min(4, len(signals))
     if not signals:
         return {}, 0
-    nodes, names = sum(map(_nodes, signals)), [str(name) for name in _names(signals)]
+    nodes, names = sum(signal.nodes for signal in signals), [str(name) for name in _names(signals)]
     # Where all are real, at several sizes: functions may be alike at one.
     points = (
         {name: _coordinate(i, k) for i, name in enumerate(names)}
@@ -136,10 +136,6 @@ def _relations(
         if found <= rank:
             return relations, spent
         rank = min(max(found, 2 * rank), len(signals))
-
-
-def _nodes(value: Expression) -> int:
-    return 1 + sum(_nodes(part) for part in value.parts if isinstance(part, Expression))
 
 
 def _eliminated(

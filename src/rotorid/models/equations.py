@@ -225,11 +225,10 @@ def _times(powers: Iterable[tuple[Dimension | None, int | Fraction]]) -> Dimensi
 def _signal_dimension(signal: Expression, symbols: Mapping[str, Dimension]) -> Dimension | None:
     if signal.kind == "name":
         return symbols[str(signal)]
-    if not signal.free_symbols:
-        return _NUMBER
-    if signal.kind in ("product", "power"):
-        return _times((_signal_dimension(base, symbols), n) for base, n in signal.factors)
-    inner = [_signal_dimension(part, symbols) for part in signal.parts]
-    if signal.kind == "sum":
-        return inner[0] if len(set(inner)) == 1 else None
-    return inner[0] if signal.kind == "abs" else _NUMBER
+    if signal.kind != "sum":
+        return _signal_dimension(signal.inner[0], symbols) if signal.kind == "abs" else _NUMBER
+    terms = {
+        _times((_signal_dimension(base, symbols), n) for base, n in factors)
+        for factors, _ in signal.parts
+    }
+    return terms.pop() if len(terms) == 1 else None

@@ -1,15 +1,16 @@
-"""Expressions: signals as products, sums, powers and functions, and their values.
+"""Expressions: sums of products of powers, and functions, with their values.
 
 A value to compare, to show and to evaluate, in double precision or to a hundred digits. Its algebra
-is done before, by `text`.
+is done before, by `parser`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import cache, cached_property
-from typing import Any
+from math import prod
+from typing import Any, TypeVar
 
 import numpy as np
 from mpmath.ctx_mp import MPContext
@@ -20,14 +21,17 @@ from rotorid.core.frozen import frozen
 
 RESERVED = ("t", "Omega", "phi")
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt", "abs", "sign", "tanh")
-_RANK = {"number": 0, "name": 1}  # in a product
-Factor = tuple["Expression", Fraction]
+Factor = tuple["Expression", int | Fraction]
+Factors = TypeVar("Factors", bound=Collection["Factor"])
 Monomial = tuple[int, ...]  # exponent of each parameter
 
 
 @frozen
 class Expression:
-    """What `kind` says of `parts`: text, fraction, base and fraction (a power), or expressions."""
+    """A "name", "pi", a function, or a "sum"; equal to others of the same parts.
+
+    `parts`: a text; nothing; the argument; or pairs of the factors of a term and its coefficient.
+    """
 
     kind: str
     parts: tuple[Any, ...] = ()
@@ -50,39 +54,41 @@ class Expression:
         return Expression, (self.kind, self.parts)
 
     @cached_property
+    def inner(self) -> tuple[Expression, ...]:
+        """The argument of a function, or the bases of a sum."""
+        if self.kind == "sum":
+            return tuple(base for factors, _ in self.parts for base, _ in factors)
+        return () if self.kind == "name" else self.parts
+
+    @cached_property
+    def nodes(self) -> int:
+        """What evaluating it takes."""
+        return 1 + sum(1 + part.nodes for part in self.inner)
+
+    @cached_property
     def free_symbols(self) -> frozenset[Expression]:
         if self.kind == "name":
             return frozenset((self,))
-        inner = (part for part in self.parts if isinstance(part, Expression))
-        return frozenset[Expression]().union(*(part.free_symbols for part in inner))
+        return frozenset[Expression]().union(*(part.free_symbols for part in self.inner))
 
     @cached_property
     def factors(self) -> tuple[Factor, ...]:
-        if self.kind == "product":
-            return tuple(factor for part in self.parts for factor in part.factors)
-        if self.kind == "power":
-            return ((self.parts[0], self.parts[1]),)
-        return () if self == ONE else ((self, Fraction(1)),)
+        if self.kind == "sum" and [c for _, c in self.parts] == [1]:
+            factors: tuple[Factor, ...] = self.parts[0][0]
+            return factors
+        return ((self, 1),)
 
     @cached_property
     def _text(self) -> str:
-        if self.kind in ("name", "number"):
+        if self.kind == "name":
             return str(self.parts[0])
         if self.kind == "sum":
-            return " + ".join(map(str, self.parts)).replace("+ -", "- ")
-        if self.kind in ("product", "power"):
-            return _product_text(self.factors)
+            terms = " + ".join(_term_text(*term) for term in self.parts)
+            return terms.replace("+ -", "- ") or "0"
         return f"{self.kind}({self.parts[0]})" if self.parts else self.kind
 
     def __str__(self) -> str:
         return self._text
-
-
-def number(value: int | Fraction) -> Expression:
-    return Expression("number", (Fraction(value),))
-
-
-ONE = number(1)
 
 
 @cache
@@ -91,19 +97,36 @@ def symbol(name: str) -> Expression:
     return Expression("name", (name,))
 
 
+def expression(terms: Mapping[Factors, Fraction]) -> Expression:
+    """Return a sum of products of powers of different bases: the same whatever the order."""
+    found = [(tuple(sorted(factors, key=_place)), c) for factors, c in terms.items()]
+    found.sort(key=lambda term: (not term[0], _term_text(term[0])))
+    if len(found) == 1 and found[0][1] == 1 and [n for _, n in found[0][0]] == [1]:
+        return found[0][0][0][0]
+    return Expression("sum", tuple(found))
+
+
 def product(factors: Iterable[Factor]) -> Expression:
-    """Return the product of powers of different bases: the same one whatever their order."""
-    ordered = sorted(factors, key=lambda f: (_RANK.get(f[0].kind, 2), str(f[0]), f[1]))
-    parts = [base if n == 1 else Expression("power", (base, Fraction(n))) for base, n in ordered]
-    if len(parts) < 2:
-        return parts[0] if parts else ONE
-    return Expression("product", tuple(parts))
+    return expression({tuple(factors): Fraction(1)})
 
 
-def _product_text(factors: Iterable[Factor]) -> str:
+def number(value: int | Fraction) -> Expression:
+    return expression({(): Fraction(value)})
+
+
+def is_number(value: Expression) -> bool:
+    return value.kind == "sum" and not value.inner
+
+
+def _place(factor: Factor) -> tuple[int, str, int | Fraction]:
+    base, n = factor
+    return 0 if is_number(base) else 1 if base.kind == "name" else 2, str(base), n
+
+
+def _term_text(factors: Collection[Factor], coefficient: Fraction = Fraction(1)) -> str:
     above = [_power_text(base, n) for base, n in factors if n > 0]
     below = [_power_text(base, -n) for base, n in factors if n < 0]
-    text = "*".join(above) or "1"
+    text = "*".join([str(coefficient)] * (coefficient != 1) + above) or "1"
     if text.startswith("-1*"):
         text = f"-{text[3:]}"
     if not below:
@@ -111,11 +134,11 @@ def _product_text(factors: Iterable[Factor]) -> str:
     return f"{text}/{below[0]}" if len(below) == 1 else f"{text}/({'*'.join(below)})"
 
 
-def _power_text(base: Expression, exponent: Fraction) -> str:
+def _power_text(base: Expression, exponent: int | Fraction) -> str:
     text = str(base)
     if exponent == Fraction(1, 2):
         return f"sqrt({text})"
-    if base.kind in ("sum", "product", "power") or (base.kind == "number" and exponent != 1):
+    if base.kind == "sum":
         text = f"({text})"
     if exponent == 1:
         return text
@@ -128,32 +151,57 @@ _EXACT.dps = 100
 TOLERANCE = _EXACT.mpf("1e-40")
 """What is left of a sum that is zero, and of a column that depends on others."""
 _LARGE = _EXACT.mpf("1e30")  # argument of a function, beyond which it takes as many more digits
+_OF_ANY_SIZE = ("sum", "pi", "abs", "sign")
 _MAGNITUDE = 10_000  # binary exponent of a value that is computed with
 MAX_VALUE = 1e100
 
 
+class _Values(dict[Expression, Any]):
+    """Values of expressions in double precision, from those of the names, each computed once."""
+
+    space: Any = np
+    real: Any = np.float64
+
+    def __missing__(self, value: Expression) -> Any:
+        self[value] = found = self.value_of(value)
+        return found
+
+    def value_of(self, value: Expression) -> Any:
+        if value.kind == "pi":
+            return +self.space.pi
+        if value.kind != "sum":
+            name = "fabs" if value.kind == "abs" else value.kind
+            return getattr(self.space, name)(self[value.parts[0]])
+        terms = (prod(map(self.power, factors), start=self.real(c)) for factors, c in value.parts)
+        return sum(terms, start=self.real(0))
+
+    def power(self, factor: Factor) -> Any:
+        base, n = factor
+        return self[base] ** (int(n) if n.denominator == 1 else self.real(n))
+
+
+class _ExactValues(_Values):
+    """Values to a hundred digits; ValueError where one is not real, or too large."""
+
+    space = _EXACT
+    real = staticmethod(_EXACT.convert)
+
+    def value_of(self, value: Expression) -> Any:
+        if value.kind not in _OF_ANY_SIZE and abs(self[value.parts[0]]) > _LARGE:
+            raise ValueError("too large an argument")
+        found = super().value_of(value)
+        if not isinstance(found, _EXACT.mpf) or not (
+            found == 0 or (_EXACT.isfinite(found) and abs(_EXACT.mag(found)) < _MAGNITUDE)
+        ):
+            raise ValueError("no real number of a size to compute with")
+        return found
+
+
 def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
     """Return the value on arrays that broadcast; infinite or NaN without a warning."""
-
-    def of(value: Expression) -> NDArray[np.float64]:
-        if value.kind == "name":
-            return np.asarray(arrays[value.parts[0]], dtype=float)
-        if value.kind in ("number", "pi"):
-            return np.asarray(float(value.parts[0]) if value.parts else np.pi)
-        if value.kind == "power":
-            base, exponent = value.parts
-            whole = exponent.denominator == 1
-            return np.asarray(of(base) ** (int(exponent) if whole else float(exponent)))
-        inner = [of(part) for part in value.parts]
-        if value.kind == "sum":
-            return np.asarray(sum(inner[1:], start=inner[0]))
-        if value.kind == "product":
-            return np.asarray(np.prod(np.broadcast_arrays(*inner), axis=0))
-        function: Callable[..., Any] = getattr(np, value.kind)
-        return np.asarray(function(inner[0]))
-
+    known = {symbol(name): np.asarray(array, dtype=float) for name, array in arrays.items()}
     with np.errstate(all="ignore"):
-        return of(value)
+        return np.asarray(_Values(known)[value])
 
 
 def is_usable(value: ArrayLike) -> bool:
@@ -162,45 +210,11 @@ def is_usable(value: ArrayLike) -> bool:
 
 def values_at(point: Mapping[str, Fraction], signals: Sequence[Expression]) -> list[Real] | None:
     """Return values to a hundred digits; None at a pole, and where one is not real or too large."""
-    known: dict[int, Real] = {}
-
-    def of(value: Expression) -> Real:
-        if id(value) not in known:
-            found = known[id(value)] = _exactly(value, point, of)
-            if not isinstance(found, _EXACT.mpf) or not (
-                found == 0 or (_EXACT.isfinite(found) and abs(_EXACT.mag(found)) < _MAGNITUDE)
-            ):
-                raise ValueError("no real number of a size to compute with")
-        return known[id(value)]
-
+    values = _ExactValues({symbol(name): _EXACT.convert(at) for name, at in point.items()})
     try:
-        return [of(signal) for signal in signals]
+        return [values[signal] for signal in signals]
     except (ArithmeticError, ValueError):
         return None
-
-
-def _exactly(
-    value: Expression, point: Mapping[str, Fraction], of: Callable[[Expression], Real]
-) -> Real:
-    if value.kind == "name":
-        return _real(point[value.parts[0]])
-    if value.kind in ("number", "pi"):
-        return _real(value.parts[0]) if value.parts else +_EXACT.pi
-    if value.kind == "power":
-        base, exponent = value.parts
-        return of(base) ** (int(exponent) if exponent.denominator == 1 else _real(exponent))
-    inner = [of(part) for part in value.parts]
-    if value.kind in ("sum", "product"):
-        return _EXACT.fsum(inner) if value.kind == "sum" else _EXACT.fprod(inner)
-    if value.kind in ("abs", "sign"):
-        return abs(inner[0]) if value.kind == "abs" else _EXACT.sign(inner[0])
-    if abs(inner[0]) > _LARGE:
-        raise ValueError("too large an argument")
-    return getattr(_EXACT, value.kind)(inner[0])
-
-
-def _real(value: Fraction) -> Real:
-    return _EXACT.mpf(value.numerator) / value.denominator
 
 
 def simple_fraction(value: Real) -> Fraction | None:

@@ -56,8 +56,7 @@ def runs_by_time(signal: Expression) -> Expression | None:
     """Return the function of `Omega` times `t` in a load, which is to turn with the rotor."""
     if signal.kind in FUNCTIONS and {symbol("t"), symbol("Omega")} <= signal.free_symbols:
         return signal
-    inner = (runs_by_time(part) for part in signal.parts if isinstance(part, Expression))
-    return next((found for found in inner if found is not None), None)
+    return next(filter(None, map(runs_by_time, signal.inner)), None)
 
 
 @lru_cache(maxsize=1000)

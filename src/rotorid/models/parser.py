@@ -25,6 +25,8 @@ from rotorid.models.expressions import (
     TOLERANCE,
     Expression,
     Real,
+    expression,
+    is_number,
     number,
     product,
     simple_fraction,
@@ -51,7 +53,6 @@ DIGITS = 1_000
 where arithmetic with them takes time."""
 EXACT_BITS = 400
 """Of a fraction, from which exact elimination takes more than a unit for each entry."""
-_BITS = DIGITS * 10 // 3
 _POINTS = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1000, 1), (-1000, -1))
 """Scale and sign of the points at which a divisor is held against zero."""
 _PRIMES = 1_000  # numbers below are taken out of a root
@@ -101,36 +102,13 @@ def read(
 
     `linear`: names that stand in no function, root or divisor. Coefficients hold the numbers.
     """
-    if len(text) > MAX_LENGTH:
-        raise ModelError(
-            f"{len(text)} characters", f"{MAX_LENGTH} at most", "split it into several equations"
-        )
+    _require_at_most(len(text), MAX_LENGTH, "{} characters", "split it into several equations")
     reader = _Reader(text, names, linear, Work() if work is None else work)
     return reader.with_numbers(reader.whole(equation))
 
 
 def out_of_range(coefficient: Fraction) -> bool:
     return not 10**-MAX_EXPONENT < abs(coefficient) < 10**MAX_EXPONENT
-
-
-def expression(polynomial: Polynomial) -> Expression:
-    """Return a polynomial as an expression: the same one whatever the order of its terms."""
-    parts = []
-    for monomial, coefficient in _sorted(polynomial):
-        own = [] if coefficient == 1 else [(number(coefficient), Fraction(1))]
-        parts.append(product([*own, *monomial.factors]))
-    if len(parts) < 2:
-        return parts[0] if parts else number(0)
-    return Expression("sum", tuple(parts))
-
-
-def _sorted(polynomial: Polynomial) -> list[tuple[Expression, Fraction]]:
-    found = [(_product(powers), c) for powers, c in polynomial.items()]
-    return sorted(found, key=lambda term: (not term[0].factors, str(term[0])))
-
-
-def _product(powers: Iterable[tuple[Expression, int | Fraction]]) -> Expression:
-    return product((base, Fraction(n)) for base, n in powers)
 
 
 def _alone(base: Expression, exponent: int | Fraction = 1) -> Polynomial:
@@ -151,8 +129,6 @@ class _Algebra:
 
     def __init__(self, linear: frozenset[str], work: Work) -> None:
         self.linear, self.work = linear, work
-        self.within: dict[Expression, Polynomial] = {}  # what sums stand for, by their atoms
-        self.sizes: dict[Expression, int] = {}  # nodes of atoms
 
     def add(self, total: Polynomial, other: Polynomial, sign: int = 1) -> None:
         """Add a polynomial to a total that no one else holds."""
@@ -164,11 +140,11 @@ class _Algebra:
                 total[powers] = found
             else:
                 del total[powers]
-        _check_count(len(total))
+        _require_few(len(total))
 
     def times(self, one: Polynomial, other: Polynomial) -> Polynomial:
         pairs = len(one) * len(other)
-        _check_count(pairs)
+        _require_few(pairs)
         self.work.spend(PRODUCT * pairs)
         total: Polynomial = {}
         for first, c in one.items():
@@ -181,19 +157,19 @@ class _Algebra:
         for key, value in total.items():
             _check_digits(value)
             degree: int | Fraction = sum(max(n, -n) for base, n in key if base.free_symbols)
-            if degree > MAX_DEGREE:
-                raise ModelError(f"degree {degree}", f"{MAX_DEGREE} at most", "write it smaller")
+            _require_at_most(degree, MAX_DEGREE, "degree {}", "write it smaller")
         return {key: value for key, value in total.items() if value}
 
     def _term(self, powers: Mapping[Expression, int | Fraction], c: Fraction) -> Polynomial:
         """Return a product of powers: whole powers of numbers and of sums are multiplied out."""
         left, sums = [], []
         for base, n in powers.items():
-            if base.kind == "number":
-                whole = n // 1
-                c, n = c * base.parts[0] ** whole, n - whole
-            if base in self.within and n > 0 and n == n // 1:
-                sums.append(self.power(self.within[base], Fraction(n)))
+            if is_number(base):
+                ((_, value),), whole = base.parts, n // 1
+                c, n = c * value**whole, n - whole
+            if base.kind == "sum" and n > 0 and n == n // 1:
+                inside = {frozenset(factors): value for factors, value in base.parts}
+                sums.append(self.power(inside, Fraction(n)))
             elif n:
                 left.append((base, n))
         found = {frozenset(left): c}
@@ -212,7 +188,7 @@ class _Algebra:
         if exponent.denominator == 1 and exponent >= 0:
             found: Polynomial = {NUMBER: Fraction(1)}
             if base.keys() == {NUMBER}:
-                _check_power(base[NUMBER], size)
+                _check_digits(base[NUMBER], size)
             for _ in range(int(exponent)):
                 found = self.times(found, base)
             return found
@@ -223,7 +199,7 @@ class _Algebra:
                 f"{what} zero ({_shown(base)})", "a base or divisor other than zero", "remove it"
             )
         if len(base) > 1:
-            return self._atom(expression(base), base, exponent)
+            return self._atom(expression(base), exponent)
         ((powers, c),) = base.items()
         return self._root(dict(powers), c, exponent)
 
@@ -236,15 +212,15 @@ class _Algebra:
         inside: dict[Expression, int | Fraction] = {}  # what may be negative
         for base, n in powers.items():
             if not whole and n % 2 == 0:
-                inner, base = _alone(base), Expression("abs", (base,))
-                self._atom(base, inner)
+                base = Expression("abs", (base,))
+                self._atom(base)
             elif not whole and n % 1 == 0 and (n != 1 or c < 0 or len(powers) > 1):
                 inside[base] = n
                 continue
             found = self.times(found, self._term({base: n * exponent}, Fraction(1)))
         if not whole and (c < 0 or inside):
             held = {frozenset(inside.items()): Fraction(1 if c > 0 else -1)}
-            found = self.times(found, self._atom(expression(held), held, exponent))
+            found = self.times(found, self._atom(expression(held), exponent))
         return found
 
     def call(self, function: str, argument: Polynomial) -> Polynomial:
@@ -255,28 +231,21 @@ class _Algebra:
         if function == "exp" and rest and len(rest) < len(argument):  # exp(x + 1000)
             size = {key: c for key, c in argument.items() if key not in rest}
             return self.times(self.call(function, size), self.call(function, rest))
-        sign = 1
-        if argument and _sorted(argument)[0][1] < 0 and function != "exp":  # sin(-x) = -sin(x)
-            argument = {key: -c for key, c in argument.items()}
+        inner, sign = expression(argument), 1
+        if function != "exp" and inner.kind == "sum" and inner.parts and inner.parts[0][1] < 0:
+            inner = expression({key: -c for key, c in argument.items()})  # sin(-x) = -sin(x)
             sign = 1 if function in ("cos", "abs") else -1
-        value = Expression(function, (expression(argument),))
-        found = self._atom(value, argument)
+        value = Expression(function, (inner,))
+        found = self._atom(value)
         if not value.free_symbols:
             known = self._known(value)
             found = found if known is None else known
         return {key: sign * c for key, c in found.items() if c}
 
-    def _atom(
-        self, value: Expression, inside: Polynomial, exponent: Fraction | None = None
-    ) -> Polynomial:
+    def _atom(self, value: Expression, exponent: int | Fraction = 1) -> Polynomial:
         """Return a function, or a power of a sum, counted by what evaluating it takes."""
-        if value not in self.sizes:
-            factors = [base for powers in inside for base, _ in powers]
-            self.sizes[value] = 1 + sum(1 + self.sizes.get(base, 1) for base in factors)
-            self.work.spend(EVALUATED + self.sizes[value])
-        if exponent is not None and inside != _alone(value):  # no power of itself
-            self.within[value] = inside
-        found = _alone(value, 1 if exponent is None else exponent)
+        self.work.spend(EVALUATED + value.nodes)
+        found = _alone(value, exponent)
         if not value.free_symbols:
             _value_of(expression(found))
         return found
@@ -299,7 +268,7 @@ class _Algebra:
             return not value
         terms = [expression({powers: c}) for powers, c in value.items()]
         names = sorted(self._names(value))
-        size = sum(self.sizes.get(base, 1) for powers in value for base, _ in powers)
+        size = sum(base.nodes for powers in value for base, _ in powers)
         self.work.spend(EVALUATED * size)
         for scale, sign in _POINTS:
             point = {
@@ -336,7 +305,7 @@ class _Algebra:
             total = Fraction(0)
             for own, c in numbers.items():
                 for factor in own:
-                    c *= Fraction(repr(float(_value_of(_product([factor])))))
+                    c *= Fraction(repr(float(_value_of(product([factor])))))
                 total += c
             if out_of_range(total):
                 raise ModelError(
@@ -408,8 +377,7 @@ class _Reader(_Algebra):
         minuses = 0
         while sign := self.accepts("+", "-"):
             minuses += sign == "-"
-        if minuses > MAX_NESTING:
-            raise _too_deep()
+        _require_flat(minuses)
         found = self.raised()
         return {key: -c for key, c in found.items()} if minuses % 2 else found
 
@@ -437,10 +405,7 @@ class _Reader(_Algebra):
                 raise _unknown(name, self.names, "a declared name: one of", cure)
             base = Expression("pi") if name == "pi" else symbol(name)
             return _alone(base)
-        self.needs("(")
-        found = self.inner(self.sum)
-        self.needs(")")
-        return found
+        return self.within()
 
     def function(self, name: str) -> Polynomial:
         if name in self.names:
@@ -452,15 +417,18 @@ class _Reader(_Algebra):
         if name not in FUNCTIONS:
             cure = "write a product with *"
             raise _unknown(name, frozenset(FUNCTIONS), "a function: one of", cure)
+        return self.call(name, self.within())
+
+    def within(self) -> Polynomial:
+        """Read a sum in parentheses."""
         self.needs("(")
-        argument = self.inner(self.sum)
+        found = self.inner(self.sum)
         self.needs(")")
-        return self.call(name, argument)
+        return found
 
     def inner(self, part: Callable[[], Polynomial]) -> Polynomial:
         self.nesting += 1
-        if self.nesting > MAX_NESTING:
-            raise _too_deep()
+        _require_flat(self.nesting)
         found = part()
         self.nesting -= 1
         return found
@@ -489,7 +457,7 @@ def _number(text: str) -> Polynomial:
 def _power_of_number(value: Fraction, exponent: Fraction) -> Polynomial:
     """Return a power of a number other than zero: a fraction times roots of primes."""
     if exponent.denominator == 1:
-        _check_power(value, int(exponent))
+        _check_digits(value, int(exponent))
         return {NUMBER: value ** int(exponent)}
     total, roots = Fraction(1), {}
     for left, sign in ((value.numerator, 1), (value.denominator, -1)):
@@ -502,7 +470,7 @@ def _power_of_number(value: Fraction, exponent: Fraction) -> Polynomial:
             found[left] += 1
         for prime, count in found.items():
             power = sign * count * exponent
-            _check_power(Fraction(prime), int(power // 1))
+            _check_digits(Fraction(prime), int(power // 1))
             total *= Fraction(prime) ** int(power // 1)
             if power % 1:
                 roots[number(prime)] = power % 1
@@ -522,13 +490,19 @@ def _value_of(value: Expression) -> Real:
     return found[0]
 
 
-def _check_count(terms: int) -> None:
-    if terms > MAX_TERMS:
-        raise ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
+def _require_at_most(size: int | Fraction, most: int, found: str, cure: str) -> None:
+    if size > most:
+        raise ModelError(found.format(size), f"{most} at most", cure)
 
 
-def _check_digits(value: Fraction) -> None:
-    if max(value.numerator.bit_length(), value.denominator.bit_length()) > _BITS:
+def _require_few(terms: int) -> None:
+    _require_at_most(terms, MAX_TERMS, "too many terms when expanded", "split it")
+
+
+def _check_digits(value: Fraction, power: int = 1) -> None:
+    """Refuse a number, or a power of one before it is computed, of too many digits."""
+    bits = max(value.numerator.bit_length(), value.denominator.bit_length()) * abs(power)
+    if bits > DIGITS * 10 // 3:
         raise ModelError(
             f"a number of more than {DIGITS} digits",
             "numbers as they are measured",
@@ -536,17 +510,8 @@ def _check_digits(value: Fraction) -> None:
         )
 
 
-def _check_power(base: Fraction, exponent: int) -> None:
-    """Refuse a power of a number that would have too many digits, before it is computed."""
-    for part in (abs(base.numerator), base.denominator):
-        if part > 1 and part.bit_length() * abs(exponent) > _BITS:
-            _check_digits(Fraction(1 << _BITS))
-
-
-def _too_deep() -> ModelError:
-    return ModelError(
-        f"nesting deeper than {MAX_NESTING}", f"{MAX_NESTING} levels at most", "flatten it"
-    )
+def _require_flat(levels: int) -> None:
+    _require_at_most(levels, MAX_NESTING, f"nesting deeper than {MAX_NESTING}", "flatten it")
 
 
 def _unknown(name: str, names: frozenset[str], expected: str, cure: str) -> ModelError:

@@ -32,7 +32,7 @@ from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.other_answers import _idle_share
 from rotorid.likelihood.unknowns import Nuisances, Scalar, unknowns_of
 from rotorid.likelihood.whitening import by_qr, by_reflections, projection
-from rotorid.models.expressions import Expression, number, product, symbol
+from rotorid.models.expressions import Expression, expression, product, symbol
 from rotorid.signals.covariance import white_covariance
 from rotorid.testing import bind
 
@@ -224,9 +224,9 @@ SQUARE = product([(COS, Fraction(2)), (SIN, Fraction(1)), (OMEGA, Fraction(-1))]
         ([OMEGA], 1),
         ([product([(OMEGA, Fraction(2)), (COS, Fraction(1))]), SIN], 3),
         ([COS, SQUARE], 7),
-        ([Expression("sum", (SQUARE, number(1)))], 7),
+        ([expression({SQUARE.factors: Fraction(1), (): Fraction(1)})], 7),
         ([product([(COS, Fraction(-1))])], 16),
-        ([Expression("cos", (product([(PHI, Fraction(1)), (number(2), Fraction(1))]),))], 5),
+        ([Expression("cos", (expression({((PHI, 1),): Fraction(2)}),))], 5),
         ([SIN, PHI], 16),
         ([product([(Expression("abs", (COS,)), Fraction(1)), (OMEGA, Fraction(1))])], 16),
     ],
