@@ -13,11 +13,10 @@ import numpy as np
 from rotorid.answer.estimate import Estimate, Unbalance, Value
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note
-from rotorid.core.values import Booleans, Complexes, Floats
+from rotorid.core.values import Booleans, Complexes, Floats, fact
 from rotorid.models import Model
 from rotorid.models.expressions import Expression, symbol
 from rotorid.models.linear_form import rotation_line, speed_factor
-from rotorid.models.model import fact
 from rotorid.models.structure import force_balance
 
 RANK_TOLERANCE = 1e-9

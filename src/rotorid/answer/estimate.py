@@ -19,7 +19,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.notes import VERDICTS, Note
 from rotorid.core.tables import Page, page_html, page_text
-from rotorid.core.values import ByContent, Floats, frozen, read_only
+from rotorid.core.values import Floats, frozen, read_only
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -356,7 +356,7 @@ else:
 
 
 @frozen
-class Estimate(ByContent):
+class Estimate:
     """What an estimator found.
 
     Parameters

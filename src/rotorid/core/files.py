@@ -32,34 +32,22 @@ _NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)  # a pipe put there since is opened
 
 def check_regular(path: str | Path, expected: str = "a readable file") -> os.stat_result:
     """Refuse what is no regular file, without opening it."""
-    try:
-        found = os.stat(path)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
-        raise _unreadable(path, error, expected) from None
-    _require_regular(path, found, expected)
-    return found
+    with _readable(path, expected):
+        return _regular(path, os.stat(path), expected)
 
 
 def open_regular(path: str | Path, expected: str = "a readable file") -> BinaryIO:
     check_regular(path, expected)
-    try:
-        stream = open(path, "rb", opener=_open)  # noqa: SIM115 - the caller closes it
-    except (OSError, ValueError) as error:
-        raise _unreadable(path, error, expected) from None
-    try:
-        _require_regular(path, os.fstat(stream.fileno()), expected)
-    except ReadError:
-        stream.close()
-        raise
+    with _readable(path, expected), contextlib.ExitStack() as stack:
+        stream = stack.enter_context(open(path, "rb", opener=_open))
+        _regular(path, os.fstat(stream.fileno()), expected)
+        stack.pop_all()  # the caller closes it
     return stream
 
 
 def read_regular(path: str | Path, most: int, expected: str, cure: str) -> bytes:
-    with open_regular(path, expected) as stream:
-        try:
-            data = stream.read(most + 1)
-        except OSError as error:
-            raise _unreadable(path, error, expected) from None
+    with open_regular(path, expected) as stream, _readable(path, expected):
+        data = stream.read(most + 1)
     if len(data) > most:
         raise ReadError(f"more than {most // 1000} kB", expected, cure, file=str(path))
     return data
@@ -88,22 +76,29 @@ def _open(path: str, flags: int) -> int:
     return os.open(path, flags | _NOT_BLOCKING)
 
 
-def _require_regular(path: str | Path, found: os.stat_result, expected: str) -> None:
+def _regular(path: str | Path, found: os.stat_result, expected: str) -> os.stat_result:
     if not stat.S_ISREG(found.st_mode):
         kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no regular file")
         raise ReadError(kind, expected, "give the path of a file", file=str(path))
+    return found
 
 
-def _unreadable(path: str | Path, error: Exception, expected: str) -> ReadError:
-    if isinstance(error, FileNotFoundError):
+@contextlib.contextmanager
+def _readable(path: str | Path, expected: str) -> Iterator[None]:
+    """Say in one line why a file cannot be read."""
+    try:
+        yield
+        return
+    except ReadError:
+        raise
+    except FileNotFoundError:
         os.getcwd()  # where that was deleted, it says so itself
         found = "no such file"
-    elif isinstance(error, ValueError):  # in whose words each Python says it otherwise
+    except ValueError:  # in whose words each Python says it otherwise
         found = "a null byte in the name"
-    else:
-        found = str(getattr(error, "strerror", None) or error)
-        found = found[:1].lower() + found[1:]
-    return ReadError(found, expected, "check the path", file=str(path))
+    except OSError as error:
+        found = str(error.strerror or error)
+    raise ReadError(found[:1].lower() + found[1:], expected, "check the path", file=str(path))
 
 
 Content = Callable[[], bytes]
@@ -149,19 +144,18 @@ def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -
     try:
         mode = _mode(path)
     except (OSError, ValueError) as error:
-        raise _refusal(path, str(getattr(error, "strerror", None) or error)) from None
+        raise _refused(path, str(getattr(error, "strerror", None) or error)) from None
     if mode is None:
-        folder = os.path.dirname(os.path.realpath(path))
-        if not os.path.isdir(folder):
-            expected = "a folder to write into"
-            raise InputError("no such folder", expected, "create it", file=str(path))
+        if not os.path.isdir(os.path.dirname(os.path.realpath(path))):
+            raise _refused(path, "no such folder", "a folder to write into", "create it")
     elif stat.S_ISDIR(mode):
-        raise InputError("a folder", "a file to write", "add a file name", file=str(path))
+        raise _refused(path, "a folder", cure="add a file name")
     elif stat.S_ISREG(mode):
         if not os.access(path, os.W_OK):
-            raise _refusal(path, "a file that may not be written")
-        if kind is not None and not force:
-            _require_own(path, kind)
+            raise _refused(path, "a file that may not be written")
+        if kind is not None and not force and not _is_own(path, kind):
+            found = f"a file that `{kind.writer}` did not write, or that was edited since"
+            raise _refused(path, found, "a new name, or a file of its own", _OR_FORCE)
 
 
 def seen(path: Path) -> Seen:
@@ -173,8 +167,13 @@ def seen(path: Path) -> Seen:
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def _refusal(path: Path, found: str) -> InputError:
-    return InputError(found, "a file to write", "write elsewhere", file=str(path))
+_OR_FORCE = "choose another name, or replace the file with --force"
+
+
+def _refused(
+    path: Path, found: str, expected: str = "a file to write", cure: str = "write elsewhere"
+) -> InputError:
+    return InputError(found, expected, cure, file=str(path))
 
 
 def _mode(path: Path) -> int | None:
@@ -184,19 +183,12 @@ def _mode(path: Path) -> int | None:
         return None
 
 
-def _require_own(path: Path, kind: Kind) -> None:
-    """Refuse to replace a file that is not of this kind; one without content is nobody's."""
+def _is_own(path: Path, kind: Kind) -> bool:
+    """Tell whether a file is of this kind; one without content is nobody's."""
     try:
-        mine = os.path.getsize(path) == 0 or kind.wrote(path)
+        return os.path.getsize(path) == 0 or kind.wrote(path)
     except Exception:  # whatever is wrong with it, it is not what was written
-        mine = False
-    if not mine:
-        raise InputError(
-            f"a file that `{kind.writer}` did not write, or that was edited since",
-            "a new name, or a file of its own",
-            "choose another name, or replace the file with --force",
-            file=str(path),
-        )
+        return False
 
 
 def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
@@ -207,9 +199,8 @@ def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
     for target in targets:
         if target.is_file() or not target.exists():  # devices and pipes take all
             place = os.path.realpath(target)
-            found = taken.get(place)
-            if found is not None:
-                raise InputError(found, "a file of its own", "write elsewhere", file=str(target))
+            if place in taken:
+                raise _refused(target, taken[place], "a file of its own")
             taken[place] = "another output of this run"
 
 
@@ -235,12 +226,8 @@ def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | N
                     _sent(path, data)
         for path, before in (found or {}).items():
             if path in parts.values() and seen(path) != before:
-                raise InputError(
-                    "a file that another program changed",
-                    "what was there when the command began",
-                    "choose another name, or replace the file with --force",
-                    file=str(path),
-                )
+                expected = "what was there when the command began"
+                raise _refused(path, "a file that another program changed", expected, _OR_FORCE)
         for part, path in parts.items():
             with _named(path):
                 os.replace(part, os.path.realpath(path))
@@ -275,12 +262,8 @@ def _sent(path: Path, data: bytes) -> None:
     except OSError as error:
         if error.errno != errno.ENXIO:
             raise
-        raise InputError(
-            "a pipe that nobody reads",
-            "one with a reader",
-            "start the reader first, or write elsewhere",
-            file=str(path),
-        ) from None
+        cure = "start the reader first, or write elsewhere"
+        raise _refused(path, "a pipe that nobody reads", "one with a reader", cure) from None
     with stream:
         os.set_blocking(stream.fileno(), True)
         stream.write(data)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping
-from dataclasses import fields, is_dataclass
-from functools import cached_property
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import fields
+from functools import wraps
 from html import escape
-from typing import Any, ClassVar, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorid.core.frozen import frozen as frozen
+from rotorid.core.frozen import same as same
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -22,6 +23,9 @@ Booleans = NDArray[np.bool_]
 Array = NDArray[Any]
 Key = TypeVar("Key", bound=Hashable)
 Member = TypeVar("Member")
+Arguments = ParamSpec("Arguments")
+Kind = TypeVar("Kind")
+Found = TypeVar("Found")
 
 
 def grouped(pairs: Iterable[tuple[Key, Member]]) -> dict[Key, list[Member]]:
@@ -32,32 +36,21 @@ def grouped(pairs: Iterable[tuple[Key, Member]]) -> dict[Key, list[Member]]:
     return found
 
 
-class ByContent:
-    """A base of frozen dataclasses (``eq=False``) with arrays: ``==`` by content, NaN as NaN."""
+def fact(
+    work: Callable[Concatenate[Kind, Arguments], Found],
+) -> Callable[Concatenate[Kind, Arguments], Found]:
+    """Keep what a function finds of a value there, for its last arguments: many ask."""
+    name = f"{work.__module__}.{work.__qualname__}"
 
-    __hash__: ClassVar[None]  # type: ignore[assignment]
+    @wraps(work)
+    def found(value: Kind, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
+        kept, asked = vars(value), (args, kwargs)
+        if name not in kept or kept[name][0] != asked:
+            kept[name] = asked, work(value, *args, **kwargs)
+        answer: Found = kept[name][1]
+        return answer
 
-    def __eq__(self, other: object) -> bool:
-        return same(self, other) if type(other) is type(self) else NotImplemented
-
-
-def same(first: Any, second: Any) -> bool:
-    if first is second:
-        return True
-    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
-        one, other = np.asarray(first), np.asarray(second)
-        numbers = one.dtype.kind in "fc" and other.dtype.kind in "fc"
-        return one.shape == other.shape and np.array_equal(one, other, equal_nan=numbers)
-    if isinstance(first, Mapping) and isinstance(second, Mapping):
-        return first.keys() == second.keys() and all(same(first[k], second[k]) for k in first)
-    if isinstance(first, tuple | list) and isinstance(second, tuple | list):
-        return len(first) == len(second) and all(map(same, first, second))
-    if type(first) is type(second) and is_dataclass(first):
-        names = [field.name for field in fields(first) if field.compare]
-        return all(same(getattr(first, name), getattr(second, name)) for name in names)
-    if isinstance(first, float) and isinstance(second, float) and first != first:
-        return second != second
-    return bool(first == second)
+    return found
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
@@ -66,7 +59,7 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
-class Arrays(ByContent):
+class Arrays:
     """A base of frozen dataclasses that hold measured arrays: read-only, and brief to look at."""
 
     def __post_init__(self) -> None:
@@ -74,11 +67,6 @@ class Arrays(ByContent):
             value = vars(self).get(each.name)
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, each.name, read_only(value))
-
-    @cached_property
-    def facts(self) -> dict[str, tuple[Any, Any]]:
-        """What was found of these arrays: see `rotorid.models.model.fact`."""
-        return {}
 
     def __repr__(self) -> str:
         """Return the fields, arrays by their shape, names for channels: what fits a screen."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -45,9 +45,6 @@ class Clock(Protocol):
         ...
 
     def at_speed(self, speed: float) -> Clock: ...
-
-    @property
-    def facts(self) -> dict[str, tuple[Any, Any]]: ...
 
 
 @frozen

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.values import Array, ByContent, frozen, read_only
+from rotorid.core.values import Array, frozen, read_only
 
 UNKNOWN = float("inf")
 """The deviation of a constant that nothing is known of; its value is where the search starts."""
@@ -110,7 +110,7 @@ class EddyCurrents(Dynamics):
 
 
 @frozen(kw_only=True)
-class Measured(ByContent, Dynamics):
+class Measured(Dynamics):
     """A measured response, taken as exact, linear between its points in amplitude and phase."""
 
     frequency: Array  # (point,): hz, increasing

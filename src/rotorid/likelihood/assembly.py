@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats, fact, frozen
 from rotorid.data.lines import Clock, Lines, Signal
 from rotorid.data.observation import Observation, combined
 from rotorid.data.record import Channel
@@ -37,7 +37,6 @@ from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_fa
 from rotorid.models.equations import SensorTerm
 from rotorid.models.expressions import Expression, evaluate, symbol
 from rotorid.models.linear_form import StiffnessTable, TermKind, speed_factor
-from rotorid.models.model import fact
 from rotorid.signals.covariance import LineCovariance
 
 PHASE_STEPS = 16

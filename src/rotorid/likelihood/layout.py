@@ -8,12 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorid.core.values import Booleans, Floats, Integers, frozen
+from rotorid.core.values import Booleans, Floats, Integers, fact, frozen
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import E, Effect, Reads, Replaces
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
-from rotorid.models.model import fact
 
 
 @frozen

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.notes import Note
-from rotorid.core.values import Floats, frozen, grouped
+from rotorid.core.values import Floats, fact, frozen, grouped
 from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.assembly import Terms, every_load, other_terms, profile
 from rotorid.likelihood.inference import Inference
@@ -27,7 +27,6 @@ from rotorid.likelihood.problem import Problem, outside
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, settle
 from rotorid.models import Model
-from rotorid.models.model import fact
 
 CLOSE = 15.0
 """What costs more by no more than this fits as well, other minima and other suspects: 15 has a

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
-from functools import cached_property, update_wrapper
+from functools import cached_property
 from textwrap import shorten
-from typing import Any, Concatenate, ParamSpec, Protocol, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from rotorid.core.errors import InputError, ModelError, require_names
 from rotorid.core.tables import page_html, table
 from rotorid.core.toml import Schema
 from rotorid.core.units import Dimension, check_unit, si_factor
-from rotorid.core.values import Floats, Integers, frozen
+from rotorid.core.values import Floats, Integers, fact, frozen
 from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.equations import (
     DERIVATIVES,
@@ -36,37 +36,6 @@ from rotorid.models.linear_form import (
     motion_factor,
 )
 from rotorid.models.parser import out_of_range
-
-Arguments = ParamSpec("Arguments")
-Found = TypeVar("Found")
-
-
-class HasFacts(Protocol):
-    """What keeps what is found of it: a model, the clock of a record."""
-
-    @property
-    def facts(self) -> dict[str, tuple[Any, Any]]: ...
-
-
-Kind = TypeVar("Kind", bound=HasFacts)
-
-
-def fact(
-    work: Callable[Concatenate[Kind, Arguments], Found],
-) -> Callable[Concatenate[Kind, Arguments], Found]:
-    """Keep what a function finds of a model or a clock there, for its last arguments: many ask."""
-    name = f"{work.__module__}.{work.__qualname__}"
-
-    def found(model: Kind, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
-        asked = (args, kwargs)
-        last = model.facts.get(name)
-        if last is None or last[0] != asked:
-            last = model.facts[name] = (asked, work(model, *args, **kwargs))
-        answer: Found = last[1]
-        return answer
-
-    update_wrapper(found, work)
-    return found
 
 
 @frozen
@@ -308,11 +277,6 @@ class Model:
         if any(out_of_range(product.coefficient) for product in kept):
             raise InputError("fixed values too large or too small", "SI values", "check units")
         return {"equations": tuple(kept)}
-
-    @cached_property
-    def facts(self) -> dict[str, tuple[Any, Any]]:
-        """What each `fact` was asked for last, and what it found."""
-        return {}
 
     @cached_property
     def input_matrix(self) -> Floats:

@@ -511,7 +511,7 @@ def _check_digits(value: Fraction, power: int = 1) -> None:
 
 
 def _require_flat(levels: int) -> None:
-    _require_at_most(levels, MAX_NESTING, f"nesting deeper than {MAX_NESTING}", "flatten it")
+    _require_at_most(levels, MAX_NESTING, f"nesting deeper than {MAX_NESTING} levels", "flatten it")
 
 
 def _unknown(name: str, names: frozenset[str], expected: str, cure: str) -> ModelError:

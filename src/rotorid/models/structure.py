@@ -25,10 +25,10 @@ import scipy
 
 from rotorid.core.errors import InputError
 from rotorid.core.units import dimension_of
-from rotorid.core.values import Complexes, Floats, Integers, frozen
+from rotorid.core.values import Complexes, Floats, Integers, fact, frozen
 from rotorid.models.expressions import Expression, Monomial
 from rotorid.models.linear_form import motion_factor
-from rotorid.models.model import Model, fact
+from rotorid.models.model import Model
 
 ALIKE = 1e-3
 """Share by which numbers that are typed may differ and be the same: four digits are typed."""

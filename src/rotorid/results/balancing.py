@@ -20,7 +20,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.core.distributions import bound_of_length
 from rotorid.core.errors import InputError, require_positive
 from rotorid.core.units import finite_speed, quantity
-from rotorid.core.values import ByContent, Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.models.rotor import RotorModel
 from rotorid.results.machine import (
     Laws,
@@ -194,7 +194,7 @@ class Residual:
 
 
 @frozen
-class Balance(ByContent):
+class Balance:
     model: str
     speeds: tuple[float, ...]  # rad/s
     corrections: tuple[Correction, ...]

@@ -20,14 +20,14 @@ from rotorid.answer.estimate_tables import value_tables
 from rotorid.core.errors import InputError, one_line, printable, require_names
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.units import finite_speed
-from rotorid.core.values import ByContent, Floats, frozen
+from rotorid.core.values import Floats, frozen
 from rotorid.models import Model
 from rotorid.models.linear_form import solved
 from rotorid.results.machine import Machine, machine_of, require_shares
 
 
 @frozen
-class StateSpace(ByContent):
+class StateSpace:
     """Matrices of a linear machine at one speed, in SI units."""
 
     # shapes (state, state), (state, input), (output, state), (output, input)

@@ -26,7 +26,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.units import finite_speed
-from rotorid.core.values import ByContent, Complexes, Floats, Integers, frozen
+from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.core.watch import counting
 from rotorid.models import Model
 from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, parted, poles_of
@@ -386,7 +386,7 @@ class CriticalSpeed:
 
 
 @frozen
-class Campbell(ByContent):
+class Campbell:
     model: str
     speed: Floats  # (speed,): rad/s
     # (speed, curve): naN where a mode does not oscillate; deviations are NaN where nothing is known
@@ -614,7 +614,7 @@ def _spread(
 
 
 @frozen
-class UnbalanceResponse(ByContent):
+class UnbalanceResponse:
     """Motion on the rotation's line over the speed: ``q = Re(Q exp(i phi))``."""
 
     coordinates: tuple[str, ...]
