@@ -12,10 +12,20 @@ from functools import cached_property
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from model_text import model_text
 from rotor_bank import PAPER, Rotor, rigid_rotor, three_mass_rotor
 
-from rotorid import Channel, Model, PeriodicRecord, Record, average, load_model, parse_model
+from rotorid import (
+    Channel,
+    Estimate,
+    Model,
+    PeriodicRecord,
+    Record,
+    average,
+    load_model,
+    parse_model,
+)
 
 Columns = Mapping[str, np.ndarray]
 
@@ -120,6 +130,21 @@ class Problem:
     @property
     def records(self) -> list[PeriodicRecord]:
         return [self.periodic(grid) for grid in self.grids]
+
+    def noisy(
+        self, periods: int, seed: int, grid: Grid | None = None, level: float = 0.01
+    ) -> PeriodicRecord:
+        """Return a record whose channels have noise of a share of what they hold."""
+        clean = self.record(grid, periods=2)
+        noise = dict(zip(clean.names, level * clean.samples.std(axis=0), strict=True))
+        rng = np.random.default_rng(seed)
+        return self.periodic(grid, periods=periods, noise=noise, rng=rng)
+
+
+def recovered(estimate: Estimate, truth: Mapping[str, float], rel: float = 1e-9) -> None:
+    """Check that what is estimated is the truth."""
+    for name, value in truth.items():
+        assert estimate.value(name) == pytest.approx(value, rel=rel), name
 
 
 def names(text: str) -> tuple[str, ...]:

@@ -15,11 +15,13 @@ from rotorid.answer import machine_checks as gate
 from rotorid.answer.judge import CONTRADICTING, of_data
 from rotorid.core.distributions import Expectation
 from rotorid.linear.family import misfit
+from rotorid.testing import add_noise, line_record
 
 # The gate of every method: can it be a machine, does it predict, do its halves agree.
 
 
-METHODS = ("ls", "batch", "sequential", "ml")
+FAMILY = ("ls", "batch", "sequential")
+METHODS = (*FAMILY, "ml")
 RIGID = load_model("rigid")
 
 
@@ -177,57 +179,53 @@ def test_a_mass_that_is_rounding_of_the_forces_is_not_judged(mass, hertz, faults
     assert len(rejecting(gate.physical(model, estimate))) == faults
 
 
-TOWER = model_text(
-    "two storeys, nothing declared",
-    ["m1*x1'' + k*(x1 - x2) = F", "m2*x2'' + k*(x2 - x1) + g*x2 = 0"],
-    "x1 m, x2 m",
-    "F N",
-    "m1 kg, m2 kg, k N/m, g N/m",
-)
-
-
-def driven(model, values, rng=None, periods=8, harmonics=(1, 2, 3, 4), break_after=None):
-    """Return periods of a linear model at standstill; the force is 5 N on each line."""
-    lines = np.full((len(harmonics), len(model.inputs)), 5.0 + 0j)
-    plan = rid.Plan(lines, harmonics, 1.0, 100.0, periods, noise={})
-    record = plan.record(model)
-    linear = model.require_linear()
-    stiffness = linear.dynamic_stiffness(record.omega, values, 0.0)
-    right = lines @ linear.input_matrix(model.monomial_values(values)).T
-    motion = np.linalg.solve(stiffness, right[:, :, None])[:, :, 0]
-    mean = np.concatenate([lines, motion], axis=1)
-    spectra = np.repeat(mean[None], periods, axis=0)
-    if break_after is not None:
-        spectra[break_after:, :, 1:] *= 1.2
-    if rng is not None:
-        size = np.abs(mean).mean(axis=0)
-        noise = rng.standard_normal((*spectra.shape, 2)) @ np.array([1, 1j])
-        spectra = spectra + 1e-3 * size * noise
-    time = np.arange(periods * 100).reshape(periods, 100) / 100.0
-    samples = np.zeros((100, mean.shape[1]))
-    return replace(
-        record, spectra=spectra, mean=samples, variance=samples + 1e-12, time=time, angle=0 * time
+TOWER = parse_model(
+    model_text(
+        "two storeys, nothing declared",
+        ["m1*x1'' + k*(x1 - x2) = F", "m2*x2'' + k*(x2 - x1) + g*x2 = 0"],
+        "x1 m, x2 m",
+        "F N",
+        "m1 kg, m2 kg, k N/m, g N/m",
     )
+)
+STOREYS = {"m1": 3.0, "m2": 2.0, "k": 900.0, "g": 2500.0}
+
+
+def tower(seed, truth=STOREYS, periods=8, break_after=None):
+    """Return periods of the tower; the force is 5 N on each line, the noise a thousandth."""
+    record = line_record(
+        TOWER,
+        TOWER.values(truth),
+        np.full((4, 1), 5.0),
+        harmonics=(1, 2, 3, 4),
+        fundamental=1.0,
+        sample_rate=100.0,
+        periods=periods,
+    )
+    spectra = record.spectra.copy()
+    spectra[break_after or periods :, :, 1:] *= 1.2
+    size = 1e-3 * np.sqrt(2 * record.samples) * np.abs(spectra[0]).mean(axis=0)
+    noise = dict(zip(record.names, size, strict=True))
+    return add_noise(replace(record, spectra=spectra), noise, np.random.default_rng(seed))
+
+
+def estimator(method, truth=STOREYS, **options):
+    return rid.MaximumLikelihood(start=truth, **options) if method == "ml" else method
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_negative_mass_is_turned_away_by_every_method(method):
-    model = parse_model(TOWER)
-    record = driven(model, [3.0, -2.0, 900.0, 2500.0], np.random.default_rng(1))
-    start = {"m1": 3.0, "m2": -2.0, "k": 900.0, "g": 2500.0}
-    estimator = rid.MaximumLikelihood(start=start) if method == "ml" else method
-    estimate = rid.identify(model, record, estimator)
+    truth = {**STOREYS, "m2": -2.0}
+    estimate = rid.identify(TOWER, tower(1, truth), estimator(method, truth))
     assert estimate.status == "rejected"
     assert any("negative inertia of x2" in text for text in estimate.warnings)
 
 
-@pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
+@pytest.mark.parametrize("method", FAMILY)
 def test_equations_that_do_not_describe_the_record_are_turned_away(method):
-    model = parse_model(TOWER)
-    record = driven(model, [3.0, 2.0, 900.0, 2500.0], np.random.default_rng(2))
+    record = tower(2)
     wrong = replace(record, spectra=record.spectra[:, ::-1])
-    estimate = rid.identify(model, wrong, method)
-    assert estimate.status == "rejected"
+    assert rid.identify(TOWER, wrong, method).status == "rejected"
 
 
 def test_noise_is_no_fault_of_the_prediction():
@@ -240,15 +238,9 @@ def test_noise_is_no_fault_of_the_prediction():
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("broken", [True, False])
 def test_halves_that_differ_are_turned_away(method, broken):
-    model = parse_model(TOWER)
-    values = [3.0, 2.0, 900.0, 2500.0]
-    rng = np.random.default_rng(3)
-    record = driven(model, values, rng, periods=60, break_after=30 if broken else None)
-    start = dict(zip(("m1", "m2", "k", "g"), values, strict=True))
+    record = tower(3, periods=60, break_after=30 if broken else None)
     # Left to choose, ml takes the covariance that holds the break, and is as unsure as it should.
-    likelihood = rid.MaximumLikelihood(start=start, covariance="white")
-    estimator = likelihood if method == "ml" else method
-    estimate = rid.identify(model, record, estimator)
+    estimate = rid.identify(TOWER, record, estimator(method, covariance="white"))
     told = any("halves of the record differ" in text for text in estimate.warnings)
     assert told == broken
     assert (estimate.status == "rejected") == broken
@@ -266,8 +258,6 @@ def test_halves_within_six_deviations_agree():
 @pytest.mark.parametrize("method", ["ls", "ml"])
 @pytest.mark.parametrize(("periods", "held"), [(7, False), (8, True)])
 def test_halves_of_four_periods_are_held_against_each_other(monkeypatch, method, periods, held):
-    model, values = parse_model(TOWER), [3.0, 2.0, 900.0, 2500.0]
-    record = driven(model, values, np.random.default_rng(3), periods=periods)
     seen, agreement = [], gate.agreement
 
     def watched(names, halves, *rest):
@@ -275,8 +265,7 @@ def test_halves_of_four_periods_are_held_against_each_other(monkeypatch, method,
         return agreement(names, halves, *rest)
 
     monkeypatch.setattr(gate, "agreement", watched)
-    start = dict(zip(("m1", "m2", "k", "g"), values, strict=True))
-    rid.identify(model, record, rid.MaximumLikelihood(start=start) if method == "ml" else method)
+    rid.identify(TOWER, tower(3, periods=periods), estimator(method))
     assert any(seen) == held
 
 
@@ -292,15 +281,12 @@ def test_halves_of_four_periods_are_held_against_each_other(monkeypatch, method,
 def test_a_misfit_that_chance_gives_once_in_a_million_is_rejected(
     monkeypatch, chance, status, told
 ):
-    model, values = parse_model(TOWER), [3.0, 2.0, 900.0, 2500.0]
-    record = driven(model, values, np.random.default_rng(3), periods=60)
-    start = dict(zip(("m1", "m2", "k", "g"), values, strict=True))
-    estimator, p_value = rid.MaximumLikelihood(start=start), Expectation.p_value
-    found = pytest.approx(rid.identify(model, record, estimator).misfit.cost, rel=1e-6)
+    record, p_value = tower(3, periods=60), Expectation.p_value
+    found = pytest.approx(rid.identify(TOWER, record, estimator("ml")).misfit.cost, rel=1e-6)
     monkeypatch.setattr(
         Expectation, "p_value", lambda self, cost: chance if cost == found else p_value(self, cost)
     )
-    estimate = rid.identify(model, record, estimator)
+    estimate = rid.identify(TOWER, record, estimator("ml"))
     assert estimate.status == status
     doubt = f": ok, but doubtful (p = {chance:.1g})" if told == "the model is doubtful" else ""
     assert str(estimate.summary()[0]).endswith(doubt or f": {status}")
@@ -309,12 +295,11 @@ def test_a_misfit_that_chance_gives_once_in_a_million_is_rejected(
 
 
 def test_identical_periods_state_no_deviations():
-    model = parse_model(TOWER)
     wave = np.cos(2 * np.pi * np.arange(100) / 100)
     motion = np.column_stack([wave, 1e-3 * wave, 2e-3 * wave])
     record = rid.Record([rid.Channel(n) for n in ("F", "x1", "x2")], np.tile(motion, (5, 1)), 100.0)
     periods = rid.average(record, 1.0, harmonics=[1, 2])
-    estimate = rid.identify(model, periods, "ls")
+    estimate = rid.identify(TOWER, periods, "ls")
     assert all(v.std is None for v in estimate.parameters)
     assert any("no deviations can be stated" in text for text in estimate.warnings)
 
@@ -342,36 +327,18 @@ def test_identical_periods_hold_no_noise_that_biases(monkeypatch):
 
 def test_methods_go_by_their_names():
     with pytest.raises(rid.InputError, match="one of ls, batch, sequential, ml"):
-        rid.identify(parse_model(TOWER), [], "mle")
+        rid.identify(TOWER, [], "mle")
 
 
-def test_a_cost_too_good_to_be_chance_is_told(demo_periods):
+def test_a_cost_too_good_to_be_chance_is_told():
     """Scatter between periods that the mean does not have: each period off, the sum right."""
-    model, record = demo_periods
-    periods = len(record.spectra)
-    swing = np.where(np.arange(periods) % 2, 1.0, -1.0)[:, None, None]
-    size = np.abs(record.spectra.mean(axis=0)).mean(axis=0)
-    rng = np.random.default_rng(5)
-    pairs = rng.standard_normal((periods // 2, *record.spectra.shape[1:], 2)) @ np.array([1, 1j])
-    noise = 0.05 * size * swing * np.repeat(pairs, 2, axis=0)
-    noisy = replace(record, spectra=record.spectra + noise)
-    estimate = rid.identify(model, noisy, rid.MaximumLikelihood(covariance="white"))
+    record = tower(5, periods=20)
+    size = np.abs(record.mean_spectrum).mean(axis=0)
+    pairs = np.random.default_rng(5).standard_normal((10, *record.spectra.shape[1:], 2))
+    noise = 0.05 * size[:, None] * np.stack([pairs, -pairs], axis=1) @ np.array([1, 1j])
+    noisy = replace(record, spectra=record.spectra + noise.reshape(record.spectra.shape))
+    estimate = rid.identify(TOWER, noisy, estimator("ml", covariance="white"))
     assert any("too good to be chance" in text for text in estimate.warnings)
-
-
-@pytest.fixture
-def demo_periods():
-    model = load_model("jeffcott")
-    record = rid.simulate(
-        model,
-        model.values(model.nominal),
-        100 * np.cos(2 * np.pi * np.outer(np.arange(100), [1, 2]) * 3 / 100),
-        sample_rate=1000.0,
-        periods=20,
-        noise={"F_x": 0.1, "F_y": 0.1, "x": 1e-8, "y": 1e-8},
-        rng=np.random.default_rng(6),
-    )
-    return model, rid.average(record, 10.0, harmonics=[1, 2, 3, 4, 5, 6])
 
 
 @pytest.mark.parametrize("check", sorted(CONTRADICTING))
@@ -393,7 +360,6 @@ def test_other_warnings_of_the_data_leave_the_answer():
 # The residual of least squares against its scatter: moments, chances, and machines that differ.
 
 
-FAMILY = ("ls", "batch", "sequential")
 FREE, LINES, ROWS = 3, 6, 2
 MULTIPLICITY = np.array([2.0, 2, 2, 2, 2, 1])
 """The last line is that of Nyquist: real."""

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bank import ARM, BANK, CHAIN, JEFFCOTT, RIGID, THREE_MASS, TRAIN, Grid, line_response
+from bank import ARM, BANK, CHAIN, JEFFCOTT, RIGID, THREE_MASS, TRAIN, Grid, recovered
 from model_text import model_text
 from sampled_bank import coloured
 from scipy.optimize import brentq
@@ -39,7 +39,7 @@ from rotorid.linear.solve import (
     solve,
 )
 from rotorid.models.knowledge import constraint_polynomial, eliminate
-from rotorid.testing import bind_all
+from rotorid.testing import bind_all, line_record
 
 # The weighted solution, its gains and its sandwich, on plain matrices.
 
@@ -296,6 +296,22 @@ def stages_of(problem, constraints=(), **fixed):
     return [(rows, [names[u] for u in unknowns]) for rows, unknowns in posed.stages]
 
 
+def made(text, harmonics=(1, 2), turns=0, **truth):
+    """Return a linear machine of a text, and its record without noise."""
+    model = parse_model(text)
+    record = line_record(
+        model,
+        model.values(truth),
+        np.exp(1j * np.outer(harmonics, np.arange(1, len(model.inputs) + 1))),
+        harmonics=harmonics,
+        fundamental=5.0,
+        sample_rate=1200.0,
+        periods=3,
+        speed=turns * 2 * np.pi * 5.0,
+    )
+    return SimpleNamespace(model=model, records=[record], known={}, truth=truth)
+
+
 def test_stages_of_the_seed():
     """The paper's (10) and (11)."""
     first, second = stages_of(THREE_MASS)
@@ -334,22 +350,9 @@ def test_a_stage_takes_in_the_rows_that_tell_its_unknowns_apart():
         "F N",
         "m kg, n kg, a N/m, b N/m",
     )
-    truth = {"m": 2.0, "n": 1.0, "a": 500.0, "b": 300.0}
-
-    def columns(p, grid):
-        M, K = np.diag([p.m, p.n]), np.array([[p.a + p.b, 0], [p.b, p.a]])
-        u = np.cos(grid.omega * grid.time) + np.sin(2 * grid.omega * grid.time)
-        right = np.column_stack([u, 0 * u])
-        q = line_response(grid, (1, 2), lambda w: K - w**2 * M + 0j, right)
-        return {"F": u, "x": q[:, 0], "y": q[:, 1]}
-
-    problem = replace(
-        TRAIN, text=text, truth=truth, columns=columns, harmonics=(1, 2), base=("m", "n", "a", "b")
-    )
+    problem = made(text, m=2.0, n=1.0, a=500.0, b=300.0)
     assert stages_of(problem) == [([0, 1], ["m", "n", "a", "b"])]
-    estimate = Sequential().estimate(problem.model, problem.records)
-    for name, value in truth.items():
-        assert estimate.value(name) == pytest.approx(value, rel=1e-9)
+    recovered(Sequential().estimate(problem.model, problem.records), problem.truth)
 
 
 def confounded(second):
@@ -361,26 +364,7 @@ def confounded(second):
         "u N",
         "a kg, b kg, c N s/m, g N s^2/m, k N/m",
     )
-    truth = {"a": 1.0, "b": 2.0, "c": 7.0, "g": 0.2, "k": 900.0}
-
-    def columns(p, grid):
-        below = p.g * grid.speed if "Omega" in second else 0.0 if second == "0" else p.c
-        M, D = np.diag([p.a, p.b]), np.diag([p.c + p.g * grid.speed, below])
-        K = p.k * np.array([[1, -1], [-1, 1]])
-        u = np.cos(2 * grid.omega * grid.time) + np.cos(3 * grid.omega * grid.time)
-        right = np.column_stack([u, 0 * u])
-        q = line_response(grid, (2, 3), lambda w: K + 1j * w * D - w**2 * M, right)
-        return {"u": u, "x": q[:, 0], "y": q[:, 1]}
-
-    return replace(
-        TRAIN,
-        text=text,
-        truth=truth,
-        columns=columns,
-        grids=(Grid(turns=4),),
-        harmonics=(2, 3),
-        base=("a", "b", "c", "g", "k"),
-    )
+    return made(text, (2, 3), 4, a=1.0, b=2.0, c=7.0, g=0.2, k=900.0)
 
 
 @pytest.mark.parametrize("method", [Sequential, Batch], ids=lambda m: m.__name__)
@@ -390,8 +374,7 @@ def test_what_one_stage_leaves_open_and_no_other_determines(method):
     assert estimate.status == "not_identifiable"
     assert "not identifiable: c, g are determined only together" in estimate.warnings
     assert np.isnan([estimate.value("c"), estimate.value("g")]).all()
-    for name in "abk":
-        assert estimate.value(name) == pytest.approx(problem.truth[name], rel=1e-9)
+    recovered(estimate, {name: problem.truth[name] for name in "abk"})
 
 
 @pytest.mark.parametrize("second", ["c*y'", "g*Omega*y'"])
@@ -403,15 +386,12 @@ def test_what_one_stage_leaves_open_is_no_zero_in_the_next(method, second):
     estimate = method().estimate(problem.model, problem.records)
     assert estimate.status == "ok"
     assert estimate.warnings == ()
-    for name, value in problem.truth.items():
-        assert estimate.value(name) == pytest.approx(value, rel=1e-9)
+    recovered(estimate, problem.truth)
 
 
 def test_two_stages_by_hand():
     """(5) and (6) with numpy.linalg.lstsq: forces weigh stage 1, transmitted forces stage 2."""
-    clean = CHAIN.record(periods=2)
-    noise = dict(zip(clean.names, 0.01 * clean.samples.std(axis=0), strict=True))
-    record = CHAIN.periodic(periods=40, noise=noise, rng=np.random.default_rng(1))
+    record = CHAIN.noisy(40, 1)
     found = Sequential().estimate(CHAIN.model, [record])
 
     grid, keep = Grid(), list(CHAIN.harmonics)
@@ -448,9 +428,7 @@ def _full(spectra, keep, samples):
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
 @pytest.mark.parametrize("kind", [Batch, Sequential])
 def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
-    clean = problem.record(periods=2)
-    noise = dict(zip(clean.names, 0.01 * clean.samples.std(axis=0), strict=True))
-    record = problem.periodic(periods=5, noise=noise, rng=np.random.default_rng(2))
+    record = problem.noisy(5, 2)
 
     def solve(one):
         return kind(fixed=problem.known).solve(problem.model, [one])
@@ -479,24 +457,9 @@ def test_a_driven_row_without_unknowns():
         "u N",
         "m kg, k N/m",
     )
-    truth = {"m": 2.0, "k": 700.0}
-
-    def columns(p, grid):
-        u = np.cos(grid.omega * grid.time) + np.cos(2 * grid.omega * grid.time)
-
-        def stiffness(w):
-            return np.array([[50 + 3j * w - w**2, 0], [-p.k, p.k + 3j * w - p.m * w**2]])
-
-        q = line_response(grid, (1, 2), stiffness, np.column_stack([u, 0 * u]))
-        return {"u": u, "x": q[:, 0], "y": q[:, 1]}
-
-    problem = replace(
-        TRAIN, text=text, truth=truth, columns=columns, harmonics=(1, 2), base=("m", "k")
-    )
+    problem = made(text, m=2.0, k=700.0)
     for method in (Sequential, Batch):
-        estimate = method().estimate(problem.model, problem.records)
-        for name, value in truth.items():
-            assert estimate.value(name) == pytest.approx(value, rel=1e-9)
+        recovered(method().estimate(problem.model, problem.records), problem.truth)
 
 
 def test_standstill_record_beside_a_turning_one():
@@ -504,9 +467,7 @@ def test_standstill_record_beside_a_turning_one():
     grids = (Grid(250, 5000.0), Grid(250, 5000.0, turns=7))
     problem = replace(THREE_MASS, grids=grids)
     for method in (Sequential, Batch):
-        estimate = method().estimate(problem.model, problem.records)
-        for name, value in problem.true_base.items():
-            assert estimate.value(name) == pytest.approx(value, rel=1e-8)
+        recovered(method().estimate(problem.model, problem.records), problem.true_base, 1e-8)
 
 
 def test_no_stage_at_all():
@@ -530,12 +491,6 @@ FAMILY = (LeastSquares, Batch, Sequential)
 family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
 
 
-def noisy(problem, periods=20, level=0.02, seed=1):
-    clean = problem.record(periods=2)
-    noise = dict(zip(clean.names, level * clean.samples.std(axis=0), strict=True))
-    return problem.periodic(periods=periods, noise=noise, rng=np.random.default_rng(seed))
-
-
 CONSTRAINTS = [
     ("m1 + m2 + m3", 12.98878),
     ("2*m1 - 2*m3 + 1", 1.0),
@@ -553,7 +508,9 @@ CONSTRAINTS = [
 @pytest.mark.parametrize(("expression", "value"), CONSTRAINTS)
 def test_a_constraint_holds_exactly(method, expression, value):
     constraint = Constraint(expression, value)
-    estimate = method(constraints=(constraint,)).estimate(THREE_MASS.model, [noisy(THREE_MASS)])
+    estimate = method(constraints=(constraint,)).estimate(
+        THREE_MASS.model, [THREE_MASS.noisy(20, 1, level=0.02)]
+    )
     assert estimate.status == "ok"
     model = THREE_MASS.model
     index = {tuple(int(e) for e in m): i for i, m in enumerate(model.monomials)}
@@ -576,13 +533,12 @@ def test_a_constraint_holds_exactly(method, expression, value):
 def test_all_constraints_together_on_noise_free_data(method):
     constraints = tuple(Constraint(e, v) for e, v in CONSTRAINTS[:6])
     estimate = method(constraints=constraints).estimate(THREE_MASS.model, THREE_MASS.records)
-    for name, value in THREE_MASS.true_base.items():
-        assert estimate.value(name) == pytest.approx(value, rel=1e-8)
+    recovered(estimate, THREE_MASS.true_base, 1e-8)
 
 
 def test_the_constrained_minimum_by_lagrange():
     """min |X theta - b|^2 with row @ theta = value, by the KKT equations."""
-    record = noisy(TRAIN)
+    record = TRAIN.noisy(20, 1, level=0.02)
     model = TRAIN.model
     constraint = Constraint("a + b + c", 4.4)
     found = LeastSquares(constraints=(constraint,)).estimate(model, [record])
@@ -606,8 +562,7 @@ def test_a_constraint_cures_what_one_line_leaves_open(method):
     cured = method(constraints=(Constraint("k - 225000*m", 0.0),))
     estimate = cured.estimate(one.model, one.records)
     assert estimate.status == "ok"
-    for name, value in one.true_base.items():
-        assert estimate.value(name) == pytest.approx(value, rel=1e-8)
+    recovered(estimate, one.true_base, 1e-8)
 
 
 @family

@@ -244,69 +244,12 @@ def with_force_slope(model: Model, where: Mapping[str, str]) -> Model:
     texts = list(model.texts)
     for name, coordinate in where.items():
         texts = [re.sub(rf"\b{name}\b", f"{name} + ks*{coordinate}", text) for text in texts]
-    return with_term(model, texts, "ks", "N/m")
-
-
-SPRING = re.compile(r"k([12])((?:\*L[12])?)\*\(([^()]*)\)")
-COORDINATE = re.compile(r"\b(theta_[xy]|[xy][123])\b")
-
-
-def with_term(model: Model, texts: Sequence[str], name: str, unit: str) -> Model:
-    parameters = (*model.parameters, Parameter(name, unit))
+    parameters = (*model.parameters, Parameter("ks", "N/m"))
     names = [p.name for p in parameters]
+    equations = split_equations(texts, model.coordinates, model.inputs, names)
     return replace(
-        model,
-        texts=tuple(texts),
-        parameters=parameters,
-        equations=split_equations(texts, model.coordinates, model.inputs, names),
-        file_text="",
+        model, texts=tuple(texts), parameters=parameters, equations=equations, file_text=""
     )
-
-
-def turned(coordinate: str) -> str:
-    """Return q' - Omega J q of a coordinate: its rate in the rotating frame."""
-    axis = coordinate[0] if coordinate[0] in "xy" else coordinate[-1]
-    other = {"x": "y", "y": "x"}[axis]
-    partner = coordinate.replace(axis, other) if axis == coordinate[0] else f"theta_{other}"
-    return f"({coordinate}' {'+' if axis == 'x' else '-'} Omega*{partner})"
-
-
-@dataclass(frozen=True)
-class Faults:
-    """The demo's rotor with something that the shipped model does not have."""
-
-    machine: Machine
-
-    def _with(self, texts: Sequence[str], unit: str, size: float) -> Machine:
-        model = with_term(self.machine.model, texts, "fault", unit)
-        return replace(self.machine, model=model, truth={**self.machine.truth, "fault": size})
-
-    def damped(self, beta: float, *, rotating: bool = False) -> Machine:
-        """Damping beta K, in the fixed or in the rotating frame."""
-        rate = (lambda m: turned(m[0])) if rotating else (lambda m: f"{m[0]}'")
-
-        def spring(match: re.Match[str]) -> str:
-            number, lever, stretch = match.groups()
-            return f"k{number}{lever}*({stretch} + fault*({COORDINATE.sub(rate, stretch)}))"
-
-        texts = [SPRING.sub(spring, text) for text in self.machine.model.texts]
-        return self._with(texts, "s", beta)
-
-    def asymmetric(self, parameter: str, share: float) -> Machine:
-        """A stiffness that is higher in x than in y, as a share of itself."""
-        in_x = (0, 2, 5, 6)  # rows of x1, x2, theta_y, x3
-        texts = [
-            re.sub(rf"\b{parameter}\b", f"({parameter} + {parameter}*fault)", text)
-            if row in in_x
-            else text
-            for row, text in enumerate(self.machine.model.texts)
-        ]
-        return self._with(texts, "1", share)
-
-
-@pytest.fixture(scope="session")
-def faults(demo):
-    return Faults(demo)
 
 
 @pytest.fixture(scope="session")

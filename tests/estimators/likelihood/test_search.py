@@ -40,6 +40,16 @@ def about(estimate: rid.Estimate, what: str) -> list[tuple[str, str]]:
     return [(note.severity, note.cure) for note in estimate.notes if note.about == what]
 
 
+@pytest.fixture(scope="module")
+def right():
+    return list(ESTIMATOR.search(CASE.model, CASE.records))
+
+
+@pytest.fixture(scope="module")
+def wrong():
+    return list(WRONG.search(CASE.model, CASE.records))
+
+
 def test_the_first_step_has_an_answer_and_says_that_it_is_not_the_last():
     search = ESTIMATOR.search(CASE.model, CASE.records)
     assert search.best is None
@@ -51,19 +61,17 @@ def test_the_first_step_has_an_answer_and_says_that_it_is_not_the_last():
         assert abs(step.best.value(name) - true) < 6 * step.best.std(name) + 1e-12
 
 
-def test_the_last_step_is_the_estimate():
-    steps = list(ESTIMATOR.search(CASE.model, CASE.records))
-    assert [step.say for step in steps][-2:] == ["asking what may be wrong", "done"]
-    estimate = ESTIMATOR.estimate(CASE.model, CASE.records)
-    assert estimate.status == "ok"
-    assert steps[-1].best.to_json() == estimate.to_json()
+def test_the_last_step_is_the_estimate(right):
+    assert [step.say for step in right][-2:] == ["asking what may be wrong", "done"]
+    assert right[-1].best.status == "ok"
     search = ESTIMATOR.search(CASE.model, CASE.records)
     next(search)
-    assert search.finish().to_json() == estimate.to_json()
+    for estimate in (search.finish(), ESTIMATOR.estimate(CASE.model, CASE.records)):
+        assert estimate.to_json() == right[-1].best.to_json()
 
 
-def test_little_effort_ends_at_the_first_minimum_and_says_so():
-    first = next(ESTIMATOR.search(CASE.model, CASE.records)).best
+def test_little_effort_ends_at_the_first_minimum_and_says_so(right):
+    first = right[0].best
     quick = QUICK.estimate(CASE.model, CASE.records)
     assert quick.parameters == first.parameters
     assert quick.misfit == first.misfit
@@ -81,17 +89,16 @@ def test_a_first_minimum_that_noise_does_not_explain_is_no_answer():
     assert [severity for severity, _ in about(quick, "effort")] == ["unfinished"]
 
 
-def test_further_starts_are_steps_with_how_far_they_are():
-    steps = list(WRONG.search(CASE.model, CASE.records))
-    ways = [step for step in steps if step.say == "trying further starts"]
+def test_further_starts_are_steps_with_how_far_they_are(wrong):
+    ways = [step for step in wrong if step.say == "trying further starts"]
     assert len(ways) > 1
     assert [step.done for step in ways] == list(range(1, len(ways) + 1))
     assert ways[0].left is None
     assert all(step.of == 12 and step.left > 0 for step in ways[1:])
     costs = [step.best.misfit.cost for step in ways]
     assert costs == sorted(costs, reverse=True)
-    assert steps[-1].best.status == "rejected"
-    assert steps[-1].best.suspects
+    assert wrong[-1].best.status == "rejected"
+    assert wrong[-1].best.suspects
 
 
 def test_a_watch_changes_nothing_and_is_told_of_mistakes_that_are_tried():
@@ -107,13 +114,12 @@ def test_a_watch_changes_nothing_and_is_told_of_mistakes_that_are_tried():
     assert all(of is not None and 0 < done <= of for done, of in tried[:-1])
 
 
-def test_what_is_suspected_so_far_is_in_the_best_so_far():
-    steps = list(WRONG.search(CASE.model, CASE.records))
-    tried = [step.best for step in steps if step.say == "trying possible mistakes"]
+def test_what_is_suspected_so_far_is_in_the_best_so_far(wrong):
+    tried = [step.best for step in wrong if step.say == "trying possible mistakes"]
     drops = [max((s.drop for s in best.suspects), default=0.0) for best in tried]
     assert 0 < drops[len(drops) // 2] <= drops[-1]
     assert {best.status for best in tried} == {"not_converged"}
-    assert tried[-1].suspects == steps[-1].best.suspects
+    assert tried[-1].suspects == wrong[-1].best.suspects
 
 
 def test_no_step_changes_how_numpy_treats_errors():
@@ -175,10 +181,39 @@ def test_the_answer_is_that_of_all_lines(record, monkeypatch):
         assert few.std == pytest.approx(every.std, rel=1e-3)
 
 
-def louder(record: rid.Record, gain: float) -> rid.Lines:
-    samples = record.samples.copy()
-    samples[:, record.names.index("x")] *= gain
+def louder(record: rid.Record, gain: float, *, exchanged: bool = False) -> rid.Lines:
+    """Return the lines where x has another gain; before that, the sensors may be exchanged."""
+    samples, (x, y) = record.samples.copy(), map(record.names.index, "xy")
+    if exchanged:
+        samples[:, [x, y]] = samples[:, [y, x]]
+    samples[:, x] *= gain
     return lines_of(replace(record, samples=samples))
+
+
+@pytest.fixture
+def steps(monkeypatch):
+    """Return on how many lines each step is taken, from then on."""
+    seen, tangent = [], solver.tangent
+
+    def counting(point: Point, *rest: Any) -> Tangent:
+        seen.append(len(point.records[0].problem.data))
+        return tangent(point, *rest)
+
+    monkeypatch.setattr(solver, "tangent", counting)
+    return seen
+
+
+@pytest.fixture
+def ways(monkeypatch):
+    """Return where each way from a start ends, from then on."""
+    seen: list[Solution] = []
+
+    def counting(*given: Any) -> Solution:
+        seen.append(solver.solve(*given))
+        return seen[-1]
+
+    monkeypatch.setattr(search, "solve", counting)
+    return seen
 
 
 @pytest.mark.parametrize(("count", "fewer"), [(800, False), (801, True)])
@@ -228,17 +263,10 @@ def test_a_plain_mistake_is_looked_for_on_fewer_lines(record, gain, few):
     assert told[0].endswith("of the 991 lines)") == few
 
 
-def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(record, monkeypatch):
+def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(record, monkeypatch, ways):
     """A misfit is believed once two starts led to it; a whole record is solved once for that."""
-    lines, ways = louder(record, 1.01), []
-
-    def counting(*given: object) -> Solution:
-        ways.append(solver.solve(*given))
-        return ways[-1]
-
-    monkeypatch.setattr(search, "solve", counting)
     monkeypatch.setattr(result, "suspected", lambda *_: iter(()))
-    assert rid.identify(MODEL, lines, KNOWN).status == "rejected"
+    assert rid.identify(MODEL, louder(record, 1.01), KNOWN).status == "rejected"
     assert len(ways) == 1
     problem, trail = ways[0].point.problem, ways[0].trail
     start = 1.2 * problem.layout.start
@@ -292,17 +320,10 @@ def test_a_rotor_that_floats_at_dc():
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(("gain", "hopeless"), [(-1.0, True), (1.01, False)])
 def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
-    record, monkeypatch, gain, hopeless
+    record, monkeypatch, steps, gain, hopeless
 ):
     """With a sensor upside down a dozen ways are tried, none of which all lines could mend."""
-    lines, steps = louder(record, gain), []
-
-    def counting(point: Point, *rest: object) -> Tangent:
-        steps.append(len(point.records[0].problem.data))
-        return tangent(point, *rest)
-
-    tangent = solver.tangent
-    monkeypatch.setattr(solver, "tangent", counting)
+    lines = louder(record, gain)
     monkeypatch.setattr(result, "suspected", lambda *_: iter(()))
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status != "ok"
@@ -310,23 +331,10 @@ def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
     assert (len(lines.frequency) not in steps) == hopeless
 
 
-def test_from_near_the_minimum_few_lines_would_only_lead_away(record, monkeypatch):
-    solutions, steps = [], []
-
-    def watched(*given: Any) -> Solution:
-        solutions.append(solver.solve(*given))
-        return solutions[-1]
-
-    monkeypatch.setattr(search, "solve", watched)
+def test_from_near_the_minimum_few_lines_would_only_lead_away(record, steps, ways):
     rid.identify(MODEL, lines_of(record), KNOWN)
-    minimum = solutions[0].point
-
-    def counting(point: Point, *rest: Any) -> Tangent:
-        steps.append(len(point.records[0].problem.data))
-        return tangent(point, *rest)
-
-    tangent = solver.tangent
-    monkeypatch.setattr(solver, "tangent", counting)
+    minimum = ways[0].point
+    steps.clear()
     found = solver.settle(minimum.problem, minimum.unknowns * (1 + 1e-4))
     assert set(steps) == {991}
     assert found.converged
@@ -338,34 +346,11 @@ def test_from_near_the_minimum_few_lines_would_only_lead_away(record, monkeypatc
 # Mistakes that are plain are told on a hundred lines, before thousands are searched.
 
 
-tangent = solver.tangent
-
-
-def mistaken(exchanged: bool, factor: float) -> rid.Lines:
-    """Return a thousand lines of a record whose sensors are exchanged, or one has another gain."""
-    record = levitated(1)
-    samples, (x, y) = record.samples.copy(), map(record.names.index, "xy")
-    if exchanged:
-        samples[:, [x, y]] = samples[:, [y, x]]
-    samples[:, x] *= factor
-    wrong = replace(record, samples=samples)
-    return rid.spectra(wrong, (2.0, 200.0), references=["r_x", "r_y"])
-
-
-@pytest.fixture(params=["swap[x, y]", "sign[x]"])
-def term(request):
-    return str(request.param)
-
-
 @pytest.mark.slow
-def test_what_is_plain_is_told_before_anything_is_searched(term, monkeypatch):
-    lines, steps = mistaken(term == "swap[x, y]", -1.0 if term == "sign[x]" else 1.0), []
-
-    def counting(point: Point, *rest: object) -> Tangent:
-        steps.append(len(point.records[0].problem.data))
-        return tangent(point, *rest)
-
-    monkeypatch.setattr(solver, "tangent", counting)
+@pytest.mark.parametrize("term", ["swap[x, y]", "sign[x]"])
+def test_what_is_plain_is_told_before_anything_is_searched(record, term, monkeypatch, steps):
+    swapped = term == "swap[x, y]"
+    lines = louder(record, 1.0 if swapped else -1.0, exchanged=swapped)
     monkeypatch.setattr(plain.RivalSearch, "trials", None)
     monkeypatch.setattr(plain, "searched", None)
     estimate = rid.identify(MODEL, lines, KNOWN)
@@ -380,9 +365,9 @@ def test_what_is_plain_is_told_before_anything_is_searched(term, monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(monkeypatch):
+def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(record, monkeypatch):
     """Here two: sensors exchanged, one of them a quarter short."""
-    lines, asked = mistaken(True, 0.25), []
+    lines, asked = louder(record, 0.25, exchanged=True), []
 
     def counting(problem: Problem, *rest: object) -> object:
         asked.append(len(problem.likelihoods[0].data))
