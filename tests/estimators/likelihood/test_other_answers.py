@@ -21,7 +21,7 @@ from rotor_bank import (
 )
 from rotor_bank import Structure as Tower
 
-from rotorid import InputError, MaximumLikelihood, Plan, identify, predict_accuracy
+from rotorid import InputError, MaximumLikelihood, identify, load_model, predict_accuracy
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import solver
 from rotorid.likelihood.inference import infer
@@ -31,7 +31,7 @@ from rotorid.likelihood.starts import searched
 from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.knowledge import Knowledge
-from rotorid.testing import bind_all
+from rotorid.testing import add_noise, bind_all, line_record
 
 # Where an answer is doubted: noise that was taken for information, and other answers.
 
@@ -383,12 +383,11 @@ def worst(case, estimate):
 @pytest.mark.slow
 @pytest.mark.parametrize("setting", ADVERSE)
 def test_no_wrong_answer_is_called_ok(setting):
-    """With 18 such rotors of the adverse bank there are 30 with equal or nearly equal forces.
+    """With 18 such rotors of the adverse bank there are 26 with equal or nearly equal forces.
 
-    What errs in a tenth of them is found with 96 %; of the noisy ones, 18 with that bank's, with
-    85 %.
+    What errs in a tenth of them is found with 94 %.
     """
-    for seed in range(3):
+    for seed in range(2):
         case = rotor_case(ADVERSE[setting], 50 + seed)
         estimate = estimated(case)
         assert estimate.status != "ok" or worst(case, estimate) < 5, seed
@@ -428,16 +427,7 @@ def test_silent_sensors_are_refused():
 
 def test_accuracy_of_what_is_not_excited_is_none(demo):
     """Equal forces on a rotor of equal halves at rest: I_t +- 4e15 % is not an accuracy."""
-    plan = Plan(
-        np.full((6, 4), 5 - 5j),
-        harmonics=(1, 3, 5, 7, 9, 11),
-        fundamental=20.0,
-        sample_rate=5000.0,
-        periods=260,
-        noise={"F_x1": 1.0, "F_y1": 1.0, "F_x3": 1.0, "F_y3": 1.0}
-        | dict.fromkeys(("x1", "y1", "x3", "y3"), 22e-6),
-        sensors=("x1", "y1", "x3", "y3"),
-    )
+    plan = replace(demo, shares=(1.0, 1.0, 1.0, 1.0)).plan(BEARINGS, hertz=0.0)
     fixed = {"L1": 0.3, "I_p": 0.048, "xi": 0.0, "zeta": 0.0, "mu": 0.0, "eta": 0.0}
     accuracy = predict_accuracy(demo.model, plan, MaximumLikelihood(fixed=fixed))
     assert accuracy.status == "not_identifiable"
@@ -504,17 +494,15 @@ def test_what_only_a_resonance_makes_of_the_noise_of_forces_is_no_information(se
     assert not information.informed_by_noise(point)[1].any()
 
 
-@pytest.mark.slow
 def test_fewer_equations_than_unknowns_leave_something_open():
-    """One line, four sensors: eight numbers for ten unknowns."""
-    case = rotor_case(SETTINGS["4 sensors, +-40 %"], 1)
-    record = case.records[0]
-    once = list(record.harmonics).index(7)
-    line = replace(
-        record, harmonics=record.harmonics[once : once + 1], spectra=record.spectra[:, [once]]
-    )
-    estimate = identify(case.model, line, MaximumLikelihood(fixed=case.fixed, start=case.start))
-    assert estimate.status == "not_identifiable"
+    """One line, two sensors: four numbers for five unknowns."""
+    model = load_model("jeffcott")
+    line = {"harmonics": [3], "fundamental": 10.0, "sample_rate": 1000.0, "periods": 40}
+    values, forces = model.values(model.nominal), np.array([[3 - 4j, 5j]])
+    record = line_record(model, values, forces, **line, speed=2 * np.pi * 30)
+    noise = {"F_x": 0.1, "F_y": 0.1, "x": 1e-8, "y": 1e-8}
+    record = add_noise(record, noise, np.random.default_rng(1))
+    assert identify(model, record, "ml").status == "not_identifiable"
 
 
 @pytest.mark.slow
@@ -533,7 +521,6 @@ def test_a_lower_minimum_becomes_the_answer():
     assert all(other.cost >= again.point.cost for other in others)
 
 
-@pytest.mark.slow
 def test_two_periods_take_the_misfit_for_noise(demo):
     """Where two periods scatter too little by chance, the misfit widens the deviations."""
     record = demo.noisy(demo.record(), np.random.default_rng(3))
@@ -541,10 +528,8 @@ def test_two_periods_take_the_misfit_for_noise(demo):
         record.spectra[:2] - record.spectra[:2].mean(axis=0)
     )
     few = replace(record, spectra=spectra, time=record.time[:2], angle=record.angle[:2])
-    estimate = identify(demo.model, few, MaximumLikelihood(covariance="white"))
-    misfit = estimate.misfit
-    assert misfit.cost > 10 * misfit.expected
     fit_ = fit(demo.model, bind_all(demo.model, [few]), Knowledge(), Nuisances())
+    assert fit_.solution.point.cost > 10 * fit_.inference.expectation.mean
     plain = infer(fit_.solution.point).covariance
     share = fit_.inference.covariance[0, 0] / plain[0, 0]
     assert share == pytest.approx(fit_.solution.point.cost / fit_.inference.expectation.mean)
