@@ -111,9 +111,7 @@ class Statistics:
     errors: list[Floats] = field(default_factory=list)
     stds: list[Floats] = field(default_factory=list)
     distances: list[float] = field(default_factory=list)
-    costs: list[float] = field(default_factory=list)
-    expected: list[float] = field(default_factory=list)
-    p_values: list[float] = field(default_factory=list)
+    misfits: list[Misfit] = field(default_factory=list)
     statuses: list[str] = field(default_factory=list)
 
     def add(self, estimate: Estimate, truth: Mapping[str, float]) -> None:
@@ -126,13 +124,10 @@ class Statistics:
         free = [estimate.free[k] for k in asked]
         self.names = [value.name for value in free]
         self.truth = [truth[name] for name in self.names]
-        assert estimate.misfit is not None
         self.statuses.append(estimate.status)
-        self.append(
-            np.array([value.value - truth[value.name] for value in free]),
-            estimate.covariance[np.ix_(asked, asked)],
-            estimate.misfit,
-        )
+        error = np.array([value.value for value in free]) - self.truth
+        assert estimate.misfit is not None
+        self.append(error, estimate.covariance[np.ix_(asked, asked)], estimate.misfit)
 
     def append(self, error: Floats, covariance: Floats, misfit: Misfit) -> None:
         std = np.sqrt(np.diag(covariance))
@@ -143,9 +138,15 @@ class Statistics:
         kept = size > 1e-10
         self.directions = int(kept.sum())
         self.distances.append(float(((error / std @ along[:, kept]) ** 2 / size[kept]).sum()))
-        self.costs.append(misfit.cost)
-        self.expected.append(misfit.expected)
-        self.p_values.append(misfit.p_value)
+        self.misfits.append(misfit)
+
+    @property
+    def p_values(self) -> Floats:
+        return np.array([misfit.p_value for misfit in self.misfits])
+
+    @property
+    def expected(self) -> Floats:
+        return np.array([misfit.expected for misfit in self.misfits])
 
     @property
     def rms(self) -> Floats:
@@ -162,7 +163,7 @@ class Statistics:
     @property
     def cost_deviation(self) -> float:
         """Mean of J less its expectation, in standard errors."""
-        difference = np.array(self.costs) - np.array(self.expected)
+        difference = np.array([misfit.cost for misfit in self.misfits]) - self.expected
         return float(difference.mean() / (difference.std(ddof=1) / np.sqrt(len(difference))))
 
     @property
@@ -174,7 +175,7 @@ class Statistics:
 
     @property
     def rejected(self) -> float:
-        return float((np.array(self.p_values) < 0.05).mean())
+        return float((self.p_values < 0.05).mean())
 
 
 Draw = Callable[[np.random.Generator], tuple[Sequence[PeriodicRecord], MaximumLikelihood]]

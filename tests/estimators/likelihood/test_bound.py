@@ -53,40 +53,36 @@ UNBALANCE = ("m2*xi", "m2*zeta", "I_t*mu - I_p*mu", "I_t*eta - I_p*eta")
 ROW = ("m1", "m2", "I_t", "I_p", "k1", "L2", *UNBALANCE)
 
 
-def test_bearing_planes_only(demo, bearings):
-    plan = demo.plan(bearings)
-    estimate = predict_accuracy(demo.model, plan, MaximumLikelihood(fixed={"L1": 0.3}))
-    assert_prints(percent(estimate, *ROW), ".20 .10 1.28 .05 .20 .03 .33 .21 1.9 1.0")
-
-
-def test_runout_at_two_speeds(demo, bearings):
-    plans = [demo.plan(bearings, hertz) for hertz in (140.0, 100.0)]
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=True)
-    estimate = predict_accuracy(demo.model, plans, estimator)
-    assert_prints(percent(estimate, *ROW), ".15 .07 .94 .03 .16 .01 .90 .52 41 24")
-
-
 @pytest.mark.parametrize(
-    ("gains", "ks", "row"),
+    ("speeds", "options", "ks", "row", "slack"),
     [
-        (("ki",), 0.0, ".17 .02 1.88 .31 .17 .02 .90 .52 41 24"),
-        (("ki", "ks"), 2e5, ".42 .05 3.0 .79 .45 .25 .44 .30 28 12"),
+        ((140.0,), {}, None, ".20 .10 1.28 .05 .20 .03 .33 .21 1.9 1.0", 0.02),
+        ((140.0, 100.0), {}, None, ".15 .07 .94 .03 .16 .01 .90 .52 41 24", 0.02),
+        ((140.0, 100.0), {"gains": ("ki",)}, 0.0, ".17 .02 1.88 .31 .17 .02 .90 .52 41 24", 0.04),
+        (
+            (140.0, 100.0),
+            {"gains": ("ki", "ks")},
+            2e5,
+            ".42 .05 3.0 .79 .45 .25 .44 .30 28 12",
+            0.04,
+        ),
     ],
+    ids=["bearing planes", "runout", "and currents", "of magnets"],
 )
-def test_currents_one_scale_one_ruler(demo, bearings, gains, ks, row):
-    inputs = demo.model.inputs
-    drives = {u: Drive(120.0, ks, {q: 1.0}) for u, q in zip(inputs, bearings, strict=True)}
-    plans = []
-    for hertz in (140.0, 100.0):
-        plan = demo.plan(bearings, hertz)
-        noise = {**plan.noise, **dict.fromkeys(inputs, 1.0 / 120.0)}
-        plans.append(
-            replace(plan, forces=np.asarray(plan.forces) / 120.0, noise=noise, drives=drives)
-        )
-    mass = Constraint("m1 + m2 + m3", sum(demo.truth[name] for name in ("m1", "m2", "m3")))
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=True, gains=gains, constraints=(mass,))
-    estimate = predict_accuracy(demo.model, plans, estimator)
-    assert_prints(percent(estimate, *ROW), row, slack=0.04)
+def test_bearing_planes(demo, bearings, speeds, options, ks, row, slack):
+    """With runout where there are two speeds; currents have one scale and one ruler."""
+    inputs, plans = demo.model.inputs, [demo.plan(bearings, hertz) for hertz in speeds]
+    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=len(speeds) > 1, **options)
+    if ks is not None:
+        drives = {u: Drive(120.0, ks, {q: 1.0}) for u, q in zip(inputs, bearings, strict=True)}
+        small = dict.fromkeys(inputs, 1.0 / 120.0)
+        plans = [
+            replace(p, forces=np.asarray(p.forces) / 120, noise={**p.noise, **small}, drives=drives)
+            for p in plans
+        ]
+        total = sum(demo.truth[name] for name in ("m1", "m2", "m3"))
+        estimator = replace(estimator, constraints=(Constraint("m1 + m2 + m3", total),))
+    assert_prints(percent(predict_accuracy(demo.model, plans, estimator), *ROW), row, slack)
 
 
 def test_says_beforehand_what_stays_open(demo, bearings):

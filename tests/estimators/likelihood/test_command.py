@@ -1,6 +1,7 @@
 """From files: experiment files that ask for maximum likelihood, and the exit codes."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -8,9 +9,10 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid import cli, simulate
+from rotorid import cli
+from rotorid.signals.spectrum import synthesize
 
-RATE, PERIODS = 5000.0, 60
+PERIODS = 60
 HEAD = """
 model = "three-mass"
 """
@@ -23,57 +25,33 @@ phase = "0 deg"
 fundamental = "20 Hz"
 harmonics = [1, 3, 5, 7, 9, 11]
 """
-FORCES = """
-[channels]
-F_x1 = { column = "F_x1", unit = "N" }
-F_y1 = { column = "F_y1", unit = "N" }
-F_x3 = { column = "F_x3", unit = "N" }
-F_y3 = { column = "F_y3", unit = "N" }
-"""
+FORCES = "\n[channels]\n" + "".join(
+    f'{name} = {{ column = "{name}", unit = "N" }}\n' for name in ("F_x1", "F_y1", "F_x3", "F_y3")
+)
 CURRENTS = "\n[channels]\n" + "\n".join(
     f'{force} = {{ law = "linear", current = {{ column = "{force}", unit = "A" }}, '
     f'position = "{place}", ki = "100 N/A", ks = "1.5e5 N/m" }}'
     for force, place in (("F_x1", "x1"), ("F_y1", "y1"), ("F_x3", "x3"), ("F_y3", "y3"))
 )
-SENSORS = """
-x1 = { column = "x1", unit = "m" }
-y1 = { column = "y1", unit = "m" }
-x3 = { column = "x3", unit = "m" }
-y3 = { column = "y3", unit = "m" }
-"""
+SENSORS = "\n" + "".join(
+    f'{name} = {{ column = "{name}", unit = "m" }}\n' for name in ("x1", "y1", "x3", "y3")
+)
 LENGTH = '\n[parameters]\nL1 = { fixed = "0.3 m" }\n'
 NOISE = {"force": 0.2, "position": 4e-6}
 
 
 def write(levitated, folder: Path, hertz: float, *, drives: bool, runout: bool) -> None:
     """Write forces (or the currents that make them) and what the bearing sensors read."""
-    machine = levitated.machine
-    time = np.arange(250) / RATE
-    wave = sum(
-        10 * np.sin(2 * np.pi * f * time) + 10 * np.cos(2 * np.pi * f * time)
-        for f in (20, 60, 100, 140, 180, 220)
+    rig = levitated if runout else replace(levitated, runout={})
+    record, rng = rig.record(hertz, drives=drives), np.random.default_rng(round(hertz))
+    clean = np.tile(
+        synthesize(record.mean_spectrum, record.harmonics, record.samples), (PERIODS, 1)
     )
-    forces = np.outer(wave, machine.shares)
-    model, values = machine.model, machine.values
-    if drives:
-        where = dict(zip(model.inputs, ("x1", "y1", "x3", "y3"), strict=True))
-        model = levitated.slope(where)
-        values = model.values({**machine.truth, "ks": levitated.ks})
-    record = simulate(
-        model, values, forces, sample_rate=RATE, periods=PERIODS, speed=2 * np.pi * hertz
-    )
-    rng = np.random.default_rng(round(hertz))
-    angle = record.rotor_angle()
+    noise = [NOISE["force"] / (120.0 if drives else 1.0)] * 4 + [NOISE["position"]] * 4
+    samples = clean + noise * rng.standard_normal(clean.shape)
     with h5py.File(folder / f"{hertz:g}.h5", "w") as file:
-        for name in machine.model.inputs:
-            size = levitated.ki[name] if drives else 1.0
-            noise = NOISE["force"] * rng.standard_normal(len(angle))
-            file[name] = (record.column(name) + noise) / size
-        for name in ("x1", "y1", "x3", "y3"):
-            cos, sin = levitated.runout[name] if runout else (0.0, 0.0)
-            shaft = cos * np.cos(angle) + sin * np.sin(angle)
-            noise = NOISE["position"] * rng.standard_normal(len(angle))
-            file[name] = record.column(name) + shaft + noise
+        for name, column in zip(record.names, samples.T, strict=True):
+            file[name] = column
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +94,13 @@ def test_runout_asks_where_each_angle_begins(folders):
     ):
         (folders["runout"] / "run.toml").write_text(fine)
         assert len(rid.load_experiment(folders["runout"] / "run.toml").entry.records) == 2
+
+
+def test_a_force_law_takes_no_derivative(folders):
+    path = folders["currents"] / "run.toml"
+    path.write_text(HEAD + one() + CURRENTS.replace('"x1"', '"x1\'"') + SENSORS)
+    with pytest.raises(rid.InputError, match="holds a derivative"):
+        rid.load_experiment(path)
 
 
 @pytest.mark.slow
@@ -187,7 +172,7 @@ min = "0 kg m^2"
 def test_unknown_phase_and_delays(folders):
     turned = one(100.0).replace('"0 deg"', '"unknown"')
     late = FORCES.replace('"F_x1", unit = "N"', '"F_x1", unit = "N", delay = { std = "5 us" }')
-    options = '\n[estimator]\nrunout = true\ndelays = ["position"]\n'
+    options = '\n[estimator]\nrunout = true\ndelays = ["position"]\neffort = "quick"\n'
     text = HEAD + one() + turned + late + SENSORS + LENGTH + options
     code, data = identify(folders["runout"], text)
     assert (code, data["status"]) == (0, "ok")

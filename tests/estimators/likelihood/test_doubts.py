@@ -48,7 +48,6 @@ from rotorid.testing import add_noise, bind_all, line_record
 
 
 FIXED = {"L1": 0.3}
-SIZES = {"runout": (1e-6, "m"), "rotor angle": (np.pi / 180, "rad"), "delay": (1e-5, "s")}
 Edit = Callable[[PeriodicRecord], PeriodicRecord]
 
 
@@ -75,12 +74,10 @@ def recorded(rig, *speeds: float, drives: bool = True) -> list[PeriodicRecord]:
 
 def disc() -> PeriodicRecord:
     model = load_model("jeffcott")
-    values = model.values(model.nominal)
-    forces = np.full((5, 1), 4 - 3j) * np.array([1.0, 0.6j])
     free = line_record(
         model,
-        values,
-        forces,
+        model.values(model.nominal),
+        np.full((5, 1), 4 - 3j) * np.array([1.0, 0.6j]),
         harmonics=[1, 3, 5, 7, 9],
         fundamental=10.0,
         sample_rate=5000.0,
@@ -102,9 +99,8 @@ def out_of_round(channel: str, size: complex) -> Edit:
 
 def louder(channel: str, share: float) -> Edit:
     def edit(record: PeriodicRecord) -> PeriodicRecord:
-        spectra = record.spectra.copy()
-        spectra[:, :, record.index(channel)] *= 1 + share
-        return replace(record, spectra=spectra)
+        factor = 1 + share * np.array([name == channel for name in record.names])
+        return replace(record, spectra=record.spectra * factor)
 
     return edit
 
@@ -124,13 +120,15 @@ def found_after(edits: list[Edit]) -> tuple[Floats, float]:
 def test_the_worst_unseen_error_is_what_refits_say(check):
     """The estimates' shifts, and the quadratic form of the cost, by identifying again."""
     h = 0.02  # of the plausible size: in the linear range
-    units: list[Callable[[float], Edit]] = [
-        lambda s, c=c, way=way: out_of_round(c, s * h * 1e-6 * way)
-        for c in ("x", "y")
-        for way in (1, -1j)
-    ]
-    if check == "gain":
-        units = [lambda s, c=c: louder(c, s * h * 0.01) for c in ("F_x", "F_y", "x", "y")]
+    units: list[Callable[[float], Edit]] = (
+        [lambda s, c=c: louder(c, s * h * 0.01) for c in ("F_x", "F_y", "x", "y")]
+        if check == "gain"
+        else [
+            lambda s, c=c, way=way: out_of_round(c, s * h * 1e-6 * way)
+            for c in ("x", "y")
+            for way in (1, -1j)
+        ]
+    )
     count = len(units)
 
     def both(edits: list[Callable[[float], Edit]]) -> tuple[Floats, float]:
@@ -239,23 +237,12 @@ def test_unseen_is_what_no_warning_tells():
     assert Expectation(0.0, 0.0, 0).exceeded(1e-3) == np.inf
 
 
-def test_the_sizes_are_what_is_written():
-    for kind in TAKEN_AS_EXACT:
-        shown = re.fullmatch(r"(?:zero|exact): (.*) of (?:it|error)", kind.text)
-        assert shown is not None
-        if kind.about == "gain":
-            assert (shown[1], kind.size) == ("1 %", 0.01)
-            continue
-        size, unit = SIZES[kind.about]
-        assert kind.size == pytest.approx(size)
-        assert kind.unit == unit
-        assert to_si(shown[1], unit) == pytest.approx(size)
-    assert [kind.about for kind in TAKEN_AS_EXACT] == [
-        "runout",
-        "rotor angle",
-        "gain",
-        "delay",
-    ]
+@pytest.mark.parametrize("kind", TAKEN_AS_EXACT, ids=lambda kind: kind.about)
+def test_the_sizes_are_what_is_written(kind):
+    shown = re.fullmatch(r"(?:zero|exact): (.*) of (?:it|error)", kind.text)
+    assert shown is not None
+    size = 0.01 if shown[1] == "1 %" else to_si(shown[1], kind.unit)
+    assert kind.size == pytest.approx(size)
 
 
 # The scale of all forces: with a deviation, or as exact and said to be so.
@@ -377,13 +364,6 @@ def test_the_damping_of_a_short_record_under_control(monkeypatch):
     assert not said(long)
 
 
-class Made:
-    """A point and a record, as far as they are looked at."""
-
-    def __init__(self, frequency: np.ndarray, parts: object) -> None:
-        self.lines = type("Lines", (), {"frequency": frequency, "parts": parts})()
-
-
 @pytest.mark.parametrize(
     ("count", "closed", "parts", "told"),
     [
@@ -394,7 +374,8 @@ class Made:
     ],
 )
 def test_how_many_lines_are_few(monkeypatch, count, closed, parts, told):
-    record = Made(np.arange(100.0), parts)
+    lines = SimpleNamespace(frequency=np.arange(100.0), parts=parts)
+    record = SimpleNamespace(lines=lines)
     shares = np.zeros((100, 2, 3))
     shares[5 : 5 + count] = 0.5
     monkeypatch.setattr(doubts, "coherence", lambda _: closed)
@@ -727,17 +708,9 @@ def test_what_neither_slope_nor_step_explains_is_no_speed():
     assert straight.scatter == pytest.approx(1.0, rel=0.05)
 
 
-def test_no_creep_without_turning_or_with_few_periods():
-    trial = made("rigid", 4)
-    for name, samples in trial.columns.items():
-        trial.columns[name] = samples[: 7 * trial.size]
-    estimate = adverse.estimate_of(trial)
-    assert estimate.status == "ok"
-
-
 @pytest.mark.slow
 def test_creeps_of_good_records_are_standard_normal(monkeypatch):
-    """80 of them: of deviations that are stated 25 % too small 24 in 25 are found."""
+    """60 of them: deviations that are stated 25 % too small are found with 93 %."""
     from good_records import good_record
 
     from rotorid.likelihood import fit
@@ -751,11 +724,11 @@ def test_creeps_of_good_records_are_standard_normal(monkeypatch):
 
     monkeypatch.setattr(fit, "creeps", seen)
     for kind in ("jeffcott", "rigid", "three", "rig"):
-        for seed in range(20):
+        for seed in range(15):
             good = good_record(kind, 5000 + seed)
             quick = replace(good.estimator, effort="quick")
             rid.identify(good.model, good.records(), quick)
-    assert len(found) == 80
+    assert len(found) == 60
     assert 0.85 < np.std(found) < 1.15
     assert np.abs(found).max() < 4
 

@@ -42,6 +42,7 @@ WINGS = model_text(
     "m1 +1.0 kg, c1 +8.0 N s/m, k1 +2e5 N/m, m2 +3.0 kg, c2 +20.0 N s/m, k2 +3e5 N/m, "
     "m3 +0.6 kg, c3 +5.0 N s/m, k3 +3e5 N/m",
 )
+DISC, BODY = rid.parse_model(OVERHUNG), rid.parse_model(WINGS)
 LINES = tuple(range(1, 30))
 SPEED = 2 * np.pi * 50
 
@@ -76,12 +77,12 @@ def mirrors_of(model, records, estimator=None):
 
 @pytest.fixture(scope="module")
 def overhung():
-    return record_of(rid.parse_model(OVERHUNG), ["x", "y"], SPEED)
+    return record_of(DISC, ["x", "y"], SPEED)
 
 
 @pytest.fixture(scope="module")
 def wings():
-    return record_of(rid.parse_model(WINGS), ["x2"])
+    return record_of(BODY, ["x2"])
 
 
 def test_a_sign_that_no_record_tells_is_that_of_the_start(overhung):
@@ -92,9 +93,7 @@ def test_a_sign_that_no_record_tells_is_that_of_the_start(overhung):
     )
     costs = []
     for start, sign in ((-1.6e4, -1.0), (1.6e4, 1.0)):
-        found = identify(
-            rid.parse_model(OVERHUNG), overhung, MaximumLikelihood(start={"kc": start})
-        )
+        found = identify(DISC, overhung, MaximumLikelihood(start={"kc": start}))
         assert found.status == "ok"
         assert found.value("kc") == pytest.approx(sign * 1.5e4, abs=5 * found.std("kc"))
         assert told in found.warnings
@@ -105,13 +104,12 @@ def test_a_sign_that_no_record_tells_is_that_of_the_start(overhung):
 
 def test_the_mirror_image_is_turned_to_the_start(overhung, monkeypatch):
     # A search that ended in the mirror image, as noisy records make it.
-    model = rid.parse_model(OVERHUNG)
-    plain = identify(model, overhung, MaximumLikelihood(start={"kc": -1.6e4}))
+    plain = identify(DISC, overhung, MaximumLikelihood(start={"kc": -1.6e4}))
     nominal = mirrors.Mirrors._agreement
     monkeypatch.setattr(
         mirrors.Mirrors, "_agreement", lambda self, x: lambda turn: -nominal(self, x)(turn)
     )
-    turned = identify(model, overhung, MaximumLikelihood(start={"kc": -1.6e4}))
+    turned = identify(DISC, overhung, MaximumLikelihood(start={"kc": -1.6e4}))
     assert turned.value("kc") == pytest.approx(-plain.value("kc"), rel=1e-9)
     assert turned.std("kc") == pytest.approx(plain.std("kc"), rel=1e-6)
     assert turned.misfit.cost == pytest.approx(plain.misfit.cost, rel=1e-9)
@@ -126,21 +124,19 @@ def test_the_mirror_image_is_turned_to_the_start(overhung, monkeypatch):
 
 
 def test_a_sensor_a_prior_or_the_model_tells_a_sign(overhung):
-    model = rid.parse_model(OVERHUNG)
-    tilted = record_of(model, ["x", "y", "theta_x"], SPEED)
+    tilted = record_of(DISC, ["x", "y", "theta_x"], SPEED)
     positive = OVERHUNG.replace("nominal = -1.5e4", "nominal = 1.5e4, positive = true")
-    assert mirrors_of(model, [tilted])[1].turns == ()
+    assert mirrors_of(DISC, [tilted])[1].turns == ()
     assert mirrors_of(rid.parse_model(positive), [overhung])[1].turns == ()
     for more, turns in ((15.2, 0), (14.8, 1)):  # misfit of the other sign
         known = MaximumLikelihood(known={"kc": (-1.5e4, 3e4 / np.sqrt(more))})
-        assert len(mirrors_of(model, [overhung], known)[1].turns) == turns
+        assert len(mirrors_of(DISC, [overhung], known)[1].turns) == turns
     both = MaximumLikelihood(constraints=(Constraint("kc - 3*m", -15015.0),))
-    assert mirrors_of(model, [overhung], both)[1].turns == ()
+    assert mirrors_of(DISC, [overhung], both)[1].turns == ()
 
 
 def test_a_bound_tells_a_sign(overhung):
-    model = rid.parse_model(OVERHUNG)
-    found = identify(model, overhung, MaximumLikelihood(bounds={"kc": (None, 0.0)}))
+    found = identify(DISC, overhung, MaximumLikelihood(bounds={"kc": (None, 0.0)}))
     assert found.status == "ok"
     assert not [w for w in found.warnings if "sign" in w]
 
@@ -162,10 +158,9 @@ def test_two_signs_of_which_the_start_has_one_are_both_answers():
 
 
 def test_wings_may_change_places_from_every_start(wings):
-    model = rid.parse_model(WINGS)
     exchanged_start = {"m1": 0.6, "k1": 3e5, "c1": 5.0, "m3": 1.0, "k3": 2e5, "c3": 8.0}
     for start in ({}, exchanged_start):
-        found = identify(model, wings, MaximumLikelihood(start={**model.nominal, **start}))
+        found = identify(BODY, wings, MaximumLikelihood(start={**BODY.nominal, **start}))
         assert found.status == "not_identifiable"
         (other,) = found.alternatives
         assert other.cost == pytest.approx(found.misfit.cost, rel=1e-9)
@@ -189,43 +184,40 @@ def test_wings_may_change_places_from_every_start(wings):
     ],
 )
 def test_what_is_told_as_a_cure_cures(wings, cure):
-    model = rid.parse_model(WINGS)
     start = {"m1": 0.6, "k1": 3e5, "c1": 5.0, "m3": 1.0, "k3": 2e5, "c3": 8.0}
     start = {
         k: v
         for k, v in start.items()
         if k not in {**cure.get("known", {}), **cure.get("fixed", {})}
     }
-    found = identify(model, wings, MaximumLikelihood(start=start, **cure))
+    found = identify(BODY, wings, MaximumLikelihood(start=start, **cure))
     assert found.status == "ok"
-    for name, truth in model.nominal.items():
+    for name, truth in BODY.nominal.items():
         assert found.value(name) == pytest.approx(truth, abs=5 * found.std(name), rel=1e-12)
 
 
 def test_a_value_that_is_hardly_known_does_not_tell_the_places(wings):
-    model = rid.parse_model(WINGS)
-    found = identify(model, wings, MaximumLikelihood(known={"m1": (1.0, 0.5)}))
+    found = identify(BODY, wings, MaximumLikelihood(known={"m1": (1.0, 0.5)}))
     assert found.status == "not_identifiable"
     assert any("may change places" in w for w in found.warnings)
 
 
 def test_a_plan_tells_what_it_will_not_tell():
-    model = rid.parse_model(WINGS)
+    model = BODY
     plan = Plan([[1.0]] * 19, range(1, 20), 10.0, 1000.0, 50, {"F": 1e-2, "x2": 1e-8})
     for sensors, status in ((["x2"], "not_identifiable"), (["x2", "x1"], "ok")):
         found = predict_accuracy(model, replace(plan, sensors=sensors))
         assert found.status == status
         assert len(found.alternatives) == (status != "ok")
-    model = rid.parse_model(OVERHUNG)
+    model = DISC
     plan = replace(plan, forces=[[1.0]] * 19, noise={"F_x": 1e-2}, speed=SPEED, sensors=["x", "y"])
     assert any("sign of kc" in w for w in predict_accuracy(model, plan).warnings)
 
 
 def test_natural_frequencies_do_not_tell_wings_apart():
-    model = rid.parse_model(WINGS)
     modes = tuple(rid.Mode(hz, 0.1) for hz in (40.0, 80.0, 130.0))
     prepared = prepare(
-        model, MaximumLikelihood(modes=modes).knowledge(model), (), False, model.nominal
+        BODY, MaximumLikelihood(modes=modes).knowledge(BODY), (), False, BODY.nominal
     )
     problem, start = _problem(prepared, ()), prepared.layout.start
     (exchange,) = [each for each in Mirrors.of(problem, (), start).exchanges if each.places[0] == 6]
@@ -234,11 +226,11 @@ def test_natural_frequencies_do_not_tell_wings_apart():
 
 
 def test_a_sensor_of_a_wing_cures():
-    record = record_of(rid.parse_model(WINGS), ["x2", "x1"])
-    assert identify(rid.parse_model(WINGS), record, MaximumLikelihood()).status == "ok"
+    record = record_of(BODY, ["x2", "x1"])
+    assert identify(BODY, record, MaximumLikelihood()).status == "ok"
     # A sensor of both alike tells nothing.
     channel = rid.Channel("sum", "m", reads={"x1": 0.5, "x2": 1.0, "x3": 0.5})
-    _, found = mirrors_of(rid.parse_model(WINGS), [record_of(rid.parse_model(WINGS), [channel])])
+    _, found = mirrors_of(BODY, [record_of(BODY, [channel])])
     assert len(found.exchanges) == 1
 
 
@@ -255,9 +247,8 @@ def test_numbers_in_the_equations_go_with_the_places():
 
 
 def test_fixed_wings_stay_where_they_are(wings):
-    model = rid.parse_model(WINGS)
     one = MaximumLikelihood(fixed={"m1": 1.0})
-    assert mirrors_of(model, [wings], one)[1].exchanges == ()
+    assert mirrors_of(BODY, [wings], one)[1].exchanges == ()
 
 
 FLYING = model_text(
@@ -384,7 +375,7 @@ def test_ends_in_passive_bearings_change_places():
 
 
 def test_a_sign_within_its_deviation_is_not_told(overhung):
-    problem, found = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    problem, found = mirrors_of(DISC, [overhung])
     solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
     count = len(problem.layout.free)
     for deviations, told in ((4.9, 0), (5.1, 1)):  # between kc and -kc
@@ -398,7 +389,7 @@ def test_a_sign_within_its_deviation_is_not_told(overhung):
 
 
 def test_an_image_is_settled_only_where_it_costs_something_else(overhung, monkeypatch):
-    problem, found = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    problem, found = mirrors_of(DISC, [overhung])
     solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
     settled = []
     monkeypatch.setattr(mirrors, "settle", lambda *at: settled.append(at) or solution)
@@ -413,21 +404,20 @@ def test_an_image_is_settled_only_where_it_costs_something_else(overhung, monkey
 
 
 def test_six_turns_are_combined_and_seven_are_not(overhung):
-    problem, _ = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    problem, _ = mirrors_of(DISC, [overhung])
     for count, every in ((6, 63), (7, 7)):
         turns = tuple(mirrors.Symmetry((), np.ones(count)) for _ in range(count))
         assert len(list(Mirrors(problem.layout, turns)._every_turn())) == every
 
 
 def test_places_of_many_records_are_searched_in_the_first(wings, monkeypatch):
-    model = rid.parse_model(WINGS)
-    records = [wings, record_of(model, ["x2", "x1"])]
+    records = [wings, record_of(BODY, ["x2", "x1"])]
     terms = 17  # of the first record: 8 of the wings, 7 of the body, its force, its sensor
-    problem, found = mirrors_of(model, records)
+    problem, found = mirrors_of(BODY, records)
     assert found.exchanges == ()
     for most, count in ((terms, 1), (terms - 1, 0)):
         monkeypatch.setattr(mirrors, "LARGE", most)
-        problem, found = mirrors_of(model, records)
+        problem, found = mirrors_of(BODY, records)
         assert len(found.exchanges) == count
         solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
         assert found.images(solution) == []
@@ -435,7 +425,7 @@ def test_places_of_many_records_are_searched_in_the_first(wings, monkeypatch):
 
 @pytest.mark.parametrize(("count", "told"), [(3000, [()]), (3001, [(), (3000,)])])
 def test_places_are_searched_among_three_thousand_terms(overhung, monkeypatch, count, told):
-    problem, _ = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    problem, _ = mirrors_of(DISC, [overhung])
     asked = []
 
     def web(*given):

@@ -295,11 +295,7 @@ def with_disc(at, mass="25 g", more=""):
 
 
 MIDDLE = 'length = "30 mm", outer = "30 mm", material = "steel"'
-FIT, SENSOR, ACTUATOR = (
-    's_A = { unit = "1", nominal = 1.0',
-    'a = { at = "115 mm" }',
-    'A = { at = "70 mm" }',
-)
+FIT, ACTUATOR = 's_A = { unit = "1", nominal = 1.0', 'A = { at = "70 mm" }'
 UNKNOWN_MASS = 'm_x = { unit = "kg", nominal = 0.01, positive = true }\n'
 UNKNOWN_SECTION = 's_4 = { unit = "1", nominal = 1.0, positive = true }\n'
 LACKS = {  # what is so, the first suspect, its value and bar, what is said, the mended drawing
@@ -320,12 +316,6 @@ LACKS = {  # what is so, the first suspect, its value and bar, what is said, the
         ("prior s_A", 1.2, 0.02),
         "cannot tell it from stiffness section 2",
         (FLEXIBLE, {"s_B": 1.0}, {"s_A": 1.2}),
-    ),
-    "sensors beside their place": (
-        (beside := drawn_with(SENSOR, SENSOR.replace("115", "119"))),
-        ("plane[x_a, y_a]", 4e-3, 0.01),
-        "",
-        (beside, FITS, {}),
     ),
     "an actuator beside its place": (
         (beside := drawn_with(ACTUATOR, ACTUATOR.replace("70", "74"))),
