@@ -539,3 +539,18 @@ BANK = (
     CHAIN,
     TRAIN,
 )
+
+
+def agrees(estimate: Estimate, truth: Mapping[str, float], deviations: float = 4.5) -> None:
+    """Check that an estimate is accepted, and holds the truth within its deviations."""
+    assert estimate.status == "ok", estimate.warnings
+    for value in estimate.free:
+        near = pytest.approx(truth[value.name], abs=deviations * value.std)
+        assert value.value == near, value.name
+
+
+def noise_record(names: str, period: int = 20, harmonics: Sequence[int] = (1, 2)) -> PeriodicRecord:
+    """Return three periods of channels that hold noise and nothing else."""
+    samples = np.random.default_rng(7).standard_normal((3 * period, len(names)))
+    record = Record([Channel(name) for name in names], samples, 10.0)
+    return average(record, period_samples=period, harmonics=harmonics)

@@ -19,9 +19,7 @@ from rotorid import (
     LeastSquares,
     ModelError,
     PeriodicRecord,
-    Record,
     Sequential,
-    average,
     parse_model,
 )
 from rotorid.linear.family import LeastSquaresProblem, sandwich, scatter_of_answers
@@ -468,20 +466,6 @@ def test_standstill_record_beside_a_turning_one():
     problem = replace(THREE_MASS, grids=grids)
     for method in (Sequential, Batch):
         recovered(method().estimate(problem.model, problem.records), problem.true_base, 1e-8)
-
-
-def test_no_stage_at_all():
-    """No input and no known term: nothing to start from."""
-    text = model_text("t", ["m*x'' + k*x = 0"], "x m", "", "m kg, k N/m")
-    record = average(
-        Record([Channel("x")], np.random.default_rng(4).standard_normal((60, 1)), 10.0),
-        period_samples=20,
-        harmonics=[1, 2],
-    )
-    estimate = Sequential().estimate(parse_model(text), [record])
-    assert estimate.status == "not_identifiable"
-    assert np.isnan([v.value for v in estimate.parameters]).all()
-    assert any(w.startswith("not identifiable: m is in no row that") for w in estimate.warnings)
 
 
 # Constraints: eliminated exactly, or refused with the reason.

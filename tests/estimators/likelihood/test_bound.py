@@ -10,9 +10,7 @@ from rotorid import (
     Constraint,
     Drive,
     InputError,
-    LeastSquares,
     MaximumLikelihood,
-    identify,
     load_model,
     predict_accuracy,
 )
@@ -137,11 +135,3 @@ def test_asks_for_values(demo):
         predict_accuracy(bare, demo.plan())
     estimate = predict_accuracy(bare, demo.plan(), values=demo.truth)
     assert estimate.status == "ok"
-
-
-def test_least_squares_lies_above_the_bound(demo):
-    """An estimator that ignores the noise of the regressors cannot reach it."""
-    bound = predict_accuracy(demo.model, demo.plan(), MaximumLikelihood(base=True))
-    record = demo.noisy(demo.record(), np.random.default_rng(52))
-    stated = identify(demo.model, record, LeastSquares())
-    assert all(v.std > bound.std(v.name) for v in stated.parameters)

@@ -13,49 +13,54 @@ def noisy(demo, bearings):
     return demo.noisy(demo.record(bearings), np.random.default_rng(11))
 
 
-def test_linear_constraint_is_exact(demo, noisy):
-    mass = Constraint("m1 + m2 + m3", 12.98878)
-    estimate = identify(
-        demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}, constraints=(mass,))
-    )
+@pytest.fixture(scope="module")
+def found(demo, noisy):
+    """Return the estimate from one record with what is known besides a length."""
+
+    def identified(**known):
+        return identify(demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}, **known))
+
+    return identified
+
+
+@pytest.fixture(scope="module")
+def free(found):
+    return found()
+
+
+def test_linear_constraint_is_exact(found):
+    estimate = found(constraints=(Constraint("m1 + m2 + m3", 12.98878),))
     total = sum(estimate.value(name) for name in ("m1", "m2", "m3"))
     assert total == pytest.approx(12.98878, rel=1e-14)
     assert estimate.misfit.dof == 48 - 12 + 1
     # The covariance has no spread along the constraint.
-    free = [value.name for value in estimate.free]
-    along = np.array([float(name in ("m1", "m2", "m3")) for name in free])
+    along = np.array([float(value.name in ("m1", "m2", "m3")) for value in estimate.free])
     assert along @ estimate.covariance @ along < 1e-20
     assert estimate.status == "ok"
 
 
-def test_product_constraint_is_exact(demo, noisy):
+def test_product_constraint_is_exact(demo, found, free):
     """The static unbalance was weighed: m2 xi, and the stiffness of a bearing times its length."""
     truth = demo.truth
     known = (
         Constraint("m2*xi", truth["m2"] * truth["xi"]),
         Constraint("k1*L1^2 - k2*L2^2", 0.0),
     )
-    free = identify(demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}))
-    estimate = identify(demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}, constraints=known))
+    estimate = found(constraints=known)
     assert estimate.value("m2*xi") == pytest.approx(truth["m2"] * truth["xi"], rel=1e-13)
     assert estimate.std("m2*xi") < 1e-9 * abs(estimate.value("m2*xi"))
-    found = [estimate.value(name) for name in ("k1", "L1", "k2", "L2")]
-    assert found[0] * found[1] ** 2 == pytest.approx(found[2] * found[3] ** 2, rel=1e-13)
+    one, other = (estimate.value(f"k{i}") * estimate.value(f"L{i}") ** 2 for i in (1, 2))
+    assert one == pytest.approx(other, rel=1e-13)
     assert estimate.misfit.dof == free.misfit.dof + 2
     assert estimate.misfit.cost > free.misfit.cost
     assert estimate.std("k2") < free.std("k2")
 
 
-def test_constraint_with_deviation_is_a_measurement(demo, noisy):
+def test_constraint_with_deviation_is_a_measurement(demo, found, free):
     """Between no constraint and the exact one, and equal to each in the limits."""
-    truth = demo.truth
-
-    def std_of(std: float | None):
-        constraints = () if std is None else (Constraint("m1 + m2 + m3", 12.98878, std),)
-        estimator = MaximumLikelihood(fixed={"L1": 0.3}, constraints=constraints)
-        return identify(demo.model, noisy, estimator)
-
-    free, loose, firm, exact = (std_of(std) for std in (None, 1e3, 1e-3, 0.0))
+    loose, firm, exact = (
+        found(constraints=(Constraint("m1 + m2 + m3", 12.98878, std),)) for std in (1e3, 1e-3, 0.0)
+    )
     for value in free.free:
         scale = free.std(value.name)
         assert loose.value(value.name) == pytest.approx(value.value, abs=1e-3 * scale)
@@ -64,7 +69,7 @@ def test_constraint_with_deviation_is_a_measurement(demo, noisy):
         assert firm.std(value.name) <= scale * 1.01
     assert loose.misfit.dof == free.misfit.dof + 1
     assert loose.misfit.expected == pytest.approx(free.misfit.expected + 1, abs=1e-3)
-    assert truth["m2"] == pytest.approx(firm.value("m2"), abs=4 * firm.std("m2"))
+    assert demo.truth["m2"] == pytest.approx(firm.value("m2"), abs=4 * firm.std("m2"))
 
 
 def test_value_with_deviation_equals_constraint_with_deviation(demo, noisy):
@@ -80,47 +85,36 @@ def test_value_with_deviation_equals_constraint_with_deviation(demo, noisy):
     assert 100 * one.std("I_p") / one.value("I_p") == pytest.approx(0.34, abs=0.02)
 
 
-def test_bound_that_does_not_bind_changes_nothing(demo, noisy):
-    fixed = {"L1": 0.3}
-    free = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed))
-    bounds = {"2*I_t - I_p": (0.0, None), "m1": (0.5, 1.5)}
-    bounded = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed, bounds=bounds))
+def test_bound_that_does_not_bind_changes_nothing(found, free):
+    bounded = found(bounds={"2*I_t - I_p": (0.0, None), "m1": (0.5, 1.5)})
     assert [v.value for v in bounded.parameters] == [v.value for v in free.parameters]
     assert bounded.warnings == ()
 
 
 @pytest.mark.slow
-def test_bound_that_binds_is_an_equality(demo, noisy):
+def test_bound_that_binds_is_an_equality(found, free):
     """I_p <= 2 I_t of a rotor whose estimate lies beyond it; J rises as little as it must."""
-    fixed = {"L1": 0.3}
-    free = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed))
     limit = 2 * free.value("I_t") - free.value("I_p") + 2 * free.std("I_t")
-    estimator = MaximumLikelihood(fixed=fixed, bounds={"2*I_t - I_p": (limit, None)})
-    bounded = identify(demo.model, noisy, estimator)
+    bounded = found(bounds={"2*I_t - I_p": (limit, None)})
     held = 2 * bounded.value("I_t") - bounded.value("I_p")
     assert held == pytest.approx(limit, rel=1e-12)
-    equality = MaximumLikelihood(fixed=fixed, constraints=(Constraint("2*I_t - I_p", limit),))
-    assert bounded.misfit.cost == pytest.approx(
-        identify(demo.model, noisy, equality).misfit.cost, rel=1e-9
-    )
+    equality = found(constraints=(Constraint("2*I_t - I_p", limit),))
+    assert bounded.misfit.cost == pytest.approx(equality.misfit.cost, rel=1e-9)
     assert any("2*I_t - I_p >= " in warning for warning in bounded.warnings)
     assert bounded.std("I_t") == pytest.approx(free.std("I_t"), rel=0.05)
 
 
 @pytest.mark.slow
-def test_several_bounds_release_what_need_not_hold(demo, noisy):
+def test_several_bounds_release_what_need_not_hold(found, free):
     """Two bounds, of which only one binds once the other holds."""
-    fixed = {"L1": 0.3}
-    free = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed))
     # k1 and m1 are strongly correlated: pushing k1 up lifts m1 far beyond its own bound.
-    correlation = free.correlation
     names = [value.name for value in free.free]
-    assert correlation[names.index("m1"), names.index("k1")] > 0.8
+    assert free.correlation[names.index("m1"), names.index("k1")] > 0.8
     bounds = {
         "k1": (free.value("k1") + 3 * free.std("k1"), None),
         "m1": (free.value("m1") + 0.5 * free.std("m1"), None),
     }
-    estimate = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed, bounds=bounds))
+    estimate = found(bounds=bounds)
     assert estimate.value("k1") == pytest.approx(bounds["k1"][0], rel=1e-12)
     assert estimate.value("m1") > bounds["m1"][0] * (1 + 1e-6)
     assert sum("is active" in warning for warning in estimate.warnings) == 1
@@ -135,9 +129,9 @@ def test_several_bounds_release_what_need_not_hold(demo, noisy):
         ((Constraint("m1/m2", 1.0),), "a polynomial in the parameters"),
     ],
 )
-def test_refuses_constraints_without_sense(demo, noisy, constraints, message):
+def test_refuses_constraints_without_sense(found, constraints, message):
     with pytest.raises(InputError, match=message):
-        identify(demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}, constraints=constraints))
+        found(constraints=constraints)
 
 
 def test_exact_constraints_on_base_parameters(demo):

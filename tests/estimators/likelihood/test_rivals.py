@@ -496,26 +496,15 @@ def test_a_line_that_holds_half_of_the_misfit_is_one_too_many(monkeypatch, share
     assert len(list(leads._line(case))) == told
 
 
-@pytest.mark.parametrize(
-    ("hertz", "hum"),
-    [
-        (0.01, False),
-        (50.04, True),
-        (50.06, False),
-        (149.86, True),
-        (59.95, True),
-        (60.07, False),
-        (180.1, True),
-        (240.0, True),
-        (25.0, False),
-        (30.0, False),
-        (75.0, False),
-        (90.0, False),
-    ],
-)
-def test_lines_of_the_mains(hertz, hum):
+@pytest.mark.parametrize("hertz", [50.04, 149.86, 59.95, 180.1, 240.0])
+def test_lines_of_the_mains(hertz):
     """A thousandth beside them, or on their multiples."""
-    assert ("hum of the mains" in leads.source(hertz)) == hum
+    assert "hum of the mains" in leads.source(hertz)
+
+
+@pytest.mark.parametrize("hertz", [0.01, 50.06, 60.07, 25.0, 30.0, 75.0, 90.0])
+def test_other_lines_are_no_hum(hertz):
+    assert "hum of the mains" not in leads.source(hertz)
 
 
 def test_lines_of_the_rotation_are_no_odd_ones():
