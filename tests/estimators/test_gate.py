@@ -405,7 +405,7 @@ def drawn_equations(rng, dof=10**12):
 def test_mean_and_variance_are_those_of_the_residual(number):
     rng = np.random.default_rng([5, number])
     draw = drawn_equations(rng)
-    found = [misfit([draw()]) for _ in range(4000)]
+    found = [misfit([draw()]) for _ in range(2000)]
     costs, expected = np.array([cost for cost, _ in found]), found[0][1]
     assert costs.mean() == pytest.approx(expected.mean, rel=0.04)
     assert costs.var() == pytest.approx(expected.variance, rel=0.12)

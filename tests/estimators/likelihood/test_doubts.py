@@ -47,7 +47,6 @@ from rotorid.testing import add_noise, bind_all, line_record
 # What is taken as exact without a word, held against records in which it is not.
 
 
-FIXED = {"L1": 0.3}
 Edit = Callable[[PeriodicRecord], PeriodicRecord]
 
 
@@ -156,18 +155,28 @@ def test_the_worst_unseen_error_is_what_refits_say(check):
     assert size == pytest.approx(worst.max(), rel=0.06)
 
 
+@pytest.fixture(scope="module")
+def asked(levitated):
+    """Return the estimate from records of the levitated rotor, one length of it known."""
+
+    def identified(records, **options) -> Estimate:
+        known = {"fixed": {"L1": 0.3}, **options}
+        return identify(levitated.machine.model, records, MaximumLikelihood(**known))
+
+    return identified
+
+
 @pytest.mark.slow
-def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(levitated):
+def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(levitated, asked):
     (record,) = recorded(quieter(levitated, 1.0), 140.0)
-    model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
-    found = identify(model, record, estimator)
+    found = asked(record)
     name, size = notes(found)["rotor angle"]
     assert record.angle is not None
-    turned = replace(record, angle=record.angle + np.pi / 180)
-    off = (identify(model, turned, estimator).value(name) - found.value(name)) / found.std(name)
+    turned = asked(replace(record, angle=record.angle + np.pi / 180))
+    off = (turned.value(name) - found.value(name)) / found.std(name)
     assert abs(off) == pytest.approx(size, rel=0.06)
     # Where a deviation of it is stated it is covered.
-    assert "rotor angle" not in notes(identify(model, replace(record, phase_std=0.02), estimator))
+    assert "rotor angle" not in notes(asked(replace(record, phase_std=0.02)))
 
 
 @pytest.mark.slow
@@ -195,40 +204,39 @@ def test_what_no_block_tells_does_not_scatter():
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(("share", "told"), [(0.8, True), (1.25, False)])
-def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, share, told):
-    model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
-    (record,) = recorded(quieter(levitated, 1.0), 140.0)
-    _, size = notes(identify(model, record, estimator))["rotor angle"]
-    (louder,) = recorded(quieter(levitated, share * size), 140.0)
-    assert ("rotor angle" in notes(identify(model, louder, estimator))) is told
+def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, asked, share, told):
+    _, size = notes(asked(recorded(quieter(levitated, 1.0), 140.0)))["rotor angle"]
+    louder = recorded(quieter(levitated, share * size), 140.0)
+    assert ("rotor angle" in notes(asked(louder))) is told
 
 
 @pytest.mark.slow
-def test_what_the_records_tell_is_not_unseen(levitated):
+def test_what_the_records_tell_is_not_unseen(levitated, asked):
     """Runout is unbalance at one speed, whatever the noise; at two it is a misfit."""
-    model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
     rig = quieter(levitated, 0.01)
-    _, one = notes(identify(model, recorded(rig, 140.0), estimator))["runout"]
-    _, two = notes(identify(model, recorded(rig, 140.0, 100.0), estimator))["runout"]
+    _, one = notes(asked(recorded(rig, 140.0)))["runout"]
+    _, two = notes(asked(recorded(rig, 140.0, 100.0)))["runout"]
     assert one > 300
     assert two < one / 5
-    asked = replace(estimator, runout=True)
-    assert "runout" not in notes(identify(model, recorded(rig, 140.0, 100.0), asked))
+    assert "runout" not in notes(asked(recorded(rig, 140.0, 100.0), runout=True))
 
 
 @pytest.mark.slow
-def test_gains_beside_a_scale_that_is_told_differ(levitated):
+def test_gains_beside_a_scale_that_is_told_differ(levitated, asked):
     """Where the scale of all forces has a note of its own, the gains' is of what goes beyond it."""
-    model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
     rig = quieter(levitated, 0.01)
-    driven = identify(model, recorded(rig, 140.0), estimator)
-    assert [c.about for c in driven.checks].count("force scale") == 1
+    driven = asked(recorded(rig, 140.0))
+    assert len(scale_notes(driven)) == 1
     assert notes(driven)["gain"][1] < 20
     # Forces as such: a gain of all is the scale, and no misfit shows it.
-    measured = identify(model, recorded(rig, 140.0, drives=False), estimator)
-    assert "force scale" not in [c.about for c in measured.checks]
+    measured = asked(recorded(rig, 140.0, drives=False))
+    assert not scale_notes(measured)
     name, size = notes(measured)["gain"]
     assert size > 0.4 * 0.01 * abs(measured.value(name)) / measured.std(name) > 100
+
+
+def scale_notes(found: Estimate) -> list[rid.Note]:
+    return [check for check in found.checks if check.about == "force scale"]
 
 
 def test_unseen_is_what_no_warning_tells():
@@ -257,11 +265,9 @@ def record(levitated):
     return quiet.noisy(quiet.record(140.0), np.random.default_rng(36))
 
 
-def test_a_scale_is_in_masses_and_stiffnesses_and_not_in_lengths(levitated, record):
+def test_a_scale_is_in_masses_and_stiffnesses_and_not_in_lengths(asked, record):
     """The share of the displacement, ks x, scales with that of the current."""
-    model, fixed = levitated.machine.model, {"L1": 0.3}
-    plain = identify(model, record, MaximumLikelihood(fixed=fixed))
-    found = identify(model, record, MaximumLikelihood(fixed=fixed, force_scale_std=0.01))
+    plain, found = asked(record), asked(record, force_scale_std=0.01)
     assert found.status == "ok"
     assert found["scale[force]"].value == pytest.approx(1.0, abs=1e-6)
     for name in FOLLOWING.split(", "):
@@ -271,41 +277,32 @@ def test_a_scale_is_in_masses_and_stiffnesses_and_not_in_lengths(levitated, reco
         assert found.std(name) == pytest.approx(plain.std(name), rel=1e-3)
 
 
-def test_a_mass_that_is_known_tells_the_scale(levitated, record):
-    truth = levitated.truth
-    total = sum(truth[name] for name in ("m1", "m2", "m3"))
+def test_a_mass_that_is_known_tells_the_scale(levitated, asked, record):
+    total = sum(levitated.truth[name] for name in ("m1", "m2", "m3"))
     weighed = Constraint("m1 + m2 + m3", 1.02 * total, 1e-5 * total)
-    found = identify(
-        levitated.machine.model,
-        record,
-        MaximumLikelihood(fixed={"L1": 0.3}, force_scale_std=0.1, constraints=(weighed,)),
-    )
+    found = asked(record, force_scale_std=0.1, constraints=(weighed,))
     scale = found["scale[force]"]
     assert scale.value == pytest.approx(1.02, abs=4 * scale.std)
     assert scale.std < 0.006  # what the record leaves of the masses, at this noise
-    assert not [c for c in found.checks if c.about == "force scale"]
+    assert not scale_notes(found)
 
 
-def test_a_scale_taken_as_exact_is_told_where_no_misfit_shows_it(levitated, record, demo, bearings):
-    model, fixed = levitated.machine.model, {"L1": 0.3}
-    found = identify(model, record, MaximumLikelihood(fixed=fixed))
-    (note,) = [c for c in found.checks if c.about == "force scale"]
+def test_a_scale_taken_as_exact_is_told_where_no_misfit_shows_it(
+    levitated, asked, record, demo, bearings
+):
+    (note,) = scale_notes(asked(record))
     assert note.verdict == "note"
     assert ", ".join(note.on) == "F_x1, F_y1, F_x3, F_y3"
     assert note.found.startswith(f"assumed exact: 1 % of error shifts {FOLLOWING} by 1 %")
-    weighed = MaximumLikelihood(fixed={**fixed, "m2": levitated.truth["m2"]})
-    assert not [c for c in identify(model, record, weighed).checks if c.about == "force scale"]
+    assert not scale_notes(asked(record, fixed={"L1": 0.3, "m2": levitated.truth["m2"]}))
     total = sum(levitated.truth[name] for name in ("m1", "m2", "m3"))
+    weighed = (Constraint("m1 + m2 + m3", total),)
     for gains in ((), ("ki",), ("ki", "ks")):  # the rotor on a scale, exactly
-        chosen = MaximumLikelihood(
-            fixed=fixed, constraints=(Constraint("m1 + m2 + m3", total),), gains=gains
-        )
-        checks = identify(model, record, chosen).checks
-        assert not [c for c in checks if c.about == "force scale"]
+        assert not scale_notes(asked(record, constraints=weighed, gains=gains))
     # Forces that were measured as such have a calibration of their own: gain_std.
     forces = demo.noisy(demo.record(bearings), np.random.default_rng(3))
-    plain = identify(demo.model, forces, MaximumLikelihood(fixed=fixed))
-    assert not [c for c in plain.checks if c.about == "force scale"]
+    plain = identify(demo.model, forces, MaximumLikelihood(fixed={"L1": 0.3}))
+    assert not scale_notes(plain)
 
 
 def test_a_scale_is_a_share():
@@ -326,7 +323,7 @@ def test_what_follows_the_scale_by_half_is_named(held, follows):
     driven = replace(clean, channels=(replace(force, drive=Drive(1.0, 0.0, {"x": 1.0})), motion))
     record = add_noise(driven, {"F": 1e-4, "x": 1e-10}, np.random.default_rng(7))
     found = identify(model, record, MaximumLikelihood(fixed={"h": held * 2e5}))
-    (note,) = [c for c in found.checks if c.about == "force scale"]
+    (note,) = scale_notes(found)
     assert f" shifts {follows} by 1 %" in note.found
 
 

@@ -450,32 +450,32 @@ def test_planes_of_sensors_that_read_combinations(demo):
 # A line that something else fills is named, and only where nothing else explains the data.
 
 
-def shaken(record, harmonic, size=2e-6):
+def shaken(record, harmonic, names, size=2e-6):
     spectra = record.spectra.copy()
-    columns = [record.index(name) for name in ("x1", "x2", "x3")]
+    columns = [record.index(name) for name in names]
     spectra[:, list(record.harmonics).index(harmonic), columns] += size * np.exp(0.4j)
     return replace(record, spectra=spectra)
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    ("harmonic", "hertz", "told"),
+    ("harmonic", "told"),
     [
-        (5, 100, "where hum of the mains stands"),
-        (11, 220, "which something else makes, such as a base that shakes"),
+        (5, "where hum of the mains stands"),
+        (7, "which something else makes, such as a base that shakes"),
     ],
 )
-def test_a_line_that_something_else_fills_is_named(demo, record, harmonic, hertz, told):
-    estimate = identify(demo.model, shaken(record, harmonic), MaximumLikelihood())
+def test_a_line_that_something_else_fills_is_named(records, harmonic, told):
+    estimate = identify(MODEL, shaken(records[1], harmonic, ("x",)), MaximumLikelihood())
     assert estimate.status == "rejected"
-    assert estimate.suspects[0].term == f"line {hertz} Hz"
+    assert estimate.suspects[0].term == f"line {10 * harmonic} Hz"
     assert estimate.suspects[0].share > 0.99
-    assert f"the line at {hertz} Hz, {told}" in estimate.warnings[0]
+    assert f"the line at {10 * harmonic} Hz, {told}" in estimate.warnings[0]
     assert "leave it out of the harmonics" in estimate.warnings[0]
 
 
 def test_the_drop_is_what_a_refit_without_the_line_gains(demo, record):
-    bad = bind(demo.model, shaken(record, 3, 2e-8))
+    bad = bind(demo.model, shaken(record, 3, ("x1", "x2", "x3"), 2e-8))
     found = fit(demo.model, [bad], Knowledge(), Nuisances())
     point = found.solution.point
     case = Case(found.problem, found.records, point.unknowns, found=point)
