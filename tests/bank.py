@@ -7,13 +7,14 @@ rotors in `rotor_bank`): nothing of the package computes the truth.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from model_text import model_text
+from numpy.typing import ArrayLike
 from rotor_bank import PAPER, Rotor, rigid_rotor, three_mass_rotor
 
 from rotorid import (
@@ -547,6 +548,13 @@ def agrees(estimate: Estimate, truth: Mapping[str, float], deviations: float = 4
     for value in estimate.free:
         near = pytest.approx(truth[value.name], abs=deviations * value.std)
         assert value.value == near, value.name
+
+
+def times(record: PeriodicRecord, names: Sequence[str], factor: ArrayLike) -> PeriodicRecord:
+    """Return a record of which some channels are multiplied, by a number or by one of each line."""
+    spectra = record.spectra.copy()
+    spectra[:, :, [record.index(name) for name in names]] *= np.reshape(factor, (-1, 1))
+    return replace(record, spectra=spectra)
 
 
 def noise_record(names: str, period: int = 20, harmonics: Sequence[int] = (1, 2)) -> PeriodicRecord:

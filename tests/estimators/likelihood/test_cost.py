@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.linalg
+from bank import times
 from differences import gradient_holds
 from model_text import model_text
 from test_spectra import KNOWN, levitated, lines_of
@@ -256,13 +257,11 @@ def test_a_phase_turns_a_load_of_any_order(load):
 
 def derived(record: PeriodicRecord, name: str, order: int) -> PeriodicRecord:
     """Return the record with a sensor of a derivative in place of that of a position."""
-    index = record.index(name)
     reads = {name + "'" * order: 1.0}
     channels = list(record.channels)
-    channels[index] = Channel(f"d{order}_{name}", "m/s^2", reads=reads)
-    spectra = record.spectra.copy()
-    spectra[:, :, index] *= (1j * record.omega) ** order
-    return replace(record, channels=tuple(channels), spectra=spectra)
+    channels[record.index(name)] = Channel(f"d{order}_{name}", "m/s^2", reads=reads)
+    moved = times(record, [name], (1j * record.omega) ** order)
+    return replace(moved, channels=tuple(channels))
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -12,6 +12,7 @@ import scipy.stats
 import test_spectra
 from adverse import LINES, WRONG, measure, new_trial
 from adverse_cases import between
+from bank import times
 from model_text import model_text
 from result_cases import close_case, minimum_from_the_truth
 from scipy.stats import chi2
@@ -97,11 +98,7 @@ def out_of_round(channel: str, size: complex) -> Edit:
 
 
 def louder(channel: str, share: float) -> Edit:
-    def edit(record: PeriodicRecord) -> PeriodicRecord:
-        factor = 1 + share * np.array([name == channel for name in record.names])
-        return replace(record, spectra=record.spectra * factor)
-
-    return edit
+    return lambda record: times(record, [channel], 1 + share)
 
 
 def found_after(edits: list[Edit]) -> tuple[Floats, float]:

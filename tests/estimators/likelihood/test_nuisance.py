@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bank import agrees
+from bank import agrees, times
 from differences import gradient_holds
 
 from rotorid import (
@@ -48,18 +48,13 @@ from rotorid.testing import bind, line_record
 # Calibration constants as unknowns; several records of one machine.
 
 
-def skewed(record, seconds):
-    late = np.exp(-1j * record.omega * seconds)[:, None]
-    spectra = record.spectra.copy()
-    spectra[:, :, 4:] *= late
-    return replace(record, spectra=spectra)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "sign"), [("force", -1), ("position", 1)])
 def test_common_delay(demo, bearings, kind, sign):
     """It costs nearly nothing: k1 .20 -> .22 % (theory.md, section 3)."""
-    record = demo.noisy(skewed(demo.record(bearings), 5e-6), np.random.default_rng(31))
+    clean = demo.record(bearings)
+    late = times(clean, bearings, np.exp(-5e-6j * clean.omega))
+    record = demo.noisy(late, np.random.default_rng(31))
     estimate = identify(
         demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, delays=(kind,), effort="quick")
     )
@@ -72,14 +67,12 @@ def test_common_delay(demo, bearings, kind, sign):
 
 def test_delay_of_one_channel_with_prior(demo, bearings):
     clean = demo.record(bearings)
-    late = clean.spectra.copy()
-    late[:, :, clean.index("y3")] *= np.exp(-1j * clean.omega * 20e-6)
-    # 12 us of it were corrected on reading: the channel says so, with its deviation.
-    late[:, :, clean.index("y3")] *= np.exp(1j * clean.omega * 12e-6)
+    # 12 of 20 us were corrected on reading: the channel says so, with its deviation.
+    late = times(clean, ["y3"], np.exp(-1j * clean.omega * (20e-6 - 12e-6)))
     channels = tuple(
         replace(c, delay=12e-6, delay_std=10e-6) if c.name == "y3" else c for c in clean.channels
     )
-    record = demo.noisy(replace(clean, spectra=late, channels=channels), np.random.default_rng(34))
+    record = demo.noisy(replace(late, channels=channels), np.random.default_rng(34))
     estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
     agrees(estimate, {**demo.truth, "delay[y3]": 20e-6})
     assert estimate.std("delay[y3]") < 5e-6
@@ -190,9 +183,7 @@ def test_redundant_sensors_are_checked_against_each_other(demo, bearings):
     estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
     assert estimate.status == "ok"
     assert estimate.misfit.dof == 6 * 2 * 5 - 12
-    spectra = record.spectra.copy()
-    spectra[:, :, record.index("again")] *= 1.02
-    wrong = replace(record, spectra=spectra)
+    wrong = times(record, ["again"], 1.02)
     estimate = identify(demo.model, wrong, MaximumLikelihood(fixed={"L1": 0.3}))
     assert estimate.status == "rejected"
     assert estimate.suspects[0].term in ("gain[again]", "gain[x1]")
@@ -277,9 +268,8 @@ def test_a_further_kind_is_one_function(demo, bearings, monkeypatch):
     """Start, fit, deviation, report and the record's covariance: nothing else knows of it."""
     size = 2e-7
     record = demo.record(bearings)
-    spectra = record.spectra.copy()
-    spectra[:, :, 4:] *= (1 + size * record.omega**2)[:, None]
-    noisy = demo.noisy(replace(record, spectra=spectra), np.random.default_rng(5))
+    longer = times(record, bearings, 1 + size * record.omega**2)
+    noisy = demo.noisy(longer, np.random.default_rng(5))
     estimator = MaximumLikelihood(fixed={"L1": 0.3})
     assert identify(demo.model, noisy, replace(estimator, effort="quick")).misfit.p_value < 1e-6
     monkeypatch.setattr(nuisances, "KINDS", (*nuisances.KINDS, stretches))
@@ -328,10 +318,8 @@ def passed_through(record, truth, told, names):
     """Return a record whose channels went through dynamics, corrected by what is told of them."""
     gain = truth.response(record.omega, truth.values)
     factor = told.correction(record.omega) * (1 / gain if truth.actuator else gain)
-    spectra = record.spectra.copy()
-    spectra[:, :, [record.index(name) for name in names]] *= factor[:, None]
     channels = [replace(c, dynamics=told) if c.name in names else c for c in record.channels]
-    return replace(record, channels=tuple(channels), spectra=spectra)
+    return replace(times(record, names, factor), channels=tuple(channels))
 
 
 @pytest.mark.parametrize("actuator", [True, False])

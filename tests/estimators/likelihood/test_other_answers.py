@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bank import times
 from result_cases import fit
 from rotor_bank import (
     ADVERSE,
@@ -243,13 +244,14 @@ def test_an_excitation_that_tells_three_times_as_much_is_a_cure(monkeypatch, aft
 # Deviations where the cost is no parabola: those of the interval, not of the curvature.
 
 
-def problem_of_case(case):
-    ready = prepare(case.model, Knowledge(case.fixed, start=case.start), (), False, {})
-    return ready.of(bind_all(case.model, case.records)[:1])
+def problem_of_case(case, start, record=None):
+    ready = prepare(case.model, Knowledge(case.fixed, start=start), (), False, {})
+    return ready.of(bind_all(case.model, case.records[:1] if record is None else [record]))
 
 
 def explored(name, seed):
-    problem = problem_of_case(rotor_case(SETTINGS[name], seed))
+    case = rotor_case(SETTINGS[name], seed)
+    problem = problem_of_case(case, case.start)
     solution = searched(problem, problem.layout.start)
     inference = solution.inference
     found = information.explore(solution.point, inference, ~inference.linear.undetermined)
@@ -273,7 +275,7 @@ def test_a_load_whose_factor_may_vanish_is_hardly_known():
 def test_a_lower_floor_is_found_and_followed():
     """From beside the minimum the valley leads to it, and the answer is the minimum."""
     case = rotor_case(SETTINGS["4 sensors, noise x 10"], 4)
-    problem = problem_of_case(case)
+    problem = problem_of_case(case, case.start)
     solution = searched(problem, problem.layout.start)
     inference = solution.inference
     size, along = np.linalg.eigh(
@@ -417,9 +419,7 @@ def test_no_alarm_in_good_records(setting, seed):
 
 def test_silent_sensors_are_refused():
     case = rotor_case(Setting(), 0)
-    silent = case.records[0].spectra.copy()
-    silent[:, :, 4:] = 0
-    record = replace(case.records[0], spectra=silent)
+    record = times(case.records[0], BEARINGS, 0)
     with pytest.raises(InputError, match=r"zero on every line of x1, y1, x3, y3; .*cables"):
         identify(case.model, record, MaximumLikelihood(fixed=case.fixed, start=case.start))
 
@@ -445,9 +445,8 @@ def test_lightly_damped_from_ten_percent_off(make, modes):
 
 
 def problem_at(case, record):
-    ready = prepare(case.model, Knowledge(case.fixed, start=case.truth), (), False, {})
-    problem = ready.of(bind_all(case.model, [record]))
-    return problem, np.array([case.truth[u.name] for u in ready.layout.unknowns])
+    problem = problem_of_case(case, case.truth, record)
+    return problem, np.array([case.truth[u.name] for u in problem.layout.unknowns])
 
 
 @pytest.mark.parametrize(("size", "owed"), [(2.0, False), (1.0, True)])
@@ -508,13 +507,13 @@ def test_fewer_equations_than_unknowns_leave_something_open():
 def test_a_lower_minimum_becomes_the_answer():
     """A search that ended at the higher of two minima is set right by the further starts."""
     case = rotor_case(ADVERSE["standstill, equal forces"], 6)
-    ready = prepare(case.model, Knowledge(case.fixed, start=case.start), (), False, {})
-    problem = ready.of(bind_all(case.model, case.records)[:1])
-    found = searched(problem, ready.layout.start)
-    lowest, _, others, _ = information.questioned(found, Mirrors(ready.layout))
+    problem = problem_of_case(case, case.start)
+    mirrors = Mirrors(problem.layout)
+    found = searched(problem, problem.layout.start)
+    lowest, _, others, _ = information.questioned(found, mirrors)
     assert others
     higher = Solution(max(others, key=lambda p: p.cost), True, 0)
-    again, _, others, _ = information.questioned(higher, Mirrors(ready.layout))
+    again, _, others, _ = information.questioned(higher, mirrors)
     assert again.point.cost < higher.point.cost - 1e-3
     assert again.point.cost == pytest.approx(lowest.point.cost, abs=1e-3)
     assert all(other.cost >= again.point.cost for other in others)

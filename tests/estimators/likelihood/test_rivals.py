@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bank import times
 from result_cases import fit
 
 import rotorid as rid
@@ -622,10 +623,8 @@ def test_a_wrong_bound_is_the_first_suspect(stiff_record, bounds, term, value):
 @pytest.mark.slow
 def test_a_sign_that_the_model_forbids_is_looked_for_in_the_channels(stiff_record):
     """All forces upside down: a negative rotor would explain it, and m >= 0 is right."""
-    spectra = stiff_record.spectra.copy()
-    spectra[:, :, :2] *= -1
     bounds = {name: (0.0, None) for name in ("m", "k")}
-    wrong = replace(stiff_record, spectra=spectra)
+    wrong = times(stiff_record, ["F_x", "F_y"], -1)
     estimate = identify(MODEL, wrong, MaximumLikelihood(bounds=bounds))
     assert estimate.suspects[0].term == "sign[F_x, F_y]"
 

@@ -6,6 +6,7 @@ from itertools import cycle
 
 import numpy as np
 import pytest
+from bank import times
 from scipy.stats import norm
 
 from rotorid import Channel, Constraint, MaximumLikelihood, predict_accuracy
@@ -183,9 +184,7 @@ def test_gains_with_priors_cover(demo, bearings, monte_carlo):
 def test_declared_delay_covers(demo, bearings, monte_carlo):
     """The paper's rotor, with 5 us between forces and positions."""
     clean = demo.record(bearings)
-    spectra = clean.spectra.copy()
-    spectra[:, :, 4:] *= np.exp(-5e-6j * clean.omega)[:, None]
-    late = replace(clean, spectra=spectra)
+    late = times(clean, bearings, np.exp(-5e-6j * clean.omega))
     start = near(demo, np.random.default_rng(0), {"L1"}, 0)
     told = {"fixed": {"L1": 0.3}, "delays": ("position",)}
 
