@@ -160,32 +160,6 @@ def test_planes_of_the_three_mass_rotor():
     assert couple.amount * np.exp(1j * couple.angle_rad) == pytest.approx(wanted, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        "k*(bx*cos(phi) - by*sin(phi))",  # a bent shaft
-        "(bx + by)*Omega*cos(phi)",
-        "(bx + by)*Omega^3*cos(phi)",
-        "(bx + by)*tanh(Omega)*cos(phi)",
-    ],
-)
-def test_what_does_not_grow_as_the_square_of_the_speed_is_no_unbalance(more):
-    jeffcott = rid.load_model("jeffcott").file_text
-    known = '[parameters]\nbx = { unit = "m", nominal = 5e-3 }\nby = { unit = "m", nominal = 2e-3 }'
-    text = jeffcott.replace("= F_x +", f"= F_x + {more} +").replace("[parameters]", known)
-    assert text.count(more) == 1
-    model = rid.models.parse_model(text)
-    plain, estimate = made("jeffcott", 1e-3)
-    added = (rid.Value("bx", "m", 5e-3), rid.Value("by", "m", 2e-3))
-    wider = estimate.with_(parameters=(*estimate.parameters, *added), covariance=np.zeros((0, 0)))
-    (found,), (wanted,) = (
-        with_unbalance(model, wider).unbalance,
-        with_unbalance(plain, estimate).unbalance,
-    )
-    assert found.amount == pytest.approx(wanted.amount, rel=1e-9)
-    assert found.angle_rad == pytest.approx(wanted.angle_rad, rel=1e-9)
-
-
 def test_what_grows_otherwise_leaves_no_rounding():
     text = rid.load_model("jeffcott").file_text
     model = rid.models.parse_model(text.replace("Omega^2", "Omega"))
@@ -234,19 +208,3 @@ def test_what_is_not_told_has_no_unbalance():
     assert with_unbalance(model, bare).unbalance[0].std is None
     emps = rid.load_model("emps")
     assert with_unbalance(emps, estimate_of(emps, std=1.0)).unbalance == ()
-
-
-def test_a_load_of_one_axis_stands_alone():
-    model = rid.parse_model(
-        model_text(
-            "one axis",
-            ["m*x'' + k*x = F + u*Omega^2*sin(phi)"],
-            "x m",
-            "F N",
-            "m 2.0 kg, k 1e4 N/m, u 3e-5 kg m",
-        )
-    )
-    (only,) = with_unbalance(model, estimate_of(model)).unbalance
-    assert only.plane == "x"
-    assert only.amount == pytest.approx(3e-5)
-    assert only.angle_rad == pytest.approx(-np.pi / 2)

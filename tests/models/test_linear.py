@@ -573,6 +573,7 @@ def load_of(model: rid.Model, speed: float) -> complex:
 
 def unbalance_at(model: rid.Model) -> complex:
     (found,) = with_unbalance(model, estimate_of(model, std=1e-9)).unbalance
+    assert found.plane == "x"
     return found.amount * np.exp(1j * found.angle_rad)
 
 
@@ -590,6 +591,13 @@ BESIDE = [
     "b*Omega^2*cos(50*t)",  # not from the same zero, and turning as fast at 50 rad/s
     "b*Omega^2",
 ]
+
+
+@pytest.mark.parametrize("grows", ["100", "Omega", "Omega^3", "tanh(Omega)"])
+def test_what_does_not_grow_as_the_square_of_the_speed_is_no_unbalance(grows):
+    """Such as a bent shaft, whose load is the same at any speed."""
+    model = model_with(f"b*{grows}*cos(phi)")
+    assert unbalance_at(model) == pytest.approx(4e-5 * np.exp(0.5j), rel=1e-7)
 
 
 @pytest.mark.parametrize("more", BESIDE)
