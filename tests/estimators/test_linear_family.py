@@ -218,36 +218,30 @@ def machines(draw):
     size = draw(st.integers(1, 4))
     rng = np.random.default_rng(draw(st.integers(0, 10**6)))
     driven = sorted(draw(st.sets(st.integers(0, size - 1), min_size=1)))
+    truth, left, eye = {}, [[] for _ in range(size)], np.eye(size)
     M, D, G, K = (np.zeros((size, size)) for _ in range(4))
-    left = [[] for _ in range(size)]
-    truth, linked = {}, []
 
-    def spring(name, matrix, i, j, scale, dots):
-        value = truth[name] = scale * rng.uniform(0.5, 2)
-        stretch = np.eye(size)[i] - (np.eye(size)[j] if j is not None else 0)
-        matrix += value * np.outer(stretch, stretch)
-        for a, b in ((i, j), (j, i)):
-            if a is not None:
-                other = f" - q{b}{dots}" if b is not None else ""
-                left[a].append(f"{name}*(q{a}{dots}{other})")
+    def add(name, value, shares, matrix, signal):
+        truth[name] = value
+        matrix += value * shares
+        for a, b in np.argwhere(shares):
+            left[a].append(f"{shares[a, b]:g}*{name}*{signal.replace('q', f'q{b}')}")
 
     for i in range(size):
-        M[i, i] = truth[f"m{i}"] = rng.uniform(1, 5)
-        left[i].append(f"m{i}*q{i}''")
+        own = np.outer(eye[i], eye[i])
+        add(f"m{i}", rng.uniform(1, 5), own, M, "q''")
         if i:
-            spring(f"k{i}", K, i, draw(st.integers(0, i - 1)), 1e4, "")
+            stretch = eye[i] - eye[draw(st.integers(0, i - 1))]
+            add(f"k{i}", rng.uniform(5e3, 2e4), np.outer(stretch, stretch), K, "q")
         if draw(st.booleans()):
-            spring(f"s{i}", K, i, None, 1e4, "")
+            add(f"s{i}", rng.uniform(5e3, 2e4), own, K, "q")
         if draw(st.booleans()):
-            spring(f"c{i}", D, i, None, 50.0, "'")
+            add(f"c{i}", rng.uniform(25, 100), own, D, "q'")
     if size > 1 and draw(st.booleans()):
-        G[0, 1] = truth["g"] = rng.uniform(0.2, 1)
-        G[1, 0] = -truth["g"]
-        left[0].append("g*Omega*q1'")
-        left[1].append("-g*Omega*q0'")
+        whirl = np.outer(eye[0], eye[1]) - np.outer(eye[1], eye[0])
+        add("g", rng.uniform(0.2, 1), whirl, G, "Omega*q'")
     if draw(st.booleans()):
         truth["e"] = rng.uniform(1e-4, 1e-3)
-        linked.append(0)
         left[0].append("-m0*e*Omega^2*cos(phi)")
     equations = [
         f"{' + '.join(terms)} = {f'u{i}' if i in driven else 0}" for i, terms in enumerate(left)
@@ -268,7 +262,7 @@ def machines(draw):
             for h in harmonics:
                 u[:, i] += np.cos(h * grid.omega * grid.time + h**2 + n)
         right = u.copy()
-        if linked:
+        if "e" in truth:
             right[:, 0] += truth["m0"] * truth["e"] * grid.speed**2 * np.cos(grid.angle)
         q = line_response(
             grid, harmonics, lambda w: K + 1j * w * (D + grid.speed * G) - w**2 * M, right

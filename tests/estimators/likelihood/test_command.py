@@ -182,18 +182,3 @@ def test_unknown_phase_and_delays(folders):
     alone = HEAD + turned + FORCES + SENSORS + LENGTH
     (folders["runout"] / "alone.toml").write_text(alone)
     assert cli.run(["identify", str(folders["runout"] / "alone.toml"), "--method", "batch"]) == 2
-
-
-def test_prediction_and_validation(folders, capsys):
-    text = HEAD + one() + FORCES + SENSORS + LENGTH
-    _, data = identify(folders["plain"], text)
-    assert set(data["prediction"]) == {"x1", "y1", "x3", "y3"}
-    assert all(0 < p["relative_error"] < 0.01 for p in data["prediction"].values())
-    capsys.readouterr()
-    folder = folders["plain"]
-    assert cli.run(["validate", str(folder / "run.json"), str(folder / "run.toml")]) == 0
-    shown = capsys.readouterr().out
-    verdict, table, _ = shown.strip().split("\n\n")
-    assert [line.split()[0] for line in table.splitlines()] == ["channel", "x1", "y1", "x3", "y3"]
-    told = "predicts: the result predicts the record within its deviations and the noise: at worst"
-    assert verdict.startswith(told)
