@@ -78,15 +78,21 @@ def expecting(monkeypatch, *deviations: float) -> None:
     monkeypatch.setattr(information, "predicted_deviations", next_of)
 
 
-def doubted(monkeypatch, stated: float, predicted: float, *, loose: bool, about: bool) -> bool:
-    """Tell whether a mass of 1 kg is called noise; `about`: a machine near would not tell it."""
+def doubts(
+    monkeypatch, stated: float, predicted: float, *, loose: bool, about: bool, wider: float = 1.0
+) -> tuple[bool, tuple[str, ...]]:
+    """Tell whether a mass of 1 kg is called noise, and what has no end.
+
+    `about`: a machine near would not tell it; `wider`: of its interval, over its deviation.
+    """
     monkeypatch.setattr(
         information, "informed_by_noise", lambda at: (np.array([predicted]), np.zeros(1, bool))
     )
     monkeypatch.setattr(information._Minimum, "taken_about", lambda at: np.array([about]))
-    monkeypatch.setattr(information, "explore", lambda *at: (np.ones(1), None))
-    expecting(monkeypatch, 1.0 if loose else 0.0)
-    return bool(minimum_of(stated).doubts()[0])
+    monkeypatch.setattr(information, "explore", lambda *at: (np.array([wider]), None))
+    expecting(monkeypatch, float(loose))
+    noise, endless = minimum_of(stated).doubts()
+    return bool(noise), endless
 
 
 @pytest.mark.parametrize(
@@ -103,12 +109,12 @@ def doubted(monkeypatch, stated: float, predicted: float, *, loose: bool, about:
 def test_deviations_much_smaller_than_predicted_are_noise(
     monkeypatch, stated, predicted, doubt, loose
 ):
-    assert doubted(monkeypatch, stated, predicted, loose=loose, about=False) == doubt
+    assert doubts(monkeypatch, stated, predicted, loose=loose, about=False)[0] == doubt
 
 
 @pytest.mark.parametrize("loose", [False, True])
 def test_what_is_told_loosely_is_asked_about_the_start_too(monkeypatch, loose):
-    assert doubted(monkeypatch, 0.05, 0.05, loose=loose, about=True) == loose
+    assert doubts(monkeypatch, 0.05, 0.05, loose=loose, about=True)[0] == loose
 
 
 @pytest.mark.parametrize(
@@ -216,12 +222,8 @@ def test_a_cost_that_chance_seldom_leaves_has_all_starts_tried(monkeypatch, chan
 
 @pytest.mark.parametrize(("wider", "loose", "bent"), [(7.9, 1, 0), (8.1, 1, 1), (8.1, 0, 0)])
 def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose, bent):
-    yes, one = np.ones(1, bool), np.ones(1)
-    monkeypatch.setattr(information, "informed_by_noise", lambda at: (one, ~yes))
-    monkeypatch.setattr(information._Minimum, "taken_about", lambda at: ~yes)
-    monkeypatch.setattr(information, "explore", lambda *at: (np.array([wider]), None))
-    expecting(monkeypatch, float(loose))
-    assert minimum_of(0.09).doubts()[1] == ("m",) * bent
+    found = doubts(monkeypatch, 0.09, 1.0, loose=bool(loose), about=False, wider=wider)
+    assert found[1] == ("m",) * bent
 
 
 @pytest.mark.parametrize(("below", "lower"), [(0.9, False), (1.1, True)])
