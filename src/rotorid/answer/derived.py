@@ -5,12 +5,13 @@ The unbalance is counted as a balancer counts it: amount and angle per plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 
 import numpy as np
 
-from rotorid.answer.estimate import Estimate, Unbalance, Value
+from rotorid.answer.estimate import Estimate, Unbalance, Value, check_units
+from rotorid.core.errors import InputError
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note
 from rotorid.core.values import Booleans, Complexes, Floats, fact
@@ -35,6 +36,37 @@ def base_of(model: Model, estimate: Estimate, *, physical: bool) -> tuple[Floats
     if physical:
         return model.base_values(values), model.base_jacobian(values) @ slopes
     return values, slopes
+
+
+def missing_values(
+    model: Model, estimate: Estimate, number: int = 0, given: Iterable[str] = ()
+) -> list[str]:
+    """Return what the model needs, physical or base, and neither estimate nor `given` names."""
+    found = {v.name for v in estimate.parameters}
+    names = model.parameter_names
+    told = {*given, *(n for n in names if n in found or f"{n}[{number}]" in found)}
+    if {*names} <= told:
+        return []
+    if any(f"{n}[{k}]" in found for n in names for k in (0, number)):
+        return [n for n in names if n not in told]
+    fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
+    if not fixed.keys() <= {*model.parameter_names}:
+        return sorted(fixed.keys() - {*model.parameter_names})
+    return [name for name in model.substitute(fixed).base.names if name not in found]
+
+
+def require_parameters(
+    model: Model, estimate: Estimate, number: int = 0, given: Iterable[str] = ()
+) -> None:
+    """Refuse an estimate that lacks what a record needs, or states it in other units."""
+    if missing := missing_values(model, estimate, number, given):
+        raise InputError(
+            f"a result of {estimate.model!r} without {missing[0]!r}",
+            f"the parameters of {model.name!r}: {', '.join(model.parameter_names)}, or its base "
+            f"parameters: {', '.join(model.base.names)}",
+            "use the result and the experiment of one model",
+        )
+    check_units(estimate, model.parameter_units)
 
 
 def deviation(slopes: Floats, covariance: Floats) -> float:

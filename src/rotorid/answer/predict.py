@@ -6,15 +6,15 @@ noise is known.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 import scipy
 
-from rotorid.answer.derived import base_of
-from rotorid.answer.estimate import Estimate, Prediction, check_units
+from rotorid.answer.derived import base_of, require_parameters
+from rotorid.answer.estimate import Estimate, Prediction
 from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.errors import InputError
 from rotorid.core.linalg import covariance_root
@@ -105,7 +105,11 @@ def predict_lines(
     """
     for number, record in enumerate(records, start=first):
         own = record.own if isinstance(record, Observation) else record.parameters
-        _check(model, estimate, number, own)
+        require_parameters(model, estimate, number, own)
+    if unknown := [value.name for value in estimate.parameters if not np.isfinite(value.value)]:
+        expected = "a value of every parameter"
+        cure = "fix one or measure more, then identify again"
+        raise InputError(f"a result that leaves {', '.join(unknown)} undetermined", expected, cure)
     bound = bind_all(model, records)
     filtered = filtered_records(bound)
     if filtered or model.linear is None:
@@ -115,23 +119,6 @@ def predict_lines(
         equations = SampledRegression if filtered else Regression
         return [equations(replace(r, model=reduced)).predicted(found[0]) for r in bound]
     return by_likelihood(bound, _at_estimate(model, estimate, bound, first).records)
-
-
-def missing_values(
-    model: Model, estimate: Estimate, number: int = 0, given: Iterable[str] = ()
-) -> list[str]:
-    """Return what the model needs, physical or base, and neither estimate nor `given` names."""
-    found = {v.name for v in estimate.parameters}
-    names = model.parameter_names
-    told = {*given, *(n for n in names if n in found or f"{n}[{number}]" in found)}
-    if {*names} <= told:
-        return []
-    if any(f"{n}[{k}]" in found for n in names for k in (0, number)):
-        return [n for n in names if n not in told]
-    fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
-    if not fixed.keys() <= {*model.parameter_names}:
-        return sorted(fixed.keys() - {*model.parameter_names})
-    return [name for name in model.substitute(fixed).base.names if name not in found]
 
 
 def _at_estimate(model: Model, estimate: Estimate, records: Records, first: int) -> Point:
@@ -161,21 +148,6 @@ def _at_estimate(model: Model, estimate: Estimate, records: Records, first: int)
     start = {name: values[name] for name in known - held.keys()}
     prepared = prepare(model, Knowledge(fixed=held, start=start), [*own, *shared], base, {})
     return prepared.of(records).at(prepared.layout.start)
-
-
-def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) -> None:
-    if missing := missing_values(model, estimate, number, given):
-        raise InputError(
-            f"a result of {estimate.model!r} without {missing[0]!r}",
-            f"the parameters of {model.name!r}: {', '.join(model.parameter_names)}, or its base "
-            f"parameters: {', '.join(model.base.names)}",
-            "use the result and the experiment of one model",
-        )
-    check_units(estimate, model.parameter_units)
-    if unknown := [value.name for value in estimate.parameters if not np.isfinite(value.value)]:
-        expected = "a value of every parameter"
-        cure = "fix one or measure more, then identify again"
-        raise InputError(f"a result that leaves {', '.join(unknown)} undetermined", expected, cure)
 
 
 @frozen

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from markupsafe import Markup
@@ -40,7 +41,7 @@ from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
 from rotorid.report.html import Mood, Passage, equations, marked, page_of, rendered
 from rotorid.report.machines import machine_part
-from rotorid.report.records import told_table
+from rotorid.report.records import cell, told_table
 from rotorid.results.machine import own_model
 
 AS_NOISE = 1.5
@@ -59,6 +60,9 @@ METHODS = {
 }
 MOODS: dict[str, Mood] = {"ok": "good", "rejected": "doubt"}
 """How a status is coloured; all others are bad."""
+
+
+Named = TypeVar("Named", ChannelEvidence, ChannelError)
 
 
 @frozen
@@ -250,14 +254,14 @@ def _row(value: Value, prior: Prior | None) -> Row:
         away = (value.value - prior.value) / prior.std
         moved = "0 std" if abs(away) < ROUNDING else f"{away:+.2g} std"
     moved = moved.replace("-", "\N{MINUS SIGN}")
-    return replace(row, before=_before(prior), moved=moved, bar=_bar(value, prior))
+    return replace(row, before=_interval(prior), moved=moved, bar=_bar(value, prior))
 
 
-def _before(prior: Prior) -> str:
-    half = HALF_WIDTH * prior.std
+def _interval(known: Value | Prior) -> str:
+    half = HALF_WIDTH * (known.std or 0.0)
     if not half > 0:
-        return f"{prior.value:.6g} exactly"
-    return f"{figures(prior.value, half)} {PM} {two_digits(half)}"
+        return f"{known.value:.6g} exactly"
+    return f"{figures(known.value, half)} {PM} {two_digits(half)}"
 
 
 def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
@@ -272,8 +276,7 @@ def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
         at, wide = _MARGIN + scale * (middle - low), max(scale * reach, 0.5)  # to be seen
         return round(at - wide, 1), round(at + wide, 1)
 
-    now = f"{figures(value.value, half)} {PM} {two_digits(half)}"
-    told = f"before {_before(prior)}, now {now}"
+    told = f"before {_interval(prior)}, now {_interval(value)}"
     return pixels(prior.value, before), pixels(value.value, half), told
 
 
@@ -495,15 +498,12 @@ def _of_waves(record: RecordEvidence) -> str:
 
 
 def channels_table(records: Sequence[RecordEvidence]) -> Table | None:
-    several = len(records) > 1
     rows = []
-    for n, record in enumerate(records, start=1):
-        for c in record.channels:
+    for name, c in _named([record.channels for record in records]):
+        if not math.isnan(c.error):
             ratio = _over_noise(c) or math.nan  # of a prediction that is met whole it says nothing
             shown = (100 * c.error, 100 * c.error / ratio, ratio)
-            figures = (f"{x:.3g}" if math.isfinite(x) else "" for x in shown)
-            if not math.isnan(c.error):
-                rows.append((f"{c.name}, record {n}" if several else c.name, *figures))
+            rows.append((name, *(cell(x, ".3g") for x in shown)))
     headings = ("channel", "off by %", "noise makes %", "difference / noise")
     return table(headings, rows) if rows else None
 
@@ -517,7 +517,7 @@ def records_table(records: Sequence[RecordEvidence]) -> Table | None:
             KINDS[record.kind],
             str(record.periods or ""),
             str(record.samples_per_period or ""),
-            f"{record.sample_rate_hz:.6g}" if math.isfinite(record.sample_rate_hz) else "",
+            cell(record.sample_rate_hz, ".6g"),
             str(record.lines or ""),
             " to ".join(dict.fromkeys(f"{30 / math.pi * v:.6g}" for v in record.speed_rad_s)),
             ", ".join(channel.name for channel in record.channels),
@@ -525,6 +525,13 @@ def records_table(records: Sequence[RecordEvidence]) -> Table | None:
         for number, record in enumerate(records, start=1)
     ]
     return told_table(headings, rows) if rows else None
+
+
+def _named(records: Sequence[Sequence[Named]]) -> Iterator[tuple[str, Named]]:
+    """Yield every channel with its name, and that of its record where there are several."""
+    for k, record in enumerate(records, start=1):
+        where = f", record {k}" if len(records) > 1 else ""
+        yield from ((f"{channel.name}{where}", channel) for channel in record)
 
 
 CHANCE = (
@@ -561,19 +568,14 @@ def validation_report(
 
 
 def validation_table(records: Sequence[Sequence[ChannelError]]) -> Table:
-    several = len(records) > 1
     rows = [
         (
-            f"{c.name}, record {number + 1}" if several else c.name,
-            *(
-                "" if x is None else f"{100 * x:.3g}"
-                for x in (c.relative_error, c.noise, c.deviations)
-            ),
-            "" if c.p_value is None else f"{c.p_value:.2g}",
+            name,
+            *(cell(x, ".3g", 100) for x in (c.relative_error, c.noise, c.deviations)),
+            cell(c.p_value, ".2g"),
             "zero" if c.relative_error is None else "fails" if c.fails else "predicted",
         )
-        for number, record in enumerate(records)
-        for c in record
+        for name, c in _named(records)
     ]
     headings = ("channel", "off by %", "by noise %", "by deviations %", "chance", "verdict")
     return table(headings, rows)

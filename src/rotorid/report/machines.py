@@ -16,6 +16,7 @@ from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
 from rotorid.report.drawn import GMM, NODE, RPM
 from rotorid.report.html import Mood, Passage, page_of
+from rotorid.report.records import cell
 from rotorid.results.balancing import POOR, Balance, Feedforward
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import (
@@ -34,7 +35,7 @@ DEGREES = 180 / np.pi
 
 def _told(value: float | None, factor: float = 1.0, form: str = ".2g") -> str:
     """Return a number, a deviation if nothing else is said; a dash where there is none."""
-    return "-" if value is None or np.isnan(value) else format(factor * value, form)
+    return cell(value, form, factor, none="-")
 
 
 def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:

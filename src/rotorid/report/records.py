@@ -27,6 +27,10 @@ def told_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     return table([headings[k] for k in told], [[row[k] for k in told] for row in rows])
 
 
+def cell(value: float | None, form: str, factor: float = 1.0, none: str = "") -> str:
+    return none if value is None or np.isnan(value) else format(factor * value, form)
+
+
 _LEVELS = ("channel", "unit", "low", "high", "rms", "S/N dB", "least coherence", "crest")
 _HEADINGS = (*_LEVELS, "odd %", "even %", "1x", "2x", "3x")
 
@@ -56,7 +60,7 @@ def _told(found: Inspection | LineInspection) -> tuple[str, Table, Sequence[str]
     for facts in found.channels:
         unit, factor = by_hand(facts.unit)
         levels = (f"{factor * level:.4g}" for level in (facts.low, facts.high))
-        rows.append((facts.name, unit, *levels, f"{facts.at:.6g}", _shown(facts.snr_db, 1, ".1f")))
+        rows.append((facts.name, unit, *levels, f"{facts.at:.6g}", cell(facts.snr_db, ".1f")))
     headings = ("channel", "unit", "least", "largest", f"at {unit_over}", "S/N dB")
     return f"{len(over)} {what}, {ends}", table(headings, rows), lines.warnings
 
@@ -88,17 +92,13 @@ def _row(facts: ChannelFacts) -> tuple[str, ...]:
         facts.name,
         unit,
         *(f"{factor * level:.4g}" for level in (facts.low, facts.high, facts.rms)),
-        _shown(facts.snr_db, 1, ".1f"),
-        _shown(facts.coherence, 1, ".3f"),
-        _shown(facts.crest_factor, 1, ".2f"),
-        _shown(facts.odd, 100, ".2g"),
-        _shown(facts.even, 100, ".2g"),
+        cell(facts.snr_db, ".1f"),
+        cell(facts.coherence, ".3f"),
+        cell(facts.crest_factor, ".2f"),
+        cell(facts.odd, ".2g", 100),
+        cell(facts.even, ".2g", 100),
         *orders,
     )
-
-
-def _shown(value: float | None, factor: float, form: str) -> str:
-    return "" if value is None else format(factor * value, form)
 
 
 def _noise(found: Inspection) -> list[str]:
@@ -292,9 +292,7 @@ def _head(model: Model) -> list[str]:
 
 
 def _parameters(model: Model) -> list[Table]:
-    rows = [
-        (p.name, p.unit, "" if p.nominal is None else f"{p.nominal:.6g}") for p in model.parameters
-    ]
+    rows = [(p.name, p.unit, cell(p.nominal, ".6g")) for p in model.parameters]
     base = zip(model.base.names, model.base.units, strict=True)
     return [table(("parameter", "unit", "nominal"), rows), table(("base parameter", "unit"), base)]
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorid.answer.derived import missing_values
 from rotorid.answer.estimate import (
     ChannelEvidence,
     Estimate,
@@ -19,7 +20,7 @@ from rotorid.answer.estimate import (
     RecordEvidence,
 )
 from rotorid.answer.identify import Estimator
-from rotorid.answer.predict import Forecast, missing_values
+from rotorid.answer.predict import Forecast
 from rotorid.core.errors import InputError
 from rotorid.core.values import Booleans, Complexes, Floats
 from rotorid.data.lines import PhasorClock, SampledClock, SilentClock

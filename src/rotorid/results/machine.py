@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.derived import physical_fit
-from rotorid.answer.estimate import Estimate, check_units
+from rotorid.answer.derived import physical_fit, require_parameters
+from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.linalg import covariance_root
 from rotorid.core.toml import table_within
@@ -232,15 +232,32 @@ class Machine:
 def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     """Return an estimate's machine, with the values of a record, or a model's, at nominal ones."""
     if isinstance(source, Model):
-        return _machine(source, _nominal(source), {}, {})
+        return _machine(source, _linear(source), _nominal(source), {}, {})
     if source.status == "not_converged":
         raise InputError(
             "a result that has not converged",
             "one that is ok, or rejected",
             "see its warnings, and identify again",
         )
-    names = [value.name for value in source.free]
-    covariance = source.covariance if len(names) == len(source.covariance) else None
+    model = own_model(source)
+    named = _of_record(model, source, record)
+    values = {v.name: v.value for v in named.parameters}
+    fixed = {v.name: v.value for v in named.parameters if v.fixed}
+    reduced = model.substitute({n: v for n, v in fixed.items() if n in model.parameter_names})
+    linear = _linear(reduced)
+    require_parameters(model, named)
+    beside = {v.name: v.value for v in named.nuisance if v.name not in values}
+    extra = {n: x for n, x in beside.items() if source.method == "ml" and np.isfinite(x)}
+    covariance, remarks = _stated(source)
+    known = None
+    if covariance is not None:
+        known = covariance, {v.name: k for k, v in reversed([*enumerate(named.free)])}
+    return _machine(reduced, linear, values, fixed, extra, known, source.status, tuple(remarks))
+
+
+def _stated(source: Estimate) -> tuple[Floats | None, list[str]]:
+    """Return the covariance that counts, None where nothing is known, and what is to be said."""
+    covariance = source.covariance if len(source.free) == len(source.covariance) else None
     remarks = []
     determined = [np.isfinite(value.value) for value in source.free]
     if covariance is not None and not np.isfinite(np.diag(covariance)[determined]).all():
@@ -260,37 +277,23 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
         )
     if source.status == "not_identifiable":
         remarks.append("warning: the result is not_identifiable; others fit as well")
-    model = own_model(source)
-    check_units(source, model.parameter_units)
-    values = {v.name: v.value for v in source.parameters}
-    fixed = {v.name: v.value for v in source.parameters if v.fixed}
-    values, renamed = _of_record(model, values, record)
-    fixed = {name: values[name] for name in values if renamed.get(name, name) in fixed}
-    beside = {v.name: v.value for v in source.nuisance if v.name not in values}
-    known = None
-    if covariance is not None:
-        rows = {renamed.get(n, n): n for n in (*values, *beside) if n not in fixed}
-        known = covariance, {rows[name]: k for k, name in enumerate(names) if name in rows}
-    extra = {n: x for n, x in beside.items() if source.method == "ml" and np.isfinite(x)}
-    return _machine(model, values, fixed, extra, known, source.status, tuple(remarks))
+    return covariance, remarks
 
 
-def _of_record(
-    model: Model, values: Mapping[str, float], record: int
-) -> tuple[dict[str, float], dict[str, str]]:
-    """Return the values with those of one record under their own names, and what these were."""
-    found, renamed = dict(values), {}
+def _of_record(model: Model, source: Estimate, record: int) -> Estimate:
+    """Return an estimate with the values of one record under their own names."""
+    there, renamed = {v.name for v in source.parameters}, dict[str, str]()
     for name in model.parameter_names:
-        own = f"{name}[{record}]"
-        if own in found:
-            found[name], renamed[name] = found[own], own
-        elif name not in found and any(v.startswith(f"{name}[") for v in found):
+        if f"{name}[{record}]" in there:
+            renamed[f"{name}[{record}]"] = name
+        elif name not in there and (own := [v for v in there if v.startswith(f"{name}[")]):
             raise InputError(
                 f"record {record}, which has no {name} of its own",
-                f"one that has: {', '.join(v for v in found if v.startswith(name + '['))}",
+                f"one that has: {', '.join(own)}",
                 "say which record",
             )
-    return found, renamed
+    found = (replace(v, name=renamed.get(v.name, v.name)) for v in source.parameters)
+    return source.with_(parameters=tuple(found))
 
 
 def _nominal(model: Model) -> dict[str, float]:
@@ -311,7 +314,8 @@ Known = tuple[Floats, dict[str, int]]
 
 
 def _machine(
-    model: Model,
+    reduced: Model,
+    linear: LinearForm,
     values: Mapping[str, float],
     fixed: Mapping[str, float],
     extra: Mapping[str, float],
@@ -320,25 +324,13 @@ def _machine(
     remarks: tuple[str, ...] = (),
 ) -> Machine:
     """Return a machine; `extra` holds the nuisance parameters."""
-    physical = {*model.parameter_names} <= values.keys()
-    reduced = model.substitute({n: v for n, v in fixed.items() if n in model.parameter_names})
-    linear = _linear(reduced)
+    physical = {*reduced.parameter_names} <= values.keys()
     names = reduced.parameter_names if physical else reduced.base.names
-    missing = [name for name in names if name not in values]
-    if missing:
-        raise InputError(
-            f"a result without {missing[0]!r}",
-            f"the parameters of {model.name!r}: {', '.join(model.parameter_names)}, or its base "
-            f"parameters: {', '.join(reduced.base.names)}",
-            "use a result of this model",
-        )
     found = np.array([values[name] for name in names], dtype=float)
-    covariance = None if known is None else _arranged(names, known)
-    if not physical:
-        fitted = _fitted(reduced, linear, found, covariance)
-        if fitted is not None:
-            physical, names = True, reduced.parameter_names
-            found, covariance = fitted
+    own = None if known is None else _arranged(names, known)
+    if not physical and (fitted := _fitted(reduced, linear, found, own)) is not None:
+        physical, names = True, reduced.parameter_names
+        found, own = fitted
     exponents = reduced.monomials
     used = np.ones(len(exponents))
     if not physical:
@@ -346,11 +338,10 @@ def _machine(
         used[list(reduced.base.kept)] = 1.0
         exponents = np.zeros((len(exponents), len(names)), dtype=np.int64)
         exponents[list(reduced.base.kept), np.arange(len(names))] = 1
-    if covariance is not None and known is not None:
-        whole = _arranged((*names, *extra), known)
-        whole = np.where(np.isfinite(whole), whole, 0.0)
-        whole[: len(names), : len(names)] = covariance
-        covariance = whole
+    covariance = None
+    if own is not None and known is not None:
+        covariance = _arranged((*names, *extra), known)
+        covariance[: len(names), : len(names)] = own
     machine = Machine(
         reduced,
         linear,
@@ -387,7 +378,7 @@ def _arranged(names: Sequence[str], known: Known) -> Floats:
     found = np.zeros((len(names), len(names)))
     at = [i for i, name in enumerate(names) if name in rows]
     chosen = [rows[names[i]] for i in at]
-    found[np.ix_(at, at)] = covariance[np.ix_(chosen, chosen)]
+    found[np.ix_(at, at)] = np.nan_to_num(covariance[np.ix_(chosen, chosen)], posinf=0, neginf=0)
     return found
 
 

@@ -21,7 +21,7 @@ import scipy
 
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.units import quantity
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats, frozen, grouped
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.whole_record import whole_lines
 from rotorid.results.sensitivity_peak import (
@@ -271,10 +271,9 @@ def _not_excited(axis: str) -> InputError:
 
 
 def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> list[Raw]:
-    lines: dict[float, list[tuple[PeriodicRecord, int]]] = {}
-    for record in records:
-        for k, hertz in enumerate(record.frequency.tolist()):
-            lines.setdefault(round(hertz, 9), []).append((record, k))
+    lines = grouped(
+        (round(hertz, 9), (r, k)) for r in records for k, hertz in enumerate(r.frequency.tolist())
+    )
     loudest = max(
         float(np.abs(r.spectra[..., [r.names.index(n) for n in pairs.values()]].mean(axis=0)).max())
         for r in records
