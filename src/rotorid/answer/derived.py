@@ -38,32 +38,22 @@ def base_of(model: Model, estimate: Estimate, *, physical: bool) -> tuple[Floats
     return values, slopes
 
 
-def missing_values(
-    model: Model, estimate: Estimate, number: int = 0, given: Iterable[str] = ()
-) -> list[str]:
-    """Return what the model needs, physical or base, and neither estimate nor `given` names."""
-    found = {v.name for v in estimate.parameters}
-    names = model.parameter_names
-    told = {*given, *(n for n in names if n in found or f"{n}[{number}]" in found)}
-    if {*names} <= told:
-        return []
-    if any(f"{n}[{k}]" in found for n in names for k in (0, number)):
-        return [n for n in names if n not in told]
-    fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
-    if not fixed.keys() <= {*model.parameter_names}:
-        return sorted(fixed.keys() - {*model.parameter_names})
-    return [name for name in model.substitute(fixed).base.names if name not in found]
-
-
 def require_parameters(
     model: Model, estimate: Estimate, number: int = 0, given: Iterable[str] = ()
 ) -> None:
-    """Refuse an estimate that lacks what a record needs, or states it in other units."""
-    if missing := missing_values(model, estimate, number, given):
+    """Refuse an estimate that lacks what a record needs, physical or base, or has other units."""
+    found, names = {v.name for v in estimate.parameters}, model.parameter_names
+    told = {*given, *(n for n in names if n in found or f"{n}[{number}]" in found)}
+    missing = [name for name in names if name not in told]
+    if missing and not any(f"{n}[{k}]" in found for n in names for k in (0, number)):
+        fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
+        missing = sorted(fixed.keys() - {*names})
+        missing = missing or [n for n in model.substitute(fixed).base.names if n not in found]
+    if missing:
         raise InputError(
             f"a result of {estimate.model!r} without {missing[0]!r}",
-            f"the parameters of {model.name!r}: {', '.join(model.parameter_names)}, or its base "
-            f"parameters: {', '.join(model.base.names)}",
+            f"the parameters of {model.name!r}: {', '.join(names)}, or its base parameters: "
+            f"{', '.join(model.base.names)}",
             "use the result and the experiment of one model",
         )
     check_units(estimate, model.parameter_units)

@@ -2,9 +2,8 @@
 
 Notation: ``H(Omega) = Z^-1`` without forces at the inputs, g the identified unbalance, P the
 planes, A what is weighed. The correction W minimizes the sum over the speeds of
-``|A H (g + Omega^2 P W)|^2``. An unbalance U (kg m, complex) is a mass at the angle ``arg U``,
-counted in the rotor from x to y, from the direction that stands along x where the rotor angle phi
-is zero: its force is ``Re(U Omega^2 exp(i phi))`` in x and ``Re(-i U Omega^2 exp(i phi))`` in y.
+``|A H (g + Omega^2 P W)|^2``. An unbalance U (kg m, complex), a mass at the angle ``arg U`` in the
+rotor, has the force ``Re(U Omega^2 exp(i phi))`` in x and ``Re(-i U Omega^2 exp(i phi))`` in y.
 """
 
 from __future__ import annotations

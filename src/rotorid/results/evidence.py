@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.derived import missing_values
 from rotorid.answer.estimate import (
     ChannelEvidence,
     Estimate,
@@ -116,8 +115,7 @@ def _record(
     phase = phases.get(f"phase[{number}]", math.nan)
     if not another and math.isfinite(phase):
         record = record.with_lines(record.lines.turned(phase))
-    known = all(np.isfinite(v.value) for v in estimate.parameters) and record.lines.phase_known
-    if known and not missing_values(record.model, estimate, number, record.lines.parameters):
+    if record.lines.phase_known:
         with suppress(InputError):  # a record whose prediction is refused is shown as measured
             forecast = Forecast(record.model, estimate, record, number)
             found = forecast.at

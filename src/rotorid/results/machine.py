@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.answer.derived import physical_fit, require_parameters
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, Value
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.linalg import covariance_root
 from rotorid.core.toml import table_within
@@ -232,33 +232,30 @@ class Machine:
 def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     """Return an estimate's machine, with the values of a record, or a model's, at nominal ones."""
     if isinstance(source, Model):
-        return _machine(source, _linear(source), _nominal(source), {}, {})
-    if source.status == "not_converged":
+        model, source = source, _nominal(source)
+    elif source.status == "not_converged":
         raise InputError(
             "a result that has not converged",
             "one that is ok, or rejected",
             "see its warnings, and identify again",
         )
-    model = own_model(source)
-    named = _of_record(model, source, record)
-    values = {v.name: v.value for v in named.parameters}
-    fixed = {v.name: v.value for v in named.parameters if v.fixed}
+    else:
+        model = own_model(source)
+    source = _of_record(model, source, record)
+    fixed = {v.name: v.value for v in source.parameters if v.fixed}
     reduced = model.substitute({n: v for n, v in fixed.items() if n in model.parameter_names})
     linear = _linear(reduced)
-    require_parameters(model, named)
-    beside = {v.name: v.value for v in named.nuisance if v.name not in values}
-    extra = {n: x for n, x in beside.items() if source.method == "ml" and np.isfinite(x)}
+    require_parameters(model, source)
     covariance, remarks = _stated(source)
-    known = None
-    if covariance is not None:
-        known = covariance, {v.name: k for k, v in reversed([*enumerate(named.free)])}
-    return _machine(reduced, linear, values, fixed, extra, known, source.status, tuple(remarks))
+    machine = _machine(reduced, linear, source, covariance)
+    held = tuple(fixed.items())
+    return _determined(replace(machine, fixed=held, status=source.status, remarks=remarks))
 
 
-def _stated(source: Estimate) -> tuple[Floats | None, list[str]]:
+def _stated(source: Estimate) -> tuple[Floats | None, tuple[str, ...]]:
     """Return the covariance that counts, None where nothing is known, and what is to be said."""
-    covariance = source.covariance if len(source.free) == len(source.covariance) else None
-    remarks = []
+    stated = bool(source.parameters) and len(source.free) == len(source.covariance)
+    covariance, remarks = source.covariance if stated else None, list[str]()
     determined = [np.isfinite(value.value) for value in source.free]
     if covariance is not None and not np.isfinite(np.diag(covariance)[determined]).all():
         covariance = None
@@ -277,12 +274,12 @@ def _stated(source: Estimate) -> tuple[Floats | None, list[str]]:
         )
     if source.status == "not_identifiable":
         remarks.append("warning: the result is not_identifiable; others fit as well")
-    return covariance, remarks
+    return covariance, tuple(remarks)
 
 
 def _of_record(model: Model, source: Estimate, record: int) -> Estimate:
     """Return an estimate with the values of one record under their own names."""
-    there, renamed = {v.name for v in source.parameters}, dict[str, str]()
+    there, renamed = [v.name for v in source.parameters], dict[str, str]()
     for name in model.parameter_names:
         if f"{name}[{record}]" in there:
             renamed[f"{name}[{record}]"] = name
@@ -296,9 +293,8 @@ def _of_record(model: Model, source: Estimate, record: int) -> Estimate:
     return source.with_(parameters=tuple(found))
 
 
-def _nominal(model: Model) -> dict[str, float]:
-    values = dict(model.nominal)
-    missing = [name for name in model.parameter_names if name not in values]
+def _nominal(model: Model) -> Estimate:
+    missing = [name for name in model.parameter_names if name not in model.nominal]
     if missing:
         raise InputError(
             f"no nominal value of {', '.join(missing)}",
@@ -306,28 +302,22 @@ def _nominal(model: Model) -> dict[str, float]:
             "give nominal in the model file, or take a result",
             file=model.name,
         )
-    return values
-
-
-Known = tuple[Floats, dict[str, int]]
-"""A covariance, and its row of each unknown."""
+    units, nominal = model.parameter_units, model.nominal
+    values = tuple(Value(name, units[name], nominal[name]) for name in model.parameter_names)
+    return Estimate(model.name, "", "ok", values)
 
 
 def _machine(
-    reduced: Model,
-    linear: LinearForm,
-    values: Mapping[str, float],
-    fixed: Mapping[str, float],
-    extra: Mapping[str, float],
-    known: Known | None = None,
-    status: str = "ok",
-    remarks: tuple[str, ...] = (),
+    reduced: Model, linear: LinearForm, source: Estimate, covariance: Floats | None
 ) -> Machine:
-    """Return a machine; `extra` holds the nuisance parameters."""
+    """Return the machine of an estimate; unknowns of the measurement may act in it, as ki does."""
+    values = {v.name: v.value for v in source.parameters}
     physical = {*reduced.parameter_names} <= values.keys()
     names = reduced.parameter_names if physical else reduced.base.names
     found = np.array([values[name] for name in names], dtype=float)
-    own = None if known is None else _arranged(names, known)
+    beside = [v for v in source.nuisance if v.name not in values and source.method == "ml"]
+    extra = {v.name: v.value for v in beside if np.isfinite(v.value)}
+    own = _arranged(source, covariance, names)
     if not physical and (fitted := _fitted(reduced, linear, found, own)) is not None:
         physical, names = True, reduced.parameter_names
         found, own = fitted
@@ -338,23 +328,12 @@ def _machine(
         used[list(reduced.base.kept)] = 1.0
         exponents = np.zeros((len(exponents), len(names)), dtype=np.int64)
         exponents[list(reduced.base.kept), np.arange(len(names))] = 1
-    covariance = None
-    if own is not None and known is not None:
-        covariance = _arranged((*names, *extra), known)
-        covariance[: len(names), : len(names)] = own
-    machine = Machine(
-        reduced,
-        linear,
-        (*names, *extra),
-        np.append(found, list(extra.values())),
-        covariance,
-        Monomials.from_exponents(np.pad(exponents, ((0, 0), (0, len(extra))))),
-        used,
-        fixed=tuple((n, float(v)) for n, v in fixed.items()),
-        status=status,
-        remarks=remarks,
-    )
-    return _determined(machine)
+    whole = _arranged(source, covariance, (*names, *extra))
+    if whole is not None:
+        whole[: len(names), : len(names)] = own
+    monomials = Monomials.from_exponents(np.pad(exponents, ((0, 0), (0, len(extra)))))
+    every = np.append(found, list(extra.values()))
+    return Machine(reduced, linear, (*names, *extra), every, whole, monomials, used)
 
 
 def _fitted(
@@ -373,13 +352,14 @@ def _fitted(
     return values, None if covariance is None else np.asarray(spread @ spread.T)
 
 
-def _arranged(names: Sequence[str], known: Known) -> Floats:
-    covariance, rows = known
-    found = np.zeros((len(names), len(names)))
-    at = [i for i, name in enumerate(names) if name in rows]
-    chosen = [rows[names[i]] for i in at]
-    found[np.ix_(at, at)] = np.nan_to_num(covariance[np.ix_(chosen, chosen)], posinf=0, neginf=0)
-    return found
+def _arranged(source: Estimate, covariance: Floats | None, names: Sequence[str]) -> Floats | None:
+    """Return the covariance of some quantities: zero of those that it does not hold."""
+    if covariance is None:
+        return None
+    rows = {v.name: k for k, v in reversed([*enumerate(source.free)])}
+    held = np.pad(np.nan_to_num(covariance, posinf=0.0, neginf=0.0), (0, 1))
+    chosen = [rows.get(name, -1) for name in names]
+    return np.asarray(held[np.ix_(chosen, chosen)])
 
 
 def _determined(machine: Machine) -> Machine:
