@@ -27,13 +27,11 @@ from rotorid.io.table import (
     Column,
     ColumnPlace,
     Rate,
-    check_size,
+    Stored,
+    check_held,
     is_numeric,
     seconds,
 )
-
-FOOTER_BYTES = 16_000_000
-"""What describes the columns of a Parquet file: ten thousand columns in ten groups of rows."""
 
 _TOGETHER = 100  # columns of Parquet that are read at once: each by itself takes ten times as long
 
@@ -58,7 +56,8 @@ def open_mat(file: str) -> Iterator[ArrayFile]:
     with open_regular(file) as opened:
         stream: Any = opened  # scipy's stubs know no streams
         declared = whosmat(stream)
-        check_size(sum(math.prod(shape) for _, shape, _ in declared), file)
+        held = os.path.getsize(file)
+        check_held(8 * sum(math.prod(shape) for _, shape, _ in declared), held, file)
         counts = Counter(name for name, _, _ in declared)
         once = [name for name, count in counts.items() if count == 1]
         stream.seek(0)
@@ -70,7 +69,7 @@ def open_mat(file: str) -> Iterator[ArrayFile]:
             others[path] = kind
         else:
             arrays[path] = Column(np.asarray(value, dtype=np.float64))
-    check_size(sum(column.values.size for column in arrays.values()), file)
+    check_held(sum(column.values.nbytes for column in arrays.values()), held, file)
     yield _loaded(file, arrays, others)
 
 
@@ -112,7 +111,6 @@ class _ParquetFile(ArrayFile):
         counts = Counter(self._schema.names)
         numbers = [f for f in self._schema if any(is_kind(f.type) for is_kind in numeric)]
         rows = data.metadata.num_rows
-        check_size(rows, file)
         shapes = {field.name: (rows,) for field in numbers if counts[field.name] == 1}
         super().__init__(file, shapes, in_blocks=True)
 
@@ -137,15 +135,6 @@ class _ParquetFile(ArrayFile):
 def open_parquet(file: str) -> Iterator[ArrayFile]:
     from pyarrow.parquet import ParquetFile
 
-    with open_regular(file) as stream:
-        stream.seek(-8, os.SEEK_END)
-        size, end = int.from_bytes(stream.read(4), "little"), stream.read()
-    if end == b"PAR1" and size > FOOTER_BYTES:  # it takes a reader a hundred times its bytes
-        raise ReadError(
-            f"{size // 10**6} MB that describe the columns",
-            f"{FOOTER_BYTES // 10**6} MB at most",
-            "export fewer columns, or larger row groups",
-        )
     with ParquetFile(file, memory_map=False) as data:
         yield _ParquetFile(file, data)
 
@@ -179,8 +168,6 @@ def open_tdms(file: str) -> Iterator[ArrayFile]:
             for channel in group.channels()
             if channel.dtype is not None and np.dtype(channel.dtype).kind in "biufM"
         }
-        for channel in channels.values():
-            check_size(len(channel), file)
 
         def column(place: ColumnPlace, samples: slice) -> Column:
             channel = channels[place.path]
@@ -291,13 +278,16 @@ class StoredResponse:
 
 
 def read_responses(path: Path) -> dict[str, StoredResponse]:
-    return dict(RESPONSES.open(path).ask("copy"))  # of what is opened
+    return dict(Stored(path, RESPONSES).ask("copy"))  # of what is opened
 
 
 @contextmanager
 def open_responses(file: str) -> Iterator[dict[str, StoredResponse]]:
     sets, types = _read_sets(file)
-    found = _responses(sets)
+    named = [(f"{_end(s, 'rsp')}/{_end(s, 'ref')}", s) for s in sets]
+    coherence = {name: s for name, s in named if s.get("func_type") == _COHERENCE}
+    responses = [(name, s) for name, s in named if s.get("func_type") == _RESPONSE]
+    found = {name: _response(name, one, coherence.get(name)) for name, one in responses}
     if not found:
         kinds = sorted({int(s.get("func_type", 0)) for s in sets})
         raise ReadError(
@@ -305,35 +295,30 @@ def open_responses(file: str) -> Iterator[dict[str, StoredResponse]]:
             "data sets 58 of frequency responses (function type 4)",
             "export the frequency responses",
         )
+    if len(found) < len(responses):
+        twice, _ = Counter(name for name, _ in responses).most_common(1)[0]
+        raise ReadError(
+            f"two responses {twice}",
+            "one of each pair of nodes and directions",
+            "export them into files of their own",
+        )
     yield found
 
 
-def _responses(sets: Sequence[Mapping[str, Any]]) -> dict[str, StoredResponse]:
-    named = [(f"{_end(s, 'rsp')}/{_end(s, 'ref')}", s) for s in sets]
-    coherence = {name: s for name, s in named if s.get("func_type") == _COHERENCE}
-    found: dict[str, StoredResponse] = {}
-    for name, one in named:
-        if one.get("func_type") != _RESPONSE:
-            continue
-        if name in found:
-            raise ReadError(
-                f"two responses {name}",
-                "one of each pair of nodes and directions",
-                "export them into files of their own",
-            )
-        frequency = np.asarray(one["x"], dtype=np.float64)
-        values = np.asarray(one["data"], dtype=np.complex128)
-        if values.shape != frequency.shape or frequency.ndim != 1 or not len(values):
-            raise ValueError(f"{values.shape} values at {frequency.shape} frequencies")
-        beside, other = coherence.get(name), None
-        if beside is not None and np.array_equal(beside["x"], one["x"]):
-            other = np.asarray(np.real(beside["data"]), dtype=np.float64)
-        axes = ("ordinate", "orddenom")
-        over, under = (_text(one.get(f"{axis}_axis_units_lab")) for axis in axes)
-        unit = f"({over})/({under})" if over and under else None
-        quantity = _QUANTITIES.get(int(one.get("ordinate_spec_data_type") or 0))
-        found[name] = StoredResponse(name, frequency, values, unit, quantity, other)
-    return found
+def _response(
+    name: str, one: Mapping[str, Any], beside: Mapping[str, Any] | None
+) -> StoredResponse:
+    frequency = np.asarray(one["x"], dtype=np.float64)
+    values = np.asarray(one["data"], dtype=np.complex128)
+    if values.shape != frequency.shape or frequency.ndim != 1 or not len(values):
+        raise ValueError(f"{values.shape} values at {frequency.shape} frequencies")
+    coherence = None
+    if beside is not None and np.array_equal(beside["x"], one["x"]):
+        coherence = np.asarray(np.real(beside["data"]), dtype=np.float64)
+    over, under = (_text(one.get(f"{axis}_axis_units_lab")) for axis in ("ordinate", "orddenom"))
+    unit = f"({over})/({under})" if over and under else None
+    derivative = _QUANTITIES.get(int(one.get("ordinate_spec_data_type") or 0))
+    return StoredResponse(name, frequency, values, unit, derivative, coherence)
 
 
 # Of an MDF file only numbers are taken. A conversion may also be a formula, which asammdf hands to
@@ -367,9 +352,6 @@ class _Channels:
         self.shapes: dict[str, tuple[int, ...]] = {}
         for number, group in enumerate(data.groups):
             samples = int(group.channel_group.cycles_nr)
-            check_size(samples, file)
-            # asammdf makes room for a record before it reads one
-            check_size(int(group.channel_group.samples_byte_nr), file, itemsize=1)
             for index, channel in enumerate(group.channels):
                 name = f"{number}/{channel.name}"
                 self._places[name], self.shapes[name] = (number, index), (samples,)

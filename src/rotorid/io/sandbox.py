@@ -60,7 +60,7 @@ class Sandbox:
     def __init__(self, opener: Opener, file: str, kind: str = "data") -> None:
         from tempfile import TemporaryDirectory
 
-        self._file, scratch = file, TemporaryDirectory()
+        self.file, scratch = file, TemporaryDirectory()
         start = _forked if FORKS else _spawned
         self._questions, self._answers, end = start(opener, file, kind, scratch.name)
         self._patience = None if FORKS else PATIENCE * _seconds(file)
@@ -111,9 +111,9 @@ class Sandbox:
             self._late |= self._end() == getattr(signal, "SIGXCPU", None)  # not on Windows
             found, cure = "a file that ends the program that reads it", "export the record again"
             if self._late:
-                found = f"a file that takes more than {_seconds(self._file)} s to read"
+                found = f"a file that takes more than {_seconds(self.file)} s to read"
                 cure += ", in parts or with fewer columns"
-            raise ReadError(found, "a file that is whole", cure, file=self._file) from None
+            raise ReadError(found, "a file that is whole", cure, file=self.file) from None
         finally:
             if late:
                 late.cancel()

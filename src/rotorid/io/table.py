@@ -129,10 +129,6 @@ def not_what_it_says(path: Path, found: str, expected: str) -> ReadError:
     )
 
 
-def check_size(values: int, file: str, itemsize: int = 8) -> None:
-    check_held(values * itemsize, os.path.getsize(file), file)
-
-
 def check_held(size: int, held: int, file: str) -> None:
     """Refuse to make more bytes of numbers than those can stand for that hold them."""
     if size > max(COMPRESSION * held, UNPACKED_BYTES):
@@ -311,23 +307,6 @@ class Format:
     kind: str
     contents: tuple[str, ...] = ()  # `kind` where nothing else is said
 
-    def open(self, path: Path) -> Sandbox:
-        found = content(path)
-        if found not in (self.contents or (self.kind,)):
-            raise not_what_it_says(path, found, self.kind)
-        try:
-            import_module(self.package)  # here once: each child would take its time to import it
-        except ImportError:
-            raise ReadError(
-                f"no package {self.package.partition('.')[0]}, which reads {path.suffix} files",
-                "it to be installed",
-                "pip install 'rotorid[files]'",
-                file=str(path),
-            ) from None
-        module, _, name = self.opener.partition(".")
-        opener = getattr(import_module(f"rotorid.io.{module}"), name)
-        return Sandbox(opener, str(path), self.kind)
-
 
 HDF5 = Format("hdf5.open_hdf5", "h5py", "HDF5 data", ("HDF5 data", "a MAT v7.3 file"))
 MAT = Format("formats.open_mat", "scipy.io", "MAT data", ("a MAT v5 file", "binary data"))
@@ -346,22 +325,36 @@ READERS = (*TEXTS, *FORMATS)
 """Endings of files of columns."""
 
 
-class Stored:
+class Stored(Sandbox):
     """Columns that stay in their file, which a child reads."""
 
     def __init__(self, path: Path, format: Format) -> None:
-        self.file, self._path, self._format = str(path), path, format
-        self._child = format.open(path)
+        found = content(path)
+        if found not in (format.contents or (format.kind,)):
+            raise not_what_it_says(path, found, format.kind)
+        try:
+            import_module(format.package)  # here once: each child would take its time to import it
+        except ImportError:
+            raise ReadError(
+                f"no package {format.package.partition('.')[0]}, which reads {path.suffix} files",
+                "it to be installed",
+                "pip install 'rotorid[files]'",
+                file=str(path),
+            ) from None
+        self._path, self._format = path, format
+        module, _, name = format.opener.partition(".")
+        opener = getattr(import_module(f"rotorid.io.{module}"), name)
+        super().__init__(opener, str(path), format.kind)
 
     @cached_property
     def names(self) -> list[str]:
-        return list(self._child.ask("names"))
+        return list(self.ask("names"))
 
     def find(self, name: str) -> str:
-        return str(self._child.ask("find", name))
+        return str(self.ask("find", name))
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        parts = self._child.stream("read", list(names))
+        parts = self.stream("read", list(names))
         return dict(chain.from_iterable(part.items() for part in parts))
 
     def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]:
@@ -379,14 +372,14 @@ class Stored:
         return found
 
     def scalar(self, name: str) -> float:
-        return float(self._child.ask("scalar", name))
+        return float(self.ask("scalar", name))
 
     def size_in_blocks(self, names: Sequence[str]) -> int:
-        return int(self._child.ask("size_in_blocks", list(names)))
+        return int(self.ask("size_in_blocks", list(names)))
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
         """Yield so many rows of all columns after others, from a child of their own."""
-        child = self._format.open(self._path)
+        child = Stored(self._path, self._format)
         try:
             yield from child.stream("read", list(names), rows)
         finally:
