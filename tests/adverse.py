@@ -16,6 +16,7 @@ from rotor_bank import (
     UNBALANCE,
     Complexes,
     Floats,
+    Rotor,
     jeffcott_rotor,
     rigid_rotor,
     three_mass_rotor,
@@ -32,27 +33,16 @@ each, chance takes one in a hundred records of few periods there."""
 
 @dataclass(frozen=True)
 class Machine:
-    """Matrices of a rotor; `unbalance` is the load of exp(i phi) per speed squared."""
+    """A model, a rotor that is one, and what its sensors read."""
 
     model: Model
     truth: Mapping[str, float]
-    inertia: Floats
-    damping: Floats
-    gyroscopic: Floats
-    stiffness: Floats
-    inputs: Floats
-    unbalance: Complexes
+    rotor: Rotor
     sensors: Mapping[str, Mapping[str, float]]
     fixed: tuple[str, ...] = ()
 
-    def response(self, omega: float, speed: float, load: Complexes) -> Complexes:
-        """Return the motion of all coordinates at one frequency."""
-        rate = self.damping + speed * self.gyroscopic
-        whole = -(omega**2) * self.inertia + 1j * omega * rate + self.stiffness
-        return np.asarray(np.linalg.solve(whole, load))
-
     def reading(self, name: str) -> Floats:
-        row = np.zeros(len(self.inertia))
+        row = np.zeros(len(self.rotor.M))
         for coordinate, share in self.sensors[name].items():
             row[self.model.coordinates.index(coordinate)] = share
         return row
@@ -68,7 +58,7 @@ def jeffcott(rng: np.random.Generator) -> Machine:
     model = load_model("jeffcott")
     p = _varied({n: model.nominal[n] for n in model.parameter_names}, rng, "xi zeta")
     p["c"] *= 3
-    return Machine(model, p, *jeffcott_rotor(p), {"x": {"x": 1.0}, "y": {"y": 1.0}})
+    return Machine(model, p, jeffcott_rotor(p), {"x": {"x": 1.0}, "y": {"y": 1.0}})
 
 
 def rigid(rng: np.random.Generator) -> Machine:
@@ -79,7 +69,7 @@ def rigid(rng: np.random.Generator) -> Machine:
         "s_xa": {"x": 1.0, "theta_y": -0.17}, "s_ya": {"y": 1.0, "theta_x": 0.17},
         "s_xb": {"x": 1.0, "theta_y": 0.21}, "s_yb": {"y": 1.0, "theta_x": -0.21},
     }  # fmt: skip
-    return Machine(model, p, *rigid_rotor(p), sensors, ("L_a",))
+    return Machine(model, p, rigid_rotor(p), sensors, ("L_a",))
 
 
 def three(rng: np.random.Generator, sensors: str = "x1 y1 x3 y3") -> Machine:
@@ -88,7 +78,7 @@ def three(rng: np.random.Generator, sensors: str = "x1 y1 x3 y3") -> Machine:
     p["I_p"] = min(p["I_p"], 1.9 * p["I_t"])
     read = {name: {name: 1.0} for name in sensors.split()}
     fixed = () if len(read) == 8 else ("L1",)
-    return Machine(load_model("three-mass"), p, *three_mass_rotor(p), read, fixed)
+    return Machine(load_model("three-mass"), p, three_mass_rotor(p), read, fixed)
 
 
 def three_eight(rng: np.random.Generator) -> Machine:
@@ -135,7 +125,7 @@ class Trial:
         return round(RATE / FUNDAMENTAL)
 
     def change(self, **matrices: Any) -> None:
-        self.machine = replace(self.machine, **matrices)
+        self.machine = replace(self.machine, rotor=self.machine.rotor._replace(**matrices))
 
 
 def new_trial(kind: str, rng: np.random.Generator) -> Trial:
@@ -158,13 +148,12 @@ def _period(trial: Trial, lines: Mapping[int, Complexes]) -> Floats:
 
 def measure(trial: Trial) -> None:
     """Fill the columns: steady motion under forces and unbalance, and white noise."""
-    m, speed = trial.machine, TURN * FUNDAMENTAL * trial.rotation
-    omega = {k: TURN * FUNDAMENTAL * k for k in range(1, trial.size // 2)}
+    m, speed = trial.machine.rotor, TURN * FUNDAMENTAL * trial.rotation
     force = dict(zip(LINES, trial.forces, strict=True))
-    motion = {k: m.response(omega[k], speed, m.inputs @ f) for k, f in force.items()}
-    once = np.zeros(len(m.inertia), dtype=complex)
+    motion = {k: m.response(TURN * FUNDAMENTAL * k, speed, m.B @ f) for k, f in force.items()}
+    once = np.zeros(len(m.M), dtype=complex)
     if speed:
-        once = m.response(speed, speed, m.unbalance * speed**2)
+        once = m.response(speed, speed, m.U * speed**2)
     if trial.cubic is not None:
         row, k3 = trial.cubic
         at = _bent(trial, motion, once, row, k3)
@@ -174,7 +163,7 @@ def measure(trial: Trial) -> None:
     u = np.tile(_period(trial, force), (trial.periods, 1))
     q = np.tile(_period(trial, motion), (trial.periods, 1))
     q += (once * np.exp(1j * speed * time)[:, None]).real
-    read = np.stack([m.reading(name) for name in m.sensors], axis=1)
+    read = np.stack([*map(trial.machine.reading, trial.sensors)], axis=1)
     noise = trial.rng.standard_normal((count, u.shape[1] + read.shape[1]))
     values = np.concatenate([u + 0.3 * noise[:, : u.shape[1]], q @ read], axis=1)
     values[:, u.shape[1] :] += trial.noise * noise[:, u.shape[1] :]
@@ -185,8 +174,8 @@ def _bent(
     trial: Trial, linear: Mapping[int, Complexes], once: Complexes, row: int, k3: float
 ) -> dict[int, Complexes]:
     """Return what a cubic spring at a coordinate adds to the lines: fixed point iteration."""
-    m, speed, size = trial.machine, TURN * FUNDAMENTAL * trial.rotation, trial.size
-    count, turns = len(m.inertia), round(trial.rotation)
+    m, speed, size = trial.machine.rotor, TURN * FUNDAMENTAL * trial.rotation, trial.size
+    count, turns = len(m.M), round(trial.rotation)
     where, added = np.eye(count)[:, row] + 0j, np.zeros((size // 2, count), dtype=complex)
     base = np.zeros_like(added)
     for k, v in linear.items():

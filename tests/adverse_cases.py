@@ -179,9 +179,9 @@ def gap(_: Trial, x: Floats) -> Floats:
 
 def heavier(trial: Trial) -> None:
     """Add a third of the first mass at the first coordinate."""
-    more = np.zeros_like(trial.machine.inertia)
-    more[0, 0] = 0.3 * trial.machine.inertia[0, 0]
-    trial.change(inertia=trial.machine.inertia + more)
+    mass = trial.machine.rotor.M.copy()
+    mass[0, 0] *= 1.3
+    trial.change(M=mass)
 
 
 def between(trial: Trial) -> None:
@@ -189,43 +189,43 @@ def between(trial: Trial) -> None:
     length, row = trial.machine.truth["L1"], np.zeros((2, 8))
     row[0, [0, 2, 5]] = 0.5, 0.5, length / 8
     row[1, [1, 3, 4]] = 0.5, 0.5, -length / 8
-    trial.change(inertia=trial.machine.inertia + 0.2 * row.T @ row)
+    trial.change(M=trial.machine.rotor.M + 0.2 * row.T @ row)
 
 
 def damped(trial: Trial) -> None:
-    m = trial.machine
-    stiff = m.stiffness if m.stiffness.any() else 1e6 * m.inertia
-    trial.change(damping=m.damping + 3e-5 * stiff)
+    m = trial.machine.rotor
+    stiff = m.K if m.K.any() else 1e6 * m.M
+    trial.change(D=m.D + 3e-5 * stiff)
 
 
 def asymmetric(trial: Trial) -> None:
     """Be softer in y."""
-    stiffness = trial.machine.stiffness.copy()
+    stiffness = trial.machine.rotor.K.copy()
     odd = np.array([1, 3, 4, 7]) if len(stiffness) == 8 else np.arange(1, len(stiffness), 2)
     stiffness[np.ix_(odd, odd)] *= 0.97
-    trial.change(stiffness=stiffness)
+    trial.change(K=stiffness)
 
 
 def sealed(trial: Trial) -> None:
     """Push square to the displacement, as a seal does."""
-    stiffness = trial.machine.stiffness.copy()
-    size = 0.02 * (TURN * 100) ** 2 * trial.machine.inertia[0, 0]
+    stiffness = trial.machine.rotor.K.copy()
+    size = 0.02 * (TURN * 100) ** 2 * trial.machine.rotor.M[0, 0]
     stiffness[0, 1] += size
     stiffness[1, 0] -= size
-    trial.change(stiffness=stiffness)
+    trial.change(K=stiffness)
 
 
 def grounded(trial: Trial) -> None:
     """Pull at the first mass, as a force law without its k_s does."""
-    stiffness = trial.machine.stiffness.copy()
-    stiffness[[0, 1], [0, 1]] -= 0.05 * (TURN * 100) ** 2 * trial.machine.inertia[0, 0]
-    trial.change(stiffness=stiffness)
+    stiffness = trial.machine.rotor.K.copy()
+    stiffness[[0, 1], [0, 1]] -= 0.05 * (TURN * 100) ** 2 * trial.machine.rotor.M[0, 0]
+    trial.change(K=stiffness)
 
 
 def hardening(trial: Trial) -> None:
     """Let a spring at the first coordinate stiffen by a few percent at the peak."""
-    m = trial.machine
-    trial.cubic = (0, 0.02 * max(m.stiffness[0, 0], (TURN * 20) ** 2 * m.inertia[0, 0]))
+    m = trial.machine.rotor
+    trial.cubic = (0, 0.02 * max(m.K[0, 0], (TURN * 20) ** 2 * m.M[0, 0]))
 
 
 def equal(share: float) -> Edit:

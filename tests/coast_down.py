@@ -4,26 +4,21 @@ from pathlib import Path
 
 import numpy as np
 from io_writers import write_table
+from model_text import model_text
 from scipy import signal
 
 import rotorid as rid
 
-MODEL = """
-title = "Jeffcott rotor in passive bearings, with a trial mass"
-equations = [
-  "m*x'' + c*x' + k*x = Omega^2*((u_x + t_x)*cos(phi) - (u_y + t_y)*sin(phi))",
-  "m*y'' + c*y' + k*y = Omega^2*((u_x + t_x)*sin(phi) + (u_y + t_y)*cos(phi))",
-]
-coordinates = { x = "m", y = "m" }
-[parameters]
-m = { unit = "kg", nominal = 4.0, positive = true }
-c = { unit = "N s/m", nominal = 40.0, positive = true }
-k = { unit = "N/m", nominal = 1.3e6, positive = true }
-u_x = { unit = "kg m" }
-u_y = { unit = "kg m" }
-t_x = { unit = "kg m" }
-t_y = { unit = "kg m" }
-"""
+MODEL = model_text(
+    "Jeffcott rotor in passive bearings, with a trial mass",
+    [
+        "m*x'' + c*x' + k*x = Omega^2*((u_x + t_x)*cos(phi) - (u_y + t_y)*sin(phi))",
+        "m*y'' + c*y' + k*y = Omega^2*((u_x + t_x)*sin(phi) + (u_y + t_y)*cos(phi))",
+    ],
+    "x m, y m",
+    "",
+    "m +4.0 kg, c +40.0 N s/m, k +1.3e6 N/m, u_x kg m, u_y kg m, t_x kg m, t_y kg m",
+)
 EXPERIMENT = """
 model = "model.toml"
 [[records]]

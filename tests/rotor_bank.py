@@ -50,6 +50,11 @@ class Rotor(NamedTuple):
         """Return the load of the unbalance, shape (sample, coordinate)."""
         return speed**2 * np.outer(np.exp(1j * phi), self.U).real
 
+    def response(self, omega: float, speed: float, load: Complexes) -> Complexes:
+        """Return the motion of all coordinates at one frequency."""
+        whole = -(omega**2) * self.M + 1j * omega * (self.D + speed * self.G) + self.K
+        return np.asarray(np.linalg.solve(whole, load))
+
     def lines(self, speed: float, omega: Floats, force: Complexes) -> Complexes:
         """Return all coordinates on lines, under forces and unbalance, shape (line, coordinate)."""
         right = force @ self.B.T + 0j

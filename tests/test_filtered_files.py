@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from io_writers import write_table
+from model_text import model_text
 from sampled_bank import AXIS_TRUE, axis
 
 import rotorid as rid
@@ -121,34 +122,20 @@ def test_a_draft_for_a_nonlinear_model_gives_a_cutoff(folder, capsys):
     capsys.readouterr()
 
 
-PENDULUM = '''
-title = "double pendulum"
-equations = [
-  """(J1 + 37*Ir + 2*h*l1*cos(q2) + J2)*q1'' + (J2 + h*l1*cos(q2) - 6*Ir)*q2''
-     - 2*h*l1*sin(q2)*q1'*q2' - h*l1*sin(q2)*q2'^2 + g*(a*sin(q1) + h*sin(q1 + q2))
-     + b1*q1' + cf1*sign(q1') = tau1""",
-  """(J2 + h*l1*cos(q2) - 6*Ir)*q1'' + (J2 + 36*Ir)*q2'' + h*l1*sin(q2)*q1'^2
-     + g*h*sin(q1 + q2) + b2*q2' + cf2*sign(q2') = tau2""",
-]
-[coordinates]
-q1 = "rad"
-q2 = "rad"
-[inputs]
-tau1 = "N m"
-tau2 = "N m"
-[parameters]
-J1 = { unit = "kg m^2" }
-J2 = { unit = "kg m^2" }
-Ir = { unit = "kg m^2" }
-h = { unit = "kg m" }
-a = { unit = "kg m" }
-l1 = { unit = "m" }
-g = { unit = "m/s^2" }
-b1 = { unit = "N m s" }
-b2 = { unit = "N m s" }
-cf1 = { unit = "N m" }
-cf2 = { unit = "N m" }
-'''
+PENDULUM = model_text(
+    "double pendulum",
+    [
+        "(J1 + 37*Ir + 2*h*l1*cos(q2) + J2)*q1'' + (J2 + h*l1*cos(q2) - 6*Ir)*q2''"
+        " - 2*h*l1*sin(q2)*q1'*q2' - h*l1*sin(q2)*q2'^2 + g*(a*sin(q1) + h*sin(q1 + q2))"
+        " + b1*q1' + cf1*sign(q1') = tau1",
+        "(J2 + h*l1*cos(q2) - 6*Ir)*q1'' + (J2 + 36*Ir)*q2'' + h*l1*sin(q2)*q1'^2"
+        " + g*h*sin(q1 + q2) + b2*q2' + cf2*sign(q2') = tau2",
+    ],
+    "q1 rad, q2 rad",
+    "tau1 N m, tau2 N m",
+    "J1 kg m^2, J2 kg m^2, Ir kg m^2, h kg m, a kg m, l1 m, g m/s^2, b1 N m s, b2 N m s, "
+    "cf1 N m, cf2 N m",
+)
 
 
 @pytest.mark.slow

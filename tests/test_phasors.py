@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, write
 from io_writers import write_table
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import InputError
@@ -299,28 +300,20 @@ def test_bad_input_is_one_line(folder, row, old, new, message, capsys):
     assert re.search(message, said)
 
 
-WHIRLING = """
-title = "Rigid rotor in two different elastic bearings"
-equations = [
-  "m*x'' + 2*c*x' + (k_a + k_b)*x + KL*b = Omega^2*u*cos(phi)",
-  "m*y'' + 2*c*y' + 1.5*(k_a + k_b)*y + 1.5*KL*a = Omega^2*u*sin(phi)",
-  "I_t*a'' - Omega*I_p*b' + 1.5*KL*y + 1.5*KLL*a + d*a' = Omega^2*w*sin(phi)",
-  "I_t*b'' + Omega*I_p*a' + KL*x + KLL*b + d*b' = Omega^2*w*cos(phi)",
-]
-coordinates = { x = "m", y = "m", a = "rad", b = "rad" }
-[parameters]
-m = { unit = "kg", nominal = 9.0, positive = true }
-c = { unit = "N s/m", nominal = 30.0 }
-d = { unit = "N m s", nominal = 0.4 }
-k_a = { unit = "N/m", nominal = 1.2e5, positive = true }
-k_b = { unit = "N/m", nominal = 1.8e5, positive = true }
-L_a = { unit = "m" }
-L_b = { unit = "m" }
-I_t = { unit = "kg m^2", nominal = 0.25, positive = true }
-I_p = { unit = "kg m^2", nominal = 0.12, positive = true }
-u = { unit = "kg m" }
-w = { unit = "kg m^2" }
-""".replace("KLL", "(k_a*L_a^2 + k_b*L_b^2)").replace("KL", "(k_b*L_b - k_a*L_a)")
+WHIRLING = model_text(
+    "Rigid rotor in two different elastic bearings",
+    [
+        "m*x'' + 2*c*x' + (k_a + k_b)*x + KL*b = Omega^2*u*cos(phi)",
+        "m*y'' + 2*c*y' + 1.5*(k_a + k_b)*y + 1.5*KL*a = Omega^2*u*sin(phi)",
+        "I_t*a'' - Omega*I_p*b' + 1.5*KL*y + 1.5*KLL*a + d*a' = Omega^2*w*sin(phi)",
+        "I_t*b'' + Omega*I_p*a' + KL*x + KLL*b + d*b' = Omega^2*w*cos(phi)",
+    ],
+    "x m, y m, a rad, b rad",
+    "",
+    "m +9.0 kg, c 30.0 N s/m, d 0.4 N m s, k_a +1.2e5 N/m, k_b +1.8e5 N/m, L_a m, L_b m, "
+    "I_t +0.25 kg m^2, I_p +0.12 kg m^2, u kg m, w kg m^2",
+)
+WHIRLING = WHIRLING.replace("KLL", "(k_a*L_a^2 + k_b*L_b^2)").replace("KL", "(k_b*L_b - k_a*L_a)")
 
 
 @pytest.mark.parametrize("senses", [(1,), (-1,), (1, -1)])

@@ -417,7 +417,8 @@ def test_another_record_is_predicted(kind):
 @pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three"])
 def test_another_rotor_is_not(kind):
     trial, estimate = identified(kind, 2)
-    heavier = replace(trial.machine, inertia=1.02 * trial.machine.inertia)
+    rotor = trial.machine.rotor
+    heavier = replace(trial.machine, rotor=rotor._replace(M=1.02 * rotor.M))
     found = channel_errors(trial.machine.model, estimate, further(trial, heavier))
     told = verdict_of([found])
     said = told.sentence
@@ -443,7 +444,8 @@ def test_chances_are_even():
 def test_deviations_count():
     """With values that are not known at all any record of another rotor is predicted."""
     trial, estimate = identified("jeffcott", 2)
-    heavier = replace(trial.machine, inertia=1.02 * trial.machine.inertia)
+    rotor = trial.machine.rotor
+    heavier = replace(trial.machine, rotor=rotor._replace(M=1.02 * rotor.M))
     record = further(trial, heavier)
     unsure = estimate.with_(
         covariance=1e4 * estimate.covariance,
