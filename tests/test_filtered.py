@@ -117,18 +117,6 @@ def test_what_is_left_out_has_no_say():
     )
 
 
-def test_delay_and_hold_of_a_channel_are_undone():
-    record = quiet_axis()
-    late = np.roll(record.samples[:, 0], 8)
-    channels = (replace(record.channels[0], delay=0.008), record.channels[1])
-    samples = np.column_stack([late, record.samples[:, 1]])
-    told_of_it = replace(record, channels=channels, samples=samples)
-    found = rid.identify(AXIS, rid.filtered(told_of_it, 60.0), "ls")
-    assert found.value("Fv") == pytest.approx(200.0, rel=5e-3)
-    untold = rid.identify(AXIS, rid.filtered(replace(record, samples=samples), 60.0), "ls")
-    assert untold.value("Fv") != pytest.approx(200.0, rel=0.02)
-
-
 def test_several_runs_in_one_fit():
     runs = [rid.filtered(axis(np.random.default_rng(s), seconds=5.0), 40.0) for s in range(8)]
     alone, together = rid.identify(AXIS, runs[0], "ls"), rid.identify(AXIS, runs, "ls")

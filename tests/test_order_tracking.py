@@ -102,14 +102,6 @@ def test_a_run_down_gives_the_rotor():
         assert abs(estimate.value(name) - value) < 4 * std
 
 
-def test_backward():
-    record = run_down(np.random.default_rng(4), 1e-5, seconds=60.0, sense=-1)
-    known = {**KNOWN, "m": 5.0}
-    estimate = rid.identify(JEFFCOTT, rid.phasors(record), rid.MaximumLikelihood(fixed=known))
-    assert estimate.value("u_y") == pytest.approx(TRUTH["u_y"], rel=0.05)
-    assert estimate.value("k") == pytest.approx(TRUTH["k"], rel=0.01)
-
-
 @pytest.mark.slow
 def test_a_run_down_too_fast_to_settle_is_told():
     """At 60 N s/m the motion decays with 6 1/s, and 26 rad/s^2 are most of its square."""
@@ -151,6 +143,8 @@ def test_samples_left_out_leave_their_segments_out():
 def test_what_is_skipped():
     table = rid.phasors(turning(2.0, noise=0.01), 8, skip=10.0)
     assert table.frequency.min() > 30.0
+    with pytest.raises(InputError, match="found skip = 100 s"):
+        rid.phasors(turning(1.0), skip=100.0)
 
 
 @pytest.mark.parametrize(
@@ -166,11 +160,6 @@ def test_what_is_skipped():
 def test_records_that_are_no_run_up(record, revolutions, message):
     with pytest.raises(InputError, match=message):
         rid.phasors(record, revolutions)
-
-
-def test_nothing_is_left_after_skip():
-    with pytest.raises(InputError, match="found skip = 100 s"):
-        rid.phasors(turning(1.0), skip=100.0)
 
 
 CUT = """

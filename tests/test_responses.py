@@ -79,10 +79,6 @@ class TestExact:
         found = -(OMEGA[:, None] ** 2) * response()[:, [0, 2]]
         check_truth(estimate(found, sensors, std=1e-7))
 
-    def test_one_mobility(self):
-        sensor = rid.Channel("v1", "m/s", {"x1'": 1.0})
-        check_truth(estimate(1j * OMEGA[:, None] * response()[:, :1], [sensor], std=1e-12))
-
     def test_responses_to_two_forces(self):
         g = rid.Channel("G", "N")
         lines = [
