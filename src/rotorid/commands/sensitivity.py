@@ -86,7 +86,7 @@ def _read(
     plan: Experiment, pairs: Mapping[str, str]
 ) -> tuple[Sequence[PeriodicRecord] | Sequence[Record], dict[str, Any]]:
     entries = plan.entry.records
-    if len({entry.periodic for entry in entries}) > 1:
+    if len({entry.made == "periods" for entry in entries}) > 1:
         raise InputError(
             "records of periods beside whole ones",
             "one or the other",
@@ -97,7 +97,7 @@ def _read(
     records = []
     for number, channels in enumerate(plan.channels):
         entry = channels.entry
-        if entry.channel_kind != "samples" or entry.is_cut or entry.cutoff is not None:
+        if entry.made not in ("periods", "whole"):
             raise InputError(
                 "a record that is no samples of an excitation",
                 "periods, or a whole record with its band",
@@ -106,7 +106,7 @@ def _read(
                 place=f"records.{number}",
             )
         records.append(measured(channels, _beside(channels, pairs)))
-    if entries[0].periodic:
+    if entries[0].made == "periods":
         cut = [periods_of(record, entry) for record, entry in zip(records, entries, strict=True)]
         return cut, {}
     return records, {"band": entries[0].band, "skip": float(entries[0].skip or 0.0)}

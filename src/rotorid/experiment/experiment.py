@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -27,7 +28,6 @@ from rotorid.io import READERS, read_record
 from rotorid.models import Model, load_model
 from rotorid.models.equations import polynomial
 from rotorid.models.knowledge import Constraint, Knowledge, Mode, in_units_of, unit_of_expression
-from rotorid.models.model import Parameter
 from rotorid.signals.average import KEYS
 from rotorid.signals.inspection import Inspection, LineInspection, inspect_lines, inspect_record
 
@@ -424,13 +424,7 @@ def knowledge_of(entry: schema.ExperimentFile, model: Model) -> Knowledge[float]
         unit = unit_of_expression(one.expression, model, place)
         expressions.append((one.expression, _in_si(one, unit, place)))
     _check_once(entry, model)
-    parameters = {}
-    for name, knowledge in entry.parameters.items():
-        place = f"parameters.{name}"
-        parameter = _parameter(name, model, place)
-        parameters[name] = _in_si(knowledge, parameter.unit, place)
-        if parameter.positive:
-            _check_signs(parameters[name], place)
+    parameters = {n: _told(n, one, model, "parameters") for n, one in entry.parameters.items()}
     every = (*parameters.items(), *expressions)
     fixed, values, stds, start = (
         {name: told[key] for name, told in parameters.items() if key in told}
@@ -453,23 +447,28 @@ def own_values(
     entries: Mapping[str, schema.OwnEntry], model: Model, place: str
 ) -> dict[str, tuple[float, float]]:
     """Return the parameters that a record has to itself, value and deviation in SI."""
-    found = {}
-    for name, entry in entries.items():
-        where = f"{place}.{name}"
-        parameter = _parameter(name, model, where)
-        told = _in_si(entry, parameter.unit, where)
-        value = told.get("fixed", told.get("value", 0.0))
-        # A trial mass of none is 0, whatever the model says of those that are there.
-        if parameter.positive and value < 0:
-            _check_signs(told, where)
-        found[name] = (value, told.get("std", 0.0))
-    return found
+    told = {name: _told(name, one, model, place) for name, one in entries.items()}
+    return {n: (t.get("fixed", t.get("value", 0.0)), t.get("std", 0.0)) for n, t in told.items()}
 
 
-def _parameter(name: str, model: Model, place: str) -> Parameter:
-    known = {parameter.name: parameter for parameter in model.parameters}
+def _told(
+    name: str, entry: schema.ParameterEntry | schema.OwnEntry, model: Model, place: str
+) -> dict[str, float]:
+    """Return in SI what is said of a parameter."""
+    known, place = {p.name: p for p in model.parameters}, f"{place}.{name}"
     require_names([name], known, "{}, which is no parameter of the model", place=place)
-    return known[name]
+    told = _in_si(entry, known[name].unit, place)
+    # A trial mass of none is 0 in a record, whatever the model says of those that are there.
+    least = 0.0 if isinstance(entry, schema.OwnEntry) else math.ulp(0.0)
+    for key in {"fixed", "value", "start"} & told.keys():
+        if known[name].positive and told[key] < least:
+            raise InputError(
+                f"{told[key]:g}",
+                "more than 0, since the model says positive = true",
+                "correct one of them",
+                place=f"{place}.{key}",
+            )
+    return told
 
 
 def _in_si(entry: schema.PriorKeys | schema.OwnEntry, unit: str, place: str) -> dict[str, float]:
@@ -486,17 +485,6 @@ def _in_si(entry: schema.PriorKeys | schema.OwnEntry, unit: str, place: str) -> 
             place=f"{place}.std",
         )
     return found
-
-
-def _check_signs(told: Mapping[str, float], place: str) -> None:
-    for key in ("fixed", "value", "start"):
-        if told.get(key, 1.0) <= 0:
-            raise InputError(
-                f"{told[key]:g}",
-                "more than 0, since the model says positive = true",
-                "correct one of them",
-                place=f"{place}.{key}",
-            )
 
 
 def _check_once(entry: schema.ExperimentFile, model: Model) -> None:
@@ -527,8 +515,8 @@ def _modes(entry: schema.ExperimentFile, model: Model) -> tuple[Mode, ...]:
     found = []
     for number, one in enumerate(entry.modes):
         place = f"modes.{number}"
-        for name in one.parameters:
-            _parameter(name, model, f"{place}.parameters.{name}")
+        no = "{}, which is no parameter of the model"
+        require_names(one.parameters, model.parameter_names, no, place=f"{place}.parameters")
         damping = None if one.damping is None else (one.damping.value, one.damping.std)
         said = {name: str(value) for name, value in one.parameters.items()}
         with naming(place=place):

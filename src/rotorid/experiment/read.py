@@ -24,7 +24,7 @@ from rotorid.io import Source, open_table, read_record
 from rotorid.io.columns import open_blocks
 from rotorid.io.table import Column
 from rotorid.models import Model
-from rotorid.models.equations import DERIVATIVES, SensorTerm, sensor_terms
+from rotorid.models.equations import DERIVATIVES, linear_combination, sensor_terms
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import RecordBlocks, average, average_blocks
 from rotorid.signals.checks.periods import detect_settling
@@ -84,7 +84,7 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source
             "rename the channel",
             place=place,
         )
-    reads = None if entry.reads is None else _combination(entry.reads, model, f"{place}.reads")
+    reads = _combination(entry, model, place)
     stated = entry.column is not None and (kind == "responses" or reads is None)
     if entry.unit is None and not stated:
         raise InputError("no unit", _UNIT_OF[kind], "write it", place=f"{place}.unit")
@@ -153,21 +153,12 @@ def _as_recorded(entry: Recorded, expected: str | None, dynamics: Dynamics | Non
     )
 
 
-def _combination(text: str, model: Model, place: str) -> dict[str, float]:
+def _combination(entry: ChannelEntry, model: Model, place: str) -> dict[str, float] | None:
     """Return what a sensor reads, by dotted coordinates, or products of them with parameters."""
-    return {
-        "*".join([*factors, model.coordinates[t.coordinate] + DERIVATIVES[t.order]]): t.coefficient
-        for factors, t in _products(text, model.coordinates, model, place)
-    }
-
-
-def _products(
-    text: str, names: Sequence[str], model: Model, place: str
-) -> Iterator[tuple[list[str], SensorTerm]]:
-    """Yield the terms of a combination of names, each after the parameters that multiply it."""
-    for term in sensor_terms(text, names, model.parameter_names, place=place):
-        powers = zip(model.parameter_names, term.powers, strict=True)
-        yield [name for name, power in powers for _ in range(power)], term
+    names, text = (model.coordinates, model.parameter_names), entry.reads
+    if text is None:
+        return None
+    return linear_combination(text, *names, derivatives=True, place=f"{place}.reads")
 
 
 def dynamics_of(
@@ -269,25 +260,16 @@ def _law_dynamics(
 def _position(entry: ChannelEntry, entries: Entries, model: Model) -> dict[str, float]:
     if entry.position is None:
         return {}
-    reads = {
-        name: _combination(sensor.reads, model, f"channels.{name}.reads")
-        for name, sensor in entries.items()
-        if sensor.reads is not None
-    }
-    known = list(dict.fromkeys((*model.coordinates, *reads)))
+    read = {name: _combination(one, model, f"channels.{name}") for name, one in entries.items()}
+    sensors = {name: reads for name, reads in read.items() if reads is not None}
+    known = list(dict.fromkeys((*model.coordinates, *sensors)))
     total: dict[str, float] = {}
-    for levers, term in _products(entry.position, known, model, "position"):
-        if term.order:
-            raise InputError(
-                f"{entry.position[:60]!r}, which holds a derivative",
-                "a combination of positions here",
-                "leave the derivative out",
-                place="position",
-            )
-        name = known[term.coordinate]
-        for coordinate, share in reads.get(name, {name: 1.0}).items():
+    parts = linear_combination(entry.position, known, model.parameter_names, place="position")
+    for product, factor in parts.items():
+        *levers, name = product.split("*")
+        for coordinate, share in sensors.get(name, {name: 1.0}).items():
             text = "*".join([*levers, coordinate])
-            total[text] = total.get(text, 0.0) + term.coefficient * share
+            total[text] = total.get(text, 0.0) + factor * share
     return {name: value for name, value in total.items() if value}
 
 

@@ -441,23 +441,17 @@ class RecordEntry(RecordKeys):
 
     @property
     def made(self) -> str:
-        """What is made of the record, as `_MADE` has it."""
+        """What is made of the record, as `_MADE` has it: a run-up is cut into a table."""
         if self.kind != "samples":
-            return "run-up" if self.is_cut else self.kind
-        return "filtered" if self.cutoff is not None else "periods" if self.periodic else "whole"
-
-    @property
-    def is_cut(self) -> bool:
-        """Whether samples are cut into a table of phasors, by the angle of the rotor."""
-        return self.kind == "phasors" and (self.angle is not None or self.keyphasor is not None)
+            turned = self.kind == "phasors" and (self.angle or self.keyphasor)
+            return "run-up" if turned else self.kind
+        if self.cutoff is not None:
+            return "filtered"
+        return "whole" if self.fundamental is None and self.period_samples is None else "periods"
 
     @property
     def channel_kind(self) -> Kind:
-        return "samples" if self.is_cut else self.kind
-
-    @property
-    def periodic(self) -> bool:
-        return self.fundamental is not None or self.period_samples is not None
+        return "samples" if self.made == "run-up" else self.kind
 
 
 class PriorKeys(Schema):

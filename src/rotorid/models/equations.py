@@ -162,17 +162,29 @@ def sensor_terms(
     return tuple(found)
 
 
-def linear_combination(text: str, names: Sequence[str], *, place: str = "") -> dict[str, float]:
-    terms = sensor_terms(text, names, place=place)
-    moving = [t for t in terms if t.order]
-    if moving:
-        raise InputError(
-            f"{text[:60]!r}, which holds a derivative",
-            "a combination of positions here",
-            "leave the derivative out",
-            place=place,
-        )
-    return {names[t.coordinate]: t.coefficient for t in terms}
+def linear_combination(
+    text: str,
+    names: Sequence[str],
+    parameters: Sequence[str] = (),
+    *,
+    derivatives: bool = False,
+    place: str = "",
+) -> dict[str, float]:
+    """Return the coefficients of names, of what multiplies them too: ``L_a*theta_y``, ``x''``."""
+    found = {}
+    for term in sensor_terms(text, names, parameters, place=place):
+        if term.order and not derivatives:
+            raise InputError(
+                f"{text[:60]!r}, which holds a derivative",
+                "a combination of positions here",
+                "leave the derivative out",
+                place=place,
+            )
+        powers = zip(parameters, term.powers, strict=True)
+        levers = [name for name, power in powers for _ in range(power)]
+        product = [*levers, names[term.coordinate] + DERIVATIVES[term.order]]
+        found["*".join(product)] = term.coefficient
+    return found
 
 
 _NUMBER = Dimension()
