@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError, naming
 from rotorid.core.units import si_factor, to_si
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.table_lines import phasor_lines, response_lines
@@ -23,12 +23,12 @@ from rotorid.io.table import ColumnFile
 from rotorid.signals.checks.channels import check_phases, check_probes
 
 
-@frozen
 class Columns:
-    """The columns of a table, in SI."""
+    """The columns of a table, in SI and of one length."""
 
-    table: ColumnFile
-    overrule: bool
+    def __init__(self, table: ColumnFile, overrule: bool) -> None:
+        self.table, self.overrule = table, overrule
+        self.rows: int | None = None
 
     def si(self, column: str, unit: str | None, expected: str, place: str) -> Floats:
         with naming(place=place):
@@ -49,17 +49,20 @@ class Columns:
                 place=place,
             )
         check_magnitude(largest_of(found.values), factor, place)
+        rows = len(found.values)
+        if self.rows not in (None, rows):
+            told = f"{self.rows} and {rows} rows"
+            raise InputError(told, "columns of one length", "cut them", place=place)
+        self.rows = rows
         return np.asarray(found.values * factor)
 
 
-def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
+def complex_column(rows: Columns, entry: ChannelEntry, expected: str, place: str) -> Complexes:
     """Return X of a channel in a unit: what the instrument states, as Re(X exp(i phi)) has it."""
-    place = f"channels.{name}"
     first, second = entry.parts
     unit = (entry.phase_unit, "rad") if entry.polar else (entry.unit, expected)
     one = rows.si(getattr(entry, first), entry.unit, expected, f"{place}.{first}")
     other = rows.si(getattr(entry, second), *unit, f"{place}.{second}")
-    check_lengths(one, other, place)
     if entry.polar and (one < 0).any():
         raise InputError(
             f"the amplitude {one.min():g} in row {int(one.argmin()) + 1}",
@@ -68,48 +71,26 @@ def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str)
             place=f"{place}.amplitude",
         )
     found = one * np.exp(1j * other) if entry.polar else one + 1j * other
-    found = found.conj() if entry.lag else found
-    return np.asarray(_factor(rows, entry, place) * found)
+    return np.asarray(found.conj() if entry.lag else found)
 
 
-def _factor(rows: Columns, entry: ChannelEntry, place: str) -> float:
-    scale = 1.0 if entry.scale is None else entry.scale
-    if isinstance(scale, str):
-        with naming(place=f"{place}.scale"):
-            scale = rows.table.scalar(scale)
-    return float(scale) / 2 if entry.peak_to_peak else float(scale)
-
-
-def std_column(
-    rows: Columns, name: str, entry: ChannelEntry, expected: str, values: Complexes
-) -> Floats | None:
-    """Return the deviations of values in a unit, of a column or one for all rows."""
-    if entry.std is None:
-        return None
-    place = f"channels.{name}.std"
-    own = False
+def std_column(rows: Columns, entry: ChannelEntry, expected: str, place: str) -> Floats:
+    """Return the deviations of a channel in a unit, of a column or one for all rows."""
+    stated, own = entry.std or "", False
     with suppress(InputError):
-        own = bool(rows.table.find(entry.std))
+        own = bool(rows.table.find(stated))
     if own:
-        found = rows.si(entry.std, entry.unit, expected, place)
-        check_lengths(found, values, place)
+        found = rows.si(stated, entry.unit, expected, place)
     else:
-        found = np.full(len(values), to_si(entry.std, expected, place=place))
+        found = np.full(rows.rows or 0, to_si(stated, expected, place=place))
     if not (found > 0).all():
         raise InputError(
-            f"{found.min():g} in row {int(found.argmin()) + 1}" if own else entry.std,
+            f"{found.min():g} in row {int(found.argmin()) + 1}" if own else stated,
             "a deviation of more than 0",
             "state how far the amplitude scatters: the last digit of the instrument at least",
             place=place,
         )
-    return np.asarray(abs(_factor(rows, entry, f"channels.{name}")) * found)
-
-
-def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:
-    if len(one) != len(other):
-        raise InputError(
-            f"{len(one)} and {len(other)} rows", "columns of one length", "cut them", place=place
-        )
+    return found
 
 
 class _Read(NamedTuple):
@@ -123,24 +104,28 @@ class _Read(NamedTuple):
     coherence: Floats | None
 
 
+def _unit(plan: Recording, name: str) -> str:
+    """Return the SI unit of a channel of a table, of a response over that of its input."""
+    unit, driven = plan.sources[name].expected or "", plan.channels[name].input
+    return unit if driven is None else f"({unit})/({plan.model.units[driven]})"
+
+
 def _of_table(plan: Recording, rows: Columns, axis: Floats | None) -> list[_Read]:
     """Return the channels of a table: a row per frequency, or per speed, if that is no column."""
     found = list[_Read]()
     for name, one in plan.channels.items():
-        place, channel, coherence = f"channels.{name}", plan.sources[name].channel(name), None
-        unit = (
-            channel.unit
-            if one.input is None
-            else f"({channel.unit})/({plan.model.units[one.input]})"
-        )
-        values = complex_column(rows, name, one, unit)
+        place, unit, std, coherence = f"channels.{name}", _unit(plan, name), None, None
+        values = complex_column(rows, one, unit, place)
         axis = np.full(len(values), plan.entry.speed.value) if axis is None else axis
-        check_lengths(axis, values, place)
         if one.coherence is not None:
             coherence = rows.si(one.coherence, "1", "1", f"{place}.coherence")
-            check_lengths(axis, coherence, f"{place}.coherence")
-        std = std_column(rows, name, one, unit, values)
-        found.append(_Read(one.input, channel, axis, values, std, coherence))
+        with naming(place=f"{place}.scale"):
+            scale = rows.table.scalar(one.scale) if isinstance(one.scale, str) else one.scale
+        factor = (1.0 if scale is None else float(scale)) / (2 if one.peak_to_peak else 1)
+        if one.std is not None:
+            std = abs(factor) * std_column(rows, one, unit, f"{place}.std")
+        channel = plan.sources[name].channel(name)
+        found.append(_Read(one.input, channel, axis, factor * values, std, coherence))
     return found
 
 
@@ -231,8 +216,7 @@ def _of_universal(plan: Recording) -> list[_Read]:
         with np.errstate(invalid="ignore"):  # what is not finite is told with its line
             values = np.asarray(data.values * factor, dtype=np.complex128)
         if one.std is not None:
-            expected = f"({channel.unit})/({plan.model.units[one.input or '']})"
-            std = np.full(len(values), to_si(one.std, expected, place=f"{place}.std"))
+            std = np.full(len(values), to_si(one.std, _unit(plan, name), place=f"{place}.std"))
         values = values.conj() if one.lag else values
         found.append(_Read(one.input, channel, data.frequency, values, std, data.coherence))
     return found

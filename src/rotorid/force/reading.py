@@ -57,21 +57,15 @@ def forces(
     if not wanted and type(record) is Record:
         return record
     reader = _Reader(record, period)
-    found = {name: reader.force(name, reading) for name, reading in wanted.items()}
-    place = {reading.channels[0]: name for name, reading in wanted.items()}
-    spent = {channel for reading in wanted.values() for channel in reading.channels[1:]}
-    channels, columns = [], []
-    for channel, column in zip(record.channels, record.samples.T, strict=True):
-        if channel.name in place:
-            channel, column = found[place[channel.name]]
-        elif channel.name in spent:
-            continue
-        channels.append(channel)
-        columns.append(column)
+    made = {law.channels[0]: reader.force(name, law) for name, law in wanted.items()}
+    spent = {channel for law in wanted.values() for channel in law.channels[1:]} - made.keys()
+    there = zip(record.channels, record.samples.T, strict=True)
+    kept = [made.get(one.name, (one, column)) for one, column in there if one.name not in spent]
+    channels, columns = zip(*kept, strict=True)
     # As `replace`, for subclasses too: a record of forces is a plain one.
     fields: dict[str, Any] = {each.name: getattr(record, each.name) for each in fields_of(Record)}
     samples = np.stack(columns, axis=1)
-    return Record(**{**fields, "channels": tuple(channels), "samples": samples})
+    return Record(**{**fields, "channels": channels, "samples": samples})
 
 
 def driven(channels: Iterable[Channel], laws: Mapping[str, ForceReading]) -> tuple[Channel, ...]:
