@@ -27,6 +27,7 @@ from rotorid.io.columns import check_magnitude, largest_of
 from rotorid.io.table import OneFile, Rate
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
+from rotorid.models.equations import combination_text
 from rotorid.signals.period_search import Period, find_period, only_rotation
 
 _Line = tuple[str, Any, str]
@@ -201,14 +202,12 @@ def _place(name: str, letters: str = _AXES[0]) -> tuple[str, str] | None:
 
 def displacement(model: Model, name: str) -> str:
     """Return what does work with an input, B'q, as text: ``x1``, ``x - L_a*theta_y``."""
-    text = ""
+    parts = {}
     for term in (t for t in model.input_terms if model.inputs[t.input] == name):
         factor = monomial_name(tuple(model.monomials[term.monomial]), model.parameter_names)
-        size = "" if abs(term.coefficient) == 1 else f"{abs(term.coefficient):.12g}"
-        signs = (" + ", " - ") if text else ("", "-")
-        product = "*".join(filter(None, (size, factor, model.coordinates[term.row])))
-        text += signs[term.coefficient < 0] + product
-    return text
+        product = "*".join(filter(None, (factor, model.coordinates[term.row])))
+        parts[product] = float(f"{term.coefficient:.12g}")
+    return combination_text(parts)
 
 
 def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, Found]:

@@ -22,7 +22,7 @@ from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.force.reading import ForceReading, driven, through_laws
 from rotorid.io import Source, open_table, read_record
 from rotorid.io.columns import open_blocks
-from rotorid.io.table import Column
+from rotorid.io.table import ColumnFile
 from rotorid.models import Model
 from rotorid.models.equations import DERIVATIVES, linear_combination, sensor_terms
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
@@ -166,23 +166,10 @@ def dynamics_of(
 ) -> Dynamics | None:
     if entry is None:
         return None
-    common: dict[str, Any] = {
-        "actuator": actuator if entry.of is None else entry.of == "actuator",
-        "shared": entry.shared,
-    }
+    own = actuator if entry.of is None else entry.of == "actuator"
+    common: dict[str, Any] = {"actuator": own, "shared": entry.shared}
     if entry.table is not None:
-        table = open_table(folder / entry.table)
-        names = table.names
-        if len(names) != 3:
-            raise InputError(
-                f"{len(names)} columns",
-                "frequency in Hz, real part, imaginary part",
-                "write these three columns",
-                file=table.file,
-            )
-        columns = table.read(names)
-        with naming(table.file):
-            hertz, measured = _response(list(names), [columns[name] for name in names])
+        hertz, measured = _response(open_table(folder / entry.table))
         return Measured(frequency=hertz, measured=measured, **common)
     if entry.eddy is not None:
         return EddyCurrents(eddy=entry.eddy, **common)
@@ -192,24 +179,32 @@ def dynamics_of(
     return SecondOrder(bandwidth=entry.bandwidth, damping=entry.damping, **common)
 
 
-def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, Complexes]:
+def _response(table: ColumnFile) -> tuple[Floats, Complexes]:
     """Return Hz and the response, of parts or amplitude and phase, by the units in the head."""
-    units = [column.unit for column in columns]
-    first, second = columns[1].values, columns[2].values
-    hertz = columns[0].values * si_factor(units[0] or "Hz", "Hz")
-    polar = units[2] in _ANGLES or _POLAR.match(names[2]) is not None
-    if any("dB" in (text or "") for text in (*names, *units)) or (polar and units[2] is None):
-        pairs = zip(names, units, strict=True)
-        shown = (name if unit is None else f"{name} [{unit}]" for name, unit in pairs)
-        raise InputError(
-            f"columns {', '.join(shown)}"[:200],
-            "frequency, then real and imaginary part, or amplitude and phase [deg]",
-            "write such columns, a phase with its unit",
-        )
-    if polar:
-        angle = second * si_factor(units[2] or "rad", "rad")
-        return hertz, np.asarray(first * np.exp(1j * angle))
-    return hertz, np.asarray(first + 1j * second)
+    with naming(table.file):
+        names = list(table.names)
+        if len(names) != 3:
+            raise InputError(
+                f"{len(names)} columns",
+                "frequency in Hz, real part, imaginary part",
+                "write these three columns",
+            )
+        read = table.read(names)
+        units, columns = [read[n].unit for n in names], [read[n].values for n in names]
+        hertz = columns[0] * si_factor(units[0] or "Hz", "Hz")
+        polar = units[2] in _ANGLES or _POLAR.match(names[2]) is not None
+        if any("dB" in (text or "") for text in (*names, *units)) or (polar and units[2] is None):
+            pairs = zip(names, units, strict=True)
+            shown = (name if unit is None else f"{name} [{unit}]" for name, unit in pairs)
+            raise InputError(
+                f"columns {', '.join(shown)}"[:200],
+                "frequency, then real and imaginary part, or amplitude and phase [deg]",
+                "write such columns, a phase with its unit",
+            )
+        if polar:
+            angle = columns[2] * si_factor(units[2] or "rad", "rad")
+            return hertz, np.asarray(columns[1] * np.exp(1j * angle))
+        return hertz, np.asarray(columns[1] + 1j * columns[2])
 
 
 def law_sources(

@@ -51,7 +51,7 @@ class Columns:
         check_magnitude(largest_of(found.values), factor, place)
         rows = len(found.values)
         if self.rows not in (None, rows):
-            told = f"{self.rows} and {rows} rows"
+            told = f"{rows} and {self.rows} rows"
             raise InputError(told, "columns of one length", "cut them", place=place)
         self.rows = rows
         return np.asarray(found.values * factor)

@@ -187,6 +187,16 @@ def linear_combination(
     return found
 
 
+def combination_text(parts: Mapping[str, float]) -> str:
+    """Write a linear combination as it is read: ``x - 0.2*theta_y``."""
+    text = ""
+    for name, factor in parts.items():
+        size = "" if abs(factor) == 1 else repr(float(abs(factor))).removesuffix(".0") + "*"
+        signs = (" + ", " - ") if text else ("", "-")
+        text += signs[factor < 0] + size + name
+    return text
+
+
 _NUMBER = Dimension()
 
 

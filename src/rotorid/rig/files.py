@@ -18,6 +18,7 @@ from rotorid.core.errors import InputError, one_line, printable
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.toml import inline
 from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.models.equations import combination_text
 from rotorid.rig.file import RigPlan
 from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, Truth, actuator_position, label
 from rotorid.rig.parts import Encoder, Keyphasor, sensor_unit
@@ -170,7 +171,7 @@ def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
         else:
             place = actuator_position(rig, plant, j)
             there = (s.name for s in rig.sensors if dict(s.combination) == place)
-            position = next(there, _combination(place))
+            position = next(there, combination_text(place))
             found[name] = _law(part.law, current=sources[0], position=position)
     return found
 
@@ -197,20 +198,10 @@ def _law(law: Linear | Differential | Flux, **sources: Any) -> dict[str, Any]:
     return {"law": type(law).__name__.lower(), **sources, **constants, **poles}
 
 
-def _combination(parts: Mapping[str, float]) -> str:
-    """Write a linear combination as text, ``x - 0.2*theta_y``."""
-    text = ""
-    for name, factor in parts.items():
-        size = "" if abs(factor) == 1 else f"{_number(abs(factor))}*"
-        sign = " - " if factor < 0 else " + " if text else ""
-        text += (sign if text else sign.strip()) + size + name
-    return text
-
-
 def _positions(rig: Rig) -> dict[str, Any]:
     found = {}
     for sensor in rig.sensors:
-        reads = {} if sensor.reads is None else {"reads": _combination(sensor.reads)}
+        reads = {} if sensor.reads is None else {"reads": combination_text(sensor.reads)}
         unit = sensor_unit(sensor.combination, rig.model.units)
         found[sensor.name] = {**reads, "column": sensor.name, "unit": unit}
     return found
