@@ -12,19 +12,19 @@ import numpy as np
 
 from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.units import check_unit, converts, multiply_units, si_factor
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats, frozen, grouped
 from rotorid.data.lines import Lines
 from rotorid.data.record import PeriodicRecord, Record, changed
 from rotorid.data.whole_record import spectra
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, Recorded, RecordEntry, RecordKeys
 from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
-from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.force.laws import Flux, Law, Linear
 from rotorid.force.reading import ForceReading, driven, through_laws
 from rotorid.io import Source, open_table, read_record
 from rotorid.io.columns import open_blocks
 from rotorid.io.table import ColumnFile
 from rotorid.models import Model
-from rotorid.models.equations import DERIVATIVES, linear_combination, sensor_terms
+from rotorid.models.equations import DERIVATIVES, linear_combination
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import RecordBlocks, average, average_blocks
 from rotorid.signals.checks.periods import detect_settling
@@ -103,18 +103,10 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source
 
 
 def reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
-    if entry.reads is None:
-        return model.units[name]
-    first = sensor_terms(entry.reads, model.coordinates, model.parameter_names)[0]
-    units = model.parameter_units
-    held = zip(model.parameter_names, first.powers, strict=True)
-    return multiply_units(
-        [
-            (model.units[model.coordinates[first.coordinate]], 1),
-            ("s", -first.order),
-            *((units[parameter], power) for parameter, power in held),
-        ]
-    )
+    """Return the SI unit of what a channel reads, that of its first term."""
+    *levers, moving = next(iter(_combination(entry, model, "") or (name,))).split("*")
+    orders = (model.units[moving.rstrip("'")], 1), ("s", -moving.count("'"))
+    return multiply_units([*orders, *((model.parameter_units[lever], 1) for lever in levers)])
 
 
 def reading_factor(name: str, entry: ChannelEntry, stated: str, model: Model) -> float:
@@ -238,7 +230,7 @@ def law_sources(
 
 
 def _law_dynamics(
-    law: Linear | Differential | Flux, entry: DynamicsEntry | None, folder: Path, place: str
+    law: Law, entry: DynamicsEntry | None, folder: Path, place: str
 ) -> Dynamics | None:
     """Return the dynamics of a law's column: of a current; known, where the law bends."""
     bends = not isinstance(law, Linear)
@@ -295,10 +287,8 @@ def check_columns(entries: Entries) -> None:
 
 
 def shared_currents(plan: Recording) -> tuple[str, ...]:
-    users: dict[str, list[str]] = {}
-    for name, law in plan.laws.items():
-        for source in law.channels:
-            users.setdefault(plan.sources[source].column.strip("/"), []).append(name)
+    read = ((plan.sources[i].column, name) for name, law in plan.laws.items() for i in law.channels)
+    users = grouped((column.strip("/"), name) for column, name in read)
     return tuple(
         f"the current {column[:60]!r} drives {' and '.join(names)}: right for coils in series only"
         for column, names in users.items()

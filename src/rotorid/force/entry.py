@@ -13,7 +13,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
 from rotorid.force.channel_dynamics import UNKNOWN, Constant
-from rotorid.force.laws import MU0, Differential, Flux, Linear
+from rotorid.force.laws import MU0, Differential, Flux, Law, Linear
 
 LawName = Literal["linear", "differential", "flux"]
 
@@ -49,9 +49,7 @@ def _stated(value: object, of: Constant, of_law: bool) -> Constant:
     return found
 
 
-_LAWS: Mapping[
-    LawName, tuple[type[Linear | Differential | Flux], tuple[str, ...], tuple[str, ...]]
-] = {
+_LAWS: Mapping[LawName, tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
     # keys that a law needs; keys that are no constants of it
     "linear": (Linear, ("ki",), ()),
     "differential": (Differential, ("bias", "gap"), ("area", "turns")),
@@ -90,7 +88,7 @@ class LawEntry(Schema):
         every = ((key, getattr(self, key)) for key in law_keys())
         return {key: value for key, value in every if isinstance(value, Constant)}
 
-    def build(self) -> Linear | Differential | Flux:
+    def build(self) -> Law:
         law, needed, more = _LAWS[self.law]
         allowed = (*needed, *law.stated, *more)
         said = {key for key in law_keys() if getattr(self, key) is not None}

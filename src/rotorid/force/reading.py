@@ -19,7 +19,7 @@ from rotorid.core.errors import InputError, naming
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.lines import Lines, Samples
 from rotorid.data.record import Channel, Drive, Record
-from rotorid.force.laws import Differential, Flux, Law, Linear
+from rotorid.force.laws import Flux, Law, Linear
 from rotorid.signals.spectrum import quantity, shifted
 
 _NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(4))
@@ -30,7 +30,7 @@ _NODES = _NODES + 0.5
 class ForceReading:
     """How the force of one input follows from channels of a record."""
 
-    law: Linear | Differential | Flux
+    law: Law
     # the channel of the current; of the flux densities B1 and B2 for `Flux`
     channels: tuple[str, ...]
     # displacement in the actuator as a combination of channels, in m; empty for `Flux`
@@ -168,9 +168,7 @@ class _Reader:
         std = source.delay_std
         return Channel(name, "N", delay_std=std, gain_std=source.gain_std, law=kept), force
 
-    def _from_current(
-        self, law: Linear | Differential, source: Channel, position: Mapping[str, float]
-    ) -> Floats:
+    def _from_current(self, law: Law, source: Channel, position: Mapping[str, float]) -> Floats:
         step = 1 / self.record.sample_rate
         if source.dynamics is not None:
             return law.force(self.column(source.name), self.displacement(position, 0.0))

@@ -189,7 +189,7 @@ class ActuatorEntry(LawEntry):
     def _force_law(self) -> Linear | Differential | None:
         if self.law not in (None, "force"):
             law = self.build()
-            return None if isinstance(law, Flux) else law
+            return law if isinstance(law, Linear | Differential) else None
         given = [key for key in law_keys() if key in self.model_fields_set and key != "law"]
         if given:
             raise InputError(
