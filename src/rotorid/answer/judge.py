@@ -64,14 +64,7 @@ _LATER = (
 
 
 def judge(notes: Iterable[Note], before: Status = "ok") -> Status:
-    """Return the status of an answer by its notes; one that was none before stays none.
-
-    Examples
-    --------
-    >>> doubtful, wrong = Note("halves", "doubts"), Note("misfit", "rejects")
-    >>> judge([doubtful]), judge([doubtful, wrong]), judge([wrong], "not_converged")
-    ('ok', 'rejected', 'not_converged')
-    """
+    """Return the status of an answer by its notes; one that was none before stays none."""
     found = {STATUSES[note.severity] for note in notes if note.severity in STATUSES} | {before}
     return next((status for status in STATUSES.values() if status in found), "ok")
 

@@ -139,22 +139,20 @@ def _nearest(kit: Masses, ideal: complex) -> list[tuple[complex, Mounted]]:
     angles = first + 2 * np.pi * np.arange(count) / count
     each: Floats = np.array([(m, a) for m in kit.masses for a in angles])
     values = kit.radius * each[:, 0] * np.exp(1j * each[:, 1])
-    found: list[tuple[complex, Mounted]] = [(0j, ())]
     nearest = np.argsort(np.abs(values - ideal), kind="stable")[:NEAREST].tolist()
-    found += [(complex(values[i]), _of(each, i)) for i in nearest]
+    ways: list[tuple[int, ...]] = [(), *((i,) for i in nearest)]
     # The second mass is the one nearest to what the first leaves.
     for i, value in enumerate(values):
-        for j in np.argsort(np.abs(values + value - ideal), kind="stable")[:2]:
-            found.append((complex(value + values[j]), _of(each, i, int(j))))
-    found.sort(key=lambda way: (round(abs(way[0] - ideal) / (abs(ideal) or 1.0), 9), len(way[1])))
+        second = np.argsort(np.abs(values + value - ideal), kind="stable")[:2].tolist()
+        ways += [(i, j) for j in second]
+    size = abs(ideal) or 1.0
+    found = [(complex(values[list(way)].sum()), way) for way in ways]
+    found.sort(key=lambda one: (round(abs(one[0] - ideal) / size, 9), len(one[1])))
     unique: dict[complex, tuple[complex, Mounted]] = {}
-    for way in found:
-        unique.setdefault(np.round(way[0] / (abs(ideal) or 1.0), 9), way)
+    for value, way in found:
+        mounted = tuple((float(m), _turned(float(a))) for m, a in each[list(way)])
+        unique.setdefault(np.round(value / size, 9), (value, mounted))
     return list(unique.values())[:NEAREST]
-
-
-def _of(each: Floats, *rows: int) -> Mounted:
-    return tuple((float(each[i, 0]), _turned(float(each[i, 1]))) for i in rows)
 
 
 CONFIDENCE = 0.95
@@ -280,17 +278,18 @@ def balance(
     effects, load = task.weigh(machine)
     applied, mounted = chosen(kit, ideal, (effects, load))
     share = float(np.linalg.norm(load + effects @ applied) / np.linalg.norm(load))
-    covariance = None
+    covariance = root = None
     if machine.covariance is not None:  # of the correction that the values ask for
-        parts = machine.changes(task.solution).view(np.float64)
-        covariance = np.asarray(parts.T @ parts)
+        root = machine.changes(task.solution)
+        covariance = np.asarray(root.view(np.float64).T @ root.view(np.float64))
     mass, top = rotor_mass(machine), float(np.abs(speeds).max())
     beyond = np.linalg.norm(load + effects @ ideal) > POOR * np.linalg.norm(load)
     weighed = None if beyond else mass  # what no plane reaches is left besides, and has no place
     corrections, residual = [], []
     for k, plane in enumerate(planes):
         part = None if covariance is None else covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
-        corrections.append(_correction(plane, complex(applied[k]), part, mounted[k]))
+        own = None if root is None else root[:, k]
+        corrections.append(_correction(plane, complex(applied[k]), own, mounted[k]))
         residual.append(_residual(plane, complex(applied[k] - ideal[k]), part, weighed, top))
     grades = [each.grade_mm_s for each in residual]
     return Balance(
@@ -423,16 +422,15 @@ def _weights(machine: Machine, at: Mapping[str, float] | None) -> Floats:
 
 
 def _correction(
-    plane: str, applied: complex, covariance: Floats | None, masses: Mounted
+    plane: str, applied: complex, root: Complexes | None, masses: Mounted
 ) -> Correction:
     size, angle = abs(applied), float(np.angle(applied))
-    if covariance is None:
+    if root is None:
         return Correction(plane, size, angle, None, None, masses)
-    along = np.array([np.cos(angle), np.sin(angle)])
-    across = np.array([-along[1], along[0]])
-    std, turned = (float(np.sqrt(max(v @ covariance @ v, 0.0))) for v in (along, across))
-    told = min(turned / size, np.pi) if size > 0 else None
-    return Correction(plane, size, angle, std, told, masses)
+    along = np.exp(-1j * angle) * root  # real: of the size; imaginary: across it
+    std, across = float(np.linalg.norm(along.real)), float(np.linalg.norm(along.imag))
+    turned = min(across / size, np.pi) if size > 0 else None
+    return Correction(plane, size, angle, std, turned, masses)
 
 
 def _residual(

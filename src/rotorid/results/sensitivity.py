@@ -292,10 +292,8 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
         excitation = r.mean(axis=1)
         excitation[np.abs(excitation) < 1e-9 * loudest] = 0.0
         inverse = np.linalg.pinv(excitation, rcond=ALONE)
-        own = inverse @ excitation
-        for j in range(len(pairs)):
-            if abs(own[j, j] - 1) > ALONE or np.abs(np.delete(own[j], j)).max(initial=0) > ALONE:
-                continue
+        alone = np.abs(inverse @ excitation - np.eye(len(pairs))).max(axis=1) <= ALONE
+        for j in np.flatnonzero(alone).tolist():
             row = inverse @ e[:, :, j].mean(axis=1)  # of S: e_j = S_j r
             # What the other records say of the noise: e less what S makes of r, period by period.
             residual = e[:, :, j] - np.einsum("rpa,a->rp", r, row)
