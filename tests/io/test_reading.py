@@ -207,6 +207,14 @@ def test_a_mask_leaves_out_periods(tmp_path):
         rid.average(replace(record, valid=np.zeros(50, dtype=bool)), 10.0, harmonics=[1])
 
 
+@pytest.mark.parametrize("columns", [None, ["x"]])
+def test_a_mask_of_another_length(columns, tmp_path):
+    with h5py.File(tmp_path / "run.h5", "w") as data:
+        data["x"], data["ok"] = np.ones(10), np.ones(8)
+    with pytest.raises(ReadError, match="mask: found 8 samples where the channels have 10"):
+        rid.read_record(tmp_path / "run.h5", columns=columns, sample_rate=1.0, mask="ok")
+
+
 def test_until(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("t,x\n0,1\n0.1,2\n0.2,3\n0.3,nan\n")

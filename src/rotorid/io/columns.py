@@ -166,14 +166,14 @@ def _columns(
     overrule: bool,
 ) -> tuple[dict[str, Source], dict[str, Column], Floats | None]:
     """Return what the channels come from, their columns and the mask's, and the sample times."""
-    timing = Source(time) if isinstance(time, str) else time
-    sources = _sources(columns, table, timing, overrule)
-    extra = {} if mask is None else {_MASK: Source(mask)}
-    read = _read(table, {**sources, **extra, **({} if timing is None else {_TIME: timing})})
-    stamps = None if timing is None else _stamps(read.pop(_TIME), timing, table)
+    said = {_TIME: time, _MASK: mask}
+    beside = {k: Source(s) if isinstance(s, str) else s for k, s in said.items() if s is not None}
+    sources = _sources(columns, table, beside.get(_TIME), overrule)
+    read = _read(table, {**sources, **beside})
+    stamps = _stamps(read.pop(_TIME), beside[_TIME], table) if _TIME in beside else None
     if columns is None:
-        longest = max((len(column.values) for column in read.values()), default=0)
-        read = {name: c for name, c in read.items() if len(c.values) == longest}
+        longest = max((len(read[name].values) for name in sources), default=0)
+        read = {n: c for n, c in read.items() if n == _MASK or len(c.values) == longest}
     return sources, read, stamps
 
 

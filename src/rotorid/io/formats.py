@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import ReadError
+from rotorid.core.errors import ReadError, naming
 from rotorid.core.files import open_regular
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.io.clock import even_rate
@@ -332,7 +332,7 @@ def open_mdf(file: str) -> Iterator[ArrayFile]:
     asammdf: Any = import_module("asammdf")  # its own types do not know all of its options
     # messages of a bus would be converted as the file is opened
     with asammdf.MDF(file, process_bus_logging=False) as data:
-        channels = _Channels(data, file)
+        channels = _Channels(data)
         yield ArrayFile(file, channels.shapes, channels.column)
 
 
@@ -342,11 +342,10 @@ class _Channels:
     It is left no conversion that it could evaluate, by whatever way it reads a channel.
     """
 
-    def __init__(self, data: Any, file: str) -> None:
-        self._data, self._file = data, file
-        self._version = 4 if data.version >= "4" else 3
+    def __init__(self, data: Any) -> None:
+        self._data, self._version = data, 4 if data.version >= "4" else 3
         self._conversions: dict[tuple[int, int], Any] = {}
-        self._times: dict[int, Floats | None] = {}
+        self._clocks: dict[int, tuple[Rate | None, float | None]] = {}
         self._pieces: dict[int, Any] = {}
         self._places: dict[str, tuple[int, int]] = {}
         self.shapes: dict[str, tuple[int, ...]] = {}
@@ -363,27 +362,24 @@ class _Channels:
         conversion = self._conversions[group, index]
         channel = self._data.groups[group].channels[index]
         unit = getattr(conversion, "unit", "") or getattr(channel, "unit", "") or ""
-        values, times = self._values(group, index)[samples], self._times_of(group)
-        if times is None:
-            return Column(values, unit.strip() or None)
-        start = float(times[0]) if len(times) and np.isfinite(times[0]) else None
-        return Column(values, unit.strip() or None, even_rate(times), start)
+        values = self._values(group, index)[samples]
+        return Column(values, unit.strip() or None, *self._clock(group))
 
-    def _times_of(self, group: int) -> Floats | None:
-        """Return the sample times of a group, from its master channel, or that of another."""
-        if group not in self._times:
+    def _clock(self, group: int) -> tuple[Rate | None, float | None]:
+        """Return the rate and the start of a group, from its master channel or that of another."""
+        if group not in self._clocks:
             heading = self._data.groups[group].channel_group
             if getattr(heading, "flags", 0) & _REMOTE_MASTER and self._version == 4:
-                return self._times_of(heading.cg_master_index)
-            index = self._data.masters_db.get(group)
+                return self._clock(heading.cg_master_index)
+            index, times = self._data.masters_db.get(group), np.zeros(0)
             master = None if index is None else self._data.groups[group].channels[index]
-            times = None
             if self._version == 3 and master is not None and not master.bit_count:
                 times = np.arange(heading.cycles_nr) * float(master.sampling_rate or 1)  # by a step
             elif index is not None:
                 times = self._values(group, index)
-            self._times[group] = times
-        return self._times[group]
+            start = next(filter(np.isfinite, times[:1].tolist()), None)
+            self._clocks[group] = even_rate(times), start
+        return self._clocks[group]
 
     def _unpacked(self, group: int) -> Any:
         """Return the bytes of a group for all of its channels, maybe thousands; None if many."""
@@ -394,8 +390,7 @@ class _Channels:
 
     def _values(self, group: int, index: int) -> Floats:
         """Return the samples of a channel in its unit, invalid ones as NaN."""
-        channel = self._data.groups[group].channels[index]
-        try:
+        with naming(place=f"{group}/{self._data.groups[group].channels[index].name}"):
             samples, invalid = self._data.get(
                 group=group,
                 index=index,
@@ -407,8 +402,6 @@ class _Channels:
             if not is_numeric(samples.dtype) or samples.ndim != 1:
                 raise no_numbers("text, or several values a sample")
             values = convert(samples, self._conversions[group, index], self._version)
-        except ReadError as error:
-            raise error.at(file=self._file, place=f"{group}/{channel.name}") from None
         if invalid is not None:
             values[np.asarray(invalid, dtype=bool)] = np.nan
         return values
