@@ -15,7 +15,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from functools import wraps
+from functools import partial, wraps
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -72,24 +72,19 @@ def _names_in(folder: str) -> Callable[..., list[CompletionItem]]:
     return complete
 
 
-_debug_option = click.option(
-    "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
+_flag = partial(click.option, is_flag=True)
+_file_option = partial(click.option, type=_FILE)
+_debug_option = _flag("--debug", expose_value=False, help="Show the traceback of an error.")
+_force_option = _flag(
+    "--force", help="Overwrite files not written by this command; a link is followed."
 )
-_force_option = click.option(
-    "--force", is_flag=True, help="Overwrite files not written by this command; a link is followed."
+_quiet_option = _flag(
+    "--quiet", "-q", help="Suppress tables and progress; usage warnings and errors remain."
 )
-_quiet_option = click.option(
-    "--quiet",
-    "-q",
-    is_flag=True,
-    help="Suppress tables and progress; usage warnings and errors remain.",
+_json_option = _file_option(
+    "--json", help="Write the result (JSON); - writes it, and nothing else, to the standard output."
 )
-_json_option = click.option(
-    "--json",
-    type=_FILE,
-    help="Write the result (JSON); - writes it, and nothing else, to the standard output.",
-)
-_report_option = click.option("--report", type=_FILE, help="Write a report (HTML).")
+_report_option = _file_option("--report", help="Write a report (HTML).")
 _experiment, _result = (click.argument(name, type=_FILE) for name in ("experiment", "result"))
 _record_option = click.option(
     "--record",
@@ -115,11 +110,11 @@ def cli() -> None:
     """Physical parameters of magnetically levitated rotors, from measured forces and positions."""
 
 
-def _command(summary: str, example: str) -> Callable[[Callable[[], None]], click.Command]:
-    """Make a command of a function: its name, its help, its line in the list, its example."""
+def _command(example: str) -> Callable[[Callable[[], None]], click.Command]:
+    """Make a command of a function: its name, its help, whose first line lists it, an example."""
 
     def make(command: Callable[[], None]) -> click.Command:
-        name = command.__name__
+        name, summary = command.__name__, str(command.__doc__).partition("\n")[0]
 
         @click.pass_obj
         @wraps(command)
@@ -135,10 +130,7 @@ def _command(summary: str, example: str) -> Callable[[Callable[[], None]], click
     return make
 
 
-@_command(
-    "Identify a simulated machine and compare with its true values.",
-    "rotorid demo --machine machine.html --report paper.html",
-)
+@_command("rotorid demo --machine machine.html --report paper.html")
 @click.option(
     "--runs",
     type=click.IntRange(min=1, max=MAX_RUNS),
@@ -146,27 +138,24 @@ def _command(summary: str, example: str) -> Callable[[Callable[[], None]], click
     show_default=True,
     help="Records of the paper's example, each with its own noise.",
 )
-@click.option("--machine", type=_FILE, help="Write the report of the levitated machine (HTML).")
+@_file_option("--machine", help="Write the report of the levitated machine (HTML).")
 @_answers
 def demo() -> None:
-    """Identify a levitated machine, its truth beside the answer; then the paper's example.
+    """Identify a simulated machine and compare with its true values.
 
-    The machine is known by the sensors and currents of its bearings alone. Of the paper's example
-    the Table 1 is printed beside the paper's; --json and --report are of it.
+    The levitated machine is known by the sensors and currents of its bearings alone. Then the
+    paper's example: its Table 1 is printed beside the paper's; --json and --report are of it.
     """
 
 
-@_command("Check the records of an experiment.", "rotorid inspect run.toml --report inspect.html")
+@_command("rotorid inspect run.toml --report inspect.html")
 @_experiment
 @_answers
 def inspect() -> None:
-    """Check the records of EXPERIMENT (or a draft) before identification."""
+    """Check the records of an experiment, or of a draft."""
 
 
-@_command(
-    "Estimate machine parameters from the records of an experiment.",
-    "rotorid identify run.toml --json run.json --report run.html",
-)
+@_command("rotorid identify run.toml --json run.json --report run.html")
 @_experiment
 @click.option("--method", type=_METHOD, help="Method (default: from the file).")
 @click.option(
@@ -174,44 +163,42 @@ def inspect() -> None:
     type=click.Choice(["full", "quick"]),
     help="Extent of the search; quick ends at the first minimum.",
 )
-@click.option(
-    "--intervals", is_flag=True, help="Show 95 % intervals instead of standard deviations."
-)
-@click.option("--strict", is_flag=True, help="Exit with status 3 also if the result is doubtful.")
+@_flag("--intervals", help="Show 95 % intervals instead of standard deviations.")
+@_flag("--strict", help="Exit with status 3 also if the result is doubtful.")
 @_answers
 def identify() -> None:
-    """Estimate machine parameters from the records in EXPERIMENT.
+    """Estimate machine parameters from the records of an experiment.
 
     Ctrl-C ends a search that takes long with the best answer so far. The exit code is 0 where the
     status is ok, 3 where it is rejected, and 1 where there is no answer.
     """
 
 
-@_command("Validate a result on other records.", "rotorid validate run.json other-run.toml")
+@_command("rotorid validate run.json other-run.toml")
 @_result
 @_experiment
 @_answers
 def validate() -> None:
-    """Validate RESULT (from identify --json) on the records in EXPERIMENT."""
+    """Validate a result on other records.
+
+    RESULT is a file of identify --json.
+    """
 
 
-@_command(
-    "Natural frequencies, damping, whirl, critical speeds.",
-    'rotorid modes run.json --speed "8400 rpm" --to "20000 rpm"',
-)
+@_command('rotorid modes run.json --speed "8400 rpm" --to "20000 rpm"')
 @click.argument("source", metavar="RESULT-OR-MODEL", shell_complete=_names_in("models"))
 @click.option("--speed", default="0 rpm", show_default=True, help='Such as "8400 rpm".')
 @click.option("--to", help="Upper speed of Campbell diagram and critical-speed search.")
 @_record_option
 @_answers
 def modes() -> None:
-    """Natural frequencies, damping and whirl of a result, a model file or a shipped model."""
+    """Natural frequencies, damping, whirl, critical speeds.
+
+    They are those of a result, of a model file or of a shipped model.
+    """
 
 
-@_command(
-    "Compute correction masses and residual unbalance.",
-    'rotorid balance run.json --plane x1,y1 --plane x3,y3 --radius "30 mm"',
-)
+@_command('rotorid balance run.json --plane x1,y1 --plane x3,y3 --radius "30 mm"')
 @_result
 @click.argument("more", nargs=-1, metavar="")
 @click.option("--plane", "planes", multiple=True, metavar="P", help=_PLANE)
@@ -225,90 +212,96 @@ def modes() -> None:
 @_record_option
 @_answers
 def balance() -> None:
-    """Compute correction masses and residual unbalance for RESULT."""
+    """Compute correction masses and residual unbalance."""
 
 
-@_command(
-    "Sensitivity of the loops after ISO 14839-3, and its zone.",
-    "rotorid sensitivity loop.toml --report sensitivity.html",
-)
+@_command("rotorid sensitivity loop.toml --report sensitivity.html")
 @_experiment
 @click.option(
     "--pair", multiple=True, metavar="E=R", help="Input and its reference column: F_x1=r_x1."
 )
 @_answers
 def sensitivity() -> None:
-    """Sensitivity of the loops after ISO 14839-3, from EXPERIMENT with references."""
+    """Sensitivity of the loops after ISO 14839-3, and its zone.
+
+    EXPERIMENT names the columns of the references, or --pair does.
+    """
 
 
-@_command("Regenerate the report of a result (HTML).", "rotorid report run.json --out run.html")
+@_command("rotorid report run.json --out run.html")
 @_result
-@click.option(
-    "--out", type=_FILE, help="Report to write (HTML; default: RESULT with the ending .html)."
-)
+@_file_option("--out", help="Report to write (HTML; default: RESULT with the ending .html).")
 @_writes
 def report() -> None:
-    """Regenerate the report of RESULT (from identify --json)."""
+    """Regenerate the report of a result (HTML).
+
+    RESULT is a file of identify --json.
+    """
 
 
-@_command(
-    "Export a result to CSV, MATLAB, TeX or JSON.",
-    "rotorid export run.json --to run.mat",
-)
+@_command("rotorid export run.json --to run.mat")
 @_result
-@click.option("--to", "target", required=True, type=_FILE, help="A file .csv, .mat, .tex, .json.")
+@_file_option("--to", "target", required=True, help="A file .csv, .mat, .tex, .json.")
 @click.option("--speed", default="0 rpm", show_default=True, help="Speed of the state space.")
 @_writes
 def export() -> None:
-    """Export the parameters of RESULT and their covariance."""
+    """Export a result to CSV, MATLAB, TeX or JSON.
+
+    The file holds the parameters of RESULT and their covariance.
+    """
 
 
-@_command(
-    "Simulate a logged record of a levitated rig.", "rotorid simulate three-mass --out run.h5"
-)
+@_command("rotorid simulate three-mass --out run.h5")
 @click.argument("rig", required=False, shell_complete=_names_in("rig"))
-@click.option("--out", type=_FILE, help="Record to write (.h5).")
+@_file_option("--out", help="Record to write (.h5).")
 @click.option("--seed", type=click.IntRange(min=0), help="Noise seed (default: from the rig file).")
 @click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="Add a fault; see --faults.")
-@click.option("--faults", is_flag=True, help="List the faults.")
+@_flag("--faults", help="List the faults.")
 @_writes
 def simulate() -> None:
-    """Simulate a logged record of RIG (a file or a shipped name)."""
+    """Simulate a logged record of a levitated rig.
+
+    RIG is a file or a shipped name.
+    """
 
 
-@_command(
-    "Draft the experiment file of a record.", "rotorid new run.csv --model rigid --out run.toml"
-)
+@_command("rotorid new run.csv --model rigid --out run.toml")
 @click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
 @click.option(
     "--model",
     help="A shipped model, or a model file: columns are matched to it.",
     shell_complete=_names_in("models"),
 )
-@click.option("--out", type=_FILE, help="Experiment file to write (default: standard output).")
+@_file_option("--out", help="Experiment file to write (default: standard output).")
 @_force_option
 @_debug_option
 def new() -> None:
-    """Write a draft experiment file for FILE; missing entries are marked with "?"."""
+    """Draft the experiment file of a record.
+
+    Missing entries are marked with "?".
+    """
 
 
-@_command("List the shipped models, or show one.", "rotorid models three-mass")
+@_command("rotorid models three-mass")
 @click.argument("name", required=False, shell_complete=_names_in("models"))
 @_debug_option
 def models() -> None:
-    """List the shipped models; or show the equations and parameters of NAME, or of a file."""
+    """List the shipped models, or show one.
+
+    Shown are the equations and parameters of NAME, or of a file.
+    """
 
 
-@_command(
-    "JSON Schema of a kind of file, for editors.",
-    "rotorid schema experiment --out experiment.schema.json",
-)
+@_command("rotorid schema experiment --out experiment.schema.json")
 @click.argument("file", type=click.Choice(["experiment", "model", "rotor", "rig"]))
-@click.option("--out", type=_FILE, help="File to write (JSON; default: standard output).")
+@_file_option("--out", help="File to write (JSON; default: standard output).")
 @_force_option
 @_debug_option
 def schema() -> None:
-    """Write the JSON Schema of a kind of FILE, with which an editor completes and underlines."""
+    """JSON Schema of a kind of file, for editors.
+
+    With it an editor completes and underlines what people write.
+    """
 
 
 def run(arguments: Sequence[str]) -> int:
