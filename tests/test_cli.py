@@ -166,12 +166,12 @@ def test_demo(tmp_path, capsys):
     printed = capsys.readouterr()
     assert printed.err == ""
     head = printed.out.partition("Table 1")[0]
-    assert head.index("A levitated rotor from its bearings") < head.index("root mean square")
+    assert head.index("A levitated rotor from its bearings") < head.index("Root mean square")
     rows = [line.split() for line in head.splitlines()]
     errors = {row[0]: float(row[4]) for row in rows if len(row) > 5 and row[4][0] in "+-"}
     assert {"m1", "I_p", "k1", "ki[F_x1]", "ks"} <= set(errors)
     assert max(map(abs, errors.values())) < 4
-    sizes = head.partition("root mean square")[2].splitlines()
+    sizes = head.partition("Root mean square")[2].splitlines()
     table = [line for line in sizes if line.startswith(("parameter", "m1", "I_t*eta"))]
     assert all(len(line) <= 80 for line in table)  # bound and ml are seen at every width
     assert table[0].split()[:3] == ["parameter", "bound", "ml"]

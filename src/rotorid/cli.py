@@ -313,10 +313,10 @@ def run(arguments: Sequence[str]) -> int:
         return int(code or OK)
     except (click.Abort, KeyboardInterrupt):
         return _say("interrupted", INTERRUPTED)
-    except SystemExit as end:  # click's way out of a completion, and where its reader has gone
-        return BROKEN_PIPE if end.code else OK
-    except Stopped as stopped:
-        return _say("terminated", SIGNALLED + stopped.signal)
+    except SystemExit as end:  # a signal; or click's way out, of a completion or without a reader
+        if (code := int(end.code or OK)) > SIGNALLED:
+            return _say("terminated", code)
+        return BROKEN_PIPE if code else OK
     except click.exceptions.Exit as end:  # the reader of the output has gone
         return end.exit_code
     except Exception as error:
@@ -368,16 +368,9 @@ def _say(message: str, code: int) -> int:
     return code
 
 
-class Stopped(BaseException):
-    """SIGTERM or SIGHUP: what is half done is cleared away, as it is by an interrupt."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.signal = number
-
-
 def _stop(number: int, _: object) -> None:
-    raise Stopped(number)
+    """Clear away what is half done, as an interrupt does."""
+    raise SystemExit(SIGNALLED + number)
 
 
 def _prepare(arguments: Sequence[str]) -> None:
@@ -404,9 +397,5 @@ def _prepare(arguments: Sequence[str]) -> None:
 
 def main() -> None:
     arguments = sys.argv[1:]
-    try:
-        _prepare(arguments)
-        code = run(arguments)
-    except Stopped as stopped:  # before or after the work
-        code = SIGNALLED + stopped.signal
-    sys.exit(code)
+    _prepare(arguments)
+    sys.exit(run(arguments))

@@ -23,7 +23,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from markupsafe import Markup
 from threadpoolctl import threadpool_limits
 
 from rotorid.answer.estimate import Estimate
@@ -124,6 +123,7 @@ class DemoResult:
         return f"{self.runs} records" if self.runs > 1 else "one record"
 
     def errors(self, estimator: str) -> Floats:
+        """Return the errors in %, (run, base)."""
         return 100 * (self.values[estimator] / self.truth - 1)
 
     def bias(self, estimator: str) -> Floats:
@@ -138,6 +138,11 @@ class DemoResult:
     @property
     def bound_percent(self) -> Floats:
         return np.asarray(100 * self.bound / np.abs(self.truth))
+
+    @property
+    def by_merit(self) -> list[str]:
+        """The estimators, first the one that stands beside the bound."""
+        return sorted(self.values, key=lambda name: name != "ml")
 
     def scatter_over_stated(self, estimator: str) -> Floats:
         stated = np.sqrt((self.deviations[estimator] ** 2).mean(axis=0))
@@ -204,8 +209,7 @@ def run_demo(
     if runs < 1:
         raise InputError(f"{runs} runs", "one or more", "ask for 60", place="runs")
     model, names = load_model("three-mass"), [row.base for row in TABLE]
-    values = {name: np.empty((runs, len(names))) for name in estimators}
-    deviations = {name: np.empty((runs, len(names))) for name in estimators}
+    found = {name: np.empty((2, runs, len(names))) for name in estimators}
     with threadpool_limits(1, "blas"):  # matrices so small that threads only wait for each other
         children = counting(rng.spawn(runs), "identifying records of the paper's example")
         for run, child in enumerate(children):
@@ -213,8 +217,9 @@ def run_demo(
             for name, estimator in estimators.items():
                 with watched(silent):
                     estimate = identify(model, periods, estimator)
-                values[name][run] = [estimate.value(base) for base in names]
-                deviations[name][run] = [estimate[base].std or np.nan for base in names]
+                read = [(estimate.value(base), estimate[base].std or np.nan) for base in names]
+                found[name][:, run] = np.transpose(read)
+    values, deviations = ({name: each[i] for name, each in found.items()} for i in range(2))
     order = [model.base.names.index(name) for name in names]
     truth = model.base_values(model.values(model.nominal))[order]
     least = predict_accuracy(model, demo_plan(model), MaximumLikelihood(base=True))
@@ -227,7 +232,7 @@ FIRM = 2.0  # standard errors from which on a difference counts
 
 
 def findings(result: DemoResult) -> list[str]:
-    ratios = ((name, result.rms(name) / result.bound_percent) for name in by_merit(result))
+    ratios = ((name, result.rms(name) / result.bound_percent) for name in result.by_merit)
     told = ", ".join(f"{name} {over.min():.2f} to {over.max():.2f}" for name, over in ratios)
     bound = (
         f"The rms errors of the {len(result.names)} base parameters over {result.records}, as "
@@ -246,23 +251,23 @@ def findings(result: DemoResult) -> list[str]:
             f": ls treats the noisy positions as exact, so that {small} of {len(result.names)} "
             "parameters come out too small, and its deviations do not cover the bias"
         )
+    alike = ratio_of_errors(result, "sequential", "batch-100")
+    mean, deviation = ratio_of_errors(result, "batch-100", "batch-10")
+    ranking = "is not significant"
+    if abs(mean) > FIRM * deviation:
+        ranking = "is reproduced" if mean < 0 else "is reversed"
     honest = [name for name in result.values if name != "ls"]  # bias is in no deviation
     over = np.concatenate([result.scatter_over_stated(name) for name in honest])
     return [
         bound,
         f"{bias}.",
         "The paper finds the sequential estimator and weight 100 alike; here the ratio of their "
-        f"rms errors is {_times(*ratio_of_errors(result, 'sequential', 'batch-100'))} (geometric "
-        "mean over the parameters).",
-        _ranking(*ratio_of_errors(result, "batch-100", "batch-10")),
+        f"rms errors is {_times(*alike)} (geometric mean over the parameters).",
+        "The paper, from one run, ranks weight 100 before weight 10; here the ratio of their rms "
+        f"errors is {_times(mean, deviation)}, so the ranking {ranking}.",
         f"The scatter of {', '.join(honest)} is {over.min():.2f} to {over.max():.2f} times the "
         "standard deviation that each estimate states.",
     ]
-
-
-def by_merit(result: DemoResult) -> list[str]:
-    """Return the estimators, first the one that stands beside the bound."""
-    return sorted(result.values, key=lambda name: name != "ml")
 
 
 def bias_share(result: DemoResult, estimator: str) -> Floats:
@@ -286,36 +291,9 @@ def _times(mean: float, deviation: float) -> str:
     return f"{np.exp(mean):.3f} +- {np.exp(mean) * deviation:.3f}"
 
 
-def _ranking(mean: float, deviation: float) -> str:
-    verdict = "is reproduced" if mean < 0 else "is reversed"
-    if abs(mean) <= FIRM * deviation:
-        verdict = "is not significant"
-    return (
-        "The paper, from one run, ranks weight 100 before weight 10; here the ratio of their rms "
-        f"errors is {_times(mean, deviation)}, so the ranking {verdict}."
-    )
-
-
-def demo_page(result: DemoResult) -> Page:
-    printed = [
-        f"({row.base}) Omega^2 = {row.true:.5g} {row.unit}" for row in TABLE if row.speed_power
-    ]
-    return [
-        f"Error in %, root mean square of {result.records}; first the least that the data allow,",
-        "the Cramer-Rao bound",
-        sizes(result),
-        "Table 1, |error| in %: of one run, as the paper prints it;",
-        f"and beside it the median of {result.records} here",
-        beside_the_paper(result),
-        f"The paper lists the unbalance times Omega^2: {', '.join(printed)}",
-        "",
-        *findings(result),
-    ]
-
-
 def sizes(result: DemoResult) -> Table:
     columns = {"bound": result.bound_percent}
-    columns |= {name: result.rms(name) for name in by_merit(result)}
+    columns |= {name: result.rms(name) for name in result.by_merit}
     rows = np.column_stack(list(columns.values()))
     told = ([f"{value:.3f}" for value in row] for row in rows)
     named = zip(result.names, told, strict=True)
@@ -347,16 +325,43 @@ def rms_panel(result: DemoResult) -> Panel:
     return Panel("", axis, Axis(names=result.names), (*curves, bound), height=4)
 
 
-CONDITIONS = Markup(
-    "The paper lists the unbalance terms times Omega²; errors in % are the same. Model "
-    "<code>three-mass</code>, the paper's equations (7), turning at 140 rev/s; forces on the "
-    f"bearings at 20, 60, 100, 140, 180 and 220 Hz; {PERIODS} periods of 20 Hz. The paper states "
-    f"neither sample rate nor noise; here they are {SAMPLE_RATE:g} Hz, and white noise of "
-    f"{FORCE_NOISE:g} N on every sample of a force and of {1e6 * POSITION_NOISE:g} µm or µrad on "
+CONDITIONS = (
+    "Model three-mass, the paper's equations (7), turning at 140 rev/s; forces on the bearings at "
+    f"20, 60, 100, 140, 180 and 220 Hz; {PERIODS} periods of 20 Hz. The paper states neither "
+    f"sample rate nor noise; here they are {SAMPLE_RATE:g} Hz, and white noise of "
+    f"{FORCE_NOISE:g} N on every sample of a force and of {1e6 * POSITION_NOISE:g} um or urad on "
     "every sample of a position, at which its errors come out at their own size. Units of the "
     "paper's stiffnesses are corrected."
 )
-PRINTED = Markup("; ").join(Markup("<code>{}</code>: {}").format(*each) for each in COLUMNS.items())
+
+
+def demo_tables(result: DemoResult) -> tuple[Passage, ...]:
+    printed = (f"({r.base}) Omega^2 = {r.true:.5g} {r.unit}" for r in TABLE if r.speed_power)
+    named = (f"{name} is their {column}" for name, column in COLUMNS.items())
+    return (
+        Passage(
+            "Errors of every estimator",
+            f"Root mean square in %, over {result.records}. The bound is the least that an "
+            "unbiased estimate can have (Cramer and Rao).",
+            sizes(result),
+            panels=(rms_panel(result),),
+        ),
+        Passage(
+            "Table 1 of the paper",
+            "Size of the error of the one run that the paper prints, in %, and beside it the "
+            f"median here of {result.records}. {'; '.join(named)}. The paper lists the unbalance "
+            f"times Omega^2, whose errors in % are the same: {', '.join(printed)}.",
+            beside_the_paper(result),
+            after=CONDITIONS,
+        ),
+    )
+
+
+def demo_page(result: DemoResult) -> Page:
+    page: list[str | Table] = []
+    for part in demo_tables(result):
+        page += [f"{part.title}. {part.caption}", *([part.table] if part.table else [])]
+    return [*page, *findings(result)]
 
 
 def demo_report(result: DemoResult) -> str:
@@ -367,23 +372,7 @@ def demo_report(result: DemoResult) -> str:
         "with fresh noise and identified by each of their estimators and by maximum likelihood.",
         verdict=first,
         mood="good",
-        parts=(
-            Passage("What the figures show", items=tuple(others)),
-            Passage(
-                "Errors of every estimator",
-                f"Root mean square in %, over {result.records}. The bound is the least that an "
-                "unbiased estimate can have (Cramer and Rao).",
-                sizes(result),
-                panels=(rms_panel(result),),
-            ),
-            Passage(
-                "Table 1 of the paper",
-                "Size of the error of the one run that the paper prints, in %, and beside it the "
-                f"median here of {result.records}. " + PRINTED + ".",
-                beside_the_paper(result),
-                after=CONDITIONS,
-            ),
-        ),
+        parts=(Passage("What the figures show", items=tuple(others)), *demo_tables(result)),
     )
     return page_of(page, tab="rotorid demo")
 

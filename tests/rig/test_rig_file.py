@@ -161,7 +161,7 @@ BAD = [
     ('fundamental = "20 Hz"', 'fundamental = "30 Hz"', "10000 Hz for a fundamental of 30 Hz"),
     ('F_x1 = "2 N"', 'theta_x = "2 N"', "process_noise.theta_x: found unit 'N'"),
     ('model = "three-mass"', 'model = "emps"', "sensors: found 'x1'; expected one of q"),
-    ('stiffness = "2e5 N/m"', "", "controller: found no stiffness or no damping"),
+    ('stiffness = "2e5 N/m"', "", "controller: found no stiffness; expected stiffness and damping"),
     (PID, 'kind = "transfer-function"\n', "controller: found no numerator"),
     (
         PID,

@@ -29,8 +29,8 @@ from rotorid.rig.kernel import coil_current
 from rotorid.rig.logger import decimated
 from rotorid.rig.machine import merge_clocks
 from rotorid.rig.parts import Logger, Rotation
-from rotorid.rig.plant import rotor_plant
-from rotorid.rig.rig import Rig, growth, pairs
+from rotorid.rig.plant import pairs, rotor_plant
+from rotorid.rig.rig import Rig, growth
 
 # Motion of the rig against closed forms and a reference integrator.
 

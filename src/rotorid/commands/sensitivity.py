@@ -50,16 +50,16 @@ def run(experiment: Path, pair: Sequence[str], answer: Outputs) -> int:
 def _pairs(plan: Experiment, given: Sequence[str]) -> dict[str, str]:
     """Return the channel of e of each axis, or its column, and the column of r."""
     if given:
-        split = [text.partition("=")[::2] for text in given]
-        for (e, r), text in zip(split, given, strict=True):
-            if not e.strip() or not r.strip():
+        pairs = [[part.strip() for part in text.partition("=")[::2]] for text in given]
+        for pair, text in zip(pairs, given, strict=True):
+            if not all(pair):
                 raise InputError(
                     f"{text[:60]!r}",
                     "a channel and the column of its reference",
                     "write --pair F_x1=r_x1",
                     place="pair",
                 )
-        return {e.strip(): r.strip() for e, r in split}
+        return {e: r for e, r in pairs}
     references = plan.entry.records[0].references or []
     if not references:
         raise InputError(

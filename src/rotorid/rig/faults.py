@@ -98,7 +98,7 @@ def find_fault(text: str) -> tuple[Fault, float]:
 
 def with_faults(rig: Rig, faults: Sequence[tuple[Fault, float]]) -> Rig:
     """Return a rig with faults of given sizes, one after the other, described as without them."""
-    faulty = rig if rig.described is not None else replace(rig, described=rig)
+    faulty = replace(rig, described=rig.as_described)
     for fault, size in faults:
         if size != fault.none:
             with naming(place=f"--fault {fault.name}"):
@@ -115,27 +115,24 @@ def _actuators(change: Callable[[Actuator, float], Actuator]) -> Apply:
     )
 
 
-def _magnets(change: Callable[[Differential, float], Differential]) -> Apply:
-    """Change the laws of magnets; the limits of the currents stay within the bias."""
+def _laws(kind: type[Linear | Differential], found: str, shown: str) -> Callable[[Any], Apply]:
+    """Return what changes the laws of a kind; the limits of the currents stay within the bias."""
 
-    def changed(part: Actuator, size: float) -> Actuator:
-        if not isinstance(part.law, Differential):
-            raise InputError(
-                "an actuator without magnets", "law = 'differential'", "try it on the rig rigid"
-            )
-        law = change(part.law, size)
-        return replace(part, law=law, limit=min(part.limit, law.most))
+    def of(change: Callable[[Any, float], Any]) -> Apply:
+        def changed(part: Actuator, size: float) -> Actuator:
+            if not isinstance(part.law, kind):
+                expected = f"law = '{kind.__name__.lower()}'"
+                raise InputError(found, expected, f"try it on the rig {shown}")
+            law = change(part.law, size)
+            return replace(part, law=law, limit=min(part.limit, getattr(law, "most", np.inf)))
 
-    return _actuators(changed)
+        return _actuators(changed)
+
+    return of
 
 
-def _linear_laws(change: Callable[[Linear, float], Linear]) -> Apply:
-    def changed(part: Actuator, size: float) -> Actuator:
-        if not isinstance(part.law, Linear):
-            raise InputError("another law", "law = 'linear'", "try it on the rig three-mass")
-        return replace(part, law=change(part.law, size))
-
-    return _actuators(changed)
+_magnets = _laws(Differential, "an actuator without magnets", "rigid")
+_linear_laws = _laws(Linear, "another law", "three-mass")
 
 
 def _sensors(change: Callable[[PositionSensor, float], PositionSensor]) -> Apply:
@@ -170,8 +167,7 @@ _positions = _columns(lambda rig, name: any(name == sensor.name for sensor in ri
 
 
 def _known(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
-    described = rig if rig.described is None else rig.described
-    return replace(change(rig), described=change(described))
+    return replace(change(rig), described=change(rig.as_described))
 
 
 def _disturbed(rig: Rig, on: Sequence[str], size: Callable[[Floats], Floats]) -> Rig:

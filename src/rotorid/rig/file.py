@@ -19,10 +19,8 @@ from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import Schema, parse_toml, read_named, shipped, si
 from rotorid.core.units import to_si
-from rotorid.data.record import Channel
 from rotorid.force.entry import LawEntry, law_keys
 from rotorid.force.laws import Differential, Flux, Linear
-from rotorid.force.reading import as_channels
 from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.equations import linear_combination
 from rotorid.rig import parts
@@ -40,6 +38,12 @@ Speed = Annotated[float, si("rad/s")]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Quantity = str | int | float  # in a unit that the model, or the actuator, knows
 LIBRARY = "rotorid.rig"
+_NEEDED = {
+    "pid": ("stiffness", "damping"),
+    "transfer-function": ("numerator", "denominator"),
+    "state-space": ("D",),
+}
+"""What the kinds of controllers cannot do without."""
 
 
 class RotationEntry(Schema):
@@ -77,67 +81,55 @@ class ControllerEntry(Schema):
 
     def build(self, actuators: Sequence[parts.Actuator]) -> Controller:
         parts.check_rate(self.rate, "rate")
+        needed = _NEEDED[self.kind]
+        for key in needed:
+            if not getattr(self, key):
+                expected = f"{' and '.join(needed)} of a controller of the kind {self.kind}"
+                raise InputError(f"no {key}", expected, f"add {key}")
         if self.kind == "pid":
             return side_by_side([self._pid(*part.slopes) for part in actuators])
         if self.kind == "transfer-function":
             return self._transfer_function().on_each(len(actuators))
-        if self.D is None:
-            raise InputError("no D", "matrices D, and A, B, C where it has states", "add them")
         a, b, c, d = (np.array(getattr(self, key) or [], dtype=float) for key in "ABCD")
         return Controller(a, b, c, d, 1 / self.rate)
 
     def _pid(self, ki: float, ks: float) -> Controller:
-        if self.stiffness is None or self.damping is None:
-            raise InputError(
-                "no stiffness or no damping",
-                "stiffness and damping of the closed bearing",
-                "add them",
-            )
+        assert self.stiffness is not None
+        assert self.damping is not None
         gains = (self.stiffness + ks) / ki, self.integral / ki, self.damping / ki
         return pid(*gains, self.filter, 1 / self.rate)
 
     def _transfer_function(self) -> Controller:
-        if not self.numerator or not self.denominator:
+        numerator, denominator = self.numerator or [], self.denominator or []
+        if len(numerator) > len(denominator) or denominator[0] == 0:
             raise InputError(
-                "no numerator or no denominator", "both, highest power of z first", "add them"
-            )
-        if len(self.numerator) > len(self.denominator) or self.denominator[0] == 0:
-            raise InputError(
-                f"{len(self.numerator)} and {len(self.denominator)} coefficients",
+                f"{len(numerator)} and {len(denominator)} coefficients",
                 "a denominator at least as long as the numerator, that starts with no 0",
                 "pad the denominator: a controller cannot look ahead",
             )
-        numerator = np.trim_zeros(self.numerator, "f") or [0.0]
-        return Controller(*signal.tf2ss(numerator, self.denominator), 1 / self.rate)
+        numerator = np.trim_zeros(numerator, "f") or [0.0]
+        return Controller(*signal.tf2ss(numerator, denominator), 1 / self.rate)
 
     def sensors_of(
         self, model: Model, values: Mapping[str, float], sensors: Sequence[parts.PositionSensor]
     ) -> tuple[str, ...]:
         """Return the sensor of each input: the one given, or that which reads its displacement."""
-        found = []
-        names = [sensor.name for sensor in sensors]
-        channels = [Channel(sensor.name, reads=sensor.combination) for sensor in sensors]
+        names, found = [sensor.name for sensor in sensors], []
+        reads = np.array([[s.combination.get(c, 0.0) for c in model.coordinates] for s in sensors])
         columns = model.require_linear().matrices(model.values(values)).B.T
         for name, column in zip(model.inputs, columns, strict=True):
-            given = self.feedback.get(name)
-            if given is not None:
-                cure = "take a sensor from there"
-                require_names([given], names, cure=cure, place=f"feedback.{name}")
-                found.append(given)
-                continue
-            position = {c: float(b) for c, b in zip(model.coordinates, column, strict=True) if b}
-            try:
-                read = as_channels(channels, position)
-            except InputError:
-                read = {}
-            if list(read.values()) != [1.0]:
+            there = np.abs(reads - column).max(axis=1) <= 1e-9 * np.abs(column).max()
+            if name in self.feedback:
+                cure, place = "take a sensor from there", f"feedback.{name}"
+                require_names([self.feedback[name]], names, cure=cure, place=place)
+            elif not there.any():
                 raise InputError(
                     f"no sensor that reads the displacement at {name}",
                     "the sensor to feed back to it",
                     f"add {name} = '...' to controller.feedback",
                     place="feedback",
                 )
-            found += read
+            found.append(self.feedback.get(name) or names[there.argmax()])
         return tuple(found)
 
 
@@ -219,8 +211,8 @@ class RunoutEntry(Schema):
     """One order of the runout of a sensor."""
 
     order: StrictInt = 1
-    cos: Quantity = "0 m"
-    sin: Quantity = "0 m"
+    cos: Quantity | None = None
+    sin: Quantity | None = None
 
 
 class SensorEntry(Schema):
@@ -243,16 +235,14 @@ class SensorEntry(Schema):
         def number(value: Quantity | None, key: str) -> float:
             return 0.0 if value is None else to_si(value, unit, place=f"{place}.{key}")
 
-        noise, bias, quantum = (
-            number(getattr(self, key), key) for key in ("noise", "bias", "quantum")
-        )
+        sizes = {key: number(getattr(self, key), key) for key in ("noise", "bias", "quantum")}
         orders = [
             (o.order, number(o.cos, f"runout.{i}.cos"), number(o.sin, f"runout.{i}.sin"))
             for i, o in enumerate(self.runout)
         ]
         with naming(place=place):
             runout = tuple(parts.SensorRunout(*part) for part in orders)
-            return parts.PositionSensor(name, reads, noise, bias, quantum, runout)
+            return parts.PositionSensor(name, reads, **sizes, runout=runout)
 
 
 class SignalEntry(Schema):
@@ -356,17 +346,19 @@ class LoggerEntry(Schema):
     keyphasor: KeyphasorEntry | None = None
 
     def build(self) -> parts.Logger:
-        angle: parts.Encoder | parts.Keyphasor | None = None
         if self.encoder is not None and self.keyphasor is not None:
             raise InputError(
                 "both", "one of encoder and keyphasor", "remove one", place="logger.encoder"
             )
+        angle: parts.Encoder | parts.Keyphasor | None = None
         with naming(place="logger"):
             if self.encoder is not None:
                 angle = parts.Encoder(**dict(self.encoder))
             elif self.keyphasor is not None:
                 angle = parts.Keyphasor(**dict(self.keyphasor))
-        return parts.Logger(self.sample_rate, self.current, angle, oversampling=self.oversampling)
+            return parts.Logger(
+                self.sample_rate, self.current, angle, oversampling=self.oversampling
+            )
 
 
 class RigFile(Schema):
@@ -448,9 +440,8 @@ class RigPlan:
     seed: int  # of the noise
 
     def run(self, seed: int | None = None) -> RigRecord:
-        found = self.record(seed)
         with naming(self.file or self.name):
-            return read(self.rig.described or self.rig, found)
+            return read(self.rig.as_described, self.record(seed))
 
     def record(self, seed: int | None = None) -> Logged:
         """Run the rig as `run` does, but leave the logger's columns as they are."""

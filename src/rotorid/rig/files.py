@@ -99,7 +99,7 @@ def experiment_path(out: Path, rig: str) -> Path:
 
 def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str:
     """Return the experiment file that identifies the record of a rig, faults left unsaid."""
-    rig = plan.rig.described or plan.rig
+    rig = plan.rig.as_described
     if rig.excitation is None:
         raise InputError(
             "a rig without excitation", "a multisine", "add [excitation]", place="excitation"

@@ -103,6 +103,18 @@ class Loop(NamedTuple):
     gain: Floats
 
 
+class Tables(NamedTuple):
+    """All that a run is made of; loads holds the harmonics' cosines and sines at each event."""
+
+    events: Events
+    steps: Steps
+    bearings: Bearings
+    rotor: RotorTable
+    lags: Lags
+    loop: Loop
+    loads: Floats
+
+
 class Log(NamedTuple):
     """What is recorded, one row per sample; filled by `run`.
 
@@ -434,33 +446,48 @@ def _limit(bearings: Any, command: Any) -> int:
     return -1
 
 
-def room_of(
-    events: Events, steps: Steps, bearings: Bearings, rotor: RotorTable, lags: Lags, loop: Loop
-) -> tuple[Floats, ...]:
+@njit(cache=True, error_model="numpy", inline="always")
+def _heat(law: Any, heating: Any, time: float, laws: Any) -> None:
+    for j in range(laws.shape[0]):
+        for k in range(laws.shape[1]):
+            laws[j, k] = law[j, k] + heating[j, k] * max(time, 0.0)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _step(exact: Any, e: int, held: Any, noise: Any, load: Any, moved: Any, x: Any) -> None:
+    """Take the exact step from an event to the next."""
+    moved[:] = 0.0
+    _add_product(exact.state[e], x, moved)
+    _add_product(exact.command[e], held, moved)
+    _add_product(exact.noise[e], noise, moved)
+    _add_product(exact.load[e], load, moved)
+    _copy(moved, x)
+
+
+def room_of(tables: Tables) -> tuple[Floats, ...]:
     """Return what `run` works on, in its order: a rig at rest, in the middle, without currents."""
-    n, inputs = rotor.plant.force.shape
-    states = 2 * n + len(lags.floor)
-    x, moved = np.zeros((2, steps.state.shape[1]))
+    plant, floor = tables.rotor.plant, tables.lags.floor
+    n, inputs = plant.force.shape
+    states = 2 * n + len(floor)
+    x, moved = np.zeros((2, tables.steps.state.shape[1]))
     held, newest, coil, iron = np.zeros((4, inputs))
-    memory, scratch = np.zeros((2, len(loop.A)))
-    reading, shown = np.zeros((2, len(loop.quantum)))
-    peak = np.concatenate((rotor.floor, lags.floor))
+    memory, scratch = np.zeros((2, len(tables.loop.A)))
+    reading, shown = np.zeros((2, len(tables.loop.quantum)))
+    peak = np.concatenate((tables.rotor.floor, floor))
     y, stages, room = np.zeros((2, states)), np.zeros((7, states)), np.zeros((4, inputs))
-    waiting = np.zeros((events.pattern.lag + 2, inputs))
-    return (x, moved, y, stages, peak, np.zeros(n), held, newest, coil, iron, room,
-            bearings.law.copy(), memory, scratch, waiting, reading, shown)  # fmt: skip
+    laws, waiting = tables.bearings.law.copy(), np.zeros((tables.events.pattern.lag + 2, inputs))
+    return (x, moved, y, stages, peak, np.zeros(n), held, newest, coil, iron, room, laws, memory,
+            scratch, waiting, reading, shown)  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", nogil=True)  # others look how far it is
-def run(
-    events: Any, steps: Any, bearings: Any, rotor: Any, lags: Any, loop: Any, loads: Any,
-    working: Any, log: Any,
-) -> tuple[int, int, float, float]:  # fmt: skip
+def run(tables: Any, working: Any, log: Any) -> tuple[int, int, float, float]:
     """Run the rig and fill the log; return a fault (or FINE), its axis, time and size.
 
-    loads holds the cosines and sines of the rotor angle at each event of a linear rig. All stands
-    in one function: the tables handed to another would count references at each event.
+    What works on many tables stands here: handed to another function, they would count references
+    at each event, which takes half as long again.
     """
+    events, steps, bearings, rotor, lags, loop, loads = tables
     (x, moved, y, stages, peak, steady, held, newest, coil, iron, room, laws, memory, scratch,
      waiting, reading, shown) = working  # fmt: skip
     plan, current, played = events.pattern, room[0], room[1]
@@ -471,9 +498,7 @@ def run(
         pattern, e = event // len(plan.offset), event % len(plan.offset)
         since, reads = pattern - events.settling, plan.control[e] >= 0
         time = since * plan.duration + plan.offset[e]
-        for j in range(laws.shape[0]):
-            for k in range(laws.shape[1]):
-                laws[j, k] = bearings.law[j, k] + bearings.heating[j, k] * max(time, 0.0)
+        _heat(bearings.law, bearings.heating, time, laws)
         if reads:
             tick = pattern * plan.controls + plan.control[e]
             _signal(lags.reading, x, 0, coil, iron, z, reading)
@@ -512,12 +537,7 @@ def run(
         if axis >= 0:
             return TOUCH, axis, time, 0.0
         if steps.linear:
-            moved[:] = 0.0
-            _add_product(steps.state[e], x, moved)
-            _add_product(steps.command[e], held, moved)
-            _add_product(steps.noise[e], loop.process[tick], moved)
-            _add_product(steps.load[e], loads[event], moved)
-            _copy(moved, x)
+            _step(steps, e, held, loop.process[tick], loads[event], moved, x)
             _copy(held, coil)
             for j in range(z - n):
                 coil[bearings.lagging[j]] = x[n + j]

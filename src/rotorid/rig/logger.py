@@ -186,7 +186,7 @@ def _drive_columns(
     rig: RigMachine, plant: Plant, log: Log, rng: np.random.Generator
 ) -> list[LoggedColumn]:
     found = []
-    described = rig if rig.described is None else rig.described
+    described = rig.as_described
     command = rig.logger.current == "command"
     shown = log.command if command else decimated(log.recorded, log.every)
     position = log.state[:, : plant.displacement.shape[1]] @ plant.displacement.T

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import field
 from fractions import Fraction
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -136,7 +136,7 @@ class RigMachine:
     # from times in s of the record to a factor on the controller's answer
     gain: Callable[[Floats], Floats] | None = None
     # what the experiment file takes the rig for; itself by default
-    described: RigMachine | None = None
+    described: Self | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
@@ -165,6 +165,10 @@ class RigMachine:
                 place="controller",
             )
         check(self, positive=("clearance", "tolerance"), zero=("delay", "settling"))
+
+    @property
+    def as_described(self) -> Self:
+        return self if self.described is None else self.described
 
     @cached_property
     def schedule(self) -> Schedule:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, require_positive
 from rotorid.core.values import Floats, frozen
-from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.force.laws import Differential, Flux, Linear, require
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 
 
@@ -19,14 +19,10 @@ def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...]
     """Refuse values that are not positive, or negative, where they must not be."""
     for name in (*positive, *zero):
         value, strict = getattr(part, name), name in positive
-        if value is None or value > 0 or (value == 0 and not strict):
-            continue
-        raise InputError(
-            f"{name} = {value}",
-            "more than 0" if strict else "0 or more",
-            f"give a {'positive ' if strict else ''}size, without a sign",
-            place=name,
-        )
+        fine = value is None or value > 0 or (value == 0 and not strict)
+        expected = "more than 0" if strict else "0 or more"
+        cure = f"give a {'positive ' if strict else ''}size, without a sign"
+        require(fine, name, value, expected, cure)
 
 
 def check_rate(rate: float, place: str) -> None:

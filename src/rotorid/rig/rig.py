@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -14,7 +13,7 @@ from rotorid.core.values import Floats, frozen
 from rotorid.core.watch import polled
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig import kernel
-from rotorid.rig.kernel import Bearings, Events, Log, Loop, RotorTable, Steps
+from rotorid.rig.kernel import Bearings, Events, Log, Loop, RotorTable, Steps, Tables
 from rotorid.rig.logger import Logged, RigRecord, logged, read
 from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Lags, Plant, Rows, pairs
@@ -47,12 +46,11 @@ SETTLED = 60.0
 
 @frozen
 class Rig(RigMachine):
-    described: Rig | None = None
     spoils: tuple[Spoil, ...] = ()  # what happens to the logger's columns, one after the other
 
     def run(self, duration: float, rng: np.random.Generator) -> RigRecord:
         """Run so many s; an unstable loop, a touch or a current beyond the bias is a `RigError`."""
-        return read(self.described or self, self.record(duration, rng))
+        return read(self.as_described, self.record(duration, rng))
 
     def record(self, duration: float, rng: np.random.Generator) -> Logged:
         """Run the rig and record it, as `run`, but leave the columns as they are."""
@@ -76,15 +74,13 @@ class Rig(RigMachine):
             raise InputError(f"{duration} s", "one sample or more", "run longer", place="duration")
         plant = self.plant(duration)
         self._require_stable(plant, duration)
-        log = log_table(self, samples)
-        made = kernel_tables(self, plant, samples, rng)
-        events, bearings = made[0], made[2]
-        loads, room = load_table(self, plant, events), kernel.room_of(*made)
+        log = empty_log(self, samples)
+        tables = tables_of(self, plant, samples, rng)
         with polled("simulating samples", lambda: int(np.count_nonzero(log.state[:, 0])), samples):
-            code, axis, time, size = kernel.run(*made, loads, room, log)
+            code, axis, time, size = kernel.run(tables, kernel.room_of(tables), log)
         if code != kernel.FINE:
-            since = time + events.settling * events.pattern.duration
-            raise self._fault(code, axis, since, size, float(bearings.clearance[axis]))
+            since = time + tables.events.settling * self.schedule.duration
+            raise self._fault(code, axis, since, size, float(tables.bearings.clearance[axis]))
         found = logged(self, plant, log, rng)
         recorded = {column.name: column.samples for column in found.columns}
         for spoil, own in zip(self.spoils, rng.spawn(len(self.spoils)), strict=True):
@@ -185,20 +181,14 @@ def _continuous(
 
 def noise_matrix(rig: RigMachine, plant: Plant) -> Floats:
     """Return the accelerations per random force and per disturbance, shape (coordinate, noise)."""
-    n = len(plant.force)
-    columns = [_acceleration(rig, plant, name, force=True) for name in rig.process_noise.std]
+    own = np.eye(len(plant.force))
+    inputs = dict(zip(rig.model.inputs, plant.force.T, strict=True))
+    moved = dict(zip(rig.model.coordinates, own, strict=True))
+    pushed = dict(zip(rig.model.coordinates, np.linalg.solve(plant.mass, own).T, strict=True))
+    columns = [(inputs | pushed)[name] for name in rig.process_noise.std]
     for part in rig.disturbances:
-        parts = [f * _acceleration(rig, plant, name, force=False) for name, f in part.on.items()]
-        columns.append(np.sum(parts, axis=0))
-    return np.ascontiguousarray(np.array(columns).reshape(len(columns), n).T, dtype=float)
-
-
-def _acceleration(rig: RigMachine, plant: Plant, name: str, *, force: bool) -> Floats:
-    """Return the accelerations by one N at an input; of a coordinate by a force, or its own."""
-    if name in rig.model.inputs:
-        return plant.force[:, rig.model.inputs.index(name)]
-    own = np.eye(len(plant.force))[rig.model.coordinates.index(name)]
-    return np.asarray(np.linalg.solve(plant.mass, own) if force else own, dtype=float)
+        columns.append(sum(f * (inputs | moved)[name] for name, f in part.on.items()))
+    return np.ascontiguousarray(np.array(columns).reshape(len(columns), len(own)).T, dtype=float)
 
 
 def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, str]:
@@ -219,24 +209,30 @@ def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, s
     return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
 
 
-def kernel_tables(
-    rig: RigMachine, plant: Plant, samples: int, rng: np.random.Generator
-) -> tuple[Events, Steps, Bearings, RotorTable, Lags, Loop]:
+def tables_of(rig: RigMachine, plant: Plant, samples: int, rng: np.random.Generator) -> Tables:
     plan, lags, noise = rig.schedule, rig.lags(plant), noise_matrix(rig, plant)
     floor = np.repeat([_POSITION_FLOOR, _VELOCITY_FLOOR], len(plant.force))
-    rotor = RotorTable(plant, noise, rig.rotation.numbers, rig.tolerance, floor)
     # The pattern of events is repeated until the record is complete.
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
     readings = samples * rig.logger.oversampling
     events = Events(plan, settling + -(-readings // plan.logs), settling)
     if rig.linear:
         steps = exact_steps(rig, plant, lags, rig.rotation.speed)
+        loads = _load_table(rig, plant, events)
     else:  # only their sizes matter
         size = 2 * len(plant.force) + len(lags.floor)
         shapes = ((size, size), (size, plant.force.shape[1]), (size, noise.shape[1]), (size, 0))
         steps = Steps(False, *(np.zeros((len(plan.offset), *shape)) for shape in shapes))
-    loop = loop_table(rig, events, samples, rng)
-    return events, steps, bearing_table(rig, plant), rotor, lags, loop
+        loads = np.zeros((0, 0))
+    return Tables(
+        events,
+        steps,
+        bearing_table(rig, plant),
+        RotorTable(plant, noise, rig.rotation.numbers, rig.tolerance, floor),
+        lags,
+        loop_table(rig, events, samples, rng),
+        loads,
+    )
 
 
 def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
@@ -244,33 +240,33 @@ def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
     law, heating = np.zeros((2, len(parts), 7))
     for row, rate, part in zip(law, heating, parts, strict=True):
         match part.law:
-            case Differential() as magnets:
-                row[:] = magnets.numbers
-                rate[2] = part.heating * magnets.gap
+            case Differential() as pair:
+                row[:] = pair.numbers
+                rate[2] = part.heating * pair.gap
             case Linear(ki=ki, ks=ks):  # as 1 / gap^2 and 1 / gap^3 go
                 row[:2] = ki, ks
                 rate[:2] = -2 * part.heating * ki, -3 * part.heating * ks
             case None:
                 row[:2] = 1.0, 0.0
-    lag = np.array([part.time_constant for part in parts])
-    pairs_of = [part.law if isinstance(part.law, Differential) else None for part in parts]
+    magnets = [part.law if isinstance(part.law, Differential) else None for part in parts]
+    columns = {
+        name: np.array([getattr(part, name) for part in parts])
+        for name in ("limit", "time_constant", "slew", "hysteresis")
+    }
     return Bearings(
-        kind=np.array([0 if m is None else 2 if not m.bias else 1 for m in pairs_of]),
+        kind=np.array([0 if m is None else 1 if m.bias else 2 for m in magnets]),
         law=law,
         heating=heating,
-        limit=np.array([part.limit for part in parts]),
-        bias=np.array([np.inf if m is None else m.most for m in pairs_of]),
-        time_constant=lag,
-        lagging=np.flatnonzero(lag > 0),
-        slew=np.array([part.slew for part in parts]),
-        hysteresis=np.array([part.hysteresis for part in parts]),
+        bias=np.array([np.inf if m is None else m.most for m in magnets]),
+        lagging=np.flatnonzero(columns["time_constant"] > 0),
         displacement=plant.displacement,
         clearance=np.array(
-            [rig.clearance if m is None else min(rig.clearance, m.reach) for m in pairs_of]
+            [rig.clearance if m is None else min(rig.clearance, m.reach) for m in magnets]
         ),
         pair=pairs(rig.model.inputs),
         contact=rig.contact,
         friction=FRICTION,
+        **columns,
     )
 
 
@@ -339,24 +335,21 @@ def excitation_table(rig: RigMachine) -> Floats:
     return table
 
 
-def load_table(rig: RigMachine, plant: Plant, events: Events) -> Floats:
-    """Return cosine and sine of the loads' harmonics at each event of a linear rig."""
-    if not rig.linear:
-        return np.zeros((0, 0))
+def _load_table(rig: RigMachine, plant: Plant, events: Events) -> Floats:
+    """Return cosine and sine of the loads' harmonics at each event."""
     patterns = np.arange(events.repeats) - events.settling
     time = (patterns[:, None] * events.pattern.duration + events.pattern.offset).ravel()
     turns = rig.rotation.angle_at(time)[:, None] * plant.harmonics
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(time), -1)
 
 
-def log_table(rig: RigMachine, samples: int) -> Log:
-    inputs, every = len(rig.model.inputs), rig.logger.oversampling
-    state, reading = 2 * len(rig.model.coordinates), len(rig.sensors)
-    widths = (state, reading, inputs, inputs, inputs)  # command, current and force are of inputs
-    tables: list[Any] = [np.zeros((samples, width)) for width in widths]
+def empty_log(rig: RigMachine, samples: int) -> Log:
+    every, inputs = rig.logger.oversampling, len(rig.model.inputs)
+    command, current, force = np.zeros((3, samples, inputs))
     recorded, effective = np.zeros((2, samples * every, inputs))
-    tables += [recorded, effective, every]
-    return Log(*tables)
+    state = np.zeros((samples, 2 * len(rig.model.coordinates)))
+    reading = np.zeros((samples, len(rig.sensors)))
+    return Log(state, reading, command, current, force, recorded, effective, every)
 
 
 def _loop_matrix(rig: RigMachine, steps: Steps, reads: Floats) -> Floats:
