@@ -503,22 +503,6 @@ SEED_NOISE = {
 
 
 @pytest.mark.slow
-def test_ls_is_biased_where_the_others_are_not():
-    """The attenuation of theory.md: noise in the regressors of rows without an input."""
-    rng = np.random.default_rng(11)
-    errors = {method: [] for method in FAMILY}
-    for _ in range(12):
-        record = THREE_MASS.periodic(periods=60, noise=SEED_NOISE, rng=rng)
-        for method in FAMILY:
-            found = method().estimate(THREE_MASS.model, [record]).value("m1")
-            errors[method].append(100 * (found / THREE_MASS.truth["m1"] - 1))
-    bias = {method.__name__: np.mean(values) for method, values in errors.items()}
-    assert -8 < bias["LeastSquares"] < -3  # -1.2 % with 260 periods
-    assert abs(bias["Batch"]) < 1
-    assert abs(bias["Sequential"]) < 1
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "problem", [TRAIN, CHAIN, TABLE, THREE_MASS], ids=lambda problem: problem.name
 )

@@ -1,6 +1,6 @@
 """The kernel: gradient, invariance, loads, indirect sensors, whitening, the expected cost."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from types import SimpleNamespace
 
@@ -352,27 +352,20 @@ def test_twelve_hidden_coordinates_are_many(machine, monkeypatch):
 LINES = 500
 
 
-@dataclass
-class Errors:
-    """An evaluation that holds equation errors of unit noise, and nothing else."""
-
-    values: np.ndarray
-    null_h: None = None
-
-    @property
-    def problem(self):
-        return SimpleNamespace(
-            equations=self.values.shape[1],
-            multiplicity=np.full(len(self.values), 2.0),
-            noise=SimpleNamespace(factor=self.columns),
-        )
-
-    @property
-    def columns(self):
-        return np.broadcast_to(np.eye(self.values.shape[1]), (len(self.values), 2, 2))
-
-    def errors(self):
-        return self.values
+def evaluated(errors: np.ndarray, rows: np.ndarray | None = None) -> SimpleNamespace:
+    """Return an evaluation that holds equation errors of two channels of unit noise behind rows."""
+    lines, equations = errors.shape
+    factor = np.broadcast_to(np.eye(2), (lines, 2, 2))
+    return SimpleNamespace(
+        problem=SimpleNamespace(
+            equations=equations,
+            multiplicity=np.full(lines, 2.0),
+            noise=SimpleNamespace(factor=factor),
+        ),
+        columns=factor if rows is None else rows,
+        errors=lambda: errors,
+        null_h=None,
+    )
 
 
 def complex_noise(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -394,7 +387,7 @@ def test_mean_and_variance_of_the_sum(references, quiet):
     for _ in range(120):
         noise = complex_noise(rng, LINES, 2) if quiet else None
         near = beside(rng, references, noise=noise)
-        found.append(by_errors._sum_of(Errors(complex_noise(rng, LINES, 2)), near, [0, 1]))
+        found.append(by_errors._sum_of(evaluated(complex_noise(rng, LINES, 2)), near, [0, 1]))
     cost, mean, variance = np.transpose(found)
     mean, variance = mean.mean(), variance.mean()
     assert abs(cost.mean() - mean) < 3 * np.sqrt(variance / 120)
@@ -436,7 +429,7 @@ def test_some_hundreds_of_lines_tell_the_noise(monkeypatch):
     monkeypatch.setattr(by_errors, "_channel_noise", watched)
     number = np.arange(1600)
     near = Beside(np.ones((1600, 1)) + 0j, number >= 0, number, number)
-    by_errors._whitened(Errors(complex_noise(np.random.default_rng(8), 1600, 2)), near, [0, 1])
+    by_errors._whitened(evaluated(complex_noise(np.random.default_rng(8), 1600, 2)), near, [0, 1])
     assert seen == [400]
 
 
@@ -447,9 +440,11 @@ def test_a_line_that_stands_out_is_in_its_own_cost_alone():
     near = beside(rng, 1)
     ordinary = near.ordinary.copy()
     ordinary[250] = False
-    hidden, expected, _ = by_errors._sum_of(Errors(errors), near, [0, 1])
+    hidden, expected, _ = by_errors._sum_of(evaluated(errors), near, [0, 1])
     assert hidden < 1.1 * expected
-    seen, expected, _ = by_errors._sum_of(Errors(errors), replace(near, ordinary=ordinary), [0, 1])
+    seen, expected, _ = by_errors._sum_of(
+        evaluated(errors), replace(near, ordinary=ordinary), [0, 1]
+    )
     assert seen > 5 * expected
 
 
@@ -458,25 +453,9 @@ def test_too_few_lines_and_no_noise_tell_nothing():
     near = beside(rng, 1)
     few = slice(0, 20)
     short = Beside(near.columns[few], near.ordinary[few], near.centre[few], near.where[few])
-    assert by_errors._sum_of(Errors(complex_noise(rng, 20, 2)), short, [0, 1]) is None
-    nothing = Errors(np.zeros((LINES, 2), dtype=complex))
+    assert by_errors._sum_of(evaluated(complex_noise(rng, 20, 2)), short, [0, 1]) is None
+    nothing = evaluated(np.zeros((LINES, 2), dtype=complex))
     assert by_errors._sum_of(nothing, near, [0, 1]) is None
-
-
-@dataclass
-class Mode(Errors):
-    """Errors of one equation of two channels, the first of which weighs more beside a mode."""
-
-    rows: np.ndarray = None
-
-    @property
-    def problem(self):
-        noise = SimpleNamespace(factor=np.broadcast_to(np.eye(2), (LINES, 2, 2)))
-        return SimpleNamespace(noise=noise)
-
-    @property
-    def columns(self):
-        return self.rows
 
 
 def test_loads_of_a_quiet_record_tell_no_noise():
@@ -490,7 +469,7 @@ def test_loads_of_a_quiet_record_tell_no_noise():
     noise, still = complex_noise(rng, 2, LINES, 2)
     still[:, 1] += 300 / offset
     errors = (rows @ noise[:, :, None])[:, :, 0]
-    white, _ = by_errors._whitened(Mode(errors, rows=rows), beside(rng, 0, noise=still), [0, 1])
+    white, _ = by_errors._whitened(evaluated(errors, rows), beside(rng, 0, noise=still), [0, 1])
     size, near = (np.abs(white) ** 2).sum(axis=1), np.abs(offset) < 12
     assert 0.5 < size[near].mean() / size[~near].mean() < 2
 

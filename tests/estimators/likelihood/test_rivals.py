@@ -602,9 +602,9 @@ def stiff_record():
 @pytest.mark.parametrize(
     ("bounds", "term", "value"),
     [
+        ({"c": (None, 20.0)}, "bound c <= 20", 30.0),
         # Without the bound all is said; a force in kilograms would keep it, and explain as much.
         ({"k": (2.05e5, None)}, "bound k >= 205000", 2e5),
-        ({"c": (None, 20.0)}, "bound c <= 20", 30.0),
         ({"k/2 - 1e4*m": (None, 7e4)}, "bound k/2 - 1e4*m <= 70000", 8e4),
         ({"k": (2.05e5, None), "c": (None, 20.0)}, "bound k >= 205000, c <= 20", None),
     ],

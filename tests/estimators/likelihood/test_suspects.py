@@ -196,36 +196,30 @@ def test_a_rotor_that_bends_and_is_taken_for_rigid():
     assert estimate.warnings[0].endswith(STIFFEN)
 
 
-@pytest.mark.parametrize("name", ["three-mass", "jeffcott", "rigid"])
-def test_only_a_rotor_without_a_spring_is_suspected_of_bending(name):
-    model = load_model(name)
-    structure = find_structure(model, model.values(model.nominal), 100.0)
-    terms = find_candidates(structure, [model.units[c] for c in model.coordinates])
-    found = [t for t in terms if t.name == BENDS]
-    assert len(found) == (name == "rigid")
-    for term in found:
-        assert len(term.scalars) == 3
-        assert {e.order for e in term.effects} == {4}
-
-
-def test_structure_of_the_shipped_models():
-    for name, springs, pairs in (
+@pytest.mark.parametrize(
+    ("name", "springs", "pairs"),
+    [
         ("three-mass", ["k1", "k2"], {("x1", "y1"), ("x2", "y2"), ("x3", "y3")}),
         ("rigid", [], {("x", "y")}),
         ("jeffcott", ["k"], {("x", "y")}),
-    ):
-        model = load_model(name)
-        structure = find_structure(model, model.values(model.nominal), 100.0)
-        assert [found for found, _ in structure.springs] == springs
-        names = {tuple(model.coordinates[k] for k in pair) for pair in structure.pairs}
-        angles = {("theta_x", "theta_y")} if "theta_x" in model.coordinates else set()
-        assert names == pairs | angles
-        terms = [
-            candidate.name
-            for candidate in find_candidates(structure, [model.units[c] for c in model.coordinates])
-        ]
-        assert len(terms) == len(set(terms))
-        assert ("damping k1" in terms) == (name == "three-mass")
+    ],
+)
+def test_structure_of_the_shipped_models(name, springs, pairs):
+    """Only a rotor without a spring is suspected of bending."""
+    model = load_model(name)
+    structure = find_structure(model, model.values(model.nominal), 100.0)
+    assert [found for found, _ in structure.springs] == springs
+    angles = {("theta_x", "theta_y")} if "theta_x" in model.coordinates else set()
+    assert {tuple(model.coordinates[k] for k in p) for p in structure.pairs} == pairs | angles
+    terms = find_candidates(structure, [model.units[c] for c in model.coordinates])
+    names = [term.name for term in terms]
+    assert len(names) == len(set(names))
+    assert ("damping k1" in names) == (name == "three-mass")
+    bends = [term for term in terms if term.name == BENDS]
+    assert len(bends) == (not springs)
+    for term in bends:
+        assert len(term.scalars) == 3
+        assert {e.order for e in term.effects} == {4}
 
 
 # What the drawing of a rotor lacks is named first, with its size.
