@@ -119,10 +119,6 @@ def test_what_follows_from_a_part_of_the_base_parameters():
     assert set(found) == set(THREE_MASS.derived) - {"xi"}
     for name, value in found.items():
         assert value == pytest.approx(THREE_MASS.truth[name], rel=1e-9)
-
-
-def test_nothing_follows_from_nothing():
-    model, _ = truth_of(THREE_MASS)
     assert physical_from_base(model, np.full(14, np.nan), np.eye(14)) == ()
 
 

@@ -26,8 +26,8 @@ from rotorid import (
     load_model,
 )
 from rotorid.data.lines import Beside
-from rotorid.likelihood import cost, whitening
 from rotorid.likelihood import expected_cost as by_errors
+from rotorid.likelihood import whitening
 from rotorid.likelihood.assembly import assemble, every_load, load_lines, phase_steps
 from rotorid.likelihood.cost import Likelihood
 from rotorid.likelihood.layout import Layout
@@ -160,23 +160,6 @@ def test_stays_finite_at_a_resonance(demo, bearings):
         assert np.isfinite(at.jacobian()).all()
         costs.append(at.cost)
     np.testing.assert_allclose(costs, costs[1], rtol=1e-5)
-
-
-def test_a_rotor_as_stiff_is_projected_once(demo, bearings, monkeypatch):
-    """With another unbalance it is, with another mass not; either evaluation is right."""
-    kernel, x = likelihood(demo.record(bearings)), demo.values
-    at, names = kernel.evaluate(x), [p.name for p in MODEL.parameters]
-    count = []
-    project = cost.projection
-    monkeypatch.setattr(cost, "projection", lambda *given: count.append(1) or project(*given))
-    for name, projected in (("xi", 0), ("m2", 1)):
-        moved = x * np.where(np.array(names) == name, 1.1, 1.0)
-        fresh = kernel.evaluate(moved)
-        count.clear()
-        found = kernel.evaluate(moved, like=at)
-        assert len(count) == projected
-        np.testing.assert_allclose(found.residual, fresh.residual, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(found.jacobian() * x, fresh.jacobian() * x, rtol=1e-9, atol=1e-9)
 
 
 # Loads that depend on time alone: the columns of g are those of the regression.

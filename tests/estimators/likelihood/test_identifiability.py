@@ -136,13 +136,9 @@ def test_everything_open_at_once(levitated, rng):
     assert first.startswith("m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1]")
     assert second.startswith("L1, I_t, I_p, L2, mu, eta scale together")
     assert lines_of(estimate, "cure: ")[0] == "fix 2 of them, such as m1, L1"
-    value, std = estimate.value("I_t/m1/L1^2"), estimate.std("I_t/m1/L1^2")
-    truth = demo_ratio(levitated.truth)
-    assert value == pytest.approx(truth, abs=4 * std)
-
-
-def demo_ratio(truth) -> float:
-    return truth["I_t"] / truth["m1"] / truth["L1"] ** 2
+    value, truth = estimate.value("I_t/m1/L1^2"), levitated.truth
+    wanted = truth["I_t"] / truth["m1"] / truth["L1"] ** 2
+    assert value == pytest.approx(wanted, abs=4 * estimate.std("I_t/m1/L1^2"))
 
 
 def test_unknown_phase_of_the_only_record(demo, bearings, rng):
