@@ -27,6 +27,7 @@ from rotorid import (
     load_model,
     parse_model,
 )
+from rotorid.testing import add_noise, line_record
 
 Columns = Mapping[str, np.ndarray]
 
@@ -555,6 +556,35 @@ def times(record: PeriodicRecord, names: Sequence[str], factor: ArrayLike) -> Pe
     spectra = record.spectra.copy()
     spectra[:, :, [record.index(name) for name in names]] *= np.reshape(factor, (-1, 1))
     return replace(record, spectra=spectra)
+
+
+def steady(
+    model: Model,
+    truth: Mapping[str, float],
+    forces: ArrayLike,
+    harmonics: Sequence[int],
+    fundamental: float = 10.0,
+    rate: float = 2000.0,
+    periods: int = 40,
+    *,
+    hertz: float = 0.0,
+    sensors: Sequence[Channel | str] | None = None,
+    noise: Mapping[str, float] | None = None,
+    rng: np.random.Generator | None = None,
+) -> PeriodicRecord:
+    """Return a record of a linear machine line by line, with noise where a generator draws it."""
+    record = line_record(
+        model,
+        model.values({**model.nominal, **truth}),
+        forces,
+        harmonics=harmonics,
+        fundamental=fundamental,
+        sample_rate=rate,
+        periods=periods,
+        speed=2 * np.pi * hertz,
+        sensors=sensors,
+    )
+    return record if rng is None else add_noise(record, noise or {}, rng)
 
 
 def noise_record(names: str, period: int = 20, harmonics: Sequence[int] = (1, 2)) -> PeriodicRecord:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bank import steady
 from linear_machines import estimate_of
 from model_text import model_text
 from severities import doubting, rejecting
@@ -15,7 +16,7 @@ from rotorid.answer import machine_checks as gate
 from rotorid.answer.judge import CONTRADICTING, of_data
 from rotorid.core.distributions import Expectation
 from rotorid.linear.family import misfit
-from rotorid.testing import add_noise, line_record
+from rotorid.testing import add_noise
 
 # The gate of every method: can it be a machine, does it predict, do its halves agree.
 
@@ -193,15 +194,7 @@ STOREYS = {"m1": 3.0, "m2": 2.0, "k": 900.0, "g": 2500.0}
 
 def tower(seed, truth=STOREYS, periods=8, break_after=None):
     """Return periods of the tower; the force is 5 N on each line, the noise a thousandth."""
-    record = line_record(
-        TOWER,
-        TOWER.values(truth),
-        np.full((4, 1), 5.0),
-        harmonics=(1, 2, 3, 4),
-        fundamental=1.0,
-        sample_rate=100.0,
-        periods=periods,
-    )
+    record = steady(TOWER, truth, np.full((4, 1), 5.0), (1, 2, 3, 4), 1.0, 100.0, periods)
     spectra = record.spectra.copy()
     spectra[break_after or periods :, :, 1:] *= 1.2
     size = 1e-3 * np.sqrt(2 * record.samples) * np.abs(spectra[0]).mean(axis=0)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bank import ARM, BANK, CHAIN, JEFFCOTT, RIGID, THREE_MASS, TRAIN, Grid, recovered
+from bank import ARM, BANK, CHAIN, JEFFCOTT, RIGID, THREE_MASS, TRAIN, Grid, recovered, steady
 from model_text import model_text
 from sampled_bank import coloured
 from scipy.optimize import brentq
@@ -37,7 +37,7 @@ from rotorid.linear.solve import (
     solve,
 )
 from rotorid.models.knowledge import constraint_polynomial, eliminate
-from rotorid.testing import bind_all, line_record
+from rotorid.testing import bind_all
 
 # The weighted solution, its gains and its sandwich, on plain matrices.
 
@@ -297,16 +297,8 @@ def stages_of(problem, constraints=(), **fixed):
 def made(text, harmonics=(1, 2), turns=0, **truth):
     """Return a linear machine of a text, and its record without noise."""
     model = parse_model(text)
-    record = line_record(
-        model,
-        model.values(truth),
-        np.exp(1j * np.outer(harmonics, np.arange(1, len(model.inputs) + 1))),
-        harmonics=harmonics,
-        fundamental=5.0,
-        sample_rate=1200.0,
-        periods=3,
-        speed=turns * 2 * np.pi * 5.0,
-    )
+    forces = np.exp(1j * np.outer(harmonics, np.arange(1, len(model.inputs) + 1)))
+    record = steady(model, truth, forces, harmonics, 5.0, 1200.0, 3, hertz=5.0 * turns)
     return SimpleNamespace(model=model, records=[record], known={}, truth=truth)
 
 

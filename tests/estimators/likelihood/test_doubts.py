@@ -11,7 +11,7 @@ import scipy.stats
 import test_spectra
 from adverse import LINES, WRONG, measure, new_trial
 from adverse_cases import between
-from bank import times
+from bank import steady, times
 from model_text import model_text
 from result_cases import close_case, minimum_from_the_truth
 from severities import doubting, rejecting
@@ -40,7 +40,7 @@ from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT
 from rotorid.likelihood.whitening import find_scales
-from rotorid.testing import add_noise, bind_all, line_record
+from rotorid.testing import add_noise, bind_all
 
 # What is taken as exact without a word, held against records in which it is not.
 
@@ -67,19 +67,11 @@ def recorded(rig, *speeds: float, drives: bool = True) -> list[PeriodicRecord]:
 
 
 def disc() -> PeriodicRecord:
-    model = load_model("jeffcott")
-    free = line_record(
-        model,
-        model.values(model.nominal),
-        np.full((5, 1), 4 - 3j) * np.array([1.0, 0.6j]),
-        harmonics=[1, 3, 5, 7, 9],
-        fundamental=10.0,
-        sample_rate=5000.0,
-        periods=200,
-        speed=2 * np.pi * 50,
-    )
+    model, rng = load_model("jeffcott"), np.random.default_rng(4)
+    forces = np.full((5, 1), 4 - 3j) * np.array([1.0, 0.6j])
     noise = {"F_x": 1.0, "F_y": 1.0, "x": 2e-6, "y": 2e-6}
-    return add_noise(free, noise, np.random.default_rng(4))
+    lines = (1, 3, 5, 7, 9)
+    return steady(model, {}, forces, lines, 10.0, 5e3, 200, hertz=50, noise=noise, rng=rng)
 
 
 @pytest.fixture(scope="module")
@@ -242,10 +234,9 @@ def test_a_scale_is_a_share():
 def test_what_follows_the_scale_by_half_is_named(held, follows):
     """A part of the stiffness is held: 1 % of the scale is 0.51 or 0.49 % of the rest."""
     model = parse_model(HELD)
-    values = model.values({"m": 2.0, "k": 2e5, "h": held * 2e5})
+    truth = {"m": 2.0, "k": 2e5, "h": held * 2e5}
     forces = np.array([[3 - 4j], [5], [4 + 1j], [-3j]])
-    lines = {"harmonics": [1, 2, 5, 9], "fundamental": 5.0, "sample_rate": 2000.0, "periods": 60}
-    clean = line_record(model, values, forces, **lines)
+    clean = steady(model, truth, forces, (1, 2, 5, 9), 5.0, periods=60)
     force, motion = clean.channels
     driven = replace(clean, channels=(replace(force, drive=Drive(1.0, 0.0, {"x": 1.0})), motion))
     record = add_noise(driven, {"F": 1e-4, "x": 1e-10}, np.random.default_rng(7))

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bank import steady
 from model_text import model_text
 
 import rotorid as rid
@@ -15,7 +16,7 @@ from rotorid.likelihood.fit import _problem
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.symmetric_answers import Link, Mirrors, Web, exchanged
 from rotorid.likelihood.unknowns import unknowns_of
-from rotorid.testing import add_noise, bind, line_record
+from rotorid.testing import bind
 
 OVERHUNG = model_text(
     "A disc beside its shaft's end, which bends with it",
@@ -44,25 +45,15 @@ WINGS = model_text(
 )
 DISC, BODY = rid.parse_model(OVERHUNG), rid.parse_model(WINGS)
 LINES = tuple(range(1, 30))
-SPEED = 2 * np.pi * 50
+HERTZ = 50.0
 
 
-def record_of(model, sensors, speed=0.0, seed=0, noise=2e-8, silent=False):
-    rng = np.random.default_rng(seed)
-    forces = 2.5 * np.exp(2j * np.pi * rng.random((len(LINES), len(model.inputs))))
-    record = line_record(
-        model,
-        model.values(model.nominal),
-        forces * (not silent),
-        harmonics=LINES,
-        fundamental=10.0,
-        sample_rate=2000.0,
-        periods=40,
-        speed=speed,
-        sensors=sensors,
-    )
-    deviation = dict.fromkeys(record.names, noise)
-    return add_noise(record, deviation | dict.fromkeys(model.inputs, 0.02 * (not silent)), rng)
+def record_of(model, sensors, hertz=0.0, seed=0, silent=False):
+    rng, loud = np.random.default_rng(seed), not silent
+    forces = loud * 2.5 * np.exp(2j * np.pi * rng.random((len(LINES), len(model.inputs))))
+    names = [each if isinstance(each, str) else each.name for each in sensors]
+    noise = dict.fromkeys(names, 2e-8) | dict.fromkeys(model.inputs, 0.02 * loud)
+    return steady(model, {}, forces, LINES, hertz=hertz, sensors=sensors, noise=noise, rng=rng)
 
 
 def mirrors_of(model, records, estimator=None):
@@ -77,7 +68,7 @@ def mirrors_of(model, records, estimator=None):
 
 @pytest.fixture(scope="module")
 def overhung():
-    return record_of(DISC, ["x", "y"], SPEED)
+    return record_of(DISC, ["x", "y"], HERTZ)
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +115,7 @@ def test_the_mirror_image_is_turned_to_the_start(overhung, monkeypatch):
 
 
 def test_a_sensor_a_prior_or_the_model_tells_a_sign(overhung):
-    tilted = record_of(DISC, ["x", "y", "theta_x"], SPEED)
+    tilted = record_of(DISC, ["x", "y", "theta_x"], HERTZ)
     positive = OVERHUNG.replace("nominal = -1.5e4", "nominal = 1.5e4, positive = true")
     assert mirrors_of(DISC, [tilted])[1].turns == ()
     assert mirrors_of(rid.parse_model(positive), [overhung])[1].turns == ()
@@ -146,7 +137,7 @@ def test_two_signs_of_which_the_start_has_one_are_both_answers():
     text = OVERHUNG.replace("- kc*y = 0", "- kd*y = 0").replace("+ kc*x = 0", "+ kd*x = 0")
     text += 'kd = { unit = "N", nominal = -1.5e4 }\n'
     model = rid.parse_model(text)
-    record = record_of(model, ["x", "y"], SPEED)
+    record = record_of(model, ["x", "y"], HERTZ)
     knowledge = {"kd": (-1.5e4, 1.5e4), "kc": (-1.5e4, 1.5e4)}
     problem, found = mirrors_of(model, [record], MaximumLikelihood(known=knowledge))
     (turn,) = found.turns
@@ -210,7 +201,9 @@ def test_a_plan_tells_what_it_will_not_tell():
         assert found.status == status
         assert len(found.alternatives) == (status != "ok")
     model = DISC
-    plan = replace(plan, forces=[[1.0]] * 19, noise={"F_x": 1e-2}, speed=SPEED, sensors=["x", "y"])
+    plan = replace(
+        plan, forces=[[1.0]] * 19, noise={"F_x": 1e-2}, speed=2 * np.pi * HERTZ, sensors=["x", "y"]
+    )
     assert any("sign of kc" in w for w in predict_accuracy(model, plan).warnings)
 
 
@@ -334,7 +327,7 @@ def test_a_lever_in_squares_is_turned_to_its_start_and_not_told():
     text = OVERHUNG.replace("kt*", "2*L^2*k*").replace("kt = ", "L = ")
     text = text.replace('"N m", nominal = 3000.0', '"m", nominal = 0.087')
     model = rid.parse_model(text)
-    problem, found = mirrors_of(model, [record_of(model, ["x", "y", "theta_x", "theta_y"], SPEED)])
+    problem, found = mirrors_of(model, [record_of(model, ["x", "y", "theta_x", "theta_y"], HERTZ)])
     (turn,) = found.turns
     assert turn.coordinates == ()
     assert [problem.layout.unknowns[i].name for i in turn.turned] == ["L"]
@@ -354,7 +347,7 @@ def test_a_lever_in_squares_is_turned_to_its_start_and_not_told():
 )
 def test_shipped_models_have_no_symmetry_with_their_usual_sensors(name, sensors):
     model = rid.load_model(name)
-    _, found = mirrors_of(model, [record_of(model, sensors, 300.0)])
+    _, found = mirrors_of(model, [record_of(model, sensors, 48.0)])
     assert found.turns == ()
     assert found.exchanges == ()
 
@@ -362,7 +355,7 @@ def test_shipped_models_have_no_symmetry_with_their_usual_sensors(name, sensors)
 def test_ends_in_passive_bearings_change_places():
     # Forces tell the ends of the three-mass rotor; without them a sensor in the middle does not.
     model = rid.load_model("three-mass")
-    records = [record_of(model, ["x2", "y2"], 300.0, silent=silent) for silent in (False, True)]
+    records = [record_of(model, ["x2", "y2"], 48.0, silent=silent) for silent in (False, True)]
     assert mirrors_of(model, records[:1])[1].exchanges == ()
     problem, found = mirrors_of(model, records[1:])
     (exchange,) = found.exchanges

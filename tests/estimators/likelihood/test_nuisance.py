@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bank import agrees, times
+from bank import agrees, recovered, steady, times
 from differences import gradient_holds
 
 import rotorid as rid
@@ -44,7 +44,7 @@ from rotorid.likelihood.rivals_read import multiplied
 from rotorid.likelihood.unknowns import Nuisances, Scalar, Unknown, bends, unknowns_of
 from rotorid.models.knowledge import Knowledge
 from rotorid.signals.spectrum import shifted, synthesize
-from rotorid.testing import bind, line_record
+from rotorid.testing import bind
 
 # Calibration constants as unknowns; several records of one machine.
 
@@ -210,17 +210,9 @@ def test_levers_of_a_force_law_are_parameters():
             Channel(f"s_{p}", "m", reads={q: 1.0, tilt: sign * (model.nominal[arm] + further)})
             for p, (q, tilt, arm, sign) in levers.items()
         ]
-        return line_record(
-            model,
-            model.values(model.nominal),
-            10 * np.exp(1j * np.outer(np.arange(1, 6), [1.0, 2.0, 4.0, 7.0])),
-            harmonics=[1, 3, 5, 7, 9],
-            fundamental=20.0,
-            sample_rate=5e3,
-            periods=4,
-            speed=2 * np.pi * 100,
-            sensors=there,
-        )
+        forces = 10 * np.exp(1j * np.outer(np.arange(1, 6), [1.0, 2.0, 4.0, 7.0]))
+        lines = (1, 3, 5, 7, 9)
+        return steady(model, {}, forces, lines, 20.0, 5e3, 4, hertz=100, sensors=there)
 
     record = seen(out)
     spectra = record.spectra.copy()
@@ -229,8 +221,7 @@ def test_levers_of_a_force_law_are_parameters():
     channels += [Channel(f"s_{p}", "m", reads=reads[p]) for p in levers]
     currents = replace(record, spectra=spectra, channels=tuple(channels))
     found = identify(model, currents, MaximumLikelihood(fixed={"L_a": model.nominal["L_a"]}))
-    for name, truth in model.nominal.items():
-        assert found.value(name) == pytest.approx(truth, rel=1e-9), name
+    recovered(found, model.nominal)
 
 
 def test_what_the_marks_leave_open_is_in_the_direction_of_the_unbalance(demo, bearings):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bank import times
+from bank import steady, times
 from result_cases import fit
 from rotor_bank import (
     ADVERSE,
@@ -32,7 +32,7 @@ from rotorid.likelihood.starts import searched
 from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.knowledge import Knowledge
-from rotorid.testing import add_noise, bind_all, line_record
+from rotorid.testing import bind_all
 
 # Where an answer is doubted: noise that was taken for information, and other answers.
 
@@ -497,11 +497,9 @@ def test_what_only_a_resonance_makes_of_the_noise_of_forces_is_no_information(se
 def test_fewer_equations_than_unknowns_leave_something_open():
     """One line, two sensors: four numbers for five unknowns."""
     model = load_model("jeffcott")
-    line = {"harmonics": [3], "fundamental": 10.0, "sample_rate": 1000.0, "periods": 40}
-    values, forces = model.values(model.nominal), np.array([[3 - 4j, 5j]])
-    record = line_record(model, values, forces, **line, speed=2 * np.pi * 30)
     noise = {"F_x": 0.1, "F_y": 0.1, "x": 1e-8, "y": 1e-8}
-    record = add_noise(record, noise, np.random.default_rng(1))
+    rng = np.random.default_rng(1)
+    record = steady(model, {}, [[3 - 4j, 5j]], [3], hertz=30, noise=noise, rng=rng)
     assert identify(model, record, "ml").status == "not_identifiable"
 
 

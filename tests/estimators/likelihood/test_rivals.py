@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bank import times
+from bank import steady, times
 from result_cases import fit
 
 import rotorid as rid
@@ -19,7 +19,7 @@ from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.knowledge import Knowledge
 from rotorid.models.structure import find_structure
-from rotorid.testing import add_noise, bind, line_record
+from rotorid.testing import bind
 
 # The runner: what is tried, in which order it is told, and what is said of it.
 
@@ -544,17 +544,9 @@ MODEL = load_model("jeffcott")
 def turning(hertz, harmonics, rng, truth, noise=1e-7):
     """Return a record of a turning disc with little noise."""
     forces = np.array([[3 - 4j, 5], [5j, 4 - 3j], [4, -5j], [-3j, 4], [5, 3j], [2j, -4]])
-    clean = line_record(
-        MODEL,
-        MODEL.values({**MODEL.nominal, **truth}),
-        forces[: len(harmonics)],
-        harmonics=harmonics,
-        fundamental=10.0,
-        sample_rate=2000.0,
-        periods=40,
-        speed=2 * np.pi * hertz,
-    )
-    return add_noise(clean, {"F_x": 0.02, "F_y": 0.02, "x": noise, "y": noise}, rng)
+    noises = {"F_x": 0.02, "F_y": 0.02, "x": noise, "y": noise}
+    forces = forces[: len(harmonics)]
+    return steady(MODEL, truth, forces, harmonics, hertz=hertz, noise=noises, rng=rng)
 
 
 @pytest.fixture(scope="module")

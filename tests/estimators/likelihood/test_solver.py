@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bank import steady
 from model_text import model_text
 from result_cases import fit
 from rotor_bank import SETTINGS, Case, rotor_case
 
-from rotorid import Channel, MaximumLikelihood, identify, parse_model
+from rotorid import MaximumLikelihood, identify, parse_model
 from rotorid.likelihood import solver
 from rotorid.likelihood import starts as search
 from rotorid.likelihood.fit import Fit
@@ -21,7 +22,7 @@ from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, solve
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.models.knowledge import Knowledge
-from rotorid.testing import add_noise, bind_all, line_record
+from rotorid.testing import bind_all
 
 # The solver arrives: random rotors from far starts end where a start at the truth ends.
 
@@ -330,21 +331,10 @@ MODEL = parse_model(CHAIN, name="chain")
 TRUTH = {"m1": 2.0, "m2": 1.0, "c1": 25.0, "c2": 5.0, "k1": 2e5, "k2": 1e5}
 
 
-def record_of(seed, upside_down=False):
-    rng = np.random.default_rng(1)
-    force = 2.5 * np.exp(2j * np.pi * rng.random((19, 1)))
-    clean = line_record(
-        MODEL,
-        MODEL.values(TRUTH),
-        -force if upside_down else force,
-        harmonics=tuple(range(1, 20)),
-        fundamental=10.0,
-        sample_rate=2000.0,
-        periods=40,
-        speed=0.0,
-        sensors=[Channel("x2", "m")],
-    )
-    return add_noise(clean, {"F": 0.02, "x2": 2e-6}, np.random.default_rng(seed))
+def record_of(seed):
+    force = 2.5 * np.exp(2j * np.pi * np.random.default_rng(1).random((19, 1)))
+    noise, rng = {"F": 0.02, "x2": 2e-6}, np.random.default_rng(seed)
+    return steady(MODEL, TRUTH, force, range(1, 20), sensors=["x2"], noise=noise, rng=rng)
 
 
 @pytest.mark.sampled(2)

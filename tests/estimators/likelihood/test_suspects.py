@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+from bank import steady
 from model_text import model_text
 from rotor_bank import COORDINATES, Rotor, three_mass_rotor
 from rotor_files import CORED
@@ -29,7 +30,7 @@ from rotorid.likelihood.rivals_model import (
 from rotorid.models.rotor.rotor_model import structure_of
 from rotorid.models.structure import find_structure
 from rotorid.signals.spectrum import synthesize
-from rotorid.testing import add_noise, line_record
+from rotorid.testing import add_noise
 
 # Where does the model fail: rejected, and the right suspect first.
 
@@ -103,19 +104,13 @@ def test_a_record_that_begins_at_another_angle(degrees, hertz):
     """Two Jeffcott rotors' runs, the second begun anywhere, as by hand; nothing says so."""
     model, rng = load_model("jeffcott"), np.random.default_rng(8)
     lines, records = np.array([1, 3, 5, 7, 9]), []
+    forces = 0.5 * np.exp(1j * lines[:, None]) * [30.0, 20.0]
+    noise = {"F_x": 0.05, "F_y": 0.05, "x": 1e-7, "y": 1e-7}
     for turns, begins in ((140.0, 0.0), (hertz, degrees)):
         heavy = (2e-5 + 1e-5j) * np.exp(1j * np.deg2rad(begins))
-        run = line_record(
-            model,
-            model.values({**model.nominal, "xi": heavy.real, "zeta": heavy.imag}),
-            0.5 * np.exp(1j * lines[:, None]) * [30.0, 20.0],
-            harmonics=lines,
-            fundamental=20.0,
-            sample_rate=5000.0,
-            periods=40,
-            speed=2 * np.pi * turns,
-        )
-        records.append(add_noise(run, {"F_x": 0.05, "F_y": 0.05, "x": 1e-7, "y": 1e-7}, rng))
+        truth = {"xi": heavy.real, "zeta": heavy.imag}
+        run = steady(model, truth, forces, lines, 20.0, 5e3, hertz=turns, noise=noise, rng=rng)
+        records.append(run)
     found = identify(model, records, MaximumLikelihood())
     first = found.suspects[0]
     assert (found.status, first.term) == ("rejected", "phase[1]")
@@ -170,17 +165,9 @@ def bending_rotor(rng) -> rid.PeriodicRecord:
             name, reads = f"s_{axis}{place}", {axis: 1.0, tilt: side}
             read[name] = rid.Channel(name, "m", reads=reads)
             bent[name] = rid.Channel(name, "m", reads={**reads, f"q_{axis}": share})
-    record = line_record(
-        true,
-        true.values(true.nominal),
-        1.5 * np.exp(6j * rng.random((6, 4))),
-        harmonics=harmonics,
-        fundamental=5.0,
-        sample_rate=5000.0,
-        periods=40,
-        speed=2 * np.pi * 70,
-        sensors=list(bent.values()),
-    )
+    forces = 1.5 * np.exp(6j * rng.random((6, 4)))
+    sensors = list(bent.values())
+    record = steady(true, {}, forces, harmonics, 5.0, 5e3, hertz=70, sensors=sensors)
     taken = replace(record, channels=(*record.channels[:4], *read.values()))
     return add_noise(taken, dict.fromkeys(true.inputs, 1e-2) | dict.fromkeys(read, 2e-7), rng)
 
@@ -236,17 +223,7 @@ def recorded(text, *, lines=range(3, 93, 3), bandwidth=None):
     """Return a record of a drawing; the columns of the forces are those before the amplifier."""
     rng, model = np.random.default_rng(5), rid.parse_model(text)
     forces = 20 * np.exp(2j * np.pi * rng.random((len(lines), len(model.inputs))))
-    record = line_record(
-        model,
-        model.values(model.nominal),
-        forces,
-        harmonics=list(lines),
-        fundamental=10.0,
-        sample_rate=20000.0,
-        periods=20,
-        speed=2 * np.pi * 120,
-        sensors=SENSORS,
-    )
+    record = steady(model, {}, forces, list(lines), 10.0, 2e4, 20, hertz=120, sensors=SENSORS)
     if bandwidth is not None:
         lead = 1 + 1j * record.fundamental * record.harmonics / bandwidth
         spectra = record.spectra.copy()
