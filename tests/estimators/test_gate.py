@@ -288,33 +288,20 @@ def test_a_misfit_that_chance_gives_once_in_a_million_is_rejected(
 
 
 def test_identical_periods_state_no_deviations():
-    wave = np.cos(2 * np.pi * np.arange(100) / 100)
-    motion = np.column_stack([wave, 1e-3 * wave, 2e-3 * wave])
-    record = rid.Record([rid.Channel(n) for n in ("F", "x1", "x2")], np.tile(motion, (5, 1)), 100.0)
-    periods = rid.average(record, 1.0, harmonics=[1, 2])
+    periods = steady(TOWER, STOREYS, np.full((2, 1), 5.0), (1, 2), 1.0, 100.0, 5)
     estimate = rid.identify(TOWER, periods, "ls")
     assert all(v.std is None for v in estimate.parameters)
     assert any("no deviations can be stated" in text for text in estimate.warnings)
 
 
 def test_identical_periods_hold_no_noise_that_biases(monkeypatch):
-    model = load_model("jeffcott")
-    turn = 2 * np.pi * np.arange(100) / 100
-    forces = np.column_stack([400.0 * np.cos(3 * turn), 300.0 * np.sin(5 * turn)])
+    model, forces = load_model("jeffcott"), [[0, 0], [200, 0], [0, -150j]]
     judged: list[str] = []
     monkeypatch.setattr(gate, "noise_bias", lambda *rest: judged.append("") or ())
     for noise in ({}, {"F_x": 0.1, "F_y": 0.1, "x": 1e-8, "y": 1e-8}):
-        record = rid.simulate(
-            model,
-            model.values(model.nominal),
-            forces,
-            sample_rate=1000.0,
-            periods=8,
-            speed=2 * np.pi * 30.0,
-            noise=noise,
-            rng=np.random.default_rng(6),
-        )
-        rid.LeastSquares().estimate(model, [rid.average(record, 10.0, harmonics=[1, 3, 5])])
+        known = {"noise": noise, "rng": np.random.default_rng(6)}
+        record = steady(model, {}, forces, (1, 3, 5), 10.0, 1000.0, 8, hertz=30, **known)
+        rid.LeastSquares().estimate(model, [record])
         assert bool(judged) == bool(noise)
 
 

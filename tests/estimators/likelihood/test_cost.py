@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.linalg
-from bank import times
+from bank import recovered, times
 from differences import gradient_holds
 from model_text import model_text
 from test_spectra import KNOWN, levitated, lines_of
@@ -254,8 +254,7 @@ def test_derivatives_give_what_positions_give(demo, bearings, order):
         record = derived(record, name, order)
     start = demo.start(np.random.default_rng(2), 0.1)
     estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
-    for name, value in demo.truth.items():
-        assert estimate.value(name) == pytest.approx(value, rel=1e-6), name
+    recovered(estimate, demo.truth, 1e-6)
     assert max(p.relative_error for p in estimate.prediction.values()) < 1e-5
 
 
@@ -267,8 +266,7 @@ def test_a_parameter_may_be_a_coefficient_of_a_sensor(demo):
     record = replace(record, channels=tuple(channels))
     start = demo.start(np.random.default_rng(3), 0.05)
     estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L2": 0.3}, start=start))
-    for name, value in demo.truth.items():
-        assert estimate.value(name) == pytest.approx(value, rel=1e-6), name
+    recovered(estimate, demo.truth, 1e-6)
     assert "leaning" in estimate.prediction
     assert max(p.relative_error for p in estimate.prediction.values()) < 1e-5
 
