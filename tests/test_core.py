@@ -549,7 +549,7 @@ def test_the_table_of_units_says_what_pint_says(form, prefix):
     for name in names:
         text = form.format(name)
         ours, theirs = read_unit(text), PINT.Quantity(1.0, PINT.parse_units(text)).to_base_units()
-        assert ours.factor == pytest.approx(theirs.magnitude, rel=1e-12), text
+        assert float(ours.size) == pytest.approx(theirs.magnitude, rel=1e-12), text
         powers = {BASE.get(n, n): p for n, p in dict(theirs._units).items()}
         angle = powers.pop("radian", 0)
         powers.pop("count", 0)

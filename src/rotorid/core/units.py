@@ -10,14 +10,16 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import field
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import NamedTuple
 
 from rotorid.core.errors import InputError, shortened
 from rotorid.core.frozen import frozen
 
 MAX_LENGTH = 64
+BITS = 1000
+"""Of a factor to SI, exactly: its numerator or denominator; doubles hold as much."""
 MAGNITUDE = 1e60
 """Of samples in SI, and one over it: no machine comes near, and the fourth powers of a million
 samples, which variances of variances are made of, stay within what doubles hold (1e308)."""
@@ -32,23 +34,23 @@ _TOKEN = re.compile(
 
 # SI symbols in the order in which they are written, with their names and what they are made of.
 _SYMBOLS: dict[str, tuple[str, dict[str, int]]] = {
-    "kg": ("gram", {"kg": 1}),
-    "N": ("newton", {"kg": 1, "m": 1, "s": -2}),
-    "Pa": ("pascal", {"kg": 1, "m": -1, "s": -2}),
-    "J": ("joule", {"kg": 1, "m": 2, "s": -2}),
-    "W": ("watt", {"kg": 1, "m": 2, "s": -3}),
-    "V": ("volt", {"kg": 1, "m": 2, "s": -3, "A": -1}),
-    "T": ("tesla", {"kg": 1, "s": -2, "A": -1}),
-    "Wb": ("weber", {"kg": 1, "m": 2, "s": -2, "A": -1}),
-    "H": ("henry", {"kg": 1, "m": 2, "s": -2, "A": -2}),
-    "ohm": ("ohm", {"kg": 1, "m": 2, "s": -3, "A": -2}),
-    "C": ("coulomb", {"A": 1, "s": 1}),
-    "Hz": ("hertz", {"s": -1}),
-    "A": ("ampere amp", {"A": 1}),
-    "K": ("kelvin", {"K": 1}),
-    "m": ("meter metre", {"m": 1}),
-    "s": ("second sec", {"s": 1}),
-    "rad": ("radian", {"rad": 1}),
+    "kg": ("", {"kg": 1}),
+    "N": ("N newton newtons", {"kg": 1, "m": 1, "s": -2}),
+    "Pa": ("Pa pascal pascals", {"kg": 1, "m": -1, "s": -2}),
+    "J": ("J joule joules", {"kg": 1, "m": 2, "s": -2}),
+    "W": ("W watt watts", {"kg": 1, "m": 2, "s": -3}),
+    "V": ("V volt volts", {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "T": ("T tesla teslas", {"kg": 1, "s": -2, "A": -1}),
+    "Wb": ("Wb weber webers", {"kg": 1, "m": 2, "s": -2, "A": -1}),
+    "H": ("H henry henrys", {"kg": 1, "m": 2, "s": -2, "A": -2}),
+    "ohm": ("ohm ohms", {"kg": 1, "m": 2, "s": -3, "A": -2}),
+    "C": ("C coulomb coulombs", {"A": 1, "s": 1}),
+    "Hz": ("Hz hertz hertzs", {"s": -1}),
+    "A": ("A ampere amperes amp amps", {"A": 1}),
+    "K": ("K kelvin kelvins", {"K": 1}),
+    "m": ("m meter meters metre metres", {"m": 1}),
+    "s": ("s second seconds sec secs", {"s": 1}),
+    "rad": ("rad radian radians", {"rad": 1}),
 }
 ORDER = {symbol: rank for rank, symbol in enumerate(_SYMBOLS)}
 _PREFIXES = {
@@ -58,6 +60,7 @@ _PREFIXES = {
 }
 # Names of units, a number and what it counts; those of the first table take prefixes.
 _PREFIXED = """
+g gram grams = 1/1000 kg
 Nm = 1 N m
 Wh = 3600 J
 VA = 1 V A
@@ -148,12 +151,28 @@ class Dimension:
 
 @frozen
 class Unit:
-    """A unit: its factor to SI, SI symbols as written (N m is not J), whether it `turns` (Hz)."""
+    """A factor to SI and the powers of SI symbols as written: N m is not J."""
 
-    factor: float
-    atoms: Mapping[str, int]
-    dimension: Dimension
-    turns: bool
+    size: Fraction = Fraction(1)
+    atoms: Mapping[str, int] = field(default_factory=dict)
+
+    def times(self, other: Unit, power: int = 1) -> Unit:
+        size = self.size * other.size**power
+        if max(size.numerator.bit_length(), size.denominator.bit_length()) > BITS:
+            raise ValueError("too large or too small")
+        atoms = Counter(self.atoms)
+        for atom, own in other.atoms.items():
+            atoms[atom] += own * power
+        return Unit(size, {atom: n for atom, n in atoms.items() if n})
+
+    @property
+    def turns(self) -> bool:
+        return "Hz" in self.atoms
+
+    @property
+    def dimension(self) -> Dimension:
+        powers = base_powers(self.atoms)
+        return Dimension.of({name: power for name, power in powers.items() if name != "rad"})
 
 
 def symbol_power(symbol: str, power: object) -> str:
@@ -178,20 +197,6 @@ def with_force(base: Mapping[str, int]) -> dict[str, int]:
     return {atom: power for atom, power in force.items() if power}
 
 
-class _Product(NamedTuple):
-    """A size, a power of ten and the powers of SI symbols: of a name, or of a product of names."""
-
-    size: float = 1.0
-    ten: int = 0
-    atoms: Mapping[str, int] = {}
-
-    def times(self, other: _Product, power: int) -> _Product:
-        atoms = Counter(self.atoms)
-        for atom, own in other.atoms.items():
-            atoms[atom] += own * power
-        return _Product(self.size * other.size**power, self.ten + other.ten * power, atoms)
-
-
 @cache
 def read_unit(text: str) -> Unit:
     """Return the unit of a text; ValueError says why there is none."""
@@ -200,94 +205,85 @@ def read_unit(text: str) -> Unit:
     text = text.translate(_SPELLING)
     for pattern, sign in _JOINED:
         text = pattern.sub(sign, text)
-    tokens = _tokens(text)[::-1]  # the next one is the last
-    try:
-        size, ten, symbols = _product(tokens, _table())
-        size *= float(f"1e{ten}")
-    except OverflowError:
-        raise ValueError("too large or too small") from None
+    tokens = _tokens(text)
+    unit = _product(tokens)
     if tokens:
         raise ValueError("no product of units")
-    if not (size > 0 and math.isfinite(size)):
-        raise ValueError("too large or too small")
-    atoms = {atom: power for atom, power in symbols.items() if power}
-    if "Hz" in atoms and "rad" in atoms:
+    if unit.turns and "rad" in unit.atoms:
         raise ValueError("turns in a second, times an angle")
-    powers = {name: power for name, power in base_powers(atoms).items() if name != "rad"}
-    return Unit(size, atoms, Dimension.of(powers), "Hz" in atoms)
+    return unit
 
 
 def _tokens(text: str) -> list[str]:
-    """Return names, signs and powers (``^2``) of a text."""
+    """Return names, signs and powers (``^2``) of a text, the first one last."""
     found = list(_TOKEN.finditer(text))
     if "".join(match[0] for match in found) != text:
         raise ValueError("no product of units")
-    return [f"^{m['power']}" if m["power"] else m["name"] or m["sign"] for m in found]
+    return [f"^{m['power']}" if m["power"] else m["name"] or m["sign"] for m in found[::-1]]
 
 
-def _product(tokens: list[str], table: Mapping[str, _Product]) -> _Product:
+def _product(tokens: list[str]) -> Unit:
     """Read factors from left to right, up to the end or a closing parenthesis."""
-    total = _factor(tokens, table)
+    total = _factor(tokens)
     while tokens and tokens[-1] != ")":
         sign = tokens.pop() if tokens[-1] in "*/" else "*"
-        total = total.times(_factor(tokens, table), -1 if sign == "/" else 1)
+        total = total.times(_factor(tokens), -1 if sign == "/" else 1)
     return total
 
 
-def _factor(tokens: list[str], table: Mapping[str, _Product]) -> _Product:
+def _factor(tokens: list[str]) -> Unit:
     token = tokens.pop() if tokens else ")"
     if token == "(":
-        found = _product(tokens, table)
+        found = _product(tokens)
         if not tokens or tokens.pop() != ")":
             raise ValueError("no product of units")
     elif token in "*/)" or token.startswith("^"):
         raise ValueError("no product of units")
     else:
-        if token in _MISTAKEN:
-            raise ValueError(f"{token}: write {_MISTAKEN[token]}")
-        if _COUNTS.fullmatch(token):
-            raise ValueError(f"{token}: write 1 for a count")
-        if token in _SHIFTED:
-            raise ValueError("its zero is not zero in SI")
-        if token not in table and len(token) > 3 and token.istitle():
-            token = token.lower()  # Amps, Volts: a symbol is shorter, or has no small letters
-        if token not in table:
-            raise ValueError(f"unknown name {token}")
-        found = table[token]
+        found = _named(token)
     if tokens and tokens[-1].startswith("^"):
-        return _Product().times(found, int(tokens.pop()[1:]))
+        return Unit().times(found, int(tokens.pop()[1:]))
     return found
 
 
-@cache
-def _table() -> dict[str, _Product]:
-    """Return what each name is; a name that takes no prefix goes before one that has a prefix."""
-    table = {"1": _Product()}
-    for symbol, (names, _) in _SYMBOLS.items():
-        stem, ten = ("g", -3) if symbol == "kg" else (symbol, 0)
-        plurals = [f"{name}s" for name in names.split()]
-        _enter(table, [stem, *names.split(), *plurals], _Product(1.0, ten, {symbol: 1}))
-    for line in _PREFIXED.strip().splitlines():
-        _enter(table, *_defined(line, table))
-    for line in _ALONE.strip().splitlines():
-        alone, own = _defined(line, table)
-        table |= dict.fromkeys(alone, own)
-    return table
-
-
-def _enter(table: dict[str, _Product], names: Iterable[str], own: _Product) -> None:
-    for name in names:
+def _named(name: str) -> Unit:
+    if name in _MISTAKEN:
+        raise ValueError(f"{name}: write {_MISTAKEN[name]}")
+    if _COUNTS.fullmatch(name):
+        raise ValueError(f"{name}: write 1 for a count")
+    if name in _SHIFTED:
+        raise ValueError("its zero is not zero in SI")
+    # Amps, Volts: a symbol is shorter, or has no small letters.
+    for spelling in (name, name.lower()) if len(name) > 3 and name.istitle() else (name,):
+        if spelling in _MADE:  # before a name with a prefix
+            return _defined(_MADE[spelling])
         for prefix, ten in _PREFIXES.items():
-            table.setdefault(prefix + name, _Product(own.size, own.ten + ten, own.atoms))
+            stem = spelling.removeprefix(prefix)
+            if stem in _STEMS and prefix + stem == spelling:
+                return _defined(_STEMS[stem]).times(Unit(Fraction(10)), ten)
+    raise ValueError(f"unknown name {spelling}")
 
 
-def _defined(line: str, table: Mapping[str, _Product]) -> tuple[list[str], _Product]:
-    """Return the names of a line of the tables and what they are made of, force as N."""
-    names, _, made = line.partition(" = ")
+@cache
+def _defined(made: str) -> Unit:
+    """Return what a line of the tables says, force as N; or an SI symbol."""
+    if made in _SYMBOLS:
+        return Unit(atoms={made: 1})
     size, _, unit = made.partition(" ")
-    found = _product(_tokens(unit or "1")[::-1], table)
-    atoms = with_force(base_powers(found.atoms))
-    return names.split(), _Product(float(Fraction(size)) * found.size, found.ten, atoms)
+    found = _product(_tokens(unit)) if unit else Unit()
+    return Unit(Fraction(size), with_force(base_powers(found.atoms))).times(Unit(found.size))
+
+
+def _lines(table: str) -> dict[str, str]:
+    """Return what each name of a table is made of."""
+    found = (line.split(" = ") for line in table.strip().splitlines())
+    return {name: made for names, made in found for name in names.split()}
+
+
+_STEMS = {name: symbol for symbol, (words, _) in _SYMBOLS.items() for name in words.split()}
+_STEMS |= _lines(_PREFIXED)
+_MADE = {"1": "1", "kg": "kg", **_lines(_ALONE)}
+"""What each name is made of; those of the first table take prefixes."""
 
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?(?![\d.,])")
@@ -321,7 +317,7 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
     """Return the number that turns a value in a unit into SI, or into another unit."""
     found = _unit(unit, place)
     if expected is None:
-        return found.factor
+        return float(found.size)
     wanted = _unit(expected, place)
     kinds = (_rate_kind(found), _rate_kind(wanted))
     rate = {name for name, _ in wanted.dimension.powers} == {"s"}
@@ -334,7 +330,7 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
             place=place,
         )
     turn = {("turns", "angle"): 2 * math.pi, ("angle", "turns"): 0.5 / math.pi}.get(kinds, 1.0)
-    return found.factor / wanted.factor * turn
+    return float(found.size / wanted.size) * turn
 
 
 @lru_cache(maxsize=4096)
@@ -394,26 +390,24 @@ def check_unit(text: str, *, place: str = "") -> str:
     """Return the SI unit of a declared unit: as it was written where that is SI already."""
     unit = _unit(text, place)
     text = " ".join(text.split())
-    return text if unit.factor == 1.0 and text else _write(unit.atoms, angle=True)
+    return text if unit.size == 1 and text else _write(unit.atoms, angle=True)
 
 
 def multiply_units(factors: Iterable[tuple[str, int]]) -> str:
     factors = [(unit, power) for unit, power in factors if power and unit != "1"]
     if len(factors) == 1 and factors[0][1] == 1:
         return check_unit(factors[0][0])
-    product: dict[str, int] = {}
+    product = Unit()
     for text, power in factors:
-        for atom, exponent in _unit(text, "").atoms.items():
-            product[atom] = product.get(atom, 0) + exponent * power
-    return _write(product, angle=False)
+        product = product.times(_unit(text, ""), power)
+    return _write(product.atoms, angle=False)
 
 
 def _write(atoms: Mapping[str, int], *, angle: bool) -> str:
-    atoms = {atom: power for atom, power in atoms.items() if power}
     if atoms == {"rad": 1}:
         return "rad"
     if not angle:
-        atoms.pop("rad", None)
+        atoms = {atom: power for atom, power in atoms.items() if atom != "rad"}
     canonical = with_force(base_powers(atoms))
     if len(canonical) < len(atoms):
         atoms = canonical

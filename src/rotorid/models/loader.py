@@ -135,10 +135,7 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
     with naming(file):
         check_names(parameters=declared)
         parameters = tuple(row.parameter(key) for key, row in declared.items())
-    units = {p.name: p.unit for p in parameters}
-    nominal = {p.name: p.nominal for p in parameters if p.nominal is not None}
-    context = {"units": units, "nominal": nominal}
-    rotor = parse_toml(data, Rotor, file=file, context=context)
+    rotor = parse_toml(data, Rotor, file=file, context={"parameters": parameters})
     with naming(file):
         model = rotor_model(
             divided(rotor), parameters, name=name, title=rotor.title, source=rotor.source

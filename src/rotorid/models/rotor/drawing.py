@@ -1,13 +1,14 @@
 """The drawing of a rotor as a rotor file gives it: sections, discs, supports, places.
 
 Its classes are the tables of the file. Where they are read from one, the context of the validation
-holds the units and nominal values of the parameters; without it, numbers are in SI.
+holds the declared parameters; without it, numbers are in SI.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import combinations
 from math import ceil, prod
@@ -18,7 +19,6 @@ from pydantic import (
     BeforeValidator,
     Field,
     InstanceOf,
-    PrivateAttr,
     ValidationInfo,
     WithJsonSchema,
     field_validator,
@@ -30,7 +30,7 @@ from rotorid.core.toml import Schema
 from rotorid.core.units import dimension_of, multiply_units, to_si
 from rotorid.core.values import Floats, frozen
 from rotorid.models.equations import check_names, polynomial
-from rotorid.models.model import DeclaredParameter
+from rotorid.models.model import DeclaredParameter, Parameter
 
 SPEED = "Omega"
 Factors = tuple[tuple[str, int], ...]
@@ -41,10 +41,11 @@ class Quantity:
     """A sum of ``coefficient * product of powers of names``, in SI."""
 
     terms: tuple[tuple[Factors, float], ...]
+    nominal: float = np.nan  # its value at the nominal values of the parameters
 
     @classmethod
     def of(cls, number: float) -> Quantity:
-        return cls((((), float(number)),) if number else ())
+        return cls((((), float(number)),) if number else (), float(number))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,24 +67,27 @@ class Quantity:
                     powers[name] = powers.get(name, 0) + power
                 key = tuple(sorted(powers.items()))
                 found[key] = found.get(key, 0.0) + a * b
-        return Quantity(tuple(found.items()))
+        return Quantity(tuple(found.items()), self.nominal * other.nominal)
 
     def value(self, values: Mapping[str, float]) -> float:
         return sum(c * prod(values[name] ** n for name, n in f) for f, c in self.terms)
 
 
-NONE = Quantity(())
+NONE = Quantity.of(0.0)
 ONE = Quantity.of(1.0)
 
 
-def read_quantity(text: str | float, unit: str, parameters: Mapping[str, str]) -> Quantity:
-    """Return a quantity of the expected unit; `parameters` are the units of those declared."""
+def read_quantity(text: str | float, unit: str, declared: Sequence[Parameter]) -> Quantity:
+    """Return a quantity of the expected unit, perhaps made of the parameters that are declared."""
+    parameters = {p.name: p.unit for p in declared}
     try:
         return Quantity.of(to_si(text, unit))
     except InputError as error:
         said = set(re.findall(r"\w+", text)) if isinstance(text, str) else set()
         if said & {*parameters, SPEED}:
-            return _of_names(str(text), unit, parameters)
+            found = _of_names(str(text), unit, parameters)
+            nominal = {p.name: np.nan if p.nominal is None else p.nominal for p in declared}
+            return replace(found, nominal=found.value({**nominal, SPEED: np.nan}))
         if not isinstance(text, str) or not text.strip()[:1].isalpha():
             raise
         raise ModelError(
@@ -141,7 +145,7 @@ def _of(unit: str, *, signed: bool = True, above: bool = False, speed: bool = Fa
     def read(value: Any, info: ValidationInfo) -> Any:
         if info.context is None or isinstance(value, Quantity):
             return value
-        found = read_quantity(value, unit, info.context["units"])
+        found = read_quantity(value, unit, info.context["parameters"])
         if not speed and any(name == SPEED for factors, _ in found.terms for name, _ in factors):
             raise ModelError(
                 f"{value!r}, which depends on the speed",
@@ -149,7 +153,7 @@ def _of(unit: str, *, signed: bool = True, above: bool = False, speed: bool = Fa
                 "let the speed stand in [supports] only",
             )
         if above:
-            _check_nominal(found, info.context["nominal"])
+            _check_nominal(found, info.context["parameters"])
         if not signed and found.number is not None and found.number < 0:
             raise ModelError(f"{found.number:g}", "0 or more", "drop the sign")
         return found
@@ -157,8 +161,8 @@ def _of(unit: str, *, signed: bool = True, above: bool = False, speed: bool = Fa
     return BeforeValidator(read)
 
 
-def _check_nominal(quantity: Quantity, nominal: Mapping[str, float]) -> None:
-    missing = [name for name in quantity.names if name not in nominal]
+def _check_nominal(quantity: Quantity, declared: Sequence[Parameter]) -> None:
+    missing = [p.name for p in declared if p.nominal is None and p.name in quantity.names]
     if missing:
         raise ModelError(
             f"{missing[0]} without nominal",
@@ -166,10 +170,9 @@ def _check_nominal(quantity: Quantity, nominal: Mapping[str, float]) -> None:
             "give nominal, about right",
             place=f"parameters.{missing[0]}",
         )
-    value = quantity.value(nominal)
-    if not 0 < value < float("inf"):
+    if not 0 < quantity.nominal < np.inf:
         raise ModelError(
-            f"{value:g} at the nominal values",
+            f"{quantity.nominal:g} at the nominal values",
             "a quantity above 0",
             "look at its unit and its sign, and at nominal of what it holds",
         )
@@ -192,15 +195,12 @@ class Material(Schema):
     E: Annotated[_Text, _of("Pa", above=True)]
     G: Annotated[_Text, _of("Pa", above=True)]
     density: Annotated[_Text, _of("kg/m^3", above=True)]
-    _nominal: Mapping[str, float] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="after")
     def _at_nominal(self, info: ValidationInfo) -> Self:
-        self._nominal = {} if info.context is None else info.context["nominal"]
-        shear = self.modulus / self.ratio
         if info.context is not None and not 2.0 <= self.ratio <= 3.0:
             raise ModelError(
-                f"E = {self.modulus:.4g} Pa with G = {shear:.4g} Pa, Poisson's ratio "
+                f"E = {self.E.nominal:.4g} Pa with G = {self.G.nominal:.4g} Pa, Poisson's ratio "
                 f"{self.ratio / 2 - 1:.3g}",
                 "a ratio from 0 to 0.5, E from 2 to 3 times G",
                 "look at the units of E and G",
@@ -208,19 +208,9 @@ class Material(Schema):
         return self
 
     @property
-    def modulus(self) -> float:
-        """Nominal E in Pa."""
-        return self.E.value(self._nominal)
-
-    @property
-    def heaviness(self) -> float:
-        """Nominal density in kg/m^3."""
-        return self.density.value(self._nominal)
-
-    @property
     def ratio(self) -> float:
         """E / G."""
-        return self.modulus / self.G.value(self._nominal)
+        return self.E.nominal / self.G.nominal
 
 
 def _material(value: Any, info: ValidationInfo) -> Any:

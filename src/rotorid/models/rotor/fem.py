@@ -130,9 +130,8 @@ def spans(rotor: Rotor) -> Iterator[tuple[int, Section, Beam]]:
 
 
 def _beam(section: Section, length: float) -> Beam:
-    modulus = section.material.modulus
-    shear = modulus / section.material.ratio
-    return Beam(length, section.outer, section.inner, modulus, shear, 1.0)
+    moduli = section.material.E.nominal, section.material.G.nominal
+    return Beam(length, section.outer, section.inner, *moduli, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +212,7 @@ def _blocks(rotor: Rotor) -> Iterator[Block]:
 
 
 def _elastic(rotor: Rotor, first: int, section: Section, beam: Beam) -> Iterator[Block]:
-    stiffness = _both_planes(beam.stiffness()) / section.material.modulus
+    stiffness = _both_planes(beam.stiffness()) / section.material.E.nominal
     elastic = section.material.E.times(section.stiffness)
     yield elastic, 0, first, stiffness, False
     spun = elastic.times(rotor.damping.internal)
@@ -293,9 +292,8 @@ def bending(rotor: Rotor, parts: int = 1) -> Floats:
         for node in range(parts * number, parts * (number + 1)):
             where = slice(2 * node, 2 * node + 4)
             stiffness[where, where] += beam.stiffness()
-            mass[where, where] += section.material.heaviness * (
-                beam.translation() + beam.rotation()
-            )
+            inertia = beam.translation() + beam.rotation()
+            mass[where, where] += section.material.density.nominal * inertia
     scale = 1 / np.sqrt(np.diag(mass))
     scaled = [scale[:, None] * matrix * scale for matrix in (stiffness, mass)]
     squares = scipy.linalg.eigh(*scaled, eigvals_only=True)

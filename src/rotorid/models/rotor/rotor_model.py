@@ -22,6 +22,7 @@ from rotorid.models.rotor import fem
 from rotorid.models.rotor.drawing import (
     AXES,
     CROSSED,
+    NONE,
     PLANES,
     ChannelPlace,
     Disc,
@@ -387,7 +388,7 @@ def from_ross(
 
     def named(name: str, unit: str, value: float, *, positive: bool = True) -> Quantity:
         if not value:
-            return Quantity(())
+            return NONE
         parameters.append(Parameter(name, unit, float(value), positive and value > 0))
         return Quantity(((((name, 1),), 1.0),))
 
