@@ -53,7 +53,7 @@ _SYMBOLS: dict[str, tuple[str, dict[str, int]]] = {
     "rad": ("rad radian radians", {"rad": 1}),
 }
 ORDER = {symbol: rank for rank, symbol in enumerate(_SYMBOLS)}
-_PREFIXES = {
+PREFIXES = {
     **{"": 0, "p": -12, "n": -9, "u": -6, "m": -3, "c": -2, "d": -1},
     **{"da": 1, "h": 2, "k": 3, "M": 6, "G": 9, "T": 12, "nano": -9, "micro": -6},
     **{"milli": -3, "centi": -2, "deci": -1, "kilo": 3, "mega": 6, "giga": 9},
@@ -255,12 +255,12 @@ def _named(name: str) -> Unit:
         raise ValueError("its zero is not zero in SI")
     # Amps, Volts: a symbol is shorter, or has no small letters.
     for spelling in (name, name.lower()) if len(name) > 3 and name.istitle() else (name,):
-        if spelling in _MADE:  # before a name with a prefix
-            return _defined(_MADE[spelling])
-        for prefix, ten in _PREFIXES.items():
+        if spelling in MADE:  # before a name with a prefix
+            return _defined(MADE[spelling])
+        for prefix, ten in PREFIXES.items():
             stem = spelling.removeprefix(prefix)
-            if stem in _STEMS and prefix + stem == spelling:
-                return _defined(_STEMS[stem]).times(Unit(Fraction(10)), ten)
+            if stem in STEMS and prefix + stem == spelling:
+                return _defined(STEMS[stem]).times(Unit(Fraction(10)), ten)
     raise ValueError(f"unknown name {spelling}")
 
 
@@ -280,9 +280,9 @@ def _lines(table: str) -> dict[str, str]:
     return {name: made for names, made in found for name in names.split()}
 
 
-_STEMS = {name: symbol for symbol, (words, _) in _SYMBOLS.items() for name in words.split()}
-_STEMS |= _lines(_PREFIXED)
-_MADE = {"1": "1", "kg": "kg", **_lines(_ALONE)}
+STEMS = {name: symbol for symbol, (words, _) in _SYMBOLS.items() for name in words.split()}
+STEMS |= _lines(_PREFIXED)
+MADE = {"1": "1", "kg": "kg", **_lines(_ALONE)}
 """What each name is made of; those of the first table take prefixes."""
 
 
