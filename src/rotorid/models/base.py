@@ -113,29 +113,15 @@ def _relations(
     signals: Sequence[Expression], most: int
 ) -> tuple[dict[Expression, Combination], int]:
     """Return the dependent signals in terms of the others, and how many nodes were evaluated."""
-    rank = min(4, len(signals))
-    if not signals:
-        return {}, 0
-    nodes, names = sum(signal.nodes for signal in signals), [str(name) for name in _names(signals)]
+    names, wanted = [str(name) for name in _names(signals)], len(_SCALES) * (len(signals) + _SPARE)
+    spent = wanted * sum(signal.nodes for signal in signals)
+    if spent > most:
+        return {}, most
     # Where all are real, at several sizes: functions may be alike at one.
-    points = (
-        {name: _coordinate(i, k) for i, name in enumerate(names)}
-        for k in range(8 * len(_SCALES) * (len(signals) + _SPARE))
-    )
-    samples = filter(None, (values_at(point, signals) for point in points))
-    rows: list[list[Real]] = []
-    while True:
-        wanted = len(_SCALES) * (rank + _SPARE)
-        if (spent := nodes * wanted) > most:
-            return {}, most
-        rows += islice(samples, wanted - len(rows))
-        if len(rows) < wanted:
-            return {}, spent  # too few points where all are real: all count as independent
-        relations = _eliminated(signals, list(rows))
-        found = len(signals) - len(relations)
-        if found <= rank:
-            return relations, spent
-        rank = min(max(found, 2 * rank), len(signals))
+    points = ({name: _coordinate(i, k) for i, name in enumerate(names)} for k in range(8 * wanted))
+    rows = list(islice(filter(None, (values_at(point, signals) for point in points)), wanted))
+    # Too few points where all are real: all count as independent.
+    return ({} if len(rows) < wanted else _eliminated(signals, rows)), spent
 
 
 def _eliminated(
