@@ -306,7 +306,7 @@ class Support(Schema):
                     f"{kind}, the same in x and y, or the four of {kind}xx to {kind}yy",
                     "leave one out",
                 )
-        if not any(quantity.terms for kind in "kc" for quantity in self.table(kind)):
+        if not any(quantity.terms for quantity in self.constants.values()):
             raise ModelError(
                 "neither stiffness nor damping",
                 "k, c, or kxx to cyy",
@@ -314,13 +314,16 @@ class Support(Schema):
             )
         return self
 
-    def table(self, kind: str) -> tuple[Quantity, ...]:
-        """Return stiffness (k) or damping (c): xx, xy, yx, yy, in N/m or N s/m."""
-        both = getattr(self, kind) or NONE
-        return tuple(
-            getattr(self, kind + axes) or (both if axes in ("xx", "yy") else NONE)
+    @property
+    def constants(self) -> dict[str, Quantity]:
+        """Stiffness, kxx to kyy in N/m, and damping, cxx to cyy in N s/m."""
+        return {
+            kind + axes: getattr(self, kind + axes)
+            or (axes in ("xx", "yy") and getattr(self, kind))
+            or NONE
+            for kind in "kc"
             for axes in CROSSED
-        )
+        }
 
 
 class DrawnUnbalance(Schema):

@@ -204,11 +204,12 @@ def _blocks(rotor: Rotor) -> Iterator[Block]:
         yield disc.I_p.times(_SPEED), 1, first, _TURN * [[0], [0], [1], [1]], False
     for support in rotor.supports.values():
         first = PLANES * rotor.node(support.at)
-        for order, kind in enumerate("kc"):
-            for place, quantity in zip(np.ndindex(2, 2), support.table(kind), strict=True):
-                block = np.zeros((2, 2))
-                block[place] = 1.0
-                yield quantity, order, first, block, False
+        for (order, *place), quantity in zip(
+            np.ndindex(2, 2, 2), support.constants.values(), strict=True
+        ):
+            block = np.zeros((2, 2))
+            block[*place] = 1.0
+            yield quantity, order, first, block, False
 
 
 def _elastic(rotor: Rotor, first: int, section: Section, beam: Beam) -> Iterator[Block]:

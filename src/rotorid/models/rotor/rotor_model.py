@@ -336,12 +336,12 @@ def _to_ross(rotor: Rotor, known: Mapping[str, float]) -> Any:
         )
         for d in rotor.discs.values()
     ]
-    bearings = []
-    for support in rotor.supports.values():
-        every = [quantity.value(known) for kind in "kc" for quantity in support.table(kind)]
-        names = (kind + axes for kind in "kc" for axes in CROSSED)
-        constants = dict(zip(names, every, strict=True))
-        bearings.append(ross.BearingElement(rotor.node(support.at), **constants))
+    bearings = [
+        ross.BearingElement(
+            rotor.node(s.at), **{name: q.value(known) for name, q in s.constants.items()}
+        )
+        for s in rotor.supports.values()
+    ]
     return ross.Rotor(shaft, discs, bearings)
 
 
@@ -384,7 +384,8 @@ def from_ross(
     ('m_0',)
     """
     parameters: list[Parameter] = []
-    at = np.concatenate([[0.0], np.cumsum([float(e.L) for e in _in_order(rotor)])])
+    shaft = _shaft(rotor)
+    at = np.concatenate([[0.0], np.cumsum([float(element.L) for element in shaft])])
 
     def named(name: str, unit: str, value: float, *, positive: bool = True) -> Quantity:
         if not value:
@@ -392,9 +393,7 @@ def from_ross(
         parameters.append(Parameter(name, unit, float(value), positive and value > 0))
         return Quantity(((((name, 1),), 1.0),))
 
-    sections = tuple(
-        _section(element, named(f"s_{k}", "1", 1.0)) for k, element in enumerate(_in_order(rotor))
-    )
+    sections = tuple(_section(e, named(f"s_{k}", "1", 1.0)) for k, e in enumerate(shaft))
     discs = {
         f"disc{k}": Disc(
             at=float(at[disk.n]),
@@ -431,7 +430,7 @@ def from_ross(
     return model.substitute({n: v for n, v in model.nominal.items() if n not in unknown})
 
 
-def _in_order(rotor: Any) -> list[Any]:
+def _shaft(rotor: Any) -> list[Any]:
     elements = sorted(rotor.shaft_elements, key=lambda e: int(e.n))
     if [int(e.n) for e in elements] != list(range(len(elements))):
         raise InputError(
@@ -447,19 +446,10 @@ def _section(element: Any, stiffness: Quantity) -> Section:
         raise InputError(
             f"the conical element {element.n}", "cylinders", "divide it into steps of its mean"
         )
-    material = element.material
-    return Section(
-        length=float(element.L),
-        outer=float(element.odl),
-        inner=float(element.idl),
-        material=Material(
-            E=Quantity.of(material.E),
-            G=Quantity.of(material.G_s),
-            density=Quantity.of(material.rho),
-        ),
-        stiffness=stiffness,
-        elements=1,
-    )
+    size = {"length": float(element.L), "outer": float(element.odl), "inner": float(element.idl)}
+    given = {"E": element.material.E, "G": element.material.G_s, "density": element.material.rho}
+    material = Material(**{name: Quantity.of(value) for name, value in given.items()})
+    return Section(**size, material=material, stiffness=stiffness, elements=1)
 
 
 def _constant(bearing: Any, name: str) -> float:
