@@ -136,10 +136,8 @@ def _parts(reduced: Model, linear: LinearForm, base: Floats, omega: float) -> tu
     parts = np.zeros((len(base), linear.monomials))
     parts[np.arange(len(base) - 1), list(reduced.base.kept)] = 1.0
     parts[-1, ~reduced.monomials.any(axis=1)] = 1.0
-    found = [linear.weighed(mu, omega) for mu in parts]
-    mass, damping, gyroscopic, stiffness = (
-        np.array([getattr(each, name) for each in found]) for name in "MDGK"
-    )
+    found = linear.weighed(parts, omega)
+    mass, damping, gyroscopic, stiffness = found.M, found.D, found.G, found.K
     if omega > 0:  # of natural frequencies alone there are no lines
         acting = omega**2 * (np.abs(mass) + np.abs(gyroscopic)) + omega * np.abs(damping)
         forces = np.tensordot(np.abs(base), acting + np.abs(stiffness), 1)

@@ -205,14 +205,18 @@ class LinearForm:
         return self.weighed(self.monomial_values(np.asarray(values, dtype=float)), speed)
 
     def weighed(self, mu: Floats, speed: float) -> Matrices:
-        """Return the matrices at values of the monomials."""
-        table = self.stiffness
+        """Return the matrices at values of the monomials, (..., monomial)."""
+        table, several = self.stiffness, mu.shape[:-1]
         sizes = np.where(self._matrix == TURNING, table.coefficient, table.sizes(speed))
         place = (self._matrix * self.rows + table.row) * self.coordinates + table.column
-        shape = len(MATRICES), self.rows, self.coordinates
-        found = np.zeros(shape)
-        found += np.bincount(place, sizes * mu[table.monomial], found.size).reshape(shape)
-        return Matrices(**dict(zip(MATRICES, found, strict=True)), B=self.input_matrix(mu))
+        size, count = len(MATRICES) * self.rows * self.coordinates, int(np.prod(several))
+        places = np.arange(count)[:, None] * size + place
+        summed = np.bincount(
+            places.ravel(), (sizes * mu[..., table.monomial]).ravel(), count * size
+        )
+        found = 0.0 + summed.reshape(*several, len(MATRICES), self.rows, self.coordinates)
+        each = zip(MATRICES, np.moveaxis(found, -3, 0), strict=True)
+        return Matrices(**dict(each), B=self.input_matrix(mu))
 
     @cached_property
     def _matrix(self) -> Integers:
@@ -221,10 +225,10 @@ class LinearForm:
         return np.array(found, dtype=np.int64)[self.stiffness.kind]
 
     def input_matrix(self, mu: Floats) -> Floats:
-        """Return B, shape (row, input), from the values of the monomials."""
-        matrix = np.zeros((self.rows, self.inputs))
+        """Return B, shape (..., row, input), from the values of the monomials."""
+        matrix = np.zeros((*mu.shape[:-1], self.rows, self.inputs))
         for term in self.input_terms:
-            matrix[term.row, term.input] += term.coefficient * mu[term.monomial]
+            matrix[..., term.row, term.input] += term.coefficient * mu[..., term.monomial]
         return matrix
 
     def require_square(self, file: str = "") -> None:

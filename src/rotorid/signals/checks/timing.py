@@ -6,9 +6,10 @@ excitation and recording, has a slope with two, and a step where samples were lo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rotorid.core.distributions import median
 from rotorid.core.notes import Note, Severity
@@ -186,19 +187,24 @@ class StepFit:
     place: int
 
 
-def _fitted(shifts: Shifts, at: int) -> StepFit:
-    """Fit a line and a step before the period `at`."""
-    period = np.arange(len(shifts.tau))
-    columns = [np.ones(len(period)), period - period.mean(), period >= at]
+def _fitted(channels: Mapping[int, Shifts], at: ArrayLike) -> dict[int, StepFit]:
+    """Fit a line and a step to the shift of each channel, the step before a period `at`."""
+    taus = np.stack([shifts.tau for shifts in channels.values()])
+    period, at = np.arange(taus.shape[1]), np.broadcast_to(at, len(taus))
+    step = at[:, None]
     # A loss within a period splits that period, the one before the step or behind it: they are
     # left to themselves.
-    columns += [period == split for split in (at - 1, at) if 0 < split < len(period) - 1]
-    table = np.stack(columns, axis=1)
+    split = [(period == q) & (q > 0) & (q < len(period) - 1) for q in (step - 1, step)]
+    columns = np.broadcast_arrays(1.0, period - period.mean(), period >= step, *split)
+    table = np.stack(columns, axis=2)
     inverse = np.linalg.pinv(table)
-    solved = inverse @ shifts.tau
-    deviation = _long_run(shifts.tau - table @ solved, len(solved), shifts.noise)
-    deviation *= float(np.linalg.norm(inverse[2]))
-    return StepFit(float(solved[1]), float(solved[2]), deviation, at)
+    solved = inverse @ taus[:, :, None]
+    left, unknowns = (taus[:, :, None] - table @ solved)[:, :, 0], table.any(axis=1).sum(axis=1)
+    found, root = dict[int, StepFit](), np.linalg.norm(inverse[:, 2], axis=1)
+    for k, (channel, shifts) in enumerate(channels.items()):
+        std = _long_run(left[k], int(unknowns[k]), shifts.noise) * float(root[k])
+        found[channel] = StepFit(float(solved[k, 1, 0]), float(solved[k, 2, 0]), std, int(at[k]))
+    return found
 
 
 def _places(taus: Floats) -> Integers:
@@ -275,9 +281,7 @@ def _largest_step(
     """Return the clearest step by whole samples, and the shifts without it."""
     if not channels:
         return None
-    places = _places(np.stack([shifts.tau for shifts in channels.values()])).tolist()
-    every = zip(channels.items(), places, strict=True)
-    fits = {c: _fitted(shifts, place) for (c, shifts), place in every}
+    fits = _fitted(channels, _places(np.stack([shifts.tau for shifts in channels.values()])))
     clear = {
         c: abs(f.step) / f.step_std
         for c, f in fits.items()
@@ -286,7 +290,7 @@ def _largest_step(
     if not clear:
         return None
     at = fits[max(clear, key=lambda c: clear[c])].place
-    same = {c: _fitted(s, at) for c, s in channels.items()}
+    same = _fitted(channels, at)
     moved = {c: f for c, f in same.items() if abs(f.step) > SURE * f.step_std}
     weights = np.array([f.step_std**-2 for f in moved.values()])
     amount = float(weights @ np.array([-f.step for f in moved.values()]) / weights.sum())
