@@ -1,5 +1,6 @@
 """A damped rotor in passive bearings that coasts down, solved by a few lines of numpy."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,25 @@ m = { fixed = "5 kg" }
 t_x = { fixed = "0 kg m" }
 t_y = { fixed = "0 kg m" }
 """
+WITH_TRIAL = EXPERIMENT.replace('m = { fixed = "5 kg" }\n', "").replace(
+    "[channels]",
+    """
+[records.parameters]
+t_x = { fixed = "5e-5 kg m" }
+t_y = { fixed = "20 g mm" }
+[channels]
+""",
+)
+BARE = """
+[[records]]
+kind = "phasors"
+file = "bare.csv"
+speed = { column = "n", unit = "rpm" }
+"""
+TRIAL = 5e-5 + 2e-5j
 TRUTH = {"m": 5.0, "c": 60.0, "k": 1e6, "u_x": 1e-4, "u_y": -5e-5}
 RPM = np.linspace(2000.0, 7000.0, 40)
+Change = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def coast(rpm: np.ndarray, trial: complex = 0.0) -> np.ndarray:
@@ -52,6 +70,26 @@ def write(path: Path, rpm: np.ndarray, phasors: np.ndarray) -> None:
     for one in phasors.T:
         columns += [1e6 * np.abs(one), np.degrees(np.angle(one))]
     write_table(path, "n,ax,px,ay,py", *columns)
+
+
+def of_two(second: str = WITH_TRIAL) -> str:
+    """Return an experiment whose first record is another one, without a trial mass."""
+    return second.replace("[[records]]", BARE + "[[records]]", 1)
+
+
+def write_two(
+    folder: Path,
+    rpm: np.ndarray = RPM,
+    noise: float = 0.0,
+    seed: int = 4,
+    change: Change = lambda rpm, phasors: (rpm, phasors),
+) -> None:
+    """Write the model and the tables of a run without and one with a trial mass, changed."""
+    rng = np.random.default_rng(seed)
+    (folder / "model.toml").write_text(MODEL)
+    for name, trial in (("bare", 0.0), ("run", TRIAL)):
+        parts = noise * rng.standard_normal((2, len(rpm), 2))
+        write(folder / f"{name}.csv", *change(rpm, coast(rpm, trial) + parts[0] + 1j * parts[1]))
 
 
 def load(folder: Path, text: str = EXPERIMENT) -> rid.Experiment:

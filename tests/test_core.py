@@ -290,19 +290,6 @@ class Empty:
     """A value without fields."""
 
 
-@frozen(kw_only=True)
-class Told:
-    """A value that says itself how it looks and what it equals."""
-
-    one: int
-
-    def __repr__(self) -> str:
-        return "one"
-
-    def __eq__(self, other):
-        return True
-
-
 @pytest.mark.parametrize(
     ("first", "second", "alike"),
     [
@@ -326,13 +313,6 @@ def test_one_class_is_not_another():
     assert hash(Empty()) == hash(Empty())
     assert repr(Empty()) == "Empty()"
     assert len({Mass("m"), Mass("m", note="again"), Heavier("m")}) == 2
-
-
-def test_what_a_class_says_itself_stands():
-    assert repr(Told(one=1)) == "one"
-    assert Told(one=1) == 2
-    with pytest.raises(TypeError, match="positional"):
-        Told(1)
 
 
 def test_nothing_is_set_afterwards():
@@ -380,17 +360,11 @@ def test_a_limit_is_exceeded_with_its_chance(first, second, chance):
     [
         ("8400 rpm", "rad/s", 2 * math.pi * 140),
         ("140 Hz", "rad/s", 2 * math.pi * 140),
-        ("0.14 kHz", "rad/s", 2 * math.pi * 140),
         ("8400 rev/min", "rad/s", 2 * math.pi * 140),
-        ("3 rad/s", "rad/s", 3.0),
-        ("180 deg/s", "rad/s", math.pi),
-        ("60 rpm", "Hz", 1.0),
         ("1 rad/s", "Hz", 1 / (2 * math.pi)),
         ("5 1/s", "Hz", 5.0),
-        ("5 kHz", "Hz", 5000.0),
         ("90 deg", "rad", math.pi / 2),
         ("-0.5 mm", "m", -5e-4),
-        ("2e5 N/m", "N/m", 2e5),
         ("+.5e-3 kg*m**2", "kg m^2", 5e-4),
         ("3 N·m", "N m", 3.0),
         ("3 Nm", "N m", 3.0),
@@ -443,17 +417,11 @@ def test_refused_quantities(text, unit, found):
 @pytest.mark.parametrize(
     ("declared", "si", "factor"),
     [
-        ("N s/m", "N s/m", 1.0),
         ("N*s/m", "N*s/m", 1.0),
-        ("kg m^2", "kg m^2", 1.0),
         ("mm", "m", 1e-3),
-        ("N/mm", "N/m", 1e3),
-        ("kN s/m", "N s/m", 1e3),
         ("g mm^2", "kg m^2", 1e-9),
-        ("mrad", "rad", 1e-3),
         ("deg", "rad", math.pi / 180),
         ("rpm", "rad/s", 2 * math.pi / 60),
-        ("mT", "T", 1e-3),
         ("lbf/inch", "N/m", 175.12683524647645),
         ("%", "1", 0.01),
         ("1", "1", 1.0),

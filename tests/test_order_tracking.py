@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coast_down import MODEL, TRUTH, load, run_down
+from coast_down import MODEL, TRIAL, TRUTH, load, run_down
 from io_writers import write_table
 
 import rotorid as rid
 from rotorid import InputError
 
 JEFFCOTT = rid.parse_model(MODEL)
-TRIAL = 5e-5 + 2e-5j
 KNOWN = {"t_x": 0.0, "t_y": 0.0}
 SLOWER = {**TRUTH, "c": 300.0}
 

@@ -2,29 +2,24 @@
 
 import numpy as np
 import pytest
-from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, write
+from coast_down import (
+    EXPERIMENT,
+    MODEL,
+    RPM,
+    TRIAL,
+    TRUTH,
+    WITH_TRIAL,
+    coast,
+    identify,
+    of_two,
+    write_two,
+)
 
 import rotorid as rid
 from rotorid import InputError
 from rotorid.testing import phasor_lines
 
-TRIAL = 5e-5 + 2e-5j
 TRUE = rid.parse_model(MODEL)
-TWO = EXPERIMENT.replace('m = { fixed = "5 kg" }\n', "").replace(
-    "[channels]",
-    """
-[records.parameters]
-t_x = { fixed = "5e-5 kg m" }
-t_y = { fixed = "20 g mm" }
-[channels]
-""",
-)
-FIRST = """
-[[records]]
-kind = "phasors"
-file = "bare.csv"
-speed = { column = "n", unit = "rpm" }
-"""
 
 
 def table(trial: complex = 0.0, noise: float = 0.0, seed: int = 1) -> rid.Lines:
@@ -38,18 +33,12 @@ def table(trial: complex = 0.0, noise: float = 0.0, seed: int = 1) -> rid.Lines:
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "model.toml").write_text(MODEL)
-    write(tmp_path / "bare.csv", RPM, coast(RPM))
-    write(tmp_path / "run.csv", RPM, coast(RPM, TRIAL))
+    write_two(tmp_path)
     return tmp_path
 
 
-def text(records: str = TWO) -> str:
-    return records.replace("[[records]]", FIRST + "[[records]]", 1)
-
-
 def test_a_trial_mass_tells_the_scale(folder):
-    estimate = identify(folder, text())
+    estimate = identify(folder, of_two())
     assert estimate.status == "ok"
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-8)
     fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
@@ -83,7 +72,7 @@ def test_every_record_has_an_unbalance_of_its_own(folder):
         "[channels]", '[records.parameters]\nc = { fixed = "60 N s/m" }\n[channels]'
     )
     each = records + "u_x = { each = true }\nu_y = { each = true }\n"
-    estimate = identify(folder, text(each))
+    estimate = identify(folder, of_two(each))
     assert estimate.status == "ok"
     names = [v.name for v in estimate.parameters]
     assert names == [
@@ -149,13 +138,13 @@ def test_prediction_takes_what_each_record_has(folder):
 )
 def test_what_is_no_knowledge_of_a_record(folder, old, new, message):
     with pytest.raises(InputError, match=message):
-        identify(folder, text(TWO.replace(old, new)))
+        identify(folder, of_two(WITH_TRIAL.replace(old, new)))
 
 
 @pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
 def test_other_methods_say_that_they_need_ml(folder, method):
     with pytest.raises(InputError, match=r"records\.1\.parameters: found parameters that differ"):
-        identify(folder, text(TWO) + f'[estimator]\nmethod = "{method}"\n')
+        identify(folder, of_two(WITH_TRIAL) + f'[estimator]\nmethod = "{method}"\n')
 
 
 def test_each_of_what_there_is_not():

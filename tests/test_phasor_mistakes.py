@@ -1,13 +1,11 @@
 """Mistakes in tables of phasors and about trial masses are named."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, write
-from test_own_parameters import text
+from coast_down import RPM, TRIAL, TRUTH, Change, identify, of_two, write_two
 
 import rotorid as rid
 from rotorid import InputError
@@ -16,23 +14,9 @@ from rotorid.likelihood.doubts import FAR, NEAR
 # Mistakes of a table of phasors: none ends well with a wrong answer, and each is told.
 
 
-TRIAL = 5e-5 + 2e-5j
 NOISE = 1e-6
 FEW = RPM[::2]
-TWO = EXPERIMENT.replace('m = { fixed = "5 kg" }\n', "").replace(
-    "[channels]",
-    """
-[[records]]
-kind = "phasors"
-file = "trial.csv"
-speed = { column = "n", unit = "rpm" }
-[records.parameters]
-t_x = { fixed = "50 g mm" }
-t_y = { fixed = "20 g mm" }
-[channels]
-""",
-)
-Change = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+TWO = of_two()
 
 
 def silent(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -54,14 +38,8 @@ CHANGES: dict[str, Change] = {
 
 def measured(folder: Path, change: Change = CHANGES[""], text: str = TWO) -> rid.Estimate:
     """Identify two noisy coast-downs whose tables were changed."""
-    (folder / "model.toml").write_text(MODEL)
-    rng = np.random.default_rng(3)
-    for name, trial in (("run.csv", 0.0), ("trial.csv", TRIAL)):
-        exact = coast(FEW, trial)
-        noise = rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape)
-        write(folder / name, *change(FEW, exact + NOISE * noise))
-    experiment = load(folder, text)
-    return rid.identify(experiment.model, experiment.records(), experiment.estimator())
+    write_two(folder, FEW, NOISE, 3, change)
+    return identify(folder, text)
 
 
 def worst(estimate: rid.Estimate) -> float:
@@ -182,30 +160,21 @@ def test_one_probe_tells_phases_that_count_backward(tmp_path):
 # A trial mass at another angle than was said, and exchanged files: both named, with a cure.
 
 
-def typed(trial: complex) -> str:
-    """Return the experiment with another trial mass than the one that was there."""
-    told = text().replace('"5e-5 kg m"', f'"{trial.real!r} kg m"')
-    return told.replace('"20 g mm"', f'"{trial.imag!r} kg m"')
-
-
 @pytest.fixture
 def folder(tmp_path):
-    rng = np.random.default_rng(4)
-    (tmp_path / "model.toml").write_text(MODEL)
-    for name, trial in (("bare", 0.0), ("run", TRIAL)):
-        noise = rng.standard_normal((2, len(RPM), 2)) * 1e-7
-        write(tmp_path / f"{name}.csv", RPM, coast(RPM, trial) + noise[0] + 1j * noise[1])
+    write_two(tmp_path, noise=1e-7)
     return tmp_path
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "trial",
-    [-TRIAL, TRIAL.conjugate(), TRIAL * np.exp(1.2j)],
+    [-TRIAL, TRIAL.conjugate(), complex(TRIAL * np.exp(1.2j))],
     ids=["on the other side", "counted the other way", "elsewhere"],
 )
 def test_a_trial_mass_at_a_wrong_angle(folder, trial):
-    estimate = identify(folder, typed(complex(trial)))
+    told = TWO.replace('"5e-5 kg m"', f'"{trial.real!r} kg m"')
+    estimate = identify(folder, told.replace('"20 g mm"', f'"{trial.imag!r} kg m"'))
     assert estimate.status != "ok"
     (found,) = [s for s in estimate.suspects if s.term == "trial mass[1]"]
     assert found.share is not None
@@ -219,7 +188,7 @@ def test_a_trial_mass_at_a_wrong_angle(folder, trial):
 
 @pytest.mark.slow
 def test_the_files_of_two_runs_exchanged(folder):
-    exchanged = text().replace("bare.csv", "other.csv").replace("run.csv", "bare.csv")
+    exchanged = TWO.replace("bare.csv", "other.csv").replace("run.csv", "bare.csv")
     estimate = identify(folder, exchanged.replace("other.csv", "run.csv"))
     told = estimate.warnings[0]
     assert "swap[record 0, record 1]" in {s.term for s in estimate.suspects[:2]}

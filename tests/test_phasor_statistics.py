@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from coast_down import MODEL, RPM, TRUTH, coast
+from coast_down import MODEL, RPM, TRIAL, TRUTH, coast
 
 import rotorid as rid
 from rotorid.testing import phasor_lines
 
-TRIAL = 5e-5 + 2e-5j
 NOISE = 2e-6
 JEFFCOTT = rid.parse_model(MODEL)
 CHANNELS = [rid.Channel("x", "m"), rid.Channel("y", "m")]
