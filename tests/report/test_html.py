@@ -11,6 +11,7 @@ import pytest
 from browser import browser
 from report_pages import Page, check_self_contained, titles
 from severities import causes
+from working_folder import shaken
 
 import rotorid as rid
 from rotorid.answer.estimate import Evidence, Prior, SourceFile
@@ -48,27 +49,14 @@ def demo_page(demo):
     return Page(demo_report(demo))
 
 
-def record(model: rid.Model, noise: float = 1e-3, periods: int = 40) -> rid.PeriodicRecord:
-    t = np.arange(100) / 1000.0
-    forces = np.column_stack(
-        [np.cos(20 * np.pi * t) + np.cos(60 * np.pi * t), np.sin(20 * np.pi * t)]
-    )
-    motion = rid.simulate(
-        model,
-        model.values(model.nominal),
-        1e3 * forces,
-        sample_rate=1000.0,
-        periods=periods,
-        speed=40 * np.pi,
-        noise={"F_x": noise, "F_y": noise, "x": 1e-3 * noise, "y": 1e-3 * noise},
-        rng=np.random.default_rng(4),
-    )
-    return rid.average(motion, 10.0, harmonics=[1, 2, 3])
+def record(noise: float = 0.01, periods: int = 40) -> rid.PeriodicRecord:
+    motion = shaken(periods=periods, speed=40 * np.pi, noise=noise)
+    return rid.average(motion, 10.0, harmonics=[1, 2, 5])
 
 
 @pytest.fixture(scope="module")
-def periods(model):
-    return record(model)
+def periods():
+    return record()
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +174,7 @@ def test_hostile_names_are_text(estimate, periods):
 
 
 def test_without_noise_and_with_an_input_that_is_zero(model):
-    quiet = record(model, noise=0.0, periods=2)
+    quiet = record(noise=0.0, periods=2)
     silent = replace(
         quiet,
         mean=quiet.mean * [1, 0, 1, 1],
