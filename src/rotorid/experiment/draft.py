@@ -19,7 +19,7 @@ from rotorid.core.errors import InputError, ReadError
 from rotorid.core.files import MARK, Kind
 from rotorid.core.toml import inline
 from rotorid.core.units import converts, si_factor
-from rotorid.core.values import Floats, frozen
+from rotorid.core.values import Floats, frozen, grouped
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
@@ -131,10 +131,8 @@ def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
 
 def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, str, int]]:
     """Return likeness, rank, quantity and place of what may belong together, the likest first."""
-    places: dict[tuple[str, ...], list[int]] = {}
-    for place, column in enumerate(columns):
-        for marks in {_marks(option) for option in _options(column.name, is_input=False)}:
-            places.setdefault(marks, []).append(place)
+    options = ((k, _options(one.name, is_input=False)) for k, one in enumerate(columns))
+    places = grouped((marks, k) for k, names in options for marks in set(map(_marks, names)))
     found = []
     for rank, (quantity, unit) in enumerate(_quantities(model).items()):
         for place in places.get(_marks(_plain(quantity)), ()):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -459,9 +458,9 @@ def _told(
     require_names([name], known, "{}, which is no parameter of the model", place=place)
     told = _in_si(entry, known[name].unit, place)
     # A trial mass of none is 0 in a record, whatever the model says of those that are there.
-    least = 0.0 if isinstance(entry, schema.OwnEntry) else math.ulp(0.0)
+    zero = isinstance(entry, schema.OwnEntry)
     for key in {"fixed", "value", "start"} & told.keys():
-        if known[name].positive and told[key] < least:
+        if known[name].positive and (told[key] < 0 or (told[key] == 0 and not zero)):
             raise InputError(
                 f"{told[key]:g}",
                 "more than 0, since the model says positive = true",

@@ -104,9 +104,10 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source
 
 def reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
     """Return the SI unit of what a channel reads, that of its first term."""
-    *levers, moving = next(iter(_combination(entry, model, "") or (name,))).split("*")
-    orders = (model.units[moving.rstrip("'")], 1), ("s", -moving.count("'"))
-    return multiply_units([*orders, *((model.parameter_units[lever], 1) for lever in levers)])
+    reads = _combination(entry, model, f"channels.{name}") or {name: 1.0}
+    *levers, moving = next(iter(reads)).split("*")
+    units = [(model.units[moving.rstrip("'")], 1), ("s", -moving.count("'"))]
+    return multiply_units(units + [(model.parameter_units[lever], 1) for lever in levers])
 
 
 def reading_factor(name: str, entry: ChannelEntry, stated: str, model: Model) -> float:

@@ -281,11 +281,9 @@ def _speed(value: object) -> object:
     return SpeedEntry(value=f"{speed!r} rad/s")  # type: ignore[arg-type]
 
 
-class AngleEntry(Schema):
+class AngleEntry(TimeEntry):
     """The column of an encoder: an angle with a unit, or a counter of lines."""
 
-    column: str
-    unit: str | None = None
     lines: Annotated[StrictInt | None, Field(ge=1, le=10**9)] = None
 
     _kind = _one_of(

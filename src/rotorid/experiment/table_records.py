@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError, naming
 from rotorid.core.units import si_factor, to_si
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Complexes, Floats, grouped
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.table_lines import phasor_lines, response_lines
@@ -239,7 +239,6 @@ def _check_derivative(found: str | None, name: str, entry: ChannelEntry) -> None
 
 def _groups(found: Sequence[_Read]) -> list[list[_Read]]:
     """Return the responses that share an input, a grid of frequencies and a kind of noise."""
-    groups: dict[tuple[str | None, bytes, bool], list[_Read]] = {}
     for one in found:
         if one.std is None and one.coherence is None:
             raise InputError(
@@ -248,9 +247,9 @@ def _groups(found: Sequence[_Read]) -> list[list[_Read]]:
                 "write coherence beside it, with averages in the record; or std",
                 place=f"channels.{one.channel.name}",
             )
-        grid = np.round(one.axis, 9).tobytes()
-        groups.setdefault((one.input, grid, one.std is None), []).append(one)
-    return list(groups.values())
+    grids = (np.round(one.axis, 9).tobytes() for one in found)
+    kinds = ((one.input, grid, one.std is None) for one, grid in zip(found, grids, strict=True))
+    return list(grouped(zip(kinds, found, strict=True)).values())
 
 
 def _lines(group: Sequence[_Read], plan: Recording) -> Lines:
