@@ -27,6 +27,7 @@ from rotorid.io import READERS, read_record
 from rotorid.models import Model, load_model
 from rotorid.models.equations import polynomial
 from rotorid.models.knowledge import Constraint, Knowledge, Mode, in_units_of, unit_of_expression
+from rotorid.models.model import Parameter
 from rotorid.signals.average import KEYS
 from rotorid.signals.inspection import Inspection, LineInspection, inspect_lines, inspect_record
 
@@ -450,17 +451,23 @@ def own_values(
     return {n: (t.get("fixed", t.get("value", 0.0)), t.get("std", 0.0)) for n, t in told.items()}
 
 
+def _parameter(name: str, model: Model, place: str) -> Parameter:
+    known = {parameter.name: parameter for parameter in model.parameters}
+    require_names([name], known, "{}, which is no parameter of the model", place=place)
+    return known[name]
+
+
 def _told(
     name: str, entry: schema.ParameterEntry | schema.OwnEntry, model: Model, place: str
 ) -> dict[str, float]:
     """Return in SI what is said of a parameter."""
-    known, place = {p.name: p for p in model.parameters}, f"{place}.{name}"
-    require_names([name], known, "{}, which is no parameter of the model", place=place)
-    told = _in_si(entry, known[name].unit, place)
+    place = f"{place}.{name}"
+    parameter = _parameter(name, model, place)
+    told = _in_si(entry, parameter.unit, place)
     # A trial mass of none is 0 in a record, whatever the model says of those that are there.
     zero = isinstance(entry, schema.OwnEntry)
     for key in {"fixed", "value", "start"} & told.keys():
-        if known[name].positive and (told[key] < 0 or (told[key] == 0 and not zero)):
+        if parameter.positive and (told[key] < 0 or (told[key] == 0 and not zero)):
             raise InputError(
                 f"{told[key]:g}",
                 "more than 0, since the model says positive = true",
@@ -514,8 +521,8 @@ def _modes(entry: schema.ExperimentFile, model: Model) -> tuple[Mode, ...]:
     found = []
     for number, one in enumerate(entry.modes):
         place = f"modes.{number}"
-        no = "{}, which is no parameter of the model"
-        require_names(one.parameters, model.parameter_names, no, place=f"{place}.parameters")
+        for name in one.parameters:
+            _parameter(name, model, f"{place}.parameters.{name}")
         damping = None if one.damping is None else (one.damping.value, one.damping.std)
         said = {name: str(value) for name, value in one.parameters.items()}
         with naming(place=place):
