@@ -41,7 +41,6 @@ PREAMBLE_CHARACTERS = 500
 SLOWEST = 10.0
 """Hz: no rotor is sampled more slowly, while a rate that lost three digits to a thousands mark is
 below it, and so is one made of how long was recorded, or of the hour of the day."""
-_HIGHEST = 1e12
 # Every part takes all that it can and gives nothing back: the time grows with the line alone.
 _VALUE = (
     r"[^\d+\-.\[(]*+(?:[\[(](?P<unit>[^\])]*+)[\])])?[^\d+\-.]*+"
@@ -66,20 +65,17 @@ def stated_rate(lines: Sequence[str], delimiter: str, mark: str) -> Rate | None:
     for line in lines:
         for pattern, unit in ((_RATE, "Hz"), (_STEP, "s")):
             match = pattern.search(line[:PREAMBLE_CHARACTERS])
-            found = None if match is None else number(match["value"], delimiter, mark)
-            if match is None or found is None:
-                continue
-            value, digits = found[0] * (_factor(match, unit) or 0.0), found[1]
-            if unit == "s":
-                value = 1 / value if value > 1 / _HIGHEST else 0.0
-            if SLOWEST <= value < _HIGHEST:
-                rounding = 0.5 * 10.0 ** (1 - digits) if digits else 0.0
-                return Rate(value, max(rounding, 1e-12))
+            found = match and number(match["value"], delimiter, mark)
+            if match and found:
+                size = found[0] * (_factor(match, unit) or 0.0)
+                hertz = 1 / size if size and unit == "s" else size
+                if hertz >= SLOWEST:
+                    return Rate(hertz, max(found[1], Rate.rounding))
     return None
 
 
-def number(text: str, delimiter: str, mark: str) -> tuple[float, int] | None:
-    """Return a number and how many digits it is rounded to, 0 for a whole one.
+def number(text: str, delimiter: str, mark: str) -> tuple[float, float] | None:
+    """Return a number, and how far it may be off, relative, for its digits where it is not whole.
 
     A comma or point before groups of three digits is a decimal mark, or stands between thousands:
     the numbers of the table tell which. None where they do not.
@@ -107,7 +103,7 @@ def number(text: str, delimiter: str, mark: str) -> tuple[float, int] | None:
         value = float(f"{digits}.{part}e{exponent or 0}")
     except ValueError:
         return None
-    return value, (len((digits + part).lstrip("0")) or 1) if decimal else 0
+    return value, 0.5 * 10.0 ** (1 - len((digits + part).lstrip("0"))) if decimal else 0.0
 
 
 def _factor(match: re.Match[str], base: str) -> float | None:
