@@ -25,8 +25,6 @@ from rotorid.rig.parts import (
     Encoder,
     Keyphasor,
     Rotation,
-    encoder_counts,
-    keyphasor_pulses,
 )
 from rotorid.rig.plant import eddy_weights
 from rotorid.rig.rig import Rig, bearing_table, growth, noise_matrix
@@ -310,7 +308,7 @@ def test_pulses_of_a_logic_level_backward_missing_and_double():
 
     def pulses(rotation: Rotation = turn, **faults: int) -> np.ndarray:
         mark = Keyphasor(logic=True, width=0.095, **faults)
-        return keyphasor_pulses(mark, rotation, time, np.random.default_rng(4))
+        return mark.column(rotation, time, np.random.default_rng(4))
 
     logic = pulses()
     assert set(np.unique(logic)) == {0.0, 1.0}
@@ -329,8 +327,8 @@ def test_counters_that_lose_lines():
     turn = Rotation(speed=2 * np.pi * 20.0)
 
     def off(mark: Encoder) -> np.ndarray:
-        counts = encoder_counts(mark, turn, time, np.random.default_rng(4))
-        plain = encoder_counts(Encoder(512), turn, time, np.random.default_rng(4))
+        counts = mark.column(turn, time, np.random.default_rng(4))
+        plain = Encoder(512).column(turn, time, np.random.default_rng(4))
         return (plain - counts + 256) % 512 - 256
 
     lost = off(Encoder(512, lost=7))

@@ -151,15 +151,17 @@ STEADY = 1e-3
 def speeds_of(estimate: Estimate) -> list[str]:
     """Return the speeds of the records: as the experiment states them, else as measured."""
     text = "" if estimate.provenance is None else estimate.provenance.experiment
-    records = table_within(text).get("records")
-    entries = records if isinstance(records, list) else []
-    found = [r["speed"] for r in entries if isinstance(r, dict) and "speed" in r]
-    speeds = list(dict.fromkeys(each for each in found if isinstance(each, str)))
+    entries = table_within(text).get("records")
+    records = [r for r in entries if isinstance(r, dict)] if isinstance(entries, list) else []
+    stated = [r["speed"] for r in records if isinstance(r.get("speed"), str)]
     seen = estimate.evidence.records if estimate.evidence else ()
-    for low, high in (one.speed_rad_s for one in seen if not speeds and len(one.speed_rad_s) == 2):
-        if abs(high - low) <= STEADY * abs(high) and high:  # by an encoder or a keyphasor
-            found.append(f"{(low + high) / 2:.6g} rad/s")
-    speeds = list(dict.fromkeys(each for each in found if isinstance(each, str)))
+    ranges = [one.speed_rad_s for one in seen if len(one.speed_rad_s) == 2]
+    measured = [  # by an encoder or a keyphasor
+        f"{(low + high) / 2:.6g} rad/s"
+        for low, high in ranges
+        if high and abs(high - low) <= STEADY * abs(high)
+    ]
+    speeds = list(dict.fromkeys(stated or measured))
     if not speeds:
         raise InputError(
             "no speed, and none in the result",

@@ -154,24 +154,17 @@ def logged(rig: RigMachine, plant: Plant, log: Log, rng: np.random.Generator) ->
         LoggedColumn(sensor.name, parts.sensor_unit(sensor.combination, rig.model.units), reading)
         for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
     ]
-    marks = []
-    match rig.logger.angle:
-        case parts.Encoder() as mark:
-            marks = [
-                LoggedColumn("encoder", "1", parts.encoder_counts(mark, rig.rotation, time, rng))
-            ]
-        case parts.Keyphasor() as mark:
-            pulses = parts.keyphasor_pulses(mark, rig.rotation, time, rng)
-            marks = [LoggedColumn("keyphasor", "1", pulses)]
+    mark = rig.logger.angle
+    marks = [LoggedColumn(mark.name, "1", mark.column(rig.rotation, time, rng))] if mark else []
     return Logged(rig.logger.sample_rate, (*drives, *positions, *marks), truth)
 
 
 def read(rig: RigMachine, found: Logged) -> RigRecord:
     by_name = {column.name: column for column in found.columns}
-    mark = by_name.get("encoder", by_name.get("keyphasor"))
+    mark = rig.logger.angle
     turned: Floats | None
-    if mark is not None and rig.logger.angle is not None:
-        angle = parts.read_mark(rig.logger.angle, mark.samples, found.sample_rate)
+    if mark is not None and mark.name in by_name:
+        angle = mark.read(by_name[mark.name].samples, found.sample_rate)
         turned, speed = angle.angle, angle.speed
     else:
         time = np.arange(found.count) / found.sample_rate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,6 +87,7 @@ class Rotation:
 
 @frozen
 class Encoder:
+    name: ClassVar = "encoder"  # of its column
     lines: int  # counts per revolution
     jitter: float = 0.0  # standard deviation of each reading before it is counted, in rad
     # lines that the counter loses in the record, each at a time of its own; negative where it
@@ -98,11 +99,31 @@ class Encoder:
     def __post_init__(self) -> None:
         check(self, positive=("lines",), zero=("jitter",))
 
+    def column(self, rotation: Rotation, time: Floats, rng: np.random.Generator) -> Floats:
+        """Return the counter at times in s, afresh at every revolution."""
+        angle = rotation.angle_at(time) + self.jitter * rng.normal(size=len(time))
+        lines = np.floor(angle * (self.lines / (2 * np.pi)))
+        if not self.lost:
+            return np.asarray(lines % self.lines)
+        (own,) = rng.spawn(1)
+        at = np.sort(own.choice(len(time), abs(self.lost), replace=False))
+        lost = np.sign(self.lost) * np.searchsorted(at, np.arange(len(time)), side="right")
+        if self.index:
+            # What was lost before this revolution began does not count any more.
+            turn = np.floor_divide(lines, self.lines)
+            first = np.searchsorted(np.maximum.accumulate(turn), turn)
+            lost = lost - lost[first]
+        return np.asarray((lines - lost) % self.lines)
+
+    def read(self, column: Floats, sample_rate: float) -> MeasuredAngle:
+        return encoder_angle(column, sample_rate, per_revolution=self.lines, lines=self.lines)
+
 
 @frozen
 class Keyphasor:
     """A mark that passes at phi = 0; flanks of its pulse last two samples, as a low-pass has it."""
 
+    name: ClassVar = "keyphasor"
     jitter: float = 0.0  # standard deviation of the pulses' times in s
     noise: float = 0.0  # standard deviation of the samples; a pulse is 1 high
     width: float = 0.1  # part of a revolution that the mark lasts
@@ -114,63 +135,45 @@ class Keyphasor:
     def __post_init__(self) -> None:
         check(self, positive=("width",), zero=("jitter", "noise", "missing", "double"))
 
+    def column(self, rotation: Rotation, time: Floats, rng: np.random.Generator) -> Floats:
+        """Return the sampled pulses: high from phi = 2 pi n, with flanks of two samples."""
+        step = time[1] - time[0]
+        turns = rotation.angle_at(time[[0, -1]]) / (2 * np.pi)
+        speeds = rotation.speed_at(time)
+        if speeds.min() <= 0 <= speeds.max():
+            raise InputError(
+                f"a keyphasor at {speeds.min():.4g} rad/s",
+                "a rotor that turns one way",
+                "choose another speed, or leave the keyphasor out",
+            )
+        shortest = 2 * np.pi * min(self.width, 1 - self.width) / np.abs(speeds).max()
+        if shortest < (1 if self.logic else 4) * step:
+            raise InputError(
+                f"pulses of {shortest / step:.3g} samples",
+                "four or more, so that their flanks can be seen; one of a logic level",
+                "sample faster, or make the mark wider",
+                place="keyphasor",
+            )
+        numbers = np.arange(np.floor(turns.min()) - 1, np.ceil(turns.max()) + 2)
+        rise = _times_of(numbers, rotation, time) + self.jitter * rng.normal(size=len(numbers))
+        fall = _times_of(numbers + self.width, rotation, time)
+        first, last = np.minimum(rise, fall), np.maximum(rise, fall)
+        if self.missing or self.double:
+            (own,) = rng.spawn(1)
+            first, last = _misread(self, first, last, own)
+        order = np.argsort(first)
+        first, last = first[order], last[order]
+        if self.logic:
+            pulse = np.maximum(np.searchsorted(first, time, side="right") - 1, 0)
+            level = np.where((time >= first[pulse]) & (time < last[pulse]), 1.0, 0.0)
+        else:
+            knots = np.stack([first - step, first + step, last - step, last + step], axis=1).ravel()
+            level = np.interp(time, knots, np.tile([0.0, 1.0, 1.0, 0.0], len(first)))
+        return np.asarray(level + self.noise * rng.normal(size=len(level)))
 
-def encoder_counts(
-    encoder: Encoder, rotation: Rotation, time: Floats, rng: np.random.Generator
-) -> Floats:
-    """Return the counter at times in s, afresh at every revolution."""
-    angle = rotation.angle_at(time) + encoder.jitter * rng.normal(size=len(time))
-    lines = np.floor(angle * (encoder.lines / (2 * np.pi)))
-    if not encoder.lost:
-        return np.asarray(lines % encoder.lines)
-    (own,) = rng.spawn(1)
-    at = np.sort(own.choice(len(time), abs(encoder.lost), replace=False))
-    lost = np.sign(encoder.lost) * np.searchsorted(at, np.arange(len(time)), side="right")
-    if encoder.index:
-        # What was lost before this revolution began does not count any more.
-        turn = np.floor_divide(lines, encoder.lines)
-        first = np.searchsorted(np.maximum.accumulate(turn), turn)
-        lost = lost - lost[first]
-    return np.asarray((lines - lost) % encoder.lines)
-
-
-def keyphasor_pulses(
-    mark: Keyphasor, rotation: Rotation, time: Floats, rng: np.random.Generator
-) -> Floats:
-    """Return the sampled pulses: high from phi = 2 pi n, with flanks of two samples."""
-    step = time[1] - time[0]
-    turns = rotation.angle_at(time[[0, -1]]) / (2 * np.pi)
-    speeds = rotation.speed_at(time)
-    if speeds.min() <= 0 <= speeds.max():
-        raise InputError(
-            f"a keyphasor at {speeds.min():.4g} rad/s",
-            "a rotor that turns one way",
-            "choose another speed, or leave the keyphasor out",
-        )
-    shortest = 2 * np.pi * min(mark.width, 1 - mark.width) / np.abs(speeds).max()
-    if shortest < (1 if mark.logic else 4) * step:
-        raise InputError(
-            f"pulses of {shortest / step:.3g} samples",
-            "four or more, so that their flanks can be seen; one of a logic level",
-            "sample faster, or make the mark wider",
-            place="keyphasor",
-        )
-    numbers = np.arange(np.floor(turns.min()) - 1, np.ceil(turns.max()) + 2)
-    rise = _times_of(numbers, rotation, time) + mark.jitter * rng.normal(size=len(numbers))
-    fall = _times_of(numbers + mark.width, rotation, time)
-    first, last = np.minimum(rise, fall), np.maximum(rise, fall)
-    if mark.missing or mark.double:
-        (own,) = rng.spawn(1)
-        first, last = _misread(mark, first, last, own)
-    order = np.argsort(first)
-    first, last = first[order], last[order]
-    if mark.logic:
-        pulse = np.maximum(np.searchsorted(first, time, side="right") - 1, 0)
-        level = np.where((time >= first[pulse]) & (time < last[pulse]), 1.0, 0.0)
-    else:
-        knots = np.stack([first - step, first + step, last - step, last + step], axis=1).ravel()
-        level = np.interp(time, knots, np.tile([0.0, 1.0, 1.0, 0.0], len(first)))
-    return np.asarray(level + mark.noise * rng.normal(size=len(level)))
+    def read(self, column: Floats, sample_rate: float) -> MeasuredAngle:
+        times, half = pulse_edges(column, sample_rate)
+        return keyphasor_angle(times, len(column), sample_rate, half=half)
 
 
 def _misread(
@@ -195,13 +198,6 @@ def _times_of(turns: Floats, rotation: Rotation, time: Floats) -> Floats:
     for _ in range(20):
         t = t - (rotation.angle_at(t) - 2 * np.pi * turns) / rotation.speed_at(t)
     return np.asarray(t)
-
-
-def read_mark(mark: Encoder | Keyphasor, column: Floats, sample_rate: float) -> MeasuredAngle:
-    if isinstance(mark, Encoder):
-        return encoder_angle(column, sample_rate, per_revolution=mark.lines, lines=mark.lines)
-    times, half = pulse_edges(column, sample_rate)
-    return keyphasor_angle(times, len(column), sample_rate, half=half)
 
 
 @frozen

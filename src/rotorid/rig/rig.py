@@ -289,9 +289,10 @@ def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Gen
         B=controller.B @ fed_back,
         C=controller.C,
         D=controller.D @ fed_back,
-        quantum=np.array([sensor.quantum for sensor in rig.sensors]),
-        cubic=np.array([sensor.cubic for sensor in rig.sensors]),
-        heating=np.array([sensor.heating for sensor in rig.sensors]),
+        **{
+            name: np.array([getattr(sensor, name) for sensor in rig.sensors])
+            for name in ("quantum", "cubic", "heating")
+        },
         filtered=bool(np.isfinite(rig.logger.filter)),
         process=np.column_stack([process, *known]),
         error_at_control=_errors(rig, control_time, rng),
