@@ -23,7 +23,7 @@ from rotorid.answer.predict import ChannelError
 from rotorid.core.tables import page_text
 from rotorid.report import html
 from rotorid.report.drawn import Axis, Curve, Panel, thinned
-from rotorid.report.estimate_report import channel_ratios, validation_table, verdict_of
+from rotorid.report.estimate_report import validation_table, verdict_of
 
 # What a user reads after a fit.
 
@@ -303,9 +303,6 @@ def test_accepted_by_a_likelihood(p_value, end):
 def test_accepted_without_a_likelihood(away, noise, end):
     found = JUDGED.with_(misfit=None, evidence=shown(channel("F_x", away, noise)))
     assert verdict_of(found).sentence.endswith(end)
-    ((number, name, ratio),) = channel_ratios(found)
-    assert (number, name) == (0, "F_x")
-    assert ratio == pytest.approx(away / noise) if noise else np.isnan(ratio)
 
 
 def test_a_prediction_that_noise_spoils_is_not_told():

@@ -54,7 +54,7 @@ def require_parameters(
             f"a result of {estimate.model!r} without {missing[0]!r}",
             f"the parameters of {model.name!r}: {', '.join(names)}, or its base parameters: "
             f"{', '.join(model.base.names)}",
-            "use the result and the experiment of one model",
+            "use a result of this model",
         )
     check_units(estimate, model.parameter_units)
 

@@ -345,11 +345,10 @@ def _told(notes: Sequence[Note]) -> list[dict[str, Any]]:
 _OPEN = ("not identifiable: ", "cure: ")  # what is open, and what would cure it
 
 
+Values = tuple[Annotated[Value, AfterValidator(_undetermined)], ...]
 if TYPE_CHECKING:
-    Values = tuple[Value, ...]
     Covariance = Floats
 else:
-    Values = tuple[Annotated[Value, AfterValidator(_undetermined)], ...]
     Covariance = Annotated[
         tuple[tuple[Number, ...], ...], AfterValidator(_square), PlainSerializer(np.ndarray.tolist)
     ]

@@ -108,21 +108,15 @@ def _misfit_against_noise(estimate: Estimate) -> str:
         if p >= DOUBTFUL:
             return ", as well as the noise allows"
         return f", though not as well as the noise allows (chance {p:.1g}): read what follows"
-    ratios = [ratio for _, _, ratio in channel_ratios(estimate) if np.isfinite(ratio)]
+    records = estimate.evidence.records if estimate.evidence else ()
+    every = (_over_noise(channel) for record in records for channel in record.channels)
+    ratios = [ratio for ratio in every if math.isfinite(ratio)]
     if not ratios:
         return "; nothing tells how much of the rest is noise"
     worst = max(ratios)
     if worst <= AS_NOISE:
         return ", as well as the noise allows"
     return f"; the rest is up to {worst:.2g} times what noise makes"
-
-
-def channel_ratios(estimate: Estimate) -> Iterator[tuple[int, str, float]]:
-    """Yield record, channel, and its difference over its noise of those that are predicted."""
-    for number, record in enumerate(estimate.evidence.records if estimate.evidence else ()):
-        for channel in record.channels:
-            if channel.difference:
-                yield number, channel.name, _over_noise(channel)
 
 
 def _over_noise(channel: ChannelEvidence) -> float:

@@ -240,10 +240,8 @@ class Eigen:
 
     @cached_property
     def slopes(self) -> Complexes:
-        """D lambda / d unknown, (mode, unknown); empty where nothing is known of the unknowns."""
+        """D lambda / d unknown, (mode, unknown)."""
         machine, found = self.machine, self.found
-        if machine.covariance is None:
-            return np.zeros((len(found.values), 0), dtype=np.complex128)
         _, damping, mass = machine.matrices(self.speed)
         slopes = np.zeros((len(found.values), len(machine.values)), dtype=np.complex128)
         pencil = machine.pencil(self.speed)
