@@ -269,7 +269,7 @@ def test_a_shape_is_its_forward_and_its_backward_part(model):
     found = rid.modes(model, speed=SPEED)
     names = model.coordinates
     pairs = [pair for pair in partners(names) if model.units[names[pair[0]]] == "m"]
-    panels = drawn.shapes(found, pairs, [])
+    panels = drawn.shapes(found, pairs)
     assert len(panels) == len(found.modes)
     for panel, mode in zip(panels, found.modes, strict=True):
         assert panel.x.names == ("x1", "x2", "x3")
@@ -288,8 +288,8 @@ def test_shapes_of_a_drawing_stand_along_the_rotor():
     part = machines.machine_part(model, 0.0)
     (picture,) = (p for p in part.parts if p.title == "Mode shapes")
     found = rid.modes(model)
-    pairs, _ = machines._places(model)
-    (first, *_) = drawn.shapes(found, pairs, [], machines._positions(model, pairs))
+    pairs = machines._places(model)
+    (first, *_) = drawn.shapes(found, pairs, machines._positions(model, pairs))
     assert first.x.title == "mm from the left end"
     along = first.curves[0].x
     assert (along[0], along[-1]) == pytest.approx((0.0, 530.0))
@@ -323,12 +323,12 @@ def test_motion_in_a_plane_is_one_line(model, tilt):
     found = rid.modes(model, speed=SPEED)
     mode = replace(found.modes[0], whirl="planar", shape=tuple(motion))
     pairs = [(names.index(f"x{k}"), names.index(f"y{k}")) for k in "123"]
-    (panel,) = drawn.shapes(replace(found, modes=(mode,)), pairs, [])
+    (panel,) = drawn.shapes(replace(found, modes=(mode,)), pairs)
     told = [c.label for c in panel.curves if c.label]
     if tilt == 0:
         np.testing.assert_allclose(panel.curves[0].y, shape, atol=1e-12)
     assert (told == ["in a plane"]) == (tilt < 0.05)
-    assert drawn.shapes(found, pairs[:1], []) == []  # a single place has no shape
+    assert drawn.shapes(found, pairs[:1]) == []  # a single place has no shape
 
 
 @pytest.mark.parametrize("names", [("h", "v"), ("q1", "q2")])
@@ -341,7 +341,7 @@ def test_coordinates_without_a_partner_are_shown_as_they_stand(names):
     renamed = rid.parse_model(text, name="renamed")
     found = rid.modes(renamed, speed=SPEED)
     assert found.coordinates == names
-    panels = drawn.shapes(found, partners(names), [0, 1])
+    panels = drawn.shapes(found, [(0,), (1,)])
     assert panels
     for panel in panels:
         assert max(np.abs(c.y).max() for c in panel.curves) == pytest.approx(1.0)

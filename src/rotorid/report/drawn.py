@@ -404,20 +404,17 @@ def campbell(found: Source) -> Panel:
 
 
 def shapes(
-    found: Source,
-    pairs: Sequence[tuple[int, int]],
-    alone: Sequence[int],
-    positions: Floats | None = None,
+    found: Source, places: Sequence[tuple[int, ...]], positions: Floats | None = None
 ) -> list[Panel]:
     """Return the shape of each mode: the part that whirls forward, and the part that goes back.
 
-    `pairs` are coordinates x and y of one place, `alone` those without a partner; all of one kind.
-    `positions` of the pairs along the rotor are in m. Motion in a plane is one line: its parts are
-    alike, and those of two modes of one frequency any. A single place has no shape.
+    Places are pairs of coordinates x and y, or all of a single one; their `positions` along the
+    rotor are in m. Motion in a plane is one line: its parts are alike, and those of two modes of
+    one frequency any. A single place has no shape.
     """
-    if max(len(pairs), len(alone)) < 2:
+    if len(places) < 2:
         return []
-    names = [found.coordinates[i] for i in (alone or [x for x, _ in pairs])]
+    names, alone = [found.coordinates[place[0]] for place in places], len(places[0]) == 1
     few = tuple(label(name, 12) for name in names) if len(names) <= MOST_PLACES else ()
     along = Axis("" if few else "places along the shaft, in the model's order", names=few)
     if positions is not None:
@@ -428,7 +425,7 @@ def shapes(
     for k, mode in enumerate(found.modes[:MOST_SHAPES]):
         # Shapes of two modes of one frequency are any mixture.
         twice = int((np.abs(frequency - frequency[k]) <= SAME * frequency[k]).sum()) > 1
-        parts, curves = _ways(mode, pairs, alone, twice=twice), []
+        parts, curves = _ways(mode, places, twice=twice), []
         whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
         for way, part in parts.items():
             told = "motion" if alone else "in a plane" if way == "planar" else f"{way} part"
@@ -442,14 +439,12 @@ def shapes(
     return drawn
 
 
-def _ways(
-    mode: Any, pairs: Sequence[tuple[int, int]], alone: Sequence[int], *, twice: bool
-) -> dict[str, Any]:
+def _ways(mode: Any, places: Sequence[tuple[int, ...]], *, twice: bool) -> dict[str, Any]:
     """Return the parts of a shape; one alone where directions are alike at all places."""
-    value = np.asarray(mode.shape)
-    if alone:
-        return {"planar": value[list(alone)]}
-    x, y = (value[np.array([pair[side] for pair in pairs], dtype=int)] for side in (0, 1))
+    x, *others = np.asarray(mode.shape)[np.array(places)].T
+    if not others:
+        return {"planar": x}
+    (y,) = others
     parts = {"forward": (x + 1j * y) / 2, "backward": (x - 1j * y) / 2}
     if mode.whirl == "planar":
         left, sizes, _ = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)

@@ -431,7 +431,7 @@ def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> P
 def _pictures(
     model: Model, found: Modes, diagram: Campbell | None, response: UnbalanceResponse | None
 ) -> Iterator[Passage]:
-    pairs, alone = _places(model)
+    places = _places(model)
     if diagram is not None:
         yield Passage(
             "Campbell diagram",
@@ -443,7 +443,7 @@ def _pictures(
         "Mode shapes",
         "Each place at the moment when the largest is at its largest, as the sum of a "
         "circle run through with the rotation and one against it.",
-        panels=tuple(drawn.shapes(ringing(found), pairs, alone, _positions(model, pairs))),
+        panels=tuple(drawn.shapes(ringing(found), places, _positions(model, places))),
     )
     if response is not None:
         yield Passage(
@@ -454,21 +454,19 @@ def _pictures(
         )
 
 
-def _places(model: Model) -> tuple[list[tuple[int, int]], list[int]]:
+def _places(model: Model) -> Sequence[tuple[int, ...]]:
     """Return the places whose motion is drawn: pairs of lengths, else single coordinates."""
     names = model.coordinates
     pairs = partners(names)
     lengths = [pair for pair in pairs if model.units[names[pair[0]]] == "m"]
-    if lengths:
-        return lengths, []
-    return ([], list(range(len(names)))) if not pairs else (pairs, [])
+    return lengths or pairs or [(k,) for k in range(len(names))]
 
 
-def _positions(model: Model, pairs: Sequence[tuple[int, int]]) -> Floats | None:
+def _positions(model: Model, places: Sequence[tuple[int, ...]]) -> Floats | None:
     if not isinstance(model, RotorModel):
         return None
     at = {n.coordinates[0]: n.position for n in model.rotor.nodes}
-    found = [at.get(model.coordinates[x]) for x, _ in pairs]
+    found = [at.get(model.coordinates[place[0]]) for place in places]
     return None if None in found else np.array(found, dtype=float)
 
 
