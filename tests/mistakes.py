@@ -10,6 +10,7 @@ import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import rotorid as rid
@@ -167,6 +168,7 @@ MISTAKES = (
 READ = {"0.2*theta": "L_a*theta", "0.25*theta": "L_b*theta"}
 SENSORS = ("s_xa", "s_ya", "s_xb", "s_yb")
 CURRENTS = {f"i{name[1:]}": f"F{name[1:]}" for name in SENSORS}
+PLANES = (SENSORS[:2], SENSORS[2:])
 ALSO = (
     "512 lines of the encoder",
     "gap of .4 mm instead of .5",
@@ -184,17 +186,18 @@ def levers(text: str) -> str:
 
 
 def _in_levers() -> Iterator[Mistake]:
-    """Yield each kind of mistake once: the bearings and the axes are alike."""
-    for first, *names in (SENSORS, tuple(CURRENTS)):
-        told = CURRENTS.get(first, first)
-        yield Mistake(LEVERS, f"{first} upside down", scale(first, -1), (f"sign[{told}]",))
-        for other in names:  # of the other axis, of the other bearing, of both
-            both_told = f"swap[{told}, {CURRENTS.get(other, other)}]"
-            yield Mistake(LEVERS, f"{first} and {other} swapped", swap(first, other), (both_told,))
+    for names in (SENSORS, tuple(CURRENTS)):
+        for a, b in combinations(names, 2):
+            told = f"swap[{CURRENTS.get(a, a)}, {CURRENTS.get(b, b)}]"
+            yield Mistake(LEVERS, f"{a} and {b} swapped", swap(a, b), (told,))
+        for a in names:
+            told = CURRENTS.get(a, a)
+            yield Mistake(LEVERS, f"{a} upside down", scale(a, -1), (f"sign[{told}]",))
+    for a in SENSORS:
+        yield Mistake(LEVERS, f"{a} in mil", scale(a, 1 / 25.4), (f"unit[{a}]",))
+        yield Mistake(LEVERS, f"{a} in mm", scale(a, 1e-3), (f"unit[{a}]",))
+        yield Mistake(LEVERS, f"5 % too much of {a}", scale(a, 1.05), (f"gain[{a}]",))
     xa, ya, xb, yb = SENSORS
-    yield Mistake(LEVERS, f"{ya} in mil", scale(ya, 1 / 25.4), (f"unit[{ya}]",))
-    yield Mistake(LEVERS, f"{xb} in mm", scale(xb, 1e-3), (f"unit[{xb}]",))
-    yield Mistake(LEVERS, f"5 % too much of {yb}", scale(yb, 1.05), (f"gain[{yb}]",))
     longer = put("x - L_a*theta_y", "x - 1.25*L_a*theta_y")
     yield Mistake(LEVERS, "lever of s_xa 1.25 L_a", longer, ("plane[s_xa]",))
     every = both(*(scale(a, 1e-3) for a in SENSORS))
@@ -203,8 +206,9 @@ def _in_levers() -> Iterator[Mistake]:
     yield Mistake(LEVERS, "the bearings swapped", bearings, ("swap[s_xa, s_xb; s_ya, s_yb]",))
     axes = both(swap(xa, ya), swap(xb, yb))
     yield Mistake(LEVERS, "x and y swapped", axes, ("swap[s_xa, s_ya; s_xb, s_yb]",))
-    down = both(scale(xa, -1), scale(ya, -1))
-    yield Mistake(LEVERS, "a plane upside down", down, (f"sign[{xa}, {ya}]",))
+    for plane in PLANES:
+        down = both(*(scale(a, -1) for a in plane))
+        yield Mistake(LEVERS, f"{plane} upside down", down, (f"sign[{', '.join(plane)}]",))
     # The data cannot tell this from all forces upside down.
     down = both(*(scale(a, -1) for a in SENSORS))
     yield Mistake(LEVERS, "all sensors upside down", down, (f"sign[{', '.join(SENSORS)}]",))

@@ -5,17 +5,17 @@ import pytest
 from adverse import WRONG, Case, Outcome
 from adverse_cases import CASES
 
-RECORDS, SHARED = 9, 27
+RECORDS, SHARED = 12, 36
 FAR = {3: 17.0, 4: 9.0, 6: 5.4}
 """Records of a case, and of cases alike; and how far off misfits of a few must be to be enough.
 
-A case that errs in 5 % of its records passes nine with a chance of 63 %. Where the logarithms of
+A case that errs in 5 % of its records passes twelve with a chance of 54 %. Where the logarithms of
 six misfits have a mean that lies five of their deviations above what is rejected, at most one
 record in 26 is nearer than that, whatever the distribution (Cantelli); of normal ones that err in
 5 %, six look like that with a chance of 1 %, and so do four by nine deviations and three by
 seventeen (noncentral t). What errs in odd records only shows in the other cases of its kind: eight
 kinds of sign, eight of swaps, ten of units, nine of speeds. Cases that are one thing in several
-ways share their records: what errs in 5 % of such records passes 27 of them with a chance of 25 %.
+ways share their records: what errs in 5 % of such records passes 36 of them with a chance of 16 %.
 """
 ALIKE = (
     (
@@ -32,7 +32,7 @@ ALIKE = (
     ),
     (SHARED, {"ten times the noise", "a hundred times the noise", "a twentieth of the excitation"}),
     (
-        SHARED - 9,  # `test_other_answers` has 32 more
+        SHARED - 12,  # `test_other_answers` has 32 more
         {  # motion that tells some parameters apart by noise alone
             "equal forces",
             "nearly equal forces",
@@ -44,6 +44,7 @@ ALIKE = (
     ),
 )
 REJECTED = 3.0  # times the expected cost; a chance of 1e-6 for two dozen equations, less for more
+NAMED = 2
 # Shortfalls, each to be none: of a case's records, how many are right, or rejected, but not called
 # what they must be: a spring that stiffens too little to be seen.
 STILL_MISCALLED = {"a spring that stiffens": 1}
@@ -55,7 +56,7 @@ def test_the_bank_is_large_and_says_each_thing_once():
     assert {case.what for case in CASES} >= set().union(*(kind for _, kind in ALIKE))
 
 
-SAMPLED = CASES[::24]
+SAMPLED = CASES[::16]
 """Cases of which one record is a fast test; the slow test below begins with that record of all."""
 
 
@@ -99,5 +100,6 @@ NAMED_CASES = [case for case in CASES if case.by_leads]
 @pytest.mark.slow
 @pytest.mark.parametrize("case", NAMED_CASES, ids=[case.what for case in NAMED_CASES])
 def test_a_lead_names_it(case):
-    found = case.run(100)
-    assert case.holds(found), found
+    for seed in range(NAMED):
+        found = case.run(100 + seed)
+        assert case.holds(found), found

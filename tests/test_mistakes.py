@@ -11,14 +11,13 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("mistakes")
 
 
-AGAIN = {
-    *("columns of x1 and x3 swapped", "currents x1 and x3 swapped", "currents x1 and y1 swapped"),
-    *("the currents of the two bearings swapped", "x2 upside down", "x3 in mil instead of um"),
-    *("half the fundamental", "twice the sample rate", "twice the speed", "Hz given as rpm"),
-}
-"""Mistakes like others of this rig: they stand in the record of golden results alone."""
-HERE = [mistake for mistake in MISTAKES if mistake.rig == THREE and mistake.what not in AGAIN]
+HERE = [mistake for mistake in MISTAKES if mistake.rig == THREE]
 """Those of the rigid rig are made where its sensors read parameters, and asked for more."""
+
+
+def test_mistakes_are_many():
+    assert len(HERE) >= 40
+    assert len(MISTAKES_IN_LEVERS) >= 40
 
 
 def slow_but_one(mistake):
