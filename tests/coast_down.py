@@ -98,8 +98,7 @@ def load(folder: Path, text: str = EXPERIMENT) -> rid.Experiment:
 
 
 def identify(folder: Path, text: str = EXPERIMENT) -> rid.Estimate:
-    experiment = load(folder, text)
-    return rid.identify(experiment.model, experiment.records(), experiment.estimator())
+    return load(folder, text).identify()
 
 
 def run_down(

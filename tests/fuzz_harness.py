@@ -128,9 +128,11 @@ def _result_faults(case: Case, folder: Path) -> list[str]:
     return [f"{status} with {what}" for what in wrong[:3]]
 
 
-def _peak() -> int:
-    status = Path("/proc/self/status").read_text()
-    return next(int(s.split()[1]) for s in status.splitlines() if s.startswith("VmHWM")) * 1024
+def _memory() -> tuple[int, int]:
+    """Return the peak of what this process held, and what a child is born with."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    told = {name: rest.split() for name, _, rest in (line.partition(":") for line in lines)}
+    return 1024 * int(told["VmHWM"][0]), 1024 * int(told["RssAnon"][0])
 
 
 def _processor() -> float:
@@ -179,14 +181,15 @@ def _run_case(case: Case, folder: Path, streams: _Streams) -> Outcome:
     _clear(folder)
     case.write(folder)
     Path("/proc/self/clear_refs").write_text("5")  # the peak is counted from here
-    before, held, started, largest = _contents(folder), _peak(), _processor(), _largest()
+    before, started, largest = _contents(folder), _processor(), _largest()
+    held, born = _memory()
     code: object = None
     try:
         code = run(list(case.arguments))
     except BaseException:
         traceback.print_exc()
     seconds = _processor() - started
-    more = max(_peak(), _largest() if _largest() > largest else 0) - held
+    more = max(_memory()[0] - held, _largest() - born if _largest() > largest else 0)
     gc.collect()  # what a process of its own tidies at its end: children that read files
     out, told = streams.taken()
     faults = faults_of(case, code, out, told)

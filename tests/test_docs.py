@@ -140,8 +140,7 @@ def test_experiment_files_of_the_pages_identify(page, file, tmp_path):
     name = tomllib.loads(text)["model"]
     (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
     write(simulated(name), tmp_path / file, tomllib.loads(text)["channels"])
-    experiment = rid.load_experiment(tmp_path / "experiment.toml")
-    estimate = rid.identify(experiment.model, experiment.records(), experiment.estimator())
+    estimate = rid.load_experiment(tmp_path / "experiment.toml").identify()
     assert estimate.status == "ok"
 
 

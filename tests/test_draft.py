@@ -68,8 +68,7 @@ def test_a_record_of_a_logger(tmp_path):
     with pytest.raises(InputError, match=r'0.speed: found "\?" in records.0.speed;.*comments'):
         rid.load_experiment(path)
     path.write_text(text.replace('speed = "?"', 'speed = "0 rpm"'), encoding="utf-8")
-    experiment = rid.load_experiment(path)
-    estimate = rid.identify(experiment.model, experiment.records(), experiment.estimator())
+    estimate = rid.load_experiment(path).identify()
     assert estimate.value("m") == pytest.approx(MODEL.nominal["m"], rel=1e-3)
 
 
