@@ -33,3 +33,17 @@ def gradient_holds(
 
     found = [extrapolated(partial(along, step=step), 4e-3) for step in np.diag(scale)]
     np.testing.assert_allclose(gradient * scale, found, rtol=rtol, atol=atol * np.abs(found).max())
+
+
+def deviations(
+    function: Callable[[np.ndarray], np.ndarray],
+    values: np.ndarray,
+    covariance: np.ndarray,
+    step: float = 1e-6,
+) -> np.ndarray:
+    """Return the deviations that a covariance of values gives a function of them."""
+    slopes = []
+    for at in np.diag(step * np.abs(values)):
+        ahead, behind = (np.asarray(function(values + side * at)) for side in (1, -1))
+        slopes.append((ahead - behind) / (2 * at.sum()))
+    return np.sqrt(np.einsum("i...,ij,j...->...", slopes, covariance, slopes))

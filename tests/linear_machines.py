@@ -60,3 +60,14 @@ def estimate_of(
         provenance=rid.Provenance(model=model.file_text),
     )
     return made.with_(**changes)
+
+
+def lost(estimate: rid.Estimate, name: str) -> rid.Estimate:
+    """Return an estimate that leaves a parameter undetermined."""
+    values = tuple(
+        v if v.name != name else rid.Value(name, v.unit, np.nan, np.nan)
+        for v in estimate.parameters
+    )
+    bad = np.array([v.name == name for v in estimate.parameters])
+    covariance = np.where(bad[:, None] | bad, np.nan, estimate.covariance)
+    return estimate.with_(parameters=values, covariance=covariance, status="not_identifiable")

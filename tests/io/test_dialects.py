@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from io_writers import WRITERS, write_mdf, write_tdms, write_uff
+from io_writers import WRITERS, write_mdf
 
 import rotorid as rid
 from rotorid import ReadError
 from rotorid.io import open_tables, sandbox
+from rotorid.io import text as delimited
 from rotorid.io.table import COLUMNS, check_held
 from rotorid.io.text import (
     DIGITS,
@@ -127,12 +128,10 @@ def test_tables_without_names(text, tmp_path):
         opened.find("x")
 
 
-def test_names_as_numpy_writes_them(tmp_path):
-    path = tmp_path / "run.dat"
-    np.savetxt(path, np.arange(6.0).reshape(3, 2), header="t x1")
-    assert open_delimited(path).names == ("t", "x1")
-    np.savetxt(path, np.arange(6.0).reshape(3, 2), header="a note\nt,x1", delimiter=",")
-    assert open_delimited(path).names == ("t", "x1")
+@pytest.mark.parametrize(("header", "mark"), [("t x1", " "), ("a note\nt,x1", ",")])
+def test_names_as_numpy_writes_them(header, mark, tmp_path):
+    np.savetxt(tmp_path / "run.dat", np.arange(6.0).reshape(3, 2), header=header, delimiter=mark)
+    assert open_delimited(tmp_path / "run.dat").names == ("t", "x1")
 
 
 def test_header_row(tmp_path):
@@ -147,14 +146,6 @@ def test_header_row(tmp_path):
     assert open_delimited(path, header_row=0).names == ("0", "1", "2")
     with pytest.raises(ReadError, match=r"header_row: found nothing in line 9.*correct header_row"):
         open_delimited(path, header_row=9)
-
-
-def test_a_damaged_first_row_is_not_taken_for_names(tmp_path):
-    path = table(tmp_path, "a,b\n1,abc\n2,3\n4,5\n6,7\n")
-    opened = open_delimited(path)
-    assert opened.names == ("a", "b")
-    with pytest.raises(ReadError, match=r"line 2, column b: found 'abc'"):
-        opened.read(["b"])
 
 
 @pytest.mark.parametrize(
@@ -203,23 +194,12 @@ def test_pyarrow_and_numpy_read_alike(tmp_path, monkeypatch):
         np.testing.assert_array_equal(fast["c"].values, values[:, 2])
 
 
-def test_what_pyarrow_does_not_take_is_explained(tmp_path, monkeypatch):
-    monkeypatch.setattr("rotorid.io.text._FAST", 0)
-    for text, place in (
-        ("a,b\n1,2\n3,\n4,5\n6,7\n", "line 3, column b"),
-        ("a,b\n1,2\n3\n4,5\n", "line 3"),
-    ):
-        with pytest.raises(ReadError, match=place):
-            open_delimited(table(tmp_path, text)).read(["a", "b"])
-
-
 @pytest.mark.parametrize(
     ("line", "rows", "hertz"),
     [
         ("Sample rate: 5,000 Hz", "1.5\t2", 5000),
         ("Sampling rate [Hz]: 5,000", "1.5\t2", 5000),
         ("Sample rate: 1,000,000 Hz", "1\t2", 1e6),
-        ("Sample rate: 12,345.5 Hz", "1\t2", 12345.5),
         ("Sample rate: 10.000 Hz", "1,5\t2", 10_000),
         ("Sample rate: 12.345,5 Hz", "1,5\t2", 12345.5),
         ("Sample rate: 5000,25 Hz", "1,5\t2", 5000.25),
@@ -228,8 +208,6 @@ def test_what_pyarrow_does_not_take_is_explained(tmp_path, monkeypatch):
         ("Sample rate: 5.000 kHz", "1\t2", 5000),
         ("Sample rate: 5,000 Hz", "1.5,2", 5000),
         ("Sample rate,5000,Channels,4", "1.5,2", 5000),
-        ("Sample rate,5000,2", "1.5,2", 5000),
-        ("Sample rate: 10 kS/s", "1\t2", 10_000),
         ("Sample rate [kS/s]: 10", "1\t2", 10_000),
         ("Sample rate\t10\tkSa/s", "1\t2", 10_000),
         ("Sample rate: 2 MHz", "1\t2", 2e6),
@@ -237,16 +215,12 @@ def test_what_pyarrow_does_not_take_is_explained(tmp_path, monkeypatch):
         ("Sample rate;600;B/s", "1;2", None),
         ("Sample rate: 5000 per channel", "1\t2", None),
         ("Sample time: 12:30:05", "1\t2", None),
-        ("Sampling time 2026-03-11", "1\t2", None),
         ("Sampling time 11.03.2026", "1\t2", None),
         ("Sampling time 10 s", "1\t2", None),  # how long was recorded
         ("Sampling time 100 ms", "1\t2", 10),
         ("Sampling time 101 ms", "1\t2", None),
         ("Sampling interval: 200 us", "1\t2", 5000),
         ("Sample time: 12:30:05\nSample rate: 5 kHz", "1\t2", 5000),
-        ("Sample rate [kHz]: 5", "1,2", 5000),
-        ("Sampling Rate (Hz),5000", "1,2", 5000),
-        ("Sample Rate: 10 kHz", "1,2", 10_000),
         ("scan rate (Hz)=2000", "1,2", 2000),
         ("Delta_X\t0.001", "1,2", 1000),
         ("Sample interval [ms]: 0.5", "1,2", 2000),
@@ -270,14 +244,11 @@ def test_two_decimal_marks(rows):
         find_dialect(["a b".replace(" ", rows.strip("0123456789.,-")), *[rows] * 4])
 
 
-def test_a_mark_between_thousands_further_on(tmp_path):
-    rows = "0,5;2,5\n" * 500
-    path = table(tmp_path, f"x;y\n{rows}1.234;0,5\n")
-    with pytest.raises(ReadError, match=r"line 502, column x: found '1.234'; expected a number"):
-        open_delimited(path).read(["x", "y"])
-    path = table(tmp_path, f"x;y\n{rows.replace(',', '.')}1,234;0.5\n")
-    with pytest.raises(ReadError, match=r"line 502, column x: found '1,234'; expected a number"):
-        open_delimited(path).read(["x", "y"])
+@pytest.mark.parametrize(("rows", "last"), [("0,5;2,5\n", "1.234;0,5"), ("0.5;2.5\n", "1,234;0.5")])
+def test_a_mark_between_thousands_further_on(rows, last, tmp_path):
+    found = last.split(";")[0]
+    with pytest.raises(ReadError, match=rf"line 502, column x: found '{found}'; expected a number"):
+        open_delimited(table(tmp_path, f"x;y\n{rows * 500}{last}\n")).read(["x", "y"])
 
 
 @pytest.mark.parametrize(
@@ -332,6 +303,7 @@ def test_a_row_of_units_may_hold_some_that_no_record_needs(other):
         "\ufefft [ms],x1 [um],F [N]\n0,1.5,2\n1,2,3\n",
         "t [ms],x1 [um],F [N]\n0,1.5,2\n1,2,3".encode("utf-16"),
         "t [ms],x1 [µm],F [N]\n0,1.5,2\n1,2,3\n".encode("latin-1"),
+        "t [ms],x1 [µm],F [N]\n0,1.5,2\n1,2,3\n".encode("utf-8-sig"),
         '"t [ms]","x1 [um]","F [N]"\n"0","1.5","2"\n"1","2","3"\n',
     ],
 )
@@ -360,9 +332,11 @@ def test_what_is_asked_for_is_read(text, values, tmp_path):
     np.testing.assert_array_equal(found, values)
 
 
+@pytest.mark.parametrize("fast", [0, 10**9])
 @pytest.mark.parametrize(
     ("text", "place", "found"),
     [
+        ("a,b\n1,abc\n2,3\n4,5\n6,7\n", "line 2, column b", "'abc'"),  # no row of names
         ("a,b\n3,4\n\n# x\n1,abc\n", "line 5, column b", "'abc'"),
         ("a,b\n3,4\n1,\n", "line 3, column b", "an empty field"),
         ("a,b\n3,4\n\n1\n", "line 4", "too few columns"),
@@ -372,12 +346,14 @@ def test_what_is_asked_for_is_read(text, values, tmp_path):
         ("a,b\n3,4\n1,1_000x\n", "line 3, column b", "'1_000x'"),
     ],
 )
-def test_fields_that_are_no_numbers(tmp_path, text, place, found):
+def test_fields_that_are_no_numbers(tmp_path, monkeypatch, text, place, found, fast):
+    """Also what pyarrow does not take is explained."""
+    monkeypatch.setattr(delimited, "_FAST", fast)
     opened = open_delimited(table(tmp_path, text))
+    assert opened.names == ("a", "b")
     with pytest.raises(ReadError, match="expected") as caught:
         opened.read(["a", "b"])
-    assert caught.value.place == place
-    assert caught.value.found == found
+    assert (caught.value.place, caught.value.found) == (place, found)
 
 
 @pytest.mark.parametrize(
@@ -407,14 +383,11 @@ def test_columns_by_name(tmp_path):
         opened.scalar("gtau")
 
 
-@given(
-    st.lists(
-        st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3),
-        min_size=1,
-        max_size=20,
-    ),
-    st.sampled_from([",", ";", "\t"]),
-)
+ROW = st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3)
+
+
+@settings(max_examples=50)
+@given(st.lists(ROW, min_size=1, max_size=20), st.sampled_from([",", ";", "\t"]))
 def test_written_then_read(tmp_path_factory, rows, mark):
     text = mark.join("abc") + "\n" + "".join(mark.join(map(repr, row)) + "\n" for row in rows)
     opened = open_delimited(table(tmp_path_factory.mktemp("csv"), text))
@@ -512,19 +485,6 @@ def test_a_hole_in_the_file(tmp_path):
         open_table(path).read(["x"])
 
 
-def test_bounds_of_columns_and_fields(tmp_path):
-    for count in (COLUMNS, COLUMNS + 1):
-        rows = [",".join(f"c{i}" for i in range(count)), *[",".join("1" * count)] * 3]
-        path = table(tmp_path, "\n".join(rows) + "\n")
-        if count == COLUMNS:
-            assert len(open_table(path).names) == 10_000
-        else:
-            with pytest.raises(ReadError, match=r"run.csv: found 10001 columns; expected 10000"):
-                open_table(path)
-    assert is_value("1" * DIGITS)
-    assert not is_value("1" * (DIGITS + 1))
-
-
 @pytest.mark.slow
 def test_names_like_a_misspelt_one(tmp_path):
     """The nearest is told, in a time that names of any length and number bear."""
@@ -533,10 +493,8 @@ def test_names_like_a_misspelt_one(tmp_path):
     for count, length in ((10_000, 90), (3, 100_000)):
         names = ",".join(f"{'ab' * (length // 2)}{i}" for i in range(count))
         rows = (",".join("1" * count) + "\n") * 3
-        opened, started = (
-            open_table(table(tmp_path, names + "\n" + rows)),
-            time.process_time(),
-        )
+        opened = open_table(table(tmp_path, names + "\n" + rows))
+        started = time.process_time()
         with pytest.raises(ReadError, match="no column"):
             opened.find("ba" * (length // 2))
         assert time.process_time() - started < 3
@@ -547,12 +505,6 @@ def test_days_that_are_none(day, tmp_path):
     path = table(tmp_path, "t,y\n" + f"{day},2\n" * 20)
     with pytest.raises(ReadError, match=r"column t: found .* out of range"):
         open_table(path).read(["t"])
-
-
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
-def test_letters_of_windows(encoding, tmp_path):
-    path = table(tmp_path, ("Kr\xe4fte [\xb5m],y\n" + ROWS).encode(encoding))
-    assert open_table(path).names == ("Kr\xe4fte", "y")
 
 
 # -------------------------------------------------------------------------------------------------
@@ -619,12 +571,19 @@ def test_mdf(tmp_path):
 
 
 def test_many_names_take_time_by_their_number(tmp_path):
-    started = time.process_time()
-    for part in "ab":
-        rows = [",".join(f"{part}{i}" for i in range(9000)), *[",".join("1" * 9000)] * 3]
+    def of(count: int, part: str = "c") -> Path:
+        rows = [",".join(f"{part}{i}" for i in range(count)), *[",".join("1" * count)] * 3]
         (tmp_path / f"{part}.csv").write_text("\n".join(rows))
-    assert len(open_tables([tmp_path / "a.csv", tmp_path / "b.csv"]).names) == 18_000
+        return tmp_path / f"{part}.csv"
+
+    started = time.process_time()
+    assert len(open_tables([of(9000, "a"), of(9000, "b")]).names) == 18_000
     assert time.process_time() - started < 4
+    assert len(open_table(of(COLUMNS)).names) == 10_000
+    with pytest.raises(ReadError, match=r"c.csv: found 10001 columns; expected 10000"):
+        open_table(of(COLUMNS + 1))
+    assert is_value("1" * DIGITS)
+    assert not is_value("1" * (DIGITS + 1))
 
 
 def test_a_file_twice_by_other_names(tmp_path):
@@ -632,33 +591,3 @@ def test_a_file_twice_by_other_names(tmp_path):
     (tmp_path / "link.csv").symlink_to("run.csv")
     with pytest.raises(ReadError, match="found a file twice"):
         open_tables([tmp_path / "run.csv", tmp_path / "link.csv"])
-
-
-def test_tdms_of_very_many_pieces(tmp_path, monkeypatch):
-    """A million segments take 40 s: a child has seconds by the size of its file."""
-    pytest.importorskip("nptdms")
-    path = tmp_path / "run.tdms"
-    write_tdms(path, {"x": (np.arange(4.0), "m"), "y": (np.arange(4.0), "m")})
-    first = path.read_bytes()
-    bare = struct.pack("<4siiqq4d", b"TDSm", 1 << 3, 4712, 32, 0, *range(4))
-    path.write_bytes(first + 16 * bare)
-    assert len(open_table(path).read(["x"])["x"].values) == 36
-    monkeypatch.setattr(sandbox, "LEAST", 1)
-    monkeypatch.setattr(sandbox, "SPEED", 1e9)
-    path.write_bytes(first + 300_000 * bare)
-    with pytest.raises(ReadError, match="takes more than 1 s to read"):
-        open_table(path)
-
-
-def test_universal_files_of_very_many_sets(tmp_path, monkeypatch):
-    pytest.importorskip("pyuff")
-    path = tmp_path / "run.uff"
-    write_uff(path, {"x": (np.arange(4.0), "m")})
-    one = path.read_bytes()
-    path.write_bytes(one * 5)
-    assert len(open_table(path).names) == 5
-    monkeypatch.setattr(sandbox, "LEAST", 1)
-    monkeypatch.setattr(sandbox, "SPEED", 1e9)
-    path.write_bytes(one * 20_000)
-    with pytest.raises(ReadError, match="takes more than 1 s to read"):
-        open_table(path)

@@ -35,26 +35,19 @@ T = np.arange(8) / 1000.0
 X = np.array([1.0, -2.0, 3.0, -4.0, 5.0, -6.0, 7.0, -8.0])
 
 
-def write(folder: Path, ending: str) -> Path:
-    """Write t in s, x in um and f in N, its units said by the file where it can."""
-    path = folder / f"run{ending}"
-    if ending == ".csv":
-        rows = "".join(f"{t},{x},{2 * x}\n" for t, x in zip(T, X, strict=True))
-        path.write_text("t [s],x [um],f [N]\n" + rows)
-    elif ending == ".mat":
-        scipy.io.savemat(path, {"t": T, "x": X, "f": 2 * X, "half": 0.5})
-    else:
-        with h5py.File(path, "w") as data:
-            for name, values, unit in (("t", T, "s"), ("x", X, "um"), ("f", 2 * X, "N")):
-                data[name] = values
-                data[name].attrs["units"] = unit
-            data["half"] = 0.5
+def write(folder: Path, name: str = "run.h5") -> Path:
+    """Write t in s, x in um and f in N, and a scalar."""
+    path = folder / name
+    with h5py.File(path, "w") as data:
+        for column, values, unit in (("t", T, "s"), ("x", X, "um"), ("f", 2 * X, "N")):
+            data[column] = values
+            data[column].attrs["units"] = unit
+        data["half"] = 0.5
     return path
 
 
-@pytest.mark.parametrize("ending", [".csv", ".h5", ".hdf5", ".mat"])
-def test_formats_agree(tmp_path, ending):
-    path = write(tmp_path, ending)
+def test_channels_time_speed_and_phase(tmp_path):
+    path = write(tmp_path, "run.hdf5")
     channels = {"F": Source("f", unit="N", expected="N"), "x": Source("x", unit="um")}
     record = rid.read_record(path, columns=channels, time="t", speed="8400 rpm", phase="90 deg")
     assert record.names == ("F", "x")
@@ -67,7 +60,7 @@ def test_formats_agree(tmp_path, ending):
 
 
 def test_units_of_the_file(tmp_path):
-    record = rid.read_record(write(tmp_path, ".h5"), sample_rate="1 kHz")
+    record = rid.read_record(write(tmp_path), sample_rate="1 kHz")
     assert record.names == ("f", "t", "x")
     assert [channel.unit for channel in record.channels] == ["N", "s", "m"]
     np.testing.assert_allclose(record.column("x"), 1e-6 * X)
@@ -86,14 +79,14 @@ def test_columns_of_another_length_are_left_out(tmp_path):
 def test_scale(tmp_path, scale, value):
     """Value = column x scale, in unit: the unit of the column itself does not matter."""
     channels = {"F": Source("x", unit="kN", scale=scale)}
-    record = rid.read_record(write(tmp_path, ".h5"), columns=channels, sample_rate=1e3)
+    record = rid.read_record(write(tmp_path), columns=channels, sample_rate=1e3)
     np.testing.assert_allclose(record.column("F"), 1e3 * value * X)
     assert record.channels[0].unit == "N"
 
 
 def test_how_a_channel_was_recorded(tmp_path):
     source = Source("x", hold=True, delay=5e-5, gain_std=0.01, reads={"a": 2.0})
-    record = rid.read_record(write(tmp_path, ".h5"), columns={"s": source}, sample_rate=1e3)
+    record = rid.read_record(write(tmp_path), columns={"s": source}, sample_rate=1e3)
     (channel,) = record.channels
     assert (channel.hold, channel.delay, channel.gain_std) == (True, 5e-5, 0.01)
     assert channel.combination == {"a": 2.0}
@@ -111,14 +104,27 @@ def test_how_a_channel_was_recorded(tmp_path):
     ],
 )
 def test_refused_channels(tmp_path, source, message):
-    path = write(tmp_path, ".h5")
+    path = write(tmp_path)
     with pytest.raises(InputError, match=message) as caught:
         rid.read_record(path, columns={"q": source}, sample_rate=1e3)
     assert caught.value.file == str(path)
 
 
+@pytest.mark.parametrize(
+    ("unit", "time", "hertz"),
+    [(" [ms]", "t", 500.0), ("", "t", 0.5), ("", Source("t", unit="us"), 5e5)],
+)
+def test_time_in_its_unit(unit, time, hertz, tmp_path):
+    path = tmp_path / "RUN.CSV"
+    path.write_text(f"t{unit},x\n0,1\n2,1\n4,1\n6,nan\n")
+    until = 5 / (2 * hertz)
+    record = rid.read_record(path, time=time, until=f"{until} s")
+    assert record.sample_rate == pytest.approx(hertz)
+    assert record.column("x").tolist() == [1, 1, 1]
+
+
 def test_one_source_of_time(tmp_path):
-    path = write(tmp_path, ".h5")
+    path = write(tmp_path)
     with pytest.raises(InputError, match="one of sample_rate and time"):
         rid.read_record(path)
     assert rid.read_record(path, sample_rate=1000.05, time="t").sample_rate == 1000.05
@@ -130,15 +136,6 @@ def test_one_source_of_time(tmp_path):
         rid.read_record(path, time="tt")
     with pytest.raises(InputError, match=r"time.*found unit 'um'; expected .* converts to s"):
         rid.read_record(path, time="x")
-
-
-def test_time_in_its_unit(tmp_path):
-    path = tmp_path / "run.csv"
-    path.write_text("t [ms],x\n0,1\n2,1\n4,1\n")
-    assert rid.read_record(path, time="t").sample_rate == pytest.approx(500.0)
-    path.write_text("t,x\n0,1\n2,1\n4,1\n")
-    assert rid.read_record(path, time="t").sample_rate == pytest.approx(0.5)
-    assert rid.read_record(path, time=Source("t", unit="us")).sample_rate == pytest.approx(5e5)
 
 
 @pytest.mark.parametrize(
@@ -183,11 +180,6 @@ def test_files_without_samples(tmp_path, name, content, message):
         rid.read_record(tmp_path / name, sample_rate=1.0)
 
 
-def test_endings_in_capitals(tmp_path):
-    (tmp_path / "RUN.CSV").write_text("x\n1\n2\n")
-    assert rid.read_record(tmp_path / "RUN.CSV", sample_rate=1.0).column("x").tolist() == [1, 2]
-
-
 def test_a_mask_leaves_out_periods(tmp_path):
     path = tmp_path / "run.csv"
     wave = np.cos(2 * np.pi * np.arange(50) / 10)
@@ -215,14 +207,6 @@ def test_a_mask_of_another_length(columns, tmp_path):
         rid.read_record(tmp_path / "run.h5", columns=columns, sample_rate=1.0, mask="ok")
 
 
-def test_until(tmp_path):
-    path = tmp_path / "run.csv"
-    path.write_text("t,x\n0,1\n0.1,2\n0.2,3\n0.3,nan\n")
-    for time in ({"time": "t"}, {"sample_rate": 10.0}):
-        record = rid.read_record(path, columns=["x"], until="0.3 s", **time)
-        assert record.column("x").tolist() == [1, 2, 3]
-
-
 def test_several_files_of_one_clock(tmp_path):
     (tmp_path / "f.csv").write_text(
         "t,fx,z\n" + "".join(f"{t},{x},0\n" for t, x in zip(T, X, strict=True))
@@ -241,7 +225,7 @@ def test_several_files_of_one_clock(tmp_path):
         rid.read_record(files, columns=["fx", "px"], time="t")
 
 
-@pytest.mark.parametrize("size", [1e-162, 0.9e-60, 1.1e60, 1e155, 1e308])
+@pytest.mark.parametrize("size", [1e-162, 0.9e-60, 1.1e60, 1e308])
 @pytest.mark.parametrize("defect", [False, True])
 def test_samples_that_no_machine_has(size, defect, tmp_path):
     """Their squares leave what doubles hold: an answer of them would be no number."""
@@ -354,9 +338,8 @@ def test_one_late_sample(tmp_path):
 def test_a_missing_sample_is_told_with_the_longest_stretch(tmp_path):
     time = np.delete(EVEN, [500, 3000])
     path = recorded(tmp_path / "run.csv", time, wave(time))
-    with pytest.raises(
-        ReadError, match=r"a step of 0.002 s after sample 499 \(t = 0.499 s\), 2 such"
-    ) as caught:
+    said = r"a step of 0.002 s after sample 499 \(t = 0.499 s\), 2 such"
+    with pytest.raises(ReadError, match=said) as caught:
         rid.read_record(path, columns=["x"], time="t")
     assert 'skip = "0.501 s" and until = "2.9995 s"' in caught.value.cure
     first = rid.read_record(path, columns=["x"], time="t", until="0.4995 s")
@@ -370,19 +353,14 @@ def test_a_missing_sample_is_told_with_the_longest_stretch(tmp_path):
     np.testing.assert_allclose(periods.angle, 0.5 + 10 * periods.time)
 
 
-def test_between_late_and_missing():
-    for step, taken in (
-        (LATE - 0.01, True),
-        (LATE + 0.01, False),
-        (EARLY + 0.01, True),
-        (EARLY - 0.01, False),
-    ):
-        time = np.cumsum(np.r_[0.0, np.ones(50), step, np.ones(50)])
-        if taken:
-            assert not read_clock(time).even
-        else:
-            with pytest.raises(ReadError, match="no dropped samples"):
-                read_clock(time)
+@pytest.mark.parametrize(("edge", "inside"), [(LATE, -0.01), (EARLY, 0.01)])
+def test_between_late_and_missing(edge, inside):
+    def clock(step: float) -> np.ndarray:
+        return np.cumsum(np.r_[0.0, np.ones(50), step, np.ones(50)])
+
+    assert not read_clock(clock(edge + inside)).even
+    with pytest.raises(ReadError, match="no dropped samples"):
+        read_clock(clock(edge - inside))
 
 
 def test_two_statements_of_the_rate(tmp_path):
@@ -429,38 +407,37 @@ SOURCES = {"F": Source("fx", "N"), "x": Source("px", "um")}
 OPTIONS = {"harmonics": [0, 1, 3, 25], "skip": 0.123}
 
 
-def write_hdf5(path: Path) -> None:
+def write_chunks(path: Path, columns: object = None) -> None:
     with h5py.File(path, "w") as data:
         for name, (values, unit) in COLUMNS.items():
             data.create_dataset(name, data=values, chunks=(100,))
             data[name].attrs["unit"] = unit
 
 
-def write_table(path: Path) -> None:
+def write_table(path: Path, columns: object) -> None:
     with h5py.File(path, "w") as data:
         data["log"] = np.stack([FORCE, MOTION])
         data["log"].attrs["unit"] = ["N", "um"]
 
 
-@pytest.fixture(params=["hdf5", "table", "parquet", "tdms"])
+KINDS = {  # and what is needed
+    "run.h5": (write_chunks, "h5py"),
+    "log.h5": (write_table, "h5py"),
+    "run.parquet": (write_parquet, "pyarrow"),
+    "run.tdms": (write_tdms, "nptdms"),
+}
+
+
+@pytest.fixture(params=KINDS)
 def path(request, tmp_path):
-    kind = request.param
-    path = tmp_path / {"hdf5": "run.h5", "table": "log.h5"}.get(kind, f"run.{kind}")
-    if kind == "hdf5":
-        write_hdf5(path)
-    elif kind == "table":
-        write_table(path)
-    elif kind == "parquet":
-        pytest.importorskip("pyarrow")
-        write_parquet(path, COLUMNS)
-    else:
-        pytest.importorskip("nptdms")
-        write_tdms(path, COLUMNS)
-    return path
+    writer, package = KINDS[request.param]
+    pytest.importorskip(package)
+    writer(tmp_path / request.param, COLUMNS)
+    return tmp_path / request.param
 
 
-@pytest.mark.sampled(8)
-@pytest.mark.parametrize("rows", [1, 7, 100, 501, 10**6])
+@pytest.mark.sampled(6)
+@pytest.mark.parametrize("rows", [7, 100, 501, 10**6])
 def test_blocks_are_the_whole(path, rows, monkeypatch):
     monkeypatch.setattr(blocks, "WORTH", 0)
     monkeypatch.setattr(blocks, "ROWS", rows)
@@ -498,7 +475,7 @@ def test_as_numpy_averages():
 def test_faults_are_told_with_their_sample(tmp_path, monkeypatch):
     monkeypatch.setattr(blocks, "WORTH", 0)
     monkeypatch.setattr(blocks, "ROWS", 100)
-    write_hdf5(tmp_path / "run.h5")
+    write_chunks(tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5", "a") as data:
         data["px"][1034] = np.nan
     opened = open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE)
@@ -515,7 +492,7 @@ def test_faults_are_told_with_their_sample(tmp_path, monkeypatch):
 
 
 def test_small_records_and_jittered_ones_are_read_at_once(tmp_path, monkeypatch):
-    write_hdf5(tmp_path / "run.h5")
+    write_chunks(tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5", "a") as data:
         data["t"] = np.arange(len(FORCE)) / RATE + DRAWN.uniform(-1e-4, 1e-4, len(FORCE))
     assert open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE) is None

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear_machines import SUPPORTED, estimate_of, model_of
+from differences import deviations
+from linear_machines import SUPPORTED, estimate_of, lost, model_of
 from model_text import model_text
 
 import rotorid as rid
@@ -65,26 +66,17 @@ def test_whirl_follows_the_direction_of_rotation():
 @pytest.mark.parametrize("speed", [0.0, 700.0, -700.0])
 @pytest.mark.parametrize("fixed", [(), ("m", "L")])
 def test_deviations_are_those_of_differences(speed, fixed):
-    estimate = estimate_of(model_of(SUPPORTED), fixed=fixed, percent=0.1)
-    machine = machine_of(estimate)
-    found = rid.modes(estimate, speed=speed)
-    slopes = []
-    for i, value in enumerate(machine.values):
-        step = 1e-6 * abs(value)
-        sides = []
-        for sign in (1, -1):
-            moved = dict(
-                zip(
-                    machine.names,
-                    machine.values + sign * step * np.eye(1, len(machine.values), i)[0],
-                    strict=True,
-                )
-            )
-            there = rid.modes(estimate_of(model_of(SUPPORTED), moved), speed=speed)
-            sides.append([(m.frequency_hz, m.damping_ratio) for m in there.modes])
-        slopes.append((np.array(sides[0]) - np.array(sides[1])) / (2 * step))
-    expected = np.sqrt(np.einsum("imk,ij,jmk->mk", slopes, machine.covariance, slopes))
+    model = model_of(SUPPORTED)
+    machine = machine_of(estimate_of(model, fixed=fixed, percent=0.1))
+
+    def moved(values: np.ndarray) -> list[tuple[float, float]]:
+        at = dict(zip(machine.names, values, strict=True))
+        there = rid.modes(estimate_of(model, at), speed=speed)
+        return [(m.frequency_hz, m.damping_ratio) for m in there.modes]
+
+    found = rid.modes(estimate_of(model, fixed=fixed, percent=0.1), speed=speed)
     stated = [(m.std_hz, m.damping_std) for m in found.modes]
+    expected = deviations(moved, machine.values, machine.covariance)
     assert np.array(stated) == pytest.approx(expected, rel=1e-4)
     assert not any(m.close for m in found.modes)
 
@@ -136,6 +128,8 @@ TWO = model_text(
         ((10.0, 10.0, 0.01, 0.0), False),
         ((200.0, 200.0, 0.01, 0.0), True),
         ((1e-3, 1e-3, 0.01, 100.0), True),
+        ((24.9 / np.sqrt(2), 24.9 / np.sqrt(2), 1e-9, 0.0), False),  # a quarter of the distance
+        ((25.1 / np.sqrt(2), 25.1 / np.sqrt(2), 1e-9, 0.0), True),
     ],
 )
 def test_modes_are_close_by_their_deviations(std, close):
@@ -143,14 +137,6 @@ def test_modes_are_close_by_their_deviations(std, close):
     estimate = estimate_of(model_of(TWO), covariance=np.diag(np.square(std)))
     found = rid.modes(estimate)
     assert [m.close for m in found.modes] == [close, close]
-
-
-def test_the_limit_of_close_modes(monkeypatch):
-    """The distance is 100, its deviation 25 less a little, and then a little more."""
-    for size, close in ((24.9, False), (25.1, True)):
-        std = np.array([size, size, 1e-9, 0.0]) / np.sqrt(2)
-        found = rid.modes(estimate_of(model_of(TWO), covariance=np.diag(std**2)))
-        assert [m.close for m in found.modes] == [close, close]
 
 
 def test_close_modes_have_the_deviations_of_whole_draws():
@@ -167,9 +153,8 @@ def test_close_modes_have_the_deviations_of_whole_draws():
     assert [m.std_hz for m in found.modes] == pytest.approx(std, rel=0.05)
     low, high = np.quantile(hertz, [0.025, 0.975], axis=0)
     stated = np.array([m.interval_hz for m in found.modes])
-    assert stated - here[:, None] == pytest.approx(
-        np.column_stack([low, high]) - here[:, None], rel=0.06, abs=1e-4
-    )
+    expected = np.column_stack([low, high]) - here[:, None]
+    assert stated - here[:, None] == pytest.approx(expected, rel=0.06, abs=1e-4)
 
 
 def test_isotropic_pairs_that_move_together_are_not_close():
@@ -178,10 +163,8 @@ def test_isotropic_pairs_that_move_together_are_not_close():
 
 
 def test_modes_that_coincide_by_chance_count_twice():
-    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5").replace("I_p*Omega", "0*I_p*Omega")
-    text = text.replace("0*I_p*Omega*theta_y'", "I_p*Omega*theta_y'*0.001")
-    text = text.replace("0*I_p*Omega*theta_x'", "I_p*Omega*theta_x'*0.001")
-    found = rid.modes(model_of(text))
+    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5")
+    found = rid.modes(model_of(text.replace("I_p*Omega", "0.001*I_p*Omega")))
     assert [m.count for m in found.modes] == [1, 1, 1, 1]
 
 
@@ -204,7 +187,9 @@ def test_pairs_by_name_and_orbits():
     assert whirl_of(circle, pairs[:1], ones, -1.0) == "backward"
     assert whirl_of(circle, pairs[1:], ones, 0.0) == "backward"
     assert whirl_of(circle, pairs, ones, 1.0) == "mixed"
-    assert whirl_of(circle, pairs, np.array([1, 1, 0.001, 0.001]), 1.0) == "forward"
+    for share, whirl in ((0.019, "forward"), (0.021, "mixed")):  # of what hardly moves
+        inertia = np.array([1 - share, 1 - share, share, share])
+        assert whirl_of(circle, pairs, inertia, 1.0) == whirl
     assert whirl_of(np.array([1.0, 0.5, 0, 0]), pairs, ones, 1.0) == "planar"
     for tilt, whirl in ((0.019, "planar"), (0.022, "forward")):  # of the axes of the orbit
         assert whirl_of(np.array([1.0, -1j * tilt]), pairs[:1], ones, 1.0) == whirl
@@ -213,22 +198,12 @@ def test_pairs_by_name_and_orbits():
 def test_values_that_are_not_determined_matter_only_where_they_are_needed():
     model = model_of(SUPPORTED)
     base = estimate_of(model)
-
-    def lost(name: str) -> rid.Estimate:
-        parameters = tuple(
-            v if v.name != name else rid.Value(name, v.unit, np.nan, np.nan)
-            for v in base.parameters
-        )
-        bad = np.array([v.name == name for v in base.parameters])
-        covariance = np.where(bad[:, None] | bad, np.nan, base.covariance)
-        return base.with_(parameters=parameters, covariance=covariance, status="not_identifiable")
-
-    found = rid.modes(lost("xi"))
+    found = rid.modes(lost(base, "xi"))
     assert found.status == "not_identifiable"
     assert any("xi" in remark for remark in found.remarks)
     assert found.modes[0].std_hz == pytest.approx(rid.modes(base).modes[0].std_hz)
     with pytest.raises(rid.InputError, match="leaves k_x undetermined"):
-        rid.modes(lost("k_x"))
+        rid.modes(lost(base, "k_x"))
 
 
 def test_a_rejected_result_says_so_and_inflates():
@@ -318,17 +293,16 @@ APART = model_text(
 )
 
 
-@pytest.mark.parametrize("ratio", [1.0, 1.0000001, 0.9, 1.5])
+@pytest.mark.parametrize("ratio", [1.0, 1.0000001, 0.9])
 def test_what_turns_with_the_rotor_at_every_speed_is_not_critical(ratio):
     """The nutation of a free body is I_p / I_t times the speed: it crosses 1x nowhere."""
     assert speeds_of(rid.campbell(model_of(FREE.replace("0.5", repr(ratio))), 500.0)) == []
 
 
-@pytest.mark.parametrize("apart", [1e-8, 1e-7, 1e-6, 4e-6, 1e-3])
+@pytest.mark.parametrize("apart", [1e-8, 1e-6, 4e-6, 1e-3])
 def test_two_planes_have_two_critical_speeds_however_close(apart):
-    found = speeds_of(
-        rid.campbell(model_of(APART.replace("1.5e4", repr(1e4 * (1 + apart)))), 500.0)
-    )
+    model = model_of(APART.replace("1.5e4", repr(1e4 * (1 + apart))))
+    found = speeds_of(rid.campbell(model, 500.0))
     assert sorted(found) == pytest.approx([100.0, 100.0 * np.sqrt(1 + apart)], rel=1.1e-6)
 
 
@@ -336,23 +310,14 @@ def test_two_planes_have_two_critical_speeds_however_close(apart):
 def test_deviations_of_critical_speeds_are_those_of_differences():
     fixed = ("m", "c", "d", "L", "xi", "zeta")
     machine = machine_of(estimate_of(model_of(SUPPORTED), percent=0.05, fixed=fixed))
+
+    def moved(values: np.ndarray) -> list[float]:
+        there = critical_speeds(replace(machine, values=values), 1200.0)
+        return [each.speed_rad_s for each in there]
+
     found = critical_speeds(machine, 1200.0)
     assert len(found) == 4
-    slopes = []
-    for i, value in enumerate(machine.values):
-        step = 1e-5 * abs(value)
-        at = step * np.eye(len(machine.values))[i]
-        sides = [
-            [
-                each.speed_rad_s
-                for each in critical_speeds(
-                    replace(machine, values=machine.values + s * at), 1200.0
-                )
-            ]
-            for s in (1, -1)
-        ]
-        slopes.append((np.array(sides[0]) - np.array(sides[1])) / (2 * step))
-    expected = np.sqrt(np.einsum("im,ij,jm->m", slopes, machine.covariance, slopes))
+    expected = deviations(moved, machine.values, machine.covariance, 1e-5)
     assert [each.std for each in found] == pytest.approx(expected, rel=1e-4)
 
 
@@ -367,7 +332,7 @@ def test_supports_that_follow_the_speed():
 
 def test_curves_follow_their_shapes_through_a_crossing():
     """The nodding of a disc rises through the bouncing, and neither takes the other's course."""
-    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5").replace("I_t*theta", "I_t*theta")
+    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5")
     text = text.replace("nominal = 0.25", "nominal = 0.15")
     found = rid.campbell(model_of(text), 3000.0)
     straight = [c for c in found.frequency_hz.T if np.ptp(c) < 1e-6 * c[0]]
@@ -383,9 +348,7 @@ def test_curves_follow_their_shapes_through_a_crossing():
 
 
 def test_a_mode_that_is_overdamped_for_a_while_leaves_a_gap():
-    text = SUPPORTED.replace("d*theta_x'", "d*(Omega/500)^2*theta_x'").replace(
-        "d*theta_y'", "d*(Omega/500)^2*theta_y'"
-    )
+    text = SUPPORTED.replace("d*theta_", "d*(Omega/500)^2*theta_")
     found = rid.campbell(model_of(text.replace("nominal = 1.5", "nominal = 200.0")), 3000.0)
     assert np.isnan(found.frequency_hz).any()
     assert len(found.critical) >= 2
@@ -411,11 +374,6 @@ def test_massless_coordinates_and_any_last_speed():
     assert rid.campbell(model_of(SUPPORTED), 1e-9).critical == ()
 
 
-def test_the_page_says_where_it_goes():
-    with pytest.raises(rid.InputError, match="a speed to go to"):
-        rid.campbell(model_of(SUPPORTED), "0 rpm")
-
-
 def test_the_response_to_unbalance_is_that_of_the_equations():
     model = model_of(SUPPORTED)
     found = rid.unbalance_response(estimate_of(model, percent=0.1), "3000 rpm")
@@ -426,17 +384,12 @@ def test_the_response_to_unbalance_is_that_of_the_equations():
     y = -1j * 8 * omega**2 * eccentricity / (1e6 - 8 * omega**2 + 60j * omega)
     assert found.motion[0, 1] == pytest.approx(y)
     machine = machine_of(estimate_of(model, percent=0.1))
-    slopes = []
-    for name, value in zip(machine.names, machine.values, strict=True):
-        step = 1e-6 * abs(value)
-        sides = [
-            np.abs(
-                rid.unbalance_response(estimate_of(model, {name: value + s * step}), omega).motion
-            )[0]
-            for s in (1, -1)
-        ]
-        slopes.append((sides[0] - sides[1]) / (2 * step))
-    expected = np.sqrt(np.einsum("im,ij,jm->m", slopes, machine.covariance, slopes))
+
+    def moved(values: np.ndarray) -> np.ndarray:
+        at = dict(zip(machine.names, values, strict=True))
+        return np.abs(rid.unbalance_response(estimate_of(model, at), omega).motion)[0]
+
+    expected = deviations(moved, machine.values, machine.covariance)
     assert found.std[0, :2] == pytest.approx(expected[:2], rel=1e-5)
 
 
@@ -509,6 +462,7 @@ def test_a_model_file_and_a_shipped_model_have_no_deviations(folder, capsys):
 
 
 def test_a_result_that_is_not_identifiable_shows_and_ends_with_1(folder, capsys):
+    assert cli.run(["modes", "result.json", "--record", "3"]) == 0  # nothing is a record's own
     estimate_of(model_of(SUPPORTED), status="not_identifiable").save("open.json")
     assert cli.run(["modes", "open.json"]) == 1
     assert "others fit as well" in capsys.readouterr().out
@@ -524,16 +478,11 @@ def test_a_result_that_is_not_identifiable_shows_and_ends_with_1(folder, capsys)
         (["machine.toml", "--speed", "3000 kg"], "unit 'kg'"),
         (["machine.toml", "--to", "0 rpm"], "a speed to go to"),
         (["machine.toml", "--json", "machine.toml"], "machine.toml"),
-        (["result.json", "--record", "3"], "no answer"),
     ],
 )
 def test_what_cannot_be_is_one_line(folder, capsys, arguments, said):
-    code = cli.run(["modes", *arguments])
+    assert cli.run(["modes", *arguments]) == 2
     shown = capsys.readouterr()
-    if said == "no answer":  # nothing is a record's own, so that its number does not matter
-        assert code == 0
-        return
-    assert code == 2
     assert shown.out == ""
     assert len(shown.err.splitlines()) == 1
     assert said in shown.err
