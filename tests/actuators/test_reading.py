@@ -21,6 +21,17 @@ MAGNET = Differential(K=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
 SINGLE = Differential(K=1.2e-5, bias=0.0, gap=4e-4, angle=np.radians(22.5), iron=2e-5)
 
 
+WITH_IRON = Differential(
+    K=4e-6,
+    bias=2.0,
+    gap=4e-4,
+    angle=0.3,
+    bias_difference=0.05,
+    iron=1e-5,
+    saturation=7000.0,
+)
+
+
 def test_linear_is_what_it_says():
     law = Linear(ki=120.0, ks=2e5)
     np.testing.assert_allclose(law.force([0.0, 1.0], [1e-4, 0.0]), [20.0, 120.0])
@@ -33,12 +44,12 @@ def test_slopes_at_the_origin_are_the_closed_forms():
     assert slope.ks == pytest.approx(4 * 1.2e-5 * 2.5**2 / 4e-4**3 * c**2, rel=1e-14)
 
 
-@given(st.floats(-2.0, 2.0), st.floats(-3e-4, 3e-4))
-def test_slopes_are_the_derivatives_of_the_force(current, position):
-    slope = MAGNET.linearize(current, position)
+@given(st.sampled_from([MAGNET, WITH_IRON]), st.floats(-1.7, 1.7), st.floats(-3e-4, 3e-4))
+def test_slopes_are_the_derivatives_of_the_force(law, current, position):
+    slope = law.linearize(current, position)
     di, dx = 1e-5, 1e-9
-    by_current = MAGNET.force(current + di, position) - MAGNET.force(current - di, position)
-    by_position = MAGNET.force(current, position + dx) - MAGNET.force(current, position - dx)
+    by_current = law.force(current + di, position) - law.force(current - di, position)
+    by_position = law.force(current, position + dx) - law.force(current, position - dx)
     assert by_current / (2 * di) == pytest.approx(slope.ki, rel=1e-6)
     assert by_position / (2 * dx) == pytest.approx(slope.ks, rel=1e-5)
 
@@ -101,6 +112,19 @@ def test_opposed_magnets_are_odd(current, position):
     assert ahead == pytest.approx(-behind, rel=1e-12)
 
 
+def test_iron_is_wider_gaps_and_saturation_bounds_the_force():
+    law = Differential(K=1e-5, bias=2.0, gap=4e-4)
+    i, x = np.array([0.3, -1.2]), np.array([2e-5, -9e-5])
+    iron, wider = replace(law, iron=3e-5), replace(law, gap=4.3e-4)
+    np.testing.assert_allclose(iron.force(i, x), wider.force(i, x), rtol=1e-14)
+    saturated = replace(law, saturation=6000.0)
+    assert saturated.force(1.99, 0.0) < 1e-5 * 6000.0**2
+    ahead, behind = saturated.fluxes(0.5, 0.0)
+    b = 2.5 / 4e-4
+    assert ahead == pytest.approx(b / (1 + (b / 6000.0) ** 4) ** 0.25)
+    assert saturated.force(0.5, 0.0) == pytest.approx(1e-5 * (ahead**2 - behind**2))
+
+
 def test_flux_and_current_laws_agree():
     rng = np.random.default_rng(1)
     current, position = rng.uniform(-2, 2, 50), rng.uniform(-3e-4, 3e-4, 50)
@@ -118,17 +142,11 @@ ENTRY = {"law": "differential", "K": "5e-6 N m^2/A^2", "bias": "2 A", "gap": "0.
 
 
 def test_exact_known_and_unknown_constants():
-    entry = LawEntry(
-        **{
-            **ENTRY,
-            "bias": {"value": "2 A", "std": "50 mA", "shared": "supply"},
-            "gap": {"start": "0.4 mm"},
-        }
-    )
+    bias = {"value": "2 A", "std": "50 mA", "shared": "supply"}
+    entry = LawEntry(**ENTRY | {"bias": bias, "gap": {"start": "0.4 mm"}})
     law = entry.build()
-    assert (law.bias, law.std["bias"]) == (2.0, 0.05)
-    assert (law.gap, law.std["gap"]) == (4e-4, np.inf)
-    assert "K" not in law.std
+    assert (law.bias, law.gap) == (2.0, 4e-4)
+    assert law.std == {"bias": 0.05, "gap": np.inf}
     assert set(entry.uncertain) == {"bias", "gap"}
     assert law.shared == {"bias": "supply"}
 
@@ -145,10 +163,7 @@ def test_an_area_is_a_constant_of_either_law():
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        (
-            {**ENTRY, "gap": {"value": "1 mm"}},
-            r"the keys value; expected value and std, or start",
-        ),
+        ({**ENTRY, "gap": {"value": "1 mm"}}, r"the keys value; expected value and std, or start"),
         ({**ENTRY, "gap": {"start": "1 mm", "shared": 3}}, r"the keys shared, start"),
         ({"law": "linear", "ki": {"start": "1 N/A"}}, r'ki: found .*gains = \["ki"\]'),
         (
@@ -229,9 +244,8 @@ def test_lines_of_a_held_current(law, delay):
 @pytest.mark.parametrize("law", [LINEAR, BIASED])
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (37e-6, 0.0), (0.0, -20e-6), (50e-6, 50e-6)])
 def test_samples_of_a_measured_current(law, delays):
-    record = forces(
-        recorded(False, *delays), {"F": ForceReading(law, ("i",), {"x": 1.0})}, period=SIZE
-    )
+    reading = {"F": ForceReading(law, ("i",), {"x": 1.0})}
+    record = forces(recorded(False, *delays), reading, period=SIZE)
     time = np.arange(PERIODS * SIZE) / RATE
     truth = law.force(current(time), position(time))
     np.testing.assert_allclose(record.column("F"), truth, atol=1e-8 * np.abs(truth).max())
@@ -305,15 +319,6 @@ def test_bad_readings_are_refused(law, current, place, message):
 # Laws kept with the forces that they read: inverted, and followed with other constants.
 
 
-WITH_IRON = Differential(
-    K=4e-6,
-    bias=2.0,
-    gap=4e-4,
-    angle=0.3,
-    bias_difference=0.05,
-    iron=1e-5,
-    saturation=7000.0,
-)
 TURN = np.linspace(0, 6 * np.pi, 200)
 CURRENT, POSITION = 1.2 * np.cos(TURN), 8e-5 * np.sin(TURN / 3 + 0.4)
 
@@ -373,11 +378,8 @@ def test_flux_laws_scale():
 
 
 def test_a_force_keeps_its_law():
-    record = Record(
-        [Channel("i", "A", gain_std=0.02), Channel("x", "m")],
-        np.stack([CURRENT, POSITION], axis=1),
-        1e3,
-    )
+    channels = [Channel("i", "A", gain_std=0.02), Channel("x", "m")]
+    record = Record(channels, np.stack([CURRENT, POSITION], axis=1), 1e3)
     law = replace(WITH_IRON, shared={"gap": "bearings"})
     reading = ForceReading(law, ("i",), {"x": 1.0})
     channel = forces(record, {"F": reading}).channels[0]

@@ -34,12 +34,6 @@ def frequencies(model, speed=0.0):
     return np.sqrt(np.abs(scipy.linalg.eigh(*scaled, eigvals_only=True)))
 
 
-def test_a_drawing_that_windows_editors_saved_is_one():
-    """They put a mark of the byte order in front."""
-    found = rid.parse_model(b"\xef\xbb\xbf" + FLEXIBLE.read_bytes())
-    assert found.coordinates == rid.load_model("flexible").coordinates
-
-
 @pytest.mark.parametrize("number", range(20))
 def test_matrices_equal_those_of_ross(number):
     model = rid.parse_model(random_rotor(np.random.default_rng(number)))
@@ -86,42 +80,34 @@ def test_a_simply_supported_beam_has_the_frequencies_of_its_closed_form():
     np.testing.assert_allclose(frequencies(model)[:6:2], exact, rtol=3e-4)
 
 
-def test_elements_that_are_not_given_make_three_bending_frequencies_converge():
+@pytest.mark.parametrize(
+    ("outer", "middle"), [("60 mm", None), ("10 mm", "0.3 m"), ("10 mm", "0.5 m")]
+)
+def test_elements_that_are_not_given_make_three_bending_frequencies_converge(outer, middle):
+    """A place in the middle does not end the division."""
+    more = f'[actuators]\nA = {{ at = "{middle}" }}' if middle else ""
+    found = rid.parse_model(uniform(outer=outer, more=more).replace(", elements = 8", "")).rotor
+    fine = bending(rid.parse_model(uniform(outer=outer, elements=120)).rotor)
+    np.testing.assert_allclose(bending(found), fine, rtol=1.5e-3)
+
+
+def test_no_more_elements_than_it_takes_are_made():
     found = rid.parse_model(uniform(outer="60 mm").replace(", elements = 8", "")).rotor
     fine = bending(rid.parse_model(uniform(outer="60 mm", elements=120)).rotor)
-    np.testing.assert_allclose(bending(found), fine, rtol=1.5e-3)
     coarse = rid.parse_model(uniform(outer="60 mm", elements=len(found.nodes) // 2)).rotor
     assert (np.abs(bending(coarse) - fine) > 1.5e-3 * fine).any()
     drawn = rid.load_model("flexible").rotor
     assert sum(section.elements for section in drawn.sections) > len(drawn.sections)
 
 
-def drawn_record(model, rng, *, speed=2 * np.pi * 120, lines=range(3, 63, 3), values=None):
+def drawn_record(model, rng, lines=range(3, 63, 3)):
     """Return a periodic record of a model with four sensors, with noise on its lines."""
-    held = model.values(model.nominal if values is None else values)
     forces = 20 * np.exp(2j * np.pi * rng.random((len(lines), len(model.inputs))))
-    record = line_record(
-        model,
-        held,
-        forces,
-        harmonics=list(lines),
-        fundamental=10.0,
-        sample_rate=20000.0,
-        periods=20,
-        speed=speed,
-        sensors=SENSORS,
-    )
+    when = {"fundamental": 10.0, "sample_rate": 20000.0, "periods": 20, "speed": 2 * np.pi * 120}
+    values = model.values(model.nominal)
+    record = line_record(model, values, forces, harmonics=list(lines), sensors=SENSORS, **when)
     noise = dict.fromkeys(model.inputs, 0.5) | dict.fromkeys(SENSORS, 1e-6)
     return add_noise(record, noise, rng)
-
-
-def recovered(model, record, start):
-    """Return an estimate, held against the nominal values."""
-    estimate = rid.identify(model, record, rid.MaximumLikelihood(start=start))
-    assert estimate.status == "ok"
-    for name, value in model.nominal.items():
-        assert abs(estimate.value(name) - value) < 4 * estimate.std(name)
-    return estimate
 
 
 @pytest.mark.slow
@@ -133,7 +119,11 @@ def test_internal_external_and_structural_damping_are_told_apart():
     text += 'c_e = { unit = "1/s", nominal = 2.0 }\neta = { unit = "1", nominal = 4e-3 }\n'
     model = rid.parse_model(text)
     start = {"c_i": 1e-6, "c_e": 1.0, "eta": 2e-3}
-    estimate = recovered(model, drawn_record(model, np.random.default_rng(2)), start)
+    record = drawn_record(model, np.random.default_rng(2))
+    estimate = rid.identify(model, record, rid.MaximumLikelihood(start=start))
+    assert estimate.status == "ok"
+    for name, value in model.nominal.items():
+        assert abs(estimate.value(name) - value) < 4 * estimate.std(name)
     for name in start:
         assert estimate.std(name) < 0.2 * model.nominal[name]
 
@@ -264,9 +254,8 @@ def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
 
 
 @pytest.mark.slow
-def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypatch):
-    model = rid.load_model("flexible")
-    record = drawn_record(model, np.random.default_rng(3))
+def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypatch, reducible):
+    model, record = reducible
     monkeypatch.setattr("rotorid.models.rotor.rotor_model.WORTH", 0.0)
     knowledge = Knowledge(start=model.nominal)
     bound = bind_all(model, [record])
@@ -304,60 +293,38 @@ def test_mass_and_inertia_of_a_cylinder():
     assert np.abs(m.K @ tilted).max() < 1e-9 * np.abs(m.K).max()
 
 
+A, STEEL = 'a = { at = "115 mm" }', 'material = "steel"'
+LONG, MASS, LOSS = 'length = "40 mm"', 'mass = "m_w"', 'internal = "c_i"'
 FAULTS = (
-    (
-        'length = "40 mm"',
-        'length = "-40 mm"',
-        r"sections\.0\.length: found -0\.04 m",
-    ),
-    (
-        'outer = "16 mm"',
-        'outer = "16 mm", inner = "16 mm"',
-        r"sections\.0\.inner: found inner",
-    ),
-    (
-        'material = "steel"',
-        'material = "stel"',
-        r"found the material 'stel'",
-    ),
-    (
-        'a = { at = "115 mm" }',
-        'a = { at = "1150 mm" }',
-        r"a\.at: found a place at 1\.15 m",
-    ),
-    ('a = { at = "115 mm" }', 'A = { at = "115 mm" }', r"found 'A' at 0\.07 m and, in"),
-    ('a = { at = "115 mm" }', 'a = { at = "70 mm" }', r"found 'a' and 'A' at 0\.07 m"),
-    ('a = { at = "115 mm" }', 'node3 = { at = "115 mm" }', r"found the place 'node3'"),
-    ('a = { at = "115 mm" }', 'a = { at = "115 kg" }', r"sensors\.a\.at: found unit 'kg'"),
-    ('a = { at = "115 mm" }', 'a = { at = "115" }', r"found '115' without a unit"),
-    (
-        'length = "40 mm"',
-        'length = "40 mm", elements = 1000000',
-        r"elements: found 1000000",
-    ),
-    ('mass = "m_w"', 'mass = "m_w + 1"', r"discs\.wheel\.mass: found a term in 1"),
-    ('mass = "m_w"', 'mass = "c_i"', r"discs\.wheel\.mass: found a term in s"),
-    ('mass = "m_w"', 'mass = "m_x"', r"discs\.wheel\.mass: found 'm_x'"),
-    ('mass = "m_w"', 'mass = "m_w*Omega/Omega"', r"discs\.wheel\.mass"),
-    ('mass = "m_w"', 'mass = "-1 kg"', r"discs\.wheel\.mass: found -1"),
-    ('internal = "c_i"', 'internal = "2e-6 s"', r"parameters\.c_i: found 'c_i' in no quantity"),
-    ('internal = "c_i"', 'internal = "2e-6 s"', r"use it or remove it$"),
+    (LONG, 'length = "-40 mm"', r"sections\.0\.length: found -0\.04 m"),
+    ('outer = "16 mm"', 'outer = "16 mm", inner = "16 mm"', r"sections\.0\.inner: found inner"),
+    (STEEL, 'material = "stel"', r"found the material 'stel'"),
+    (A, 'a = { at = "1150 mm" }', r"a\.at: found a place at 1\.15 m"),
+    (A, 'A = { at = "115 mm" }', r"found 'A' at 0\.07 m and, in"),
+    (A, 'a = { at = "70 mm" }', r"found 'a' and 'A' at 0\.07 m"),
+    (A, 'node3 = { at = "115 mm" }', r"found the place 'node3'"),
+    (A, 'a = { at = "115 kg" }', r"sensors\.a\.at: found unit 'kg'"),
+    (A, 'a = { at = "115" }', r"found '115' without a unit"),
+    (LONG, f"{LONG}, elements = 1000000", r"elements: found 1000000"),
+    (MASS, 'mass = "m_w + 1"', r"discs\.wheel\.mass: found a term in 1"),
+    (MASS, 'mass = "c_i"', r"discs\.wheel\.mass: found a term in s"),
+    (MASS, 'mass = "m_x"', r"discs\.wheel\.mass: found 'm_x'"),
+    (MASS, 'mass = "m_w*Omega/Omega"', r"discs\.wheel\.mass"),
+    (MASS, 'mass = "-1 kg"', r"discs\.wheel\.mass: found -1"),
+    (LOSS, 'internal = "2e-6 s"', r"parameters\.c_i: found 'c_i' in no quantity.*or remove it$"),
     ('G = "81 GPa"', 'G = "81 MPa"', r"steel: found E = 2\.1e\+11 Pa"),
     ('E = "210 GPa"', 'E = "s_A"', r"materials\.steel\.E: found a term in 1"),
-    (
-        's_A = { unit = "1", nominal = 1.0,',
-        's_A = { unit = "1",',
-        r"found s_A without nominal",
-    ),
+    ('s_A = { unit = "1", nominal = 1.0,', 's_A = { unit = "1",', r"found s_A without nominal"),
     ("[damping]", "[dampings]", r"found the unknown key 'dampings'"),
 )
 
 
 @pytest.mark.parametrize(("one", "other", "told"), FAULTS)
 def test_a_wrong_drawing_is_refused_in_one_line(one, other, told):
-    text = FLEXIBLE.read_text(encoding="utf-8").replace(one, other, 1)
+    text = "\ufeff" + FLEXIBLE.read_text(encoding="utf-8")  # as editors of Windows begin files
+    assert rid.parse_model(text.encode()).coordinates
     with pytest.raises(rid.InputError, match=told) as caught:
-        rid.parse_model(text, file="flexible.toml")
+        rid.parse_model(text.replace(one, other, 1).encode(), file="flexible.toml")
     assert str(caught.value).startswith("flexible.toml: ")
     assert "\n" not in str(caught.value)
 
@@ -372,17 +339,3 @@ def test_a_rotor_is_drawn_with_what_stands_on_it():
     assert named["sensor"] == {"a": 115.0, "b": 500.0}
     assert named["actuator"] == {"A": 70.0, "B": 450.0}
     assert named["disc"] == {"wheel": 255.0}
-
-
-@pytest.mark.parametrize("middle", ["0.3 m", "0.5 m"])
-def test_a_place_in_the_middle_does_not_end_the_division(middle):
-    text = uniform(outer="10 mm", more=f'[actuators]\nA = {{ at = "{middle}" }}')
-    found = rid.parse_model(text.replace(", elements = 8", "")).rotor
-    fine = bending(rid.parse_model(uniform(outer="10 mm", elements=120)).rotor)
-    np.testing.assert_allclose(bending(found), fine, rtol=1.5e-3)
-
-
-def test_a_speed_that_nothing_turns_at_is_refused_as_one():
-    model = rid.load_model("flexible")
-    with pytest.raises(rid.InputError, match=r"a speed of 1e\+200 rad/s; expected at most 1e\+09"):
-        rid.modes(model, speed=1e200)

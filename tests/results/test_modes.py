@@ -235,6 +235,8 @@ def test_models_that_have_no_modes_are_refused():
     bare = model_of(SUPPORTED.replace(", nominal = 8.0", ""))
     with pytest.raises(rid.InputError, match="no nominal value of m"):
         rid.modes(bare)
+    with pytest.raises(rid.InputError, match=r"a speed of 1e\+200 rad/s; expected at most 1e\+09"):
+        rid.modes(rid.load_model("flexible"), speed=1e200)
     with pytest.raises(rid.InputError, match="a finite speed"):
         rid.modes(model_of(SUPPORTED), speed=np.inf)
     fewer = model_text(
