@@ -383,7 +383,7 @@ def further(trial: adverse.Trial, machine: adverse.Machine | None = None) -> Per
     return rid.average(adverse.record_of(other), FUNDAMENTAL, harmonics=trial.harmonics)
 
 
-@pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three", "eight"])
+@pytest.mark.parametrize("kind", ["rigid", "three", "eight"])
 def test_another_record_is_predicted(kind):
     trial, estimate = identified(kind, 1)
     found = channel_errors(trial.machine.model, estimate, further(trial))
@@ -396,17 +396,16 @@ def test_another_record_is_predicted(kind):
         assert channel.relative_error < 30 * channel.noise
 
 
-@pytest.mark.parametrize("kind", ["jeffcott", "rigid", "three"])
+@pytest.mark.parametrize("kind", ["rigid", "three"])
 def test_another_rotor_is_not(kind):
     trial, estimate = identified(kind, 2)
     rotor = trial.machine.rotor
     heavier = replace(trial.machine, rotor=rotor._replace(M=1.02 * rotor.M))
     found = channel_errors(trial.machine.model, estimate, further(trial, heavier))
     told = verdict_of([found])
-    said = told.sentence
     assert told.verdict == "fails"
-    assert "the result does not predict the record: " in said
-    assert "where noise makes" in said
+    assert "the result does not predict the record: " in told.sentence
+    assert "where noise makes" in told.sentence
 
 
 @pytest.mark.slow

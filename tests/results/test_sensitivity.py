@@ -548,25 +548,23 @@ class Loop:
         return np.eye(answer.shape[1]) - self.controller(s) * answer
 
     def poles(self):
-        """Return the poles of the closed loop, from the matrix polynomial it makes."""
-        c, k, d = self.corner, *self.gains
-        if self.integral:
-            below = np.poly1d([1 / c**2, 2 / c, 1, 0])
-            above = -np.poly1d([k / c + d, k + self.integral / c, self.integral])
-        else:
-            below = np.poly1d([1 / c**2, 2 / c, 1])
-            above = -np.poly1d([k / c + d, k])
-        n, order = len(self.mass), len(below.c) + 1
-        terms = np.zeros((order + 1, n, n))
-        for i, part in enumerate(below.c[::-1]):
-            for j, matrix in enumerate((self.stiffness, self.damping, self.mass)):
-                terms[i + j] += part * matrix
-        for i, part in enumerate(above.c[::-1]):
-            terms[i] -= part * self.push @ self.reads
-        left, right = np.eye(order * n, k=n), np.eye(order * n)
-        left[-n:] = -np.hstack(terms[:-1])
-        right[-n:, -n:] = terms[-1]
-        return scipy.linalg.eigvals(left, right)
+        """Return the poles of the closed loop, from the states of plant and controllers."""
+        (n, m), rest = self.push.shape, 1 / self.corner
+        below = [rest**2, 2 * rest, 1, 0]
+        above = -np.polyadd(
+            np.polymul([rest, 1], [self.gains[0], self.integral]), [self.gains[1], 0, 0]
+        )
+        a, b, c, _ = scipy.signal.tf2ss(above, below)
+        memory, drive, command = (np.kron(np.eye(m), part) for part in (a, b, c))
+        act = np.linalg.solve(
+            self.mass, np.hstack([-self.stiffness, -self.damping, self.push @ command])
+        )
+        states = [
+            np.hstack([np.zeros((n, n)), np.eye(n), np.zeros((n, 3 * m))]),
+            act,
+            np.hstack([drive @ self.reads, np.zeros((3 * m, n)), memory]),
+        ]
+        return np.linalg.eigvals(np.vstack(states))
 
 
 @pytest.mark.slow

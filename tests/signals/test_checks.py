@@ -187,14 +187,6 @@ def test_the_same_excitation_on_two_axes_is_no_copy():
         assert not [c for c in found if c.about.startswith("copied")]
 
 
-def test_one_channel_without_scatter_is_named():
-    column = machine(noise=0.0).samples
-    for c, verdict in ((0, "note"), (2, "warning")):
-        record = damaged(machine(), of(c, lambda v, c=c: column[:, c]))  # type: ignore[misc]
-        (found,) = [k for k in told(record) if k.about == "identical periods"]
-        assert (", ".join(found.on), found.verdict) == (CHANNELS[c].name, verdict)
-
-
 @pytest.mark.parametrize(("count", "at"), [(1, 7000), (1, 8010), (20, 7100), (3, 13_000)])
 @pytest.mark.parametrize("speed", [0.0, 2 * np.pi * 140])
 def test_lost_samples_are_counted_and_placed(count, at, speed):
@@ -233,6 +225,7 @@ def knock(samples: np.ndarray) -> np.ndarray:
 
 
 ONCE = 30 * SIZE
+QUIET = machine(noise=0.0).samples
 DAMAGES = {  # of 60 periods, or of so many; the only grave note: its name, channels, verdict, words
     "flat tops": (clipped_at(0.8), 60, "clipped", "x", "warning", "flat tops of .*% of the"),
     "flat tops of a converter": (coarsely_clipped, 60, "clipped", "x", "warning", "flat tops"),
@@ -241,6 +234,9 @@ DAMAGES = {  # of 60 periods, or of so many; the only grave note: its name, chan
         "y is 2.5 times x",
     ),
     "a copied force": (lambda s: s[:, [0, 0, 2, 3]], 60, "copied", "F_x, F_y", "warning", "F_y is"),
+    "a sensor without scatter": (
+        of(2, lambda v: QUIET[: len(v), 2]), 60, "identical periods", "x", "warning", "",
+    ),
     "one period": (
         lambda s: np.tile(s[:SIZE], (60, 1)), 60, "identical periods", "", "warning",
         "deviations of the result are unknown, not zero",
@@ -503,14 +499,6 @@ def wave_at(speed: float, drift: float = 0.0) -> PeriodicRecord:
     return slow_periods(WAVE, speed=speed, angle=speed * TIME + drift * TIME**2 / 2)
 
 
-def test_synchronous_rotation_gives_no_warning():
-    assert rotation_warnings(wave_at(2 * np.pi * 30.0)) == ()
-    assert rotation_warnings(wave_at(0.0)) == ()
-    found = synchronism(wave_at(2 * np.pi * 30.0))
-    assert found.turns == pytest.approx(3.0)
-    np.testing.assert_allclose(found.leakage, 0.0, atol=1e-9)
-
-
 def test_slip_and_drift_are_said():
     periods = wave_at(2 * np.pi * 30.05)
     found = synchronism(periods)
@@ -546,12 +534,6 @@ def test_a_transient_is_found_and_twice_its_length_dropped():
         assert 2 <= found.periods <= 9
         assert found.drop == pytest.approx(2 * found.periods / SLOW_F0)
         assert found.excess > 3
-
-
-@pytest.mark.slow
-def test_no_transient_is_found_in_noise():
-    found = [detect_settling(noisy(0.0, 0.1, seed)).periods for seed in range(200)]
-    assert np.count_nonzero(found) <= 2
 
 
 def test_without_noise_the_transient_is_followed_far_down():
@@ -752,7 +734,7 @@ def test_what_is_usual_is_told_by_what_lies_around():
     assert found(resting(90.0, count=200))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_whole_record_without_a_gap(seed):
     record = levitated(seed, 2.0)
     assert not found(record.samples, list(record.channels))
@@ -892,28 +874,6 @@ def test_lines_that_are_weak_do_not_count(power, told):
     assert ["c follows it" in check.found for check in turning] == [told]
 
 
-@pytest.mark.slow
-def test_the_references_of_a_loop():
-    record = levitated(1)
-    late = record.samples.copy()
-    late[:, 4:] = np.roll(late[:, 4:], 12, axis=0)
-
-    def turning(samples: np.ndarray) -> rid.Estimate:
-        given = rid.Record(record.channels, samples, record.sample_rate, record.speed)
-        lines = rid.spectra(given, (2.0, 120.0), references=["r_x", "r_y"])
-        return rid.identify(MODEL, lines, KNOWN)
-
-    assert not [check for check in turning(record.samples).checks if check.about == "reference"]
-    wrong = turning(late)
-    assert wrong.status == "ok"  # it makes deviations wider, and none wrong
-    told = [check for check in wrong.checks if check.about == "reference"]
-    assert [(", ".join(check.on), check.verdict) for check in told] == [
-        ("r_x", "warning"),
-        ("r_y", "warning"),
-    ]
-    assert all(re.search(" (9|10|11) samples: it is late by as much", c.found) for c in told)
-
-
 # A quiet record is held against the one it goes with, by what the unbalance does in both.
 
 
@@ -942,10 +902,8 @@ def test_the_size_of_the_rotation_and_its_deviation():
     size, std = motion(100.0, driven=1e3).turning()
     assert size[1] == pytest.approx(100.0, abs=2.0)
     assert 0.5 < std[1] < 1.5
-    assert motion(1.0, place=12.0).turning() is None
-    assert motion(1.0, place=13.0).turning() is not None
-    assert motion(1.0, place=187.0).turning() is not None
-    assert motion(1.0, place=188.0).turning() is None
+    told = [motion(1.0, place=place).turning() is not None for place in (12.0, 13.0, 187.0, 188.0)]
+    assert told == [False, True, True, False]
 
 
 def test_a_rotation_that_differs_is_told():
