@@ -403,19 +403,15 @@ def test_columns(run_mat):
 
 
 def test_files_of_other_kinds(tmp_path, run_mat):
-    other = tmp_path / "other.mat"
-    other.write_text("t,x\n1,2\n")
-    with pytest.raises(ReadError, match=r"found text; expected MAT data, as the ending .mat"):
-        open_table(other)
-    other.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(ReadError, match="damaged HDF5 data"):
-        open_table(other)
-    other.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
-    with pytest.raises(ReadError, match="damaged HDF5 data"):
-        open_table(other)
-    other.write_bytes(run_mat.read_bytes()[:300])
-    with pytest.raises(ReadError, match="damaged MAT data"):
-        open_table(other)
+    other, head = tmp_path / "other.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512)
+    for content, message in (
+        (head + b"\x89HDF\r\n\x1a\n", "damaged HDF5 data"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(99), "damaged HDF5 data"),
+        (run_mat.read_bytes()[:300], "damaged MAT data"),
+    ):
+        other.write_bytes(content)
+        with pytest.raises(ReadError, match=message):
+            open_table(other)
 
 
 def test_tags_that_contradict_one_another(tmp_path):
@@ -481,22 +477,20 @@ def test_version_4(order, tmp_path):
         open_table(run_mat)
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        ("label", "text"),
-        ("complex", "complex numbers"),
-        ("cells", "cells"),
-        ("several", "an array of structures"),
-    ],
-)
-def test_what_holds_no_real_numbers_is_named(name, kind, tmp_path):
-    run_mat = tmp_path / "c.mat"
+def test_what_holds_no_real_numbers_is_named(tmp_path):
     several = np.zeros(3, dtype=[("a", float)])
-    values = {"label": "run", "complex": np.ones(4) * 1j, "cells": np.array([1, "a"], object)}
-    scipy.io.savemat(run_mat, {**values, "several": several, "x": np.ones(4)})
-    with pytest.raises(ReadError, match=f"found '{name}' of {kind}; expected real numbers"):
-        open_table(run_mat).find(name)
+    kinds = {
+        "label": ("run", "text"),
+        "complex": (np.ones(4) * 1j, "complex numbers"),
+        "cells": (np.array([1, "a"], object), "cells"),
+        "several": (several, "an array of structures"),
+    }
+    values = {name: value for name, (value, _) in kinds.items()}
+    scipy.io.savemat(tmp_path / "c.mat", {**values, "x": np.ones(4)})
+    opened = open_table(tmp_path / "c.mat")
+    for name, (_, kind) in kinds.items():
+        with pytest.raises(ReadError, match=f"found '{name}' of {kind}; expected real numbers"):
+            opened.find(name)
 
 
 def test_a_name_twice_and_one_in_many_structures(tmp_path):

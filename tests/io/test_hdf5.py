@@ -73,26 +73,24 @@ def test_attributes_of_units(tmp_path):
     assert open_table(tmp_path / "run.h5").read(["long"])["long"].unit in ("0.0", None)
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("x", "'x' 2 times .*write the whole path"),
-        ("adc", r"'adc' of size 5 x 3.*name\[0\]"),
-        ("adc[3]", "of size 5 x 3"),
-        ("force/x[0]", "of size 5"),
-        ("gain", "a scalar"),
-        ("cube", "5 x 2 x 2"),
-        ("label", "'label' of text; expected real numbers"),
-        ("complex", "'complex' of complex numbers; expected real numbers"),
-        ("force", "no column 'force'"),
-        ("a\0b", "no column"),
-        ("packd", "did you mean packed"),
-        ("adc[99999999999]", "no column"),
-    ],
-)
-def test_names_that_are_no_columns(path, name, message):
-    with pytest.raises(ReadError, match=message):
-        open_table(path).find(name)
+def test_names_that_are_no_columns(path):
+    opened = open_table(path)
+    for name, message in {
+        "x": "'x' 2 times .*write the whole path",
+        "adc": r"'adc' of size 5 x 3.*name\[0\]",
+        "adc[3]": "of size 5 x 3",
+        "force/x[0]": "of size 5",
+        "gain": "a scalar",
+        "cube": "5 x 2 x 2",
+        "label": "'label' of text; expected real numbers",
+        "complex": "'complex' of complex numbers; expected real numbers",
+        "force": "no column 'force'",
+        "a\0b": "no column",
+        "packd": "did you mean packed",
+        "adc[99999999999]": "no column",
+    }.items():
+        with pytest.raises(ReadError, match=message):
+            opened.find(name)
 
 
 def test_scalars(path):
@@ -100,19 +98,6 @@ def test_scalars(path):
     assert (opened.scalar("gain"), opened.scalar("gain2")) == (2.5, 3.5)
     with pytest.raises(ReadError, match=r"no scalar variable 'gian'.*did you mean gain"):
         opened.scalar("gian")
-
-
-def test_files_that_are_no_hdf5(tmp_path, path):
-    text = tmp_path / "text.h5"
-    text.write_text("t,x\n1,2\n")
-    with pytest.raises(ReadError, match=r"found text; expected HDF5 data, as the ending .h5 says"):
-        open_table(text)
-    cut = tmp_path / "cut.h5"
-    cut.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ReadError, match="damaged HDF5 data"):
-        open_table(cut)
-    with pytest.raises(ReadError, match="no such file"):
-        open_table(tmp_path / "none.h5")
 
 
 @pytest.mark.parametrize("shape", [(5,), (1, 5), (5, 2)])

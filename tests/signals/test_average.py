@@ -151,12 +151,3 @@ def test_two_periods_are_enough_and_a_remainder_is_dropped():
     assert periodic.periods == 2
     difference = RANDOM[:14] - RANDOM[14:28]
     np.testing.assert_allclose(periodic.variance, difference**2 / 2)
-
-
-def test_what_the_record_knows_is_handed_on():
-    record = record_of(RANDOM, speed=2.0, phase_known=False)
-    periodic = average(record, 10.0, harmonics=[1])
-    assert periodic.source == "a.csv"
-    assert not periodic.phase_known
-    assert periodic.speed == 2.0
-    assert periodic.channels == record.channels

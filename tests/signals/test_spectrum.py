@@ -134,19 +134,6 @@ def test_a_delay_is_undone():
     np.testing.assert_allclose(found, line_spectra(signal(t)[:, None], harmonics), atol=1e-13)
 
 
-def test_hold_and_delay_of_each_channel():
-    channels = [
-        Channel("a"),
-        Channel("b", hold=True),
-        Channel("c", delay=1e-3),
-        Channel("d", hold=True, delay=1e-3),
-    ]
-    found = transfer_of_recording(channels, np.array([0.0, 50.0]), 1000.0)
-    np.testing.assert_allclose(found[0], 1)
-    assert found[1, 0] == 1
-    assert found[1, 3] == pytest.approx(found[1, 1] * found[1, 2])
-
-
 # Shifted samples against the shifted function.
 
 
