@@ -14,7 +14,7 @@ from io_writers import WRITERS, write_mdf
 
 import rotorid as rid
 from rotorid import ReadError
-from rotorid.io import open_tables, sandbox
+from rotorid.io import open_tables
 from rotorid.io import text as delimited
 from rotorid.io.table import COLUMNS, check_held
 from rotorid.io.text import (

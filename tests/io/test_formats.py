@@ -7,7 +7,6 @@ import os
 import pickle
 import signal
 import struct
-import subprocess
 import sys
 import warnings
 import zlib
@@ -112,13 +111,6 @@ def test_a_package_that_is_missing(ending, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, PACKAGES[ending], None)
     with pytest.raises(ReadError, match=rf"no package {PACKAGES[ending]}.*rotorid\[files\]"):
         open_table(tmp_path / name)
-
-
-def test_no_format_is_imported_before_its_file():
-    packages = "{'pyarrow', 'nptdms', 'pyuff', 'asammdf', 'h5py'}"
-    code = f"import sys, rotorid.io; print(*{packages} & {{*sys.modules}})"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == ""
 
 
 def test_samples_along_either_axis(tmp_path):

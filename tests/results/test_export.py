@@ -182,14 +182,6 @@ def test_massless_coordinates():
     assert plant.D[1, 1] == pytest.approx(1 / 1e6)  # the joint gives way at once
 
 
-def test_poles_are_those_of_the_modes():
-    model = model_of(SUPPORTED)
-    poles = np.linalg.eigvals(rid.state_space(model, speed=500.0).A)
-    found = rid.modes(model, speed=500.0)
-    own = np.sort(poles.imag[poles.imag > 1])
-    assert own == pytest.approx([mode.eigenvalue.imag for mode in found.modes])
-
-
 def test_files(tmp_path, capsys):
     path = tmp_path / "run.json"
     estimate = estimate_of(rid.load_model("three-mass"))

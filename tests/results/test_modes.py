@@ -44,12 +44,8 @@ def test_a_free_rigid_rotor_nods_with_the_ratio_of_its_inertias(speed):
     (mode,) = found.modes
     assert mode.frequency_hz == pytest.approx(100.0 * 0.03 / 0.2 / (2 * np.pi))
     assert mode.whirl == "forward"
-
-
-def test_a_free_rotor_at_standstill_has_no_modes():
-    found = rid.modes(rid.load_model("rigid"))
-    assert found.modes == ()
-    assert found.rigid == 8
+    still = rid.modes(rid.load_model("rigid"))
+    assert (still.modes, still.rigid) == ((), 8)
 
 
 def test_whirl_follows_the_direction_of_rotation():
@@ -266,9 +262,11 @@ def test_a_rotor_on_springs_in_closed_form():
     assert whirls == ["planar", "planar", "backward", "forward"]
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_with_damping_and_two_planes_the_frequency_is_that_of_the_rotation(sign):
-    found = rid.campbell(model_of(SUPPORTED), sign * 2000.0)
+@pytest.mark.parametrize("last", [2000.0, -1e9])
+def test_with_damping_and_two_planes_the_frequency_is_that_of_the_rotation(last):
+    sign = np.sign(last)
+    assert rid.campbell(model_of(SUPPORTED), sign * 1e-9).critical == ()
+    found = rid.campbell(model_of(SUPPORTED), last)
     assert len(found.critical) == 4
     for each in found.critical:
         assert np.sign(each.speed_rad_s) == sign
@@ -367,13 +365,6 @@ def test_close_criticals_have_the_deviations_of_whole_draws():
     near = found.critical[:2]
     off = omega - [each.speed_rad_s for each in near]
     assert [each.std for each in near] == pytest.approx(np.sqrt((off**2).mean(axis=0)), rel=0.05)
-
-
-def test_massless_coordinates_and_any_last_speed():
-    text = SUPPORTED.replace("I_t*theta_x''", "1e-9*I_t*theta_x''*0")
-    assert len(rid.campbell(model_of(text), 600.0).critical) >= 2
-    assert len(rid.campbell(model_of(SUPPORTED), 1e9).critical) == 4
-    assert rid.campbell(model_of(SUPPORTED), 1e-9).critical == ()
 
 
 def test_the_response_to_unbalance_is_that_of_the_equations():

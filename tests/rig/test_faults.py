@@ -16,7 +16,6 @@ from rigs import with_actuators, without_noise
 from rotorid import InputError, load_rig
 from rotorid.cli import run
 from rotorid.force.laws import Differential, Linear
-from rotorid.rig.controller import Controller
 from rotorid.rig.faults import FAULTS, find_fault, with_faults
 from rotorid.rig.kernel import _played
 from rotorid.rig.parts import (
@@ -280,15 +279,6 @@ def test_a_notch_takes_the_rotation_out_of_the_commands():
     assert turning < 1e-9 * plain
     at_rest = notched.controller.response([1e-3]) / rig.controller.response([1e-3])[:, :1, :1]
     np.testing.assert_allclose(np.diagonal(at_rest[0]), 1.0, atol=1e-4)
-
-
-def test_controllers_in_series():
-    first = Controller([[0.5]], [[1.0]], [[2.0]], [[0.3]], 1e-4)
-    second = Controller([[0.2]], [[1.5]], [[-1.0]], [[4.0]], 1e-4)
-    omega = [300.0, 9000.0]
-    np.testing.assert_allclose(
-        second.after(first).response(omega), second.response(omega) * first.response(omega)
-    )
 
 
 def test_a_touch_pushes_back_and_rubs():

@@ -135,17 +135,6 @@ def test_flux_gives_the_force_at_the_sample(magnetic, angle):
     assert {"b1_x1", "b2_x1", "i_x1"} <= {column.name for column in record.columns}
 
 
-def test_noise_of_flux_sensors_is_in_the_force(magnetic):
-    sensors = FluxSensors(Flux(area=2e-4), noise=1e-3)
-    rig = replace(with_actuators(magnetic, flux=sensors), settling=0.1)
-    record = recorded(rig, 0.2)
-    quiet = recorded(with_actuators(rig, flux=replace(sensors, noise=0.0)), 0.2)
-    noisy, clean = (
-        next(c.samples for c in each.columns if c.name == "b1_x1") for each in (record, quiet)
-    )
-    assert (noisy - clean).std() == pytest.approx(1e-3, rel=0.05)
-
-
 def test_sensors_off_plane_with_runout_bias_and_steps(quiet):
     x2 = replace(
         quiet.sensors[2],
