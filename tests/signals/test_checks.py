@@ -76,22 +76,29 @@ def only(found: list[Note], name: str) -> Note:
     return grave[0]
 
 
+def clean(number: int) -> Record:
+    """Return one of 210 records of few periods and many, or of 150 random ones."""
+    each = [(periods, c) for periods in (2, 3, 4, 6, 8, 30, 150) for c in (0.0, 0.9, 0.99)]
+    if number < 210:
+        (periods, colour), seed = each[number // 10], number % 10
+        return machine(periods, seed=seed, colour=colour, noise=10 ** (seed / 4 - 2))
+    rng = np.random.default_rng(10_000 + number - 210)
+    return machine(
+        periods=int(rng.integers(4, 200)),
+        noise=10 ** rng.uniform(-2.5, 0.5),
+        seed=number - 210,
+        colour=float(rng.choice([0.0, 0.5, 0.95, 0.995])),
+        speed=2 * np.pi * F0 * float(rng.choice([0, 5, 7, 9])),
+    )
+
+
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("part", range(6))
 def test_a_clean_record_gives_no_alarm(part):
     """Of all 360: what calls 1 % is found with 97 %."""
-    alarms = []
-    for seed in range(60 * part, 60 * part + 60):
-        rng = np.random.default_rng(10_000 + seed)
-        record = machine(
-            periods=int(rng.integers(4, 200)) if seed % 2 else (2, 3, 4, 6, 8)[seed // 2 % 5],
-            noise=10 ** rng.uniform(-2.5, 0.5),
-            seed=seed,
-            colour=float(rng.choice([0.0, 0.5, 0.9, 0.95, 0.99, 0.995])),
-            speed=2 * np.pi * F0 * float(rng.choice([0, 5, 7, 9])),
-        )
-        alarms += [(seed, str(c)) for c in told(record) if c.verdict in ("warning", "refused")]
-    assert alarms == []
+    found = {number: told(clean(number)) for number in range(part, 360, 6)}
+    alarms = [c for notes in found.values() for c in notes if c.verdict in ("warning", "refused")]
+    assert [str(alarm) for alarm in alarms] == []
 
 
 def test_everything_looked_at_is_named():
