@@ -352,6 +352,8 @@ def test_a_mode_that_is_overdamped_for_a_while_leaves_a_gap():
     found = rid.campbell(model_of(text.replace("nominal = 1.5", "nominal = 200.0")), 3000.0)
     assert np.isnan(found.frequency_hz).any()
     assert len(found.critical) >= 2
+    massless = SUPPORTED.replace("I_t*theta_x''", "1e-9*I_t*theta_x''*0")
+    assert len(rid.campbell(model_of(massless), 600.0).critical) >= 2
 
 
 def test_close_criticals_have_the_deviations_of_whole_draws():

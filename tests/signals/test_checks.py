@@ -869,6 +869,28 @@ def test_lines_that_are_weak_do_not_count(power, told):
     assert ["c follows it" in check.found for check in turning] == [told]
 
 
+@pytest.mark.slow
+def test_the_references_of_a_loop():
+    record = levitated(1)
+    late = record.samples.copy()
+    late[:, 4:] = np.roll(late[:, 4:], 12, axis=0)
+
+    def turning(samples: np.ndarray) -> rid.Estimate:
+        given = rid.Record(record.channels, samples, record.sample_rate, record.speed)
+        lines = rid.spectra(given, (2.0, 120.0), references=["r_x", "r_y"])
+        return rid.identify(MODEL, lines, KNOWN)
+
+    assert not [check for check in turning(record.samples).checks if check.about == "reference"]
+    wrong = turning(late)
+    assert wrong.status == "ok"  # it makes deviations wider, and none wrong
+    told = [check for check in wrong.checks if check.about == "reference"]
+    assert [(", ".join(check.on), check.verdict) for check in told] == [
+        ("r_x", "warning"),
+        ("r_y", "warning"),
+    ]
+    assert all(re.search(" (9|10|11) samples: it is late by as much", c.found) for c in told)
+
+
 # A quiet record is held against the one it goes with, by what the unbalance does in both.
 
 
