@@ -47,18 +47,11 @@ _TIMED = re.compile(
 """Sample times with the unit in their name: t/ms, time_ms, t [ms]."""
 _WORDS = {
     "force": "f",
-    "current": "i",
-    "coil": "i",
-    "position": "",
-    "pos": "",
-    "displacement": "",
-    "disp": "",
-    "sensor": "",
-    "probe": "",
-    "gap": "",
-    "moment": "m",
-    "torque": "m",
+    **dict.fromkeys(("current", "coil"), "i"),
+    **dict.fromkeys(("moment", "torque"), "m"),
+    **dict.fromkeys(("position", "pos", "displacement", "disp", "sensor", "probe", "gap"), ""),
 }
+"""How models write words that stand in names."""
 _LIKE = 0.7  # likeness of names from which on a column is taken for a quantity
 _TIE = 0.05  # by which a name must be likelier than the next
 _PLANES = (*"ablr", "left", "right", "front", "rear", "top", "bottom", "de", "nde")

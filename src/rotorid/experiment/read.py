@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -431,12 +432,7 @@ def averaged(plan: Recording, watch: Watch) -> PeriodicRecord:
             yield block
 
     watched = replace(blocks, channels=driven(blocks.channels, plan.laws), read=read)
-    return _settled(
-        lambda skip: average_blocks(
-            watched, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
-        ),
-        entry,
-    )
+    return _settled(partial(average_blocks, watched, phase_known=entry.phase is not None), entry)
 
 
 def period_of(record: Record, entry: RecordKeys) -> int | None:
@@ -477,23 +473,20 @@ def turn_of_keyphasor(record: Record, column: Floats) -> MeasuredAngle:
 
 
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
-    periods = _settled(lambda skip: average(record, skip=skip, **_chosen(entry)), entry)
+    periods = _settled(partial(average, record), entry)
     return changed(periods, warnings=(*record.warnings, *periods.warnings))
 
 
-def _chosen(entry: RecordEntry) -> dict[str, Any]:
-    keys = "fundamental", "period_samples", "harmonics", "band"
-    return {key: getattr(entry, key) for key in keys}
-
-
-def _settled(cut: Callable[[float], PeriodicRecord], entry: RecordEntry) -> PeriodicRecord:
+def _settled(cut: Callable[..., PeriodicRecord], entry: RecordEntry) -> PeriodicRecord:
     """Drop the transient of a record where the file does not say what to skip."""
-    periods = cut(entry.skip or 0.0)
+    keys = "fundamental", "period_samples", "harmonics", "band"
+    cut = partial(cut, **{key: getattr(entry, key) for key in keys})
+    periods = cut(skip=entry.skip or 0.0)
     found = detect_settling(periods)
     warnings = []
     if found.periods:
         if entry.skip is None:
-            periods = cut(found.drop)
+            periods = cut(skip=found.drop)
             warnings.append(f"{found.told}: the first {found.drop:g} s are dropped")
         else:
             after = f"after skip = {entry.skip:g} s: skip {found.drop:g} s more"
