@@ -105,9 +105,11 @@ def shared(records: Sequence[Prints]) -> list[Shared]:
     order = np.argsort(values, kind="stable")
     again = np.flatnonzero(values[order[1:]] == values[order[:-1]])
     mine, its = order[again], order[again + 1]
-    pairs, lags = np.column_stack([owners[mine], owners[its]]), places[mine] - places[its]
-    for first, second in np.unique(pairs, axis=0).tolist():
-        of_pair = lags[(pairs == (first, second)).all(axis=1)]
+    lags, pairs = places[mine] - places[its], owners[mine] * len(records) + owners[its]
+    order = np.argsort(pairs, kind="stable")
+    every, begins = np.unique(pairs[order], return_index=True)
+    for pair, of_pair in zip(every.tolist(), np.split(lags[order], begins[1:]), strict=False):
+        first, second = divmod(pair, len(records))
         different, times = np.unique(of_pair, return_counts=True)
         lag, most = int(different[times.argmax()]), int(times.max())
         one, other = records[first], records[second]
