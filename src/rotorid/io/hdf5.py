@@ -82,8 +82,8 @@ class _Hdf5File(ArrayFile):
         column: dict[str, Callable[[Any], Column]] = {}
         for name, place in places.items():
             node = self.shapes.node(place.path)
-            part = asked.setdefault((node.dataset, place.axis), {})
-            part[name] = node.field, place.index
+            parts = asked.setdefault((node.dataset, place.axis), {})
+            parts[name] = node.field, place.index
             column[name] = self._column_of(node.dataset, place.index)
         count = max(max(dataset.shape, default=1) for dataset, _ in asked)
         step = rows or max(count, 1)
@@ -92,14 +92,14 @@ class _Hdf5File(ArrayFile):
             step = chunk * max(1, round(rows / chunk))
         for begin in range(0, max(count, 1), step):
             found = (
-                {name: column[name](stored)}
+                (name, column[name](stored))
                 for (dataset, axis), parts in asked.items()
                 for name, stored in _rows(dataset, axis, parts, slice(begin, begin + step))
             )
             if rows is None:  # one after the other: each takes its room here
-                yield from found
+                yield from ({name: values} for name, values in found)
             else:
-                yield {name: values for one in found for name, values in one.items()}
+                yield dict(found)
 
     def _column_of(self, dataset: h5py.Dataset, index: int | None) -> Callable[[Any], Column]:
         """Return what makes a column of stored numbers."""
