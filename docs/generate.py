@@ -77,8 +77,6 @@ def python_pages() -> dict[str, str]:
         for name in names:
             kind = "class" if isinstance(getattr(rid, name), type) else "function"
             members = "   :members:\n" if kind == "class" else ""
-            if name == "Estimate":
-                members += "   :inherited-members: ByContent\n"
             parts.append(f"```{{eval-rst}}\n.. auto{kind}:: rotorid.{name}\n{members}```\n")
         pages[f"python-{title.lower().replace(' ', '-')}"] = "\n".join(parts)
     listed = "\n".join(pages)
