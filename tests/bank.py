@@ -2,7 +2,8 @@
 
 Each problem is a model as a user would type it, or a shipped one, and a periodic motion that
 fulfils its equations to rounding. The physics is written a second time here, by hand in numpy (of
-rotors in `rotor_bank`): nothing of the package computes the truth.
+rotors in `rotor_bank`): nothing of the package computes the truth. Below it stand helpers for any
+test: what holds a truth, and records of a model's own lines.
 """
 
 import re
@@ -18,17 +19,22 @@ from numpy.typing import ArrayLike
 from rotor_bank import PAPER, Rotor, rigid_rotor, three_mass_rotor
 
 from rotorid import (
+    Batch,
     Channel,
     Estimate,
+    LeastSquares,
     Model,
     PeriodicRecord,
     Record,
+    Sequential,
     average,
     load_model,
     parse_model,
 )
 from rotorid.testing import add_noise, line_record
 
+FAMILY = (LeastSquares, Batch, Sequential)
+family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
 Columns = Mapping[str, np.ndarray]
 
 

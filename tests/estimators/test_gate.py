@@ -480,9 +480,5 @@ def test_a_residual_is_doubted_and_then_turned_away():
     expected = Expectation(20.0, 40.0, 20)
     seen = {0.002: (0, 0), 5e-4: (1, 0), 2e-6: (1, 0), 5e-7: (0, 1)}
     for chance, counts in seen.items():
-        low, high = 20.0, 200.0
-        for _ in range(60):
-            middle = (low + high) / 2
-            low, high = (middle, high) if expected.p_value(middle) > chance else (low, middle)
-        notes = list(gate.residual(low, expected))
+        notes = list(gate.residual(expected.exceeded(chance), expected))
         assert (len(doubting(notes)), len(rejecting(notes))) == counts

@@ -10,6 +10,7 @@ from bank import (
     BANK,
     CHAIN,
     EMPS,
+    FAMILY,
     HOIST,
     JEFFCOTT,
     RIGID,
@@ -18,6 +19,7 @@ from bank import (
     TRAIN,
     Grid,
     combination,
+    family,
     line_response,
     noise_record,
     recovered,
@@ -38,10 +40,7 @@ from rotorid import (
     parse_model,
 )
 
-FAMILY = (LeastSquares, Batch, Sequential)
-
 bank = pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
-family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
 
 
 @family

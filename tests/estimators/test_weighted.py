@@ -5,7 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bank import ARM, BANK, CHAIN, JEFFCOTT, RIGID, THREE_MASS, TRAIN, Grid, recovered, steady
+from bank import (
+    ARM,
+    BANK,
+    CHAIN,
+    JEFFCOTT,
+    RIGID,
+    THREE_MASS,
+    TRAIN,
+    Grid,
+    family,
+    recovered,
+    steady,
+)
 from model_text import model_text
 from sampled_bank import coloured
 from scipy.optimize import brentq
@@ -13,12 +25,11 @@ from scipy.stats import t as student
 
 from rotorid import (
     Batch,
-    Channel,
     Constraint,
     InputError,
     LeastSquares,
     ModelError,
-    PeriodicRecord,
+    Plan,
     Sequential,
     parse_model,
 )
@@ -42,21 +53,6 @@ from rotorid.testing import bind_all
 # The weighted solution, its gains and its sandwich, on plain matrices.
 
 
-def record_of(samples, harmonics, periods=3):
-    harmonics = np.array(harmonics)
-    return PeriodicRecord(
-        channels=(Channel("x"),),
-        sample_rate=100.0,
-        harmonics=harmonics,
-        spectra=np.zeros((periods, len(harmonics), 1), dtype=complex),
-        variance=np.zeros((samples, 1)),
-        mean=np.zeros((samples, 1)),
-        speed=0.0,
-        time=np.zeros((periods, samples)),
-        angle=np.zeros((periods, samples)),
-    )
-
-
 def lines_of(rng, record, *shape):
     """Return random lines, real at DC and Nyquist."""
     lines = rng.standard_normal((len(record.harmonics), *shape, 2)) @ np.array([1, 1j])
@@ -68,7 +64,8 @@ def lines_of(rng, record, *shape):
 def block(request):
     rng = np.random.default_rng(1)
     harmonics, samples = request.param
-    record = record_of(samples, harmonics)
+    plan = Plan(np.zeros((len(harmonics), 1)), harmonics, 1.0, float(samples), 3, noise={})
+    record = plan.record(TRAIN.model)
     design, target = lines_of(rng, record, 3, 4), lines_of(rng, record, 3)
     return Block(design, target, rng.uniform(0.1, 10, (samples, 3)), record)
 
@@ -461,10 +458,6 @@ def test_standstill_record_beside_a_turning_one():
 
 
 # Constraints: eliminated exactly, or refused with the reason.
-
-
-FAMILY = (LeastSquares, Batch, Sequential)
-family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
 
 
 CONSTRAINTS = [

@@ -178,20 +178,6 @@ class Statistics:
         return float((self.p_values < 0.05).mean())
 
 
-Draw = Callable[[np.random.Generator], tuple[Sequence[PeriodicRecord], MaximumLikelihood]]
-
-
-def monte_carlo_of(
-    model: Model, truth: Mapping[str, float], draw: Draw, seeds: int, seed: int
-) -> Statistics:
-    """Run an estimator over seeds; every generator follows from one number."""
-    statistics = Statistics()
-    for sequence in np.random.SeedSequence(seed).spawn(seeds):
-        records, estimator = draw(np.random.default_rng(sequence))
-        statistics.add(identify(model, records, estimator), truth)
-    return statistics
-
-
 @dataclass(frozen=True)
 class Levitated:
     """The demo's rotor driven by currents: F = k_i i + k_s x, and sensors with runout.
@@ -271,9 +257,23 @@ def bearings():
     return BEARINGS
 
 
+Draw = Callable[[np.random.Generator], tuple[Sequence[PeriodicRecord], MaximumLikelihood]]
+
+
 @pytest.fixture(scope="session")
 def monte_carlo():
-    return monte_carlo_of
+    """Return what runs an estimator over seeds; every generator follows from one number."""
+
+    def over_seeds(
+        model: Model, truth: Mapping[str, float], draw: Draw, seeds: int, seed: int
+    ) -> Statistics:
+        found = Statistics()
+        for sequence in np.random.SeedSequence(seed).spawn(seeds):
+            records, estimator = draw(np.random.default_rng(sequence))
+            found.add(identify(model, records, estimator), truth)
+        return found
+
+    return over_seeds
 
 
 @pytest.fixture(scope="session")

@@ -556,20 +556,13 @@ def test_a_step_between_mark_and_columns_is_rejected():
     trial = made("rigid", 3)
     drifting = adverse.record_of(trial)
     angle = drifting.speed * np.arange(len(drifting.samples)) / adverse.RATE
-    half = len(angle) // 2
-    moved = np.where(np.arange(len(angle)) < half, angle, angle + 0.05)
-    wrapped = moved % (2 * np.pi)
-    for wanted, column in (("ok", angle), ("rejected", moved), ("rejected", wrapped)):
-        told = rid.Record(
-            drifting.channels,
-            drifting.samples,
-            adverse.RATE,
-            drifting.speed,
-            angle=column,
-        )
+    moved = angle + 0.05 * (np.arange(len(angle)) >= len(angle) // 2)
+    fixed = {"L_a": trial.machine.truth["L_a"]}
+    estimator = rid.MaximumLikelihood(fixed=fixed, start=trial.machine.truth)
+    columns = (("ok", angle), ("rejected", moved), ("rejected", moved % (2 * np.pi)))
+    for wanted, column in columns:
+        told = replace(drifting, angle=column)
         periods = rid.average(told, adverse.FUNDAMENTAL, harmonics=trial.harmonics)
-        fixed = {"L_a": trial.machine.truth["L_a"]}
-        estimator = rid.MaximumLikelihood(fixed=fixed, start=trial.machine.truth)
         estimate = rid.identify(trial.machine.model, periods, estimator)
         assert estimate.status == wanted
     (said,) = [w for w in estimate.warnings if "jumps by" in w]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from bank import agrees, steady
+from bank import agrees, steady, times
 from model_text import model_text
 from rotor_bank import COORDINATES, Rotor, three_mass_rotor
 from rotor_files import CORED
@@ -29,7 +29,6 @@ from rotorid.likelihood.rivals_model import (
 )
 from rotorid.models.rotor.rotor_model import structure_of
 from rotorid.models.structure import find_structure
-from rotorid.signals.spectrum import synthesize
 from rotorid.testing import add_noise
 
 # Where does the model fail: rejected, and the right suspect first.
@@ -226,10 +225,7 @@ def recorded(text, *, lines=range(3, 93, 3), bandwidth=None):
     record = steady(model, {}, forces, list(lines), 10.0, 2e4, 20, hertz=120, sensors=SENSORS)
     if bandwidth is not None:
         lead = 1 + 1j * record.fundamental * record.harmonics / bandwidth
-        spectra = record.spectra.copy()
-        spectra[:, :, :4] *= lead[:, None]
-        mean = synthesize(spectra.mean(axis=0), record.harmonics, record.samples)
-        record = replace(record, spectra=spectra, mean=mean)
+        record = times(record, model.inputs, lead)
     noise = dict.fromkeys(model.inputs, 0.5) | dict.fromkeys(SENSORS, 1e-6)
     return add_noise(record, noise, rng)
 
@@ -321,11 +317,8 @@ def with_lag(record, start):
         bandwidth=Constant("bandwidth", "Hz", start, UNKNOWN), actuator=True, shared="amplifiers"
     )
     channels = [replace(c, dynamics=lag) if c.unit == "N" else c for c in record.channels]
-    factor = np.ones(record.spectra.shape[1:], dtype=complex)
-    factor[:, :4] = lag.correction(record.omega)[:, None]
-    spectra = record.spectra * factor
-    mean = synthesize(spectra.mean(axis=0), record.harmonics, record.samples)
-    return replace(record, channels=tuple(channels), spectra=spectra, mean=mean)
+    corrected = times(record, record.names[:4], lag.correction(record.omega))
+    return replace(corrected, channels=tuple(channels))
 
 
 @pytest.mark.slow
