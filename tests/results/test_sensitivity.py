@@ -833,18 +833,14 @@ def climbing(monkeypatch):
     def climb(target: float) -> tuple[Peak | None, int]:
         seen = []
 
-        def highest(curve: float, low: float, high: float) -> Peak:
+        def highest(begin: float, low: float, high: float) -> Peak:
             seen.append((low, high))
-            place = (target - curve) / 49.5 - 1
+            place = (target - begin) / 49.5 - 1
             return at(float(np.clip(place, low, high)), inside=low < place < high)
 
-        def first(part: LineWindow) -> float:
-            return float(part.e[0].real)
-
-        monkeypatch.setattr(peak, "best_curve", first)
+        monkeypatch.setattr(peak, "best_curve", lambda part: float(part.e[0].real))
         monkeypatch.setattr(peak, "judged", highest)
-        found = band.climbed(500.0, 100)
-        return found, len(seen)
+        return band.climbed(500.0, 100), len(seen)
 
     return climb
 
