@@ -185,6 +185,7 @@ def test_what_ends_hdf5_ends_a_child(what, work, path, monkeypatch):
 KINDS = ("<f8", ">f8", "<f4", ">i2", "u1", "<i8", "?", "<f2")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shape", [(24,), (24, 1), (1, 24), (12, 2), (2, 12)])
 def test_numbers_are_those_written(shape, tmp_path):
     """After a user's block, in blocks, and whole."""

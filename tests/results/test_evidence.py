@@ -131,7 +131,7 @@ def test_many_lines_are_thinned_to_their_root_mean_square(model):
 
 
 def test_many_records_share_the_room(model, few, by_ls):
-    for count, points in ((10, 60_000 // (10 * 4 * 6)), (45, 60)):  # 60 at least
+    for count, points in ((6, 60_000 // (6 * 4 * 6)), (42, 60)):  # 60 at least
         shown = record_evidence(by_ls, model, [few] * count)
         assert {len(one.time_s) for one in shown} == {points}
 
