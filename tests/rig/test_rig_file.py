@@ -87,6 +87,11 @@ def test_a_transfer_function_on_every_axis():
     np.testing.assert_allclose(found, expected * np.eye(4), atol=1e-6)
 
 
+def test_a_gain_may_be_zero():
+    controller = parse_rig(changed('damping = "800 N s/m"', 'damping = "0 N s/m"')).rig.controller
+    np.testing.assert_allclose(np.diag(controller.D), -(2e5 + 2e5) / 120.0)
+
+
 def test_a_state_space():
     D = (-4e3 * np.eye(4)).tolist()
     controller = parse_rig(changed(PID, f'kind = "state-space"\nD = {D}\n')).rig.controller

@@ -83,7 +83,7 @@ class ControllerEntry(Schema):
         parts.check_rate(self.rate, "rate")
         needed = _NEEDED[self.kind]
         for key in needed:
-            if not getattr(self, key):
+            if getattr(self, key) in (None, []):
                 expected = f"{' and '.join(needed)} of a controller of the kind {self.kind}"
                 raise InputError(f"no {key}", expected, f"add {key}")
         if self.kind == "pid":
