@@ -149,14 +149,6 @@ def test_only_users_import_the_package_itself():
     assert not users
 
 
-@pytest.mark.slow
-def test_library_never_prints():
-    library = [
-        path for path in MODULES if part_of(name_of(path)) not in ("cli", "commands", "__main__")
-    ]
-    assert not {label(path) for path in library if "print" in calls(path)}
-
-
 def test_text_is_never_evaluated():
     """Equations come from files: they are read to a tree."""
     evaluating = {"eval", "exec", "compile", "__import__"}
