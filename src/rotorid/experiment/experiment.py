@@ -70,12 +70,14 @@ class Experiment:
     @property
     def files(self) -> list[Path]:
         """The files that are read: the experiment, its model, its records, what goes with them."""
+        said = members(self.entry.model_dump())
+        tables = (name for place, name in said if place.endswith(".dynamics.table") and name)
         return [
             Path(self.file),
             Path(self.file).parent / self.entry.model,
             *self.record_files,
             *(self.folder / r.quiet for r in self.entry.records if r.quiet is not None),
-            *(self.folder / name for name in schema.response_tables(self.entry)),
+            *(self.folder / name for name in tables),
         ]
 
     @property

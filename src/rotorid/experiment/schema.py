@@ -620,11 +620,3 @@ class DraftFile(Schema, extra="ignore"):
     """A file that is not finished, or wrong elsewhere than in its records."""
 
     records: list[DraftRecord]
-
-
-def response_tables(file: ExperimentFile) -> list[str]:
-    every = [file.channels, *(record.channels for record in file.records)]
-    entries = [entry for channels in every for entry in channels.values()]
-    given = [entry.dynamics for entry in entries]
-    given += [column.dynamics for entry in entries for column in entry.columns]
-    return [d.table for d in given if d is not None and d.table is not None]
