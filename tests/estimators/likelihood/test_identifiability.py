@@ -49,6 +49,7 @@ def test_the_unit_of_angle(demo, bearings, rng):
     assert estimate["I_t/L1^2"].unit == "kg"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["L1", "L2", "I_t", "I_p"])
 def test_fixing_a_member_cures_the_unit_of_angle(demo, bearings, rng, name):
     record = demo.noisy(demo.record(bearings), rng)

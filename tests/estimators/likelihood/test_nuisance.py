@@ -310,6 +310,7 @@ def passed_through(record, truth, told, names):
     return replace(times(record, names, factor), channels=tuple(channels))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("actuator", [True, False])
 @pytest.mark.parametrize("name", KINDS)
 def test_an_unknown_constant_that_channels_share_is_found(demo, bearings, name, actuator):

@@ -385,6 +385,7 @@ def record(demo):
     return quiet.noisy(demo.record(periods=60), np.random.default_rng(5))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("besides", "term", "unit", "size"),
     [
