@@ -79,8 +79,7 @@ class LineWindow:
         r = np.zeros((len(place), self.drives.shape[1]), dtype=np.complex128)
         r[:, self.own], one = 1.0, np.ones(len(place))
         none = np.zeros((len(place), self.rotation.shape[1]), dtype=np.complex128)
-        e = one.astype(np.complex128)
-        return LineWindow(place, e, r, none, self.own, one, periodic=True)
+        return LineWindow(place, r[:, self.own], r, none, self.own, one, periodic=True)
 
     def columns(self, order: int, below: Complexes | float = 1.0) -> Complexes:
         """Return the columns of N, T and the rotation, as they come out."""
@@ -201,9 +200,7 @@ class RationalCurve:
     @property
     def roots(self) -> Complexes:
         """Poles, in places."""
-        return (
-            np.asarray(np.roots([*self.below[::-1], 1.0])) if self.poles else np.zeros(0, complex)
-        )
+        return np.asarray(np.roots([*self.below[::-1], 1.0]))
 
     @property
     def decays(self) -> bool:
@@ -261,7 +258,7 @@ def _weighed(curve: RationalCurve) -> LineWindow:
 
 @frozen
 class Peak:
-    value: complex  # complex
+    value: complex
     std: float  # of its size, what curves of more freedom have otherwise included
     place: float
     inside: bool  # whether it is none of an end
