@@ -1,17 +1,71 @@
-"""Samples lie in an HDF5 file in any way: they are read as they are, or not at all."""
+"""Hypothesis against what has misled or hung: nested roots, layouts of HDF5."""
 
 import itertools
+import signal
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 
 import h5py
 import numpy as np
 import pytest
+from corpus.texts import named
+from fuzz_harness import SECONDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid import InputError
+from rotorid import InputError, parse_model
 from rotorid.testing import open_table
+
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    """Raise where more of the processor is taken than a command may."""
+
+    def late(_: int, __: FrameType | None) -> None:
+        raise TimeoutError(f"more than {SECONDS} s")
+
+    before = signal.signal(signal.SIGPROF, late)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
+# Terms whose expansion, simplification or digits grow faster than their text.
+ATOMS = st.sampled_from(["x", "x'", "c", "k", "(x+1)", "(c-k)", "2", "3", "1.1", "pi", "Omega"])
+POWERS = st.sampled_from(["2", "3", "7", "31", "300", "-1", "0.5", "(1/3)", "(2/7)", "-2.5"])
+
+
+def grown(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+    """Return roots, powers, sums and functions of a term."""
+    root = st.tuples(inner, POWERS, ATOMS).map("({0[0]}^{0[1]}+{0[2]})".format)
+    power = st.tuples(inner, POWERS).map("({0[0]})^{0[1]}".format)
+    fraction = st.tuples(ATOMS, inner).map("{0[0]}/(1+{0[1]})".format)
+    names = st.sampled_from(["sqrt", "cos", "exp", "abs", "tan", "tanh"])
+    call = st.tuples(names, inner).map("{0[0]}({0[1]})".format)
+    product = st.tuples(inner, inner).map("({0[0]}*({0[1]}))".format)
+    return root | power | fraction | call | product
+
+
+TERMS = st.recursive(ATOMS, grown, max_leaves=30)
+
+
+@pytest.mark.slow
+@settings(max_examples=40)
+@given(TERMS, st.integers(1, 12))
+def test_nested_roots_and_powers_are_read_or_refused_in_time(term, repeats):
+    nested = term
+    for _ in range(repeats):
+        nested = nested.replace("x+1", f"({term})^(1/3)+x", 1)[:4000]
+    for text in (term, nested):
+        with in_time(), suppress(InputError):
+            str(parse_model(named(f"m*x'' + c*{text} = F")))
+
 
 VALUES = np.random.default_rng(5).standard_normal(240)
 

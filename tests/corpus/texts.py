@@ -51,14 +51,47 @@ def model(head: str) -> Callable[[], Case]:
     return lambda: Case("", ("models", "model.toml"), {"model.toml": named(head)})
 
 
-BOMBS = {
+def roots(depth: int) -> str:
+    """Return nested roots: each turns the text before it into a new sum."""
+    text = "(x+1)"
+    for _ in range(depth):
+        text = f"({text}^(1/3)+x)"
+    return f"m*x'' + c*{text} = F"
+
+
+EXPRESSIONS = {
+    "nested cube roots": roots(16),
+    "nested cube roots, many": roots(60),
     "nested square roots": "m*x'' + c*" + "sqrt(x+" * 60 + "1" + ")" * 60 + " = F",
+    "sums of high powers of cosines": "m*x'' + "
+    + " + ".join(f"c*cos(pi/2)^{n}*x^{n}" for n in range(31, 2, -2))
+    + " = F",
+    "a power of a power of a decimal": "m*x'' + (1.1^300)^300*c*x' = F",
+    "a power of a power of an integer": "m*x'' + ((9^99)^99)^99*c*x' = F",
     "a sum to the power 40": "m*x'' + (x + x' + c + m + k + 1)^40 = F",
+    "a product of sums": "m*x'' + " + "*".join(["(x + x' + c + k + 1)"] * 30) + " = F",
+    "a root of a negative sum": "m*x'' + c*(x - 5)^(1/3)*(x-6)^(1/5)*(x-7)^(1/7) = F",
+    "a power of a thousand digits": f"m*x'' + c*x^{'9' * 1000} = F",
     "a number of five thousand digits": f"m*x'' + {'9' * 5000}*c*x' = F",
+    "a number with an exponent of a million": "m*x'' + 1e1000000*c*x' = F",
+    "exp of exp of exp": "m*x'' + c*" + "exp(" * 9 + "x" + ")" * 9 + " = F",
+    "exp of a large number": "m*x'' + c*exp(exp(exp(10)))*x' = F",
+    "zero to the power zero": "m*x'' + c*0^0*x' + k*0^-1*x = F",
     "ten thousand terms": "m*x'' + " + " + ".join(f"{n}*c*x'" for n in range(1, 10001)) + " = F",
+    "two thousand different terms": "m*x'' + "
+    + " + ".join(f"c*sin({n}*x)" for n in range(1, 2001))
+    + " = F",
+    "a fraction of huge numbers": "m*x'' + c*x'*" + "/".join(["123456789"] * 300) + " = F",
+    "trigonometry to be simplified": "m*x'' + c*"
+    + "*".join(f"(sin({n}*x)^2 + cos({n}*x)^2 + tan(x/{n}))" for n in range(1, 12))
+    + " = F",
+    "a derivative of order fifty": "m*x" + "'" * 50 + " + c*x' = F",
+    "fractions of fractions": "m*x'' + c*" + "1/(x+" * 40 + "1" + ")" * 40 + " = F",
+    "a lambda": "m*x'' + (lambda: c)()*x' = F",
+    "letters of other alphabets": "m*x'' + \u0441*x' = F",  # a Cyrillic c
+    "superscripts": "m*x'' + c*x\u00b2 = F",
     "a null": "m*x''\0 + c*x' = F",
 }
-"""Of equations: what each costs is counted in `models/test_expression.py`."""
 
 
 def rig_with(old: bytes, new: bytes) -> dict[str, bytes]:
@@ -118,7 +151,7 @@ TEXT_CASES: dict[str, Callable[[], Case]] = {
     "simulate over its own rig": refused(RIG_FILES, ("simulate", "rig.toml", "--out", "rig.h5")),
     "a draft over an experiment": refused(record(), ("new", "run.csv", "--out", "experiment.toml")),
     # expressions
-    **{f"model: {name}": model(text) for name, text in BOMBS.items()},
+    **{f"model: {name}": model(text) for name, text in EXPRESSIONS.items()},
     "a hundred thousand parameters": refused(
         {"model.toml": named("m*x'' = F", "," + ",".join(f"p{n} = {{}}" for n in range(10**5)))},
         SHOWN,
