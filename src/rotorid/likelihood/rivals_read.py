@@ -392,7 +392,8 @@ def _speeds_of_lines(case: Case) -> dict[int, list[float]]:
 
 def _mistaken(given: Mapping[int, float], shown: Sequence[float], which: str) -> Iterator[Rival]:
     where = f" of {which}" if which else ""
-    factors = {f"the rotor{where} turning the other way": -1.0}
+    backward = f"the rotor{where} turning the other way, or x and y exchanged in every channel"
+    factors = {backward: -1.0}
     for said, factor in SPEEDS.items():
         factors[f"the speed{where} {said}"] = factor
         factors[f"the speed{where} {said}, and its direction reversed"] = -factor
