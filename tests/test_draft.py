@@ -84,6 +84,15 @@ def test_files_of_one_clock_are_one_record(tmp_path):
     assert entry["sample_rate"] == "?"
     assert entry["period_samples"] == 200
     assert parse(text)["channels"]["F_x"] == {"column": "F_x", "unit": "?"}
+    for name in ("forces", "positions"):
+        with h5py.File(tmp_path / f"{name}.h5", "a") as data:
+            data["time_s"] = np.arange(len(record.samples)) / record.sample_rate
+    text = draft([tmp_path / "forces.h5", tmp_path / "positions.h5"], "jeffcott", tmp_path)
+    (entry,) = parse(text)["records"]
+    assert entry["time"] == {"column": "forces.h5:time_s", "unit": "s"}
+    path = tmp_path / "experiment.toml"
+    path.write_text(text, encoding="utf-8")
+    assert run(["inspect", str(path), "--quiet"]) == 0
 
 
 def test_what_is_left_open_is_told_in_one_line(tmp_path, capfd):
@@ -269,6 +278,18 @@ def test_planes_of_a_logger_are_those_of_the_model_in_their_order(tmp_path):
     rigid = draft(files, "rigid", tmp_path)
     assert parse(rigid)["channels"]["F_yb"] == {"column": "Force B Y", "unit": "N"}
     assert "by their order" not in rigid  # it calls its planes a and b too
+
+
+def test_currents_and_positions_take_the_planes_in_one_order():
+    listed = [("I", p, "A") for p in ("AX", "AY", "BX", "BY")]
+    listed += [("Pos", p, "um") for p in ("BX", "BY", "AX", "AY")]
+    columns = [Found(f"{kind} {p}", np.zeros(0), unit, "channel") for kind, p, unit in listed]
+    model = rid.load_model("three-mass")
+    found = by_planes(model, columns, {}) | currents(model, columns, {})
+    named = {name: column.name for name, column in found.items()}
+    for place, plane in (("x1", "AX"), ("y3", "BY")):
+        assert named[place] == f"Pos {plane}"
+        assert named[f"F_{place}"] == f"I {plane}"
 
 
 def test_the_rotation_beside_a_sweep_is_no_period(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import field, replace
@@ -42,7 +43,7 @@ _ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
     ("angle", re.compile(r"enc\w*|angle\w*|phi|rotor_?angle", re.I), "rad"),
 )
 _TIMED = re.compile(
-    r"(?:^|[/_ ])(?:t|time)(?:[\s_/]+|\s*(?=[\[(]))[\[(]?(?P<unit>[munµ]?s|min)[\])]?$", re.I
+    r"(?:^|[/_ :])(?:t|time)(?:[\s_/]+|\s*(?=[\[(]))[\[(]?(?P<unit>[munµ]?s|min)[\])]?$", re.I
 )
 """Sample times with the unit in their name: t/ms, time_ms, t [ms]."""
 _WORDS = {
@@ -149,18 +150,26 @@ def by_planes(
         left = {name for name in wanted.values() if name not in taken}
         like = [c for c in free if left and c.measures(model.units[min(left)])]
         if len(left) == len(like):
-            found |= _in_order(wanted, like, planes)
+            found |= _in_order(wanted, like, planes, free)
     return found
 
 
 def _in_order(
-    wanted: Mapping[tuple[str, str], str], like: Sequence[Found], planes: Sequence[str]
+    wanted: Mapping[tuple[str, str], str],
+    like: Sequence[Found],
+    planes: Sequence[str],
+    columns: Sequence[Found],
 ) -> dict[str, Found]:
-    """Return the columns of quantities by plane and axis; all or none."""
+    """Return the columns of quantities by plane and axis; all or none.
+
+    Planes are in the order in which any columns first name them, so that currents and positions
+    have one.
+    """
     for letters in _AXES:
         keys = [_place(c.name, letters) for c in like]
         places = {key: column for key, column in zip(keys, like, strict=True) if key}
-        theirs = list(dict.fromkeys(plane for plane, _ in places))
+        every = dict.fromkeys(key[0] for c in columns if (key := _place(c.name, letters)))
+        theirs = [plane for plane in every if any(plane == one for one, _ in places)]
         if len(theirs) == len(planes) and len(places) == len(like):
             break
     else:
@@ -203,23 +212,26 @@ def displacement(model: Model, name: str) -> str:
 
 def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
     beside = {displacement(model, name) for name in model.inputs} - set(model.coordinates)
-    return _at_inputs(model, [c for c in columns if c.measures("m")]) if beside else {}
+    return _at_inputs(model, columns, "m") if beside else {}
 
 
-def _at_inputs(model: Model, like: Sequence[Found]) -> dict[str, Found]:
-    """Return the columns in the planes of the inputs; nothing where one is left over."""
+def _at_inputs(model: Model, columns: Sequence[Found], unit: str) -> dict[str, Found]:
+    """Return the columns of a unit in the planes of the inputs; nothing where one is left over."""
     inputs = {key: name for name in model.inputs if (key := _place(name))}
+    like, planes = (
+        [c for c in columns if c.measures(unit)],
+        list(dict.fromkeys(p for p, _ in inputs)),
+    )
     whole = len(inputs) == len(model.inputs) == len(like)
-    return _in_order(inputs, like, list(dict.fromkeys(p for p, _ in inputs))) if whole else {}
+    return _in_order(inputs, like, planes, columns) if whole else {}
 
 
 def currents(
     model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
 ) -> dict[str, Found]:
-    free = [c for c in columns if c.measures("A")]
-    if not set(model.inputs) & set(taken) and (ordered := _at_inputs(model, free)):
+    if not set(model.inputs) & set(taken) and (ordered := _at_inputs(model, columns, "A")):
         return ordered
-    found = {}
+    free, found = [c for c in columns if c.measures("A")], dict[str, Found]()
     for name in model.inputs:
         scores = [likeness(name[1:], c.name.lstrip("iI"), False) for c in free]
         if name not in taken and (best := max(scores, default=0.0)) >= _LIKE:
@@ -336,9 +348,12 @@ def _runs(files: Sequence[Path]) -> list[_Run]:
     names = [{c.name for c in columns if c.role != "time"} for columns in read]
     disjoint = len(set().union(*names)) == sum(map(len, names))
     if len(files) > 1 and disjoint and len(lengths) == 1:
-        every = [c for columns in read for c in columns]
-        kept = [c for i, c in enumerate(every) if c.name not in {e.name for e in every[:i]}]
-        return [_run(tuple(files), kept, tables[0])]
+        every = [(path, c) for path, columns in zip(files, read, strict=True) for c in columns]
+        times, kept = Counter(c.name for _, c in every), dict[str, Found]()
+        for path, c in every:
+            said = c.name if times[c.name] == 1 else f"{path.name}:{c.name}"
+            kept.setdefault(c.name, replace(c, name=said))
+        return [_run(tuple(files), list(kept.values()), tables[0])]
     runs = zip(files, read, tables, strict=True)
     return [_run((path,), columns, table) for path, columns, table in runs]
 
@@ -373,7 +388,8 @@ def _columns(table: OneFile) -> list[Found]:
 
 
 def _run(files: tuple[Path, ...], columns: list[Found], table: OneFile) -> _Run:
-    key = table.find(columns[0].name)  # the first of the file may be no numbers
+    # The first of the file may be no numbers.
+    key = table.find(columns[0].name.removeprefix(f"{files[0].name}:"))
     return _Run(files, tuple(columns), *_clock(columns, table.read([key])[key].rate))
 
 
