@@ -213,6 +213,7 @@ class Sample:
         (float("nan"), float("nan")),
         (np.array([1.0, np.nan]), np.array([1.0, np.nan])),
         (np.array([1j, np.nan]), np.array([1j, np.nan])),
+        (complex("nan"), complex("nan")),
         (np.array([1, 2]), np.array([1, 2])),
         (np.array(["a"]), np.array(["a"])),
         ({"a": np.zeros(2)}, {"a": np.zeros(2)}),

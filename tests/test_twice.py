@@ -444,6 +444,17 @@ def test_an_excerpt_is_found_where_it_is(begin, end):
     assert shared([other, one, excerpt]) == [((1, 2), end - begin, (begin, 0))]
 
 
+def test_each_pair_of_several_that_share_is_found():
+    whole = noise(9000)
+    parts = [whole[first : first + 6000] for first in (0, 200, 400)]
+    found = shared([prints(part) for part in parts])
+    assert found == [
+        ((0, 1), 5800, (200, 0)),
+        ((0, 2), 5600, (400, 0)),
+        ((1, 2), 5800, (200, 0)),
+    ]
+
+
 def test_two_that_overlap_and_blocks_of_any_size():
     whole = noise(20000)
     one = prints(whole[:3], whole[3:17], whole[17:4000], whole[4000:12000])

@@ -119,12 +119,16 @@ def test_samples_along_either_axis(tmp_path):
         data["down"] = np.column_stack([X, 2 * X, 3 * X])
         data["along"] = data["down"][()].T
         data["table"] = np.rec.fromarrays([X, 2 * X], names="a,b")
+        data["run/across"], data["single"] = data["down"][()], X[:, None]
     opened = open_table(path)
     names = ["down[1]", "along[1]", "along[1,:]", "down[:,1]", "table/b"]
     for column in opened.read([opened.find(name) for name in names]).values():
         np.testing.assert_array_equal(column.values, 2 * X)
     across = opened.read(["along[:,3]"])["along[:,3]"].values
     np.testing.assert_array_equal(across, X[3] * np.arange(1, 4))
+    assert opened.find("across[1,:]") == "run/across[1,:]"
+    for column in opened.read(["single", "single[0]"]).values():  # one column by both names
+        np.testing.assert_array_equal(column.values, X)
     for name, message in (
         ("along", r"of size 3 x 2000.*name"),
         ("along[3]", "column of"),

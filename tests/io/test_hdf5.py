@@ -14,7 +14,7 @@ import pytest
 
 from rotorid import ReadError
 from rotorid.cli import run
-from rotorid.io.hdf5 import NODES
+from rotorid.io.hdf5 import CHUNK_BYTES, NODES
 from rotorid.io.table import DEPTH
 from rotorid.testing import open_table
 
@@ -487,12 +487,17 @@ def test_samples_that_nobody_wrote(file):
 
 
 def test_chunks_that_fill_the_memory(file):
-    rows = 32_000_000
+    rows = CHUNK_BYTES // 8
     with h5py.File(file, "w") as data:
-        one = data.create_dataset("x", (rows,), "f8", chunks=(rows,), compression="gzip")
-        one.id.write_direct_chunk((0,), b"no zlib data")
-    with cheap(1.0, 50), pytest.raises(ReadError, match="bytes of numbers declared"):
+        for name, more in (("x", 1), ("y", 0)):
+            one = data.create_dataset(
+                name, (rows + more,), "f8", chunks=(rows + more,), compression="gzip"
+            )
+            one.id.write_direct_chunk((0,), b"no zlib data")
+    with cheap(1.0, 50), pytest.raises(ReadError, match=r"chunks of 256 MB in '/x'.*h5repack"):
         column(file)
+    with cheap(1.0, 50), pytest.raises(ReadError, match="bytes of numbers declared"):
+        column(file, "y")
 
 
 @pytest.mark.slow

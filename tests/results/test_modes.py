@@ -481,3 +481,22 @@ def test_what_cannot_be_is_one_line(folder, capsys, arguments, said):
     assert shown.out == ""
     assert len(shown.err.splitlines()) == 1
     assert said in shown.err
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_a_record_with_values_of_its_own_is_its_own_machine(fixed):
+    """The spring that all share, free or fixed, is not that of record 1."""
+    text = model_text("one", ["m*x'' + k*x = F"], "x m", "F N", "m kg, k N/m")
+    shared = rid.Value("k", "N/m", 800.0, 0.0 if fixed else 80.0, fixed=fixed)
+    own = rid.Value("k[1]", "N/m", 1800.0, 9.0)
+    found = rid.Estimate(
+        "one",
+        "ml",
+        "ok",
+        (rid.Value("m", "kg", 2.0, 0.0, fixed=True), shared, own),
+        covariance=np.diag([81.0] if fixed else [6400.0, 81.0]),
+        provenance=rid.Provenance(model=text),
+    )
+    (mode,) = rid.modes(found, record=1).modes
+    assert mode.frequency_hz == pytest.approx(30 / (2 * np.pi))
+    assert mode.std_hz == pytest.approx(mode.frequency_hz * 9.0 / (2 * 1800.0))

@@ -69,8 +69,8 @@ def same(first: Any, second: Any) -> bool:
         return first.keys() == second.keys() and all(same(first[k], second[k]) for k in first)
     if isinstance(first, tuple | list) and isinstance(second, tuple | list):
         return len(first) == len(second) and all(map(same, first, second))
-    if isinstance(first, float) and isinstance(second, float) and first != first:
-        return second != second
+    if isinstance(first, float | complex) and isinstance(second, float | complex):
+        return bool(first == second or (first != first and second != second))
     return bool(first == second)
 
 

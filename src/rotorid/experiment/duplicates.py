@@ -92,7 +92,7 @@ Shared = tuple[tuple[int, int], int, tuple[int, int]]
 
 
 def shared(records: Sequence[Prints]) -> list[Shared]:
-    """Return what records share, in their order, of each pair that neighbours in a print."""
+    """Return what records share, in their order, of each pair of them."""
     if not records:
         return []
     found = set[Shared]()
@@ -103,8 +103,14 @@ def shared(records: Sequence[Prints]) -> list[Shared]:
     values, places = (np.concatenate([one[k] for one in kept]) for k in (0, 1))
     owners = np.repeat(np.arange(len(records)), [len(one[0]) for one in kept])
     order = np.argsort(values, kind="stable")
-    again = np.flatnonzero(values[order[1:]] == values[order[:-1]])
-    mine, its = order[again], order[again + 1]
+    parts = [order[:0]], [order[:0]]
+    for apart in range(1, len(records)):  # a print of several records stands beside itself
+        again = np.flatnonzero(values[order[apart:]] == values[order[:-apart]])
+        if not again.size:
+            break
+        parts[0].append(order[again])
+        parts[1].append(order[again + apart])
+    mine, its = map(np.concatenate, parts)
     lags, pairs = places[mine] - places[its], owners[mine] * len(records) + owners[its]
     order = np.argsort(pairs, kind="stable")
     every, begins = np.unique(pairs[order], return_index=True)

@@ -31,6 +31,9 @@ from rotorid.io.table import (
     is_numeric,
 )
 
+CHUNK_BYTES = 256_000_000
+"""Of a chunk, which is unpacked whole: writers choose from 10 kB to 10 MB."""
+
 NODES = 10_000
 """Groups and data sets looked through for a name, 0.1 ms each; a whole path is found at once."""
 
@@ -141,7 +144,7 @@ def _rows(
     stored = numbers[along if dataset.ndim == 2 else (samples,)[: dataset.ndim]]
     for name, (field, index) in parts.items():
         values = stored if field is None else stored[field]
-        yield name, values.take(index, axis=axis) if several else values
+        yield name, values if index is None or not several else values.take(index, axis=axis)
 
 
 def _attribute(of: h5py.Dataset | h5py.Group, key: str) -> Any:
@@ -419,6 +422,14 @@ def check_stored(dataset: h5py.Dataset, file: str, depth: int = 0) -> int:
 
 
 def _check_chunks(dataset: h5py.Dataset) -> None:
+    """Refuse chunks that fill the memory, and those that nobody wrote."""
+    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    if size > CHUNK_BYTES:
+        raise ReadError(
+            f"chunks of {size // 10**6} MB in {_name(dataset)}",
+            f"chunks of {CHUNK_BYTES // 10**6} MB at most, since each is unpacked whole",
+            "write smaller chunks: h5repack -l CHUNK=10000",
+        )
     pairs = zip(dataset.shape, dataset.chunks, strict=True)
     expected = math.prod(-(-length // chunk) for length, chunk in pairs)
     written = dataset.id.get_num_chunks()

@@ -278,7 +278,10 @@ def _stated(source: Estimate) -> tuple[Floats | None, tuple[str, ...]]:
 
 
 def _of_record(model: Model, source: Estimate, record: int) -> Estimate:
-    """Return an estimate with the values of one record under their own names."""
+    """Return an estimate with the values of one record under their own names.
+
+    A common value that they stand for has theirs in exchange, with its row of the covariance.
+    """
     there, renamed = [v.name for v in source.parameters], dict[str, str]()
     for name in model.parameter_names:
         if f"{name}[{record}]" in there:
@@ -289,7 +292,9 @@ def _of_record(model: Model, source: Estimate, record: int) -> Estimate:
                 f"one that has: {', '.join(own)}",
                 "say which record",
             )
-    found = (replace(v, name=renamed.get(v.name, v.name)) for v in source.parameters)
+    kept = [v for v in source.parameters if not (v.fixed and v.name in renamed.values())]
+    names = renamed | {common: own for own, common in renamed.items()}
+    found = (replace(v, name=names.get(v.name, v.name)) for v in kept)
     return source.with_(parameters=tuple(found))
 
 
