@@ -18,6 +18,7 @@ from rotorid.demo import (
     DemoResult,
     bias_share,
     findings,
+    ratio_of_errors,
     run_demo,
     simulate_record,
 )
@@ -75,8 +76,7 @@ def test_250_records_by_the_methods_of_the_paper():
         if name == "ls":
             continue
         assert np.median(bias_share(shown, name)) < 0.25
-        stated = np.sqrt((shown.deviations[name] ** 2).mean(axis=0))
-        ratio = shown.values[name].std(axis=0, ddof=1) / stated
+        ratio = shown.scatter_over_stated(name)
         assert (ratio > 0.85).all(), (name, ratio)
         assert (ratio < 1.2).all(), (name, ratio)
     assert (shown.bias("ls") < 0).all()
@@ -180,6 +180,9 @@ def imagined(demo: DemoResult, runs: int = 400, **spread: tuple[float, float]) -
 @pytest.mark.parametrize(
     ("spread", "said", "unsaid"),
     [
+        ({"batch_100": (0, 0.2)}, "the ranking is reproduced", "reversed"),
+        ({"batch_10": (0.2, 0.2)}, "the ranking is reversed", "reproduced"),
+        ({}, "the ranking is not significant", "reproduced"),
         (
             {"ls": (-1.2, 0.4)},
             "Bias is 90 % of the mean square error of ls, and 0 % of that of batch-100",
@@ -187,11 +190,13 @@ def imagined(demo: DemoResult, runs: int = 400, **spread: tuple[float, float]) -
         ),
         ({"ls": (-1.2, 0.4)}, "14 of 14 parameters come out too small", "no bias"),
         ({"ls": (0, 0.2)}, "Bias is 0 % of", "too small"),
+        ({"sequential": (0, 4)}, "alike; here the ratio of their rms errors is 9.", "one record"),
+        ({}, "times the standard deviation that each estimate states", "one record"),
     ],
 )
 def test_words_follow_the_figures(demo, spread, said, unsaid):
     sentences = findings(imagined(demo, **spread))
-    assert len(sentences) == 2
+    assert len(sentences) == 5
     assert said in " ".join(sentences)
     assert unsaid not in " ".join(sentences)
 
@@ -200,7 +205,29 @@ def test_words_follow_the_figures(demo, spread, said, unsaid):
 def test_ten_records_tell_bias_from_scatter(demo, runs, enough):
     sentences = findings(imagined(demo, runs=runs))
     assert ("cannot tell bias from scatter" not in sentences[-1]) == enough
+    assert len(sentences) == (5 if enough else 2)
     assert ("over one record" in sentences[0]) == (runs == 1)
+
+
+@pytest.mark.parametrize(
+    ("mean", "verdict"),
+    [
+        (-0.21, "is reproduced"),
+        (-0.19, "is not significant"),
+        (0.19, "is not significant"),
+        (0.21, "is reversed"),
+    ],
+)
+def test_a_difference_counts_from_two_standard_errors(demo, monkeypatch, mean, verdict):
+    monkeypatch.setattr("rotorid.demo.ratio_of_errors", lambda *_: (mean, 0.1))
+    assert f"the ranking {verdict}" in findings(imagined(demo, runs=20))[3]
+
+
+def test_deviation_of_a_ratio_of_rms_errors(demo):
+    """log(rms) of n normal errors has variance 1 / (2 n); two of them, independent, 1 / n."""
+    mean, deviation = ratio_of_errors(imagined(demo, batch_10=(0, 0.2)), "batch-100", "batch-10")
+    assert mean == pytest.approx(np.log(2), abs=4 / 20 / np.sqrt(14))
+    assert deviation == pytest.approx(1 / 20 / np.sqrt(14), rel=0.3)
 
 
 def test_share_of_bias(demo):

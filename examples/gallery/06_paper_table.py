@@ -5,7 +5,7 @@ The paper's table
 The numerical example of Levy and Arogeti: all eight coordinates measured, one period of the forces
 260 times, 1 N and 22 um of noise on every sample. Twenty records with fresh noise, identified by
 the paper's estimators and by maximum likelihood, beside the least error that an unbiased estimate
-can have (the Cramer-Rao bound); and what the paper finds of its estimators, held against them.
+can have (the Cramer-Rao bound).
 """
 
 import matplotlib.pyplot as plt
@@ -19,36 +19,6 @@ print(f"{'rms error in %':20}" + "".join(f"{name:>12}" for name in (*result.valu
 for row, name in enumerate(result.names):
     rms = [result.rms(estimator)[row] for estimator in result.values]
     print(f"{name:20}" + "".join(f"{x:12.3f}" for x in (*rms, result.bound_percent[row])))
-
-# %%
-# The paper finds the sequential estimator and weight 100 alike, and from one run ranks weight 100
-# before weight 10. The ratio of rms errors (geometric mean over the parameters) says more, with its
-# deviation by the jackknife over the records: both estimators saw the same noise. It counts from
-# two deviations on.
-
-
-def ratio_of_errors(first, second):
-    """Return the mean log ratio of rms errors, and its deviation."""
-    squares = [result.errors(name) ** 2 for name in (first, second)]
-    sums = [square.sum(axis=0) for square in squares]
-    left_out = 0.5 * np.log((sums[0] - squares[0]) / (sums[1] - squares[1])).mean(axis=1)
-    mean = 0.5 * np.log(sums[0] / sums[1]).mean()
-    return mean, np.sqrt(len(left_out) - 1) * left_out.std()
-
-
-for first, second in (("sequential", "batch-100"), ("batch-100", "batch-10")):
-    mean, deviation = ratio_of_errors(first, second)
-    told = "significant" if abs(mean) > 2 * deviation else "not significant"
-    ratio = np.exp(mean)
-    print(f"{first} / {second}: {ratio:.3f} +- {ratio * deviation:.3f}, {told}")
-
-# %%
-# The scatter over the records, and the standard deviation that each estimate states. The bias of ls
-# is in neither.
-for name, values in result.values.items():
-    stated = np.sqrt((result.deviations[name] ** 2).mean(axis=0))
-    over = values.std(axis=0, ddof=1) / stated
-    print(f"{name}: {over.min():.2f} to {over.max():.2f} times the stated deviation")
 
 # %%
 figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
