@@ -79,6 +79,34 @@ def test_geometry_gives_the_constant_of_a_horseshoe():
 
 
 @pytest.mark.parametrize(
+    ("law", "at"),
+    [
+        (Linear(120.0, 2e5, std={"ki": 2.4, "ks": 1e4}), (0.7, 1e-4)),
+        (
+            replace(MAGNET, std={"K": 1e-7, "bias": 0.01, "gap": 4e-6, "angle": 0.01}),
+            (0.7, 1e-4),
+        ),
+        (replace(SINGLE, std={"K": 1e-7, "gap": 4e-6, "iron": 1e-6}), (-0.7, 1e-4)),
+        (Flux(2e-4, 2, 0.3, std={"area": 2e-6, "angle": 0.01}), (0.9, 0.4)),
+    ],
+)
+def test_deviation_of_the_force_is_that_of_drawn_constants(law, at):
+    rng = np.random.default_rng(2)
+    forces = []
+    for _ in range(4000):
+        drawn = {n: getattr(law, n) + std * rng.normal() for n, std in law.std.items()}
+        forces.append(replace(law, **drawn).force(*at))
+    assert law.force_std(*at) == pytest.approx(np.std(forces), rel=0.05)
+
+
+def test_deviation_of_the_slopes():
+    law = replace(MAGNET, std={"gap": 4e-6})
+    slope = law.linearize()
+    assert slope.std["ki"] == pytest.approx(2 * 0.01 * slope.ki, rel=1e-12)
+    assert slope.std["ks"] == pytest.approx(3 * 0.01 * slope.ks, rel=1e-12)
+
+
+@pytest.mark.parametrize(
     ("build", "message"),
     [
         (lambda: Differential(1e-5, 2.0, 0.0), r"gap: found gap = 0.0; expected more than 0 m"),
@@ -282,6 +310,8 @@ def test_flux_densities():
 
 def test_constants_of_the_law_give_the_gain_its_deviation():
     law = Linear(ki=120.0, std={"ki": 1.2})
+    record = forces(recorded(False, 0.0, 0.0), {"F": ForceReading(law, ("i",))})
+    assert record.channels[0].gain_std == pytest.approx(0.01)
     through = {"i": ForceReading(law, ("i",))}
     for currents in (True, False):
         record = through_laws(recorded(False, 0.0, 0.0), through, currents=currents)

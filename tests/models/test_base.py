@@ -292,3 +292,13 @@ def test_many_functions_that_are_alike_near_zero_are_independent():
         signals = signals_of(*texts)
         assert all(r == {s: 1} for s, r in independent_signals(signals).items())
         assert _relations(signals[:14], 10**9)[0] == {}
+
+
+@pytest.mark.parametrize("loads", [8, 60])
+def test_loads_at_many_angles_are_two(loads):
+    """Sixty unbalances at angles of their own turn as a cosine and a sine do."""
+    angles = [0.01 + 0.057 * k for k in range(loads)]
+    text = " + ".join(f"u{k}*Omega^2*cos(phi + {a:.4f})" for k, a in enumerate(angles))
+    held = ["a", "b", "c", *(f"u{k}" for k in range(loads))]
+    model = model_of(f"a*x'' + b*x' + c*x = F + {text}", parameters=held)
+    assert len(model.base.names) == 3 + 2

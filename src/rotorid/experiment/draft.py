@@ -218,10 +218,8 @@ def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, Found
 def _at_inputs(model: Model, columns: Sequence[Found], unit: str) -> dict[str, Found]:
     """Return the columns of a unit in the planes of the inputs; nothing where one is left over."""
     inputs = {key: name for name in model.inputs if (key := _place(name))}
-    like, planes = (
-        [c for c in columns if c.measures(unit)],
-        list(dict.fromkeys(p for p, _ in inputs)),
-    )
+    like = [c for c in columns if c.measures(unit)]
+    planes = list(dict.fromkeys(plane for plane, _ in inputs))
     whole = len(inputs) == len(model.inputs) == len(like)
     return _in_order(inputs, like, planes, columns) if whole else {}
 

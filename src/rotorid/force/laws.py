@@ -94,6 +94,22 @@ class Law(ABC):
         """Return the force in N, broadcast over the signals."""
         return np.asarray(self._force(*self._within(*signals)))
 
+    def force_std(self, *signals: ArrayLike) -> Floats:
+        """Return the deviation of the force in N that the constants' deviations cause."""
+        at = self._within(*signals)
+        return self.deviation_of(lambda law: law._force(*at))
+
+    def deviation_of(self, function: Callable[[Self], Any]) -> Floats:
+        """Return the deviation of a function by those of the constants; infinite by an unknown."""
+        total: Any = 0.0
+        for name, deviation in self.std.items():
+            step = _STEP * (abs(getattr(self, name)) or 1.0)
+            slope = np.imag(function(self.moved({name: 1j * step}))) / step
+            if deviation == np.inf:  # zero times infinity would be no number
+                slope, deviation = np.where(slope == 0, 0.0, np.inf), 1.0
+            total = total + (slope * deviation) ** 2
+        return np.asarray(np.sqrt(total), dtype=float)
+
     def moved(self, changes: Mapping[str, complex]) -> Self:
         """Return the law with those of the constants that it has moved by so much, unchecked."""
         found = copy.copy(self)
@@ -286,6 +302,22 @@ class Differential(Law):
         gap = self.gap + self.iron - side * position * c
         return np.asarray(side * gap * np.sqrt(np.abs(force) / (self.K * c)))
 
+    def _slopes(self, current: float, position: float) -> Any:
+        c = np.cos(self.angle)
+        gaps = self.gap + self.iron - position * c, self.gap + self.iron + position * c
+        biases = self.bias + self.bias_difference, self.bias - self.bias_difference
+        ki, ks = 0.0, 0.0
+        for gap, bias, side in zip(gaps, biases, (1, -1), strict=True):
+            b = (bias + side * current) / gap
+            b = b * (b.real > 0)
+            bend = 1.0
+            if self.saturation != np.inf:
+                # The slope of g^2 / 2, g the bent b: b (1 + (b / b_s)^p)^(-2 / p - 1).
+                bend = (1 + (b / self.saturation) ** KNEE) ** (-2 / KNEE - 1)
+            ki = ki + 2 * self.K * c * b * bend / gap
+            ks = ks + 2 * self.K * c**2 * b**2 * bend / gap
+        return np.array([ki, ks])
+
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
         """Return the slopes at a point; at the origin 4 K i0 cos / s0^2, 4 K i0^2 cos^2 / s0^3."""
         self._within(current, position)
@@ -295,8 +327,10 @@ class Differential(Law):
                 "a current other than 0, or a bias",
                 "linearize about the current that flows",
             )
-        moved = (current + 1j * _STEP, position), (current, position + 1j * _STEP)
-        return Linear(*(float(np.imag(self._force(*at)) / _STEP) for at in moved))
+        ki, ks = self._slopes(current, position)
+        std = np.broadcast_to(self.deviation_of(lambda law: law._slopes(current, position)), 2)
+        named = zip(("ki", "ks"), std.tolist(), strict=True)
+        return Linear(float(ki), float(ks), std=dict(named))
 
 
 @frozen

@@ -164,9 +164,15 @@ class _Reader:
                 force = law.force(*map(self.column, reading.channels))
             else:
                 force = self._from_current(law, source, reading.position)
-        kept = None if isinstance(law, Linear) else replace(law, position=reading.position)
-        std = source.delay_std
-        return Channel(name, "N", delay_std=std, gain_std=source.gain_std, law=kept), force
+        plain = Channel(name, "N", delay_std=source.delay_std, gain_std=source.gain_std)
+        if not isinstance(law, Linear):
+            return replace(plain, law=replace(law, position=reading.position)), force
+        current = self.record.column(source.name)
+        deviation = law.force_std(current, self.displacement(reading.position, 0.0))
+        size = float(np.sqrt(np.mean(force**2)))
+        spread = float(np.sqrt(np.mean(np.broadcast_to(deviation, force.shape) ** 2)))
+        relative = spread / size if size > 0 else 0.0
+        return replace(plain, gain_std=float(np.hypot(source.gain_std, relative))), force
 
     def _from_current(self, law: Law, source: Channel, position: Mapping[str, float]) -> Floats:
         step = 1 / self.record.sample_rate

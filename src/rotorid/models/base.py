@@ -113,15 +113,27 @@ def _relations(
     signals: Sequence[Expression], most: int
 ) -> tuple[dict[Expression, Combination], int]:
     """Return the dependent signals in terms of the others, and how many nodes were evaluated."""
-    names, wanted = [str(name) for name in _names(signals)], len(_SCALES) * (len(signals) + _SPARE)
-    spent = wanted * sum(signal.nodes for signal in signals)
-    if spent > most:
-        return {}, most
+    rank, nodes = min(4, len(signals)), sum(signal.nodes for signal in signals)
+    names = [str(name) for name in _names(signals)]
     # Where all are real, at several sizes: functions may be alike at one.
-    points = ({name: _coordinate(i, k) for i, name in enumerate(names)} for k in range(8 * wanted))
-    rows = list(islice(filter(None, (values_at(point, signals) for point in points)), wanted))
-    # Too few points where all are real: all count as independent.
-    return ({} if len(rows) < wanted else _eliminated(signals, rows)), spent
+    points = (
+        {name: _coordinate(i, k) for i, name in enumerate(names)}
+        for k in range(8 * len(_SCALES) * (len(signals) + _SPARE))
+    )
+    samples = filter(None, (values_at(point, signals) for point in points))
+    rows: list[list[Real]] = []
+    while True:  # many are often a few: points for as many as may be independent, and some to spare
+        wanted = len(_SCALES) * (rank + _SPARE)
+        if (spent := nodes * wanted) > most:
+            return {}, most
+        rows += islice(samples, wanted - len(rows))
+        if len(rows) < wanted:
+            return {}, spent  # too few points where all are real: all count as independent
+        relations = _eliminated(signals, list(rows))
+        found = len(signals) - len(relations)
+        if found <= rank:
+            return relations, spent
+        rank = min(max(found, 2 * rank), len(signals))
 
 
 def _eliminated(
