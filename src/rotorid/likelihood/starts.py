@@ -30,7 +30,7 @@ from rotorid.likelihood.relations import Relation
 from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
 from rotorid.models import Model
 from rotorid.models.knowledge import Mode
-from rotorid.models.rotor.fem import Banded
+from rotorid.models.rotor.fem import force
 from rotorid.models.rotor.rotor_model import RotorModel
 
 FEW = 400
@@ -136,13 +136,13 @@ def _change(at: Evaluation, record: Observation, point: Point, number: int) -> F
         chosen = np.unique(np.linspace(0, count - 1, min(count, LINES)).round().astype(np.int64))
         motion = at.corrected()[1][chosen] * at.problem.scales.coordinates
         values, lines, linear = point.unknowns[held], record.lines, model.require_linear()
-        named = dict(zip(model.parameter_names, values.tolist(), strict=True))
-        whole = Banded.of(model.whole.pieces, named)
+        whole = model.whole.require_linear()
         missing = np.empty((len(chosen), len(kept)), dtype=np.complex128)
         for k, line in enumerate(chosen.tolist()):
             omega, speed = float(lines.omega[line]), float(lines.speed[line])
             stiffness = linear.dynamic_stiffness([omega], values, speed)[0, : len(kept)]
-            moved = whole.force(kept, motion[k, : len(kept)], omega, speed)
+            of_whole = whole.sparse_stiffness(values, omega, speed)
+            moved = force(of_whole, kept, motion[k, : len(kept)])
             missing[k] = moved - stiffness @ motion[k]
         scaled = missing / at.problem.scales.rows[: len(kept)]
         rows[chosen, : len(kept), 0] = -scaled * (count / len(chosen))

@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, ModelError
@@ -245,6 +246,13 @@ class LinearForm:
         m = self.matrices(values, speed)
         s = 1j * np.asarray(omega, dtype=float)[:, None, None]
         return np.asarray(s**2 * m.M + s * (m.D + speed * m.G) + m.K + 1j * (s.imag > 0) * m.H)
+
+    def sparse_stiffness(self, values: Floats, omega: float, speed: float) -> Any:
+        """Return Z of one line, sparse, shape (row, coordinate): most of a drawing's is 0."""
+        table, lines = self.stiffness, (1j * omega) ** np.arange(3)
+        sizes = table.sizes(speed) * table.lag * lines[table.order]
+        entries = sizes * self.monomial_values(values)[table.monomial], (table.row, table.column)
+        return scipy.sparse.csc_array(entries, shape=(self.rows, self.coordinates))
 
     def response(
         self, omega: ArrayLike, values: ArrayLike, speed: float, right: Complexes

@@ -12,7 +12,7 @@ lines: a reduced basis (Quarteroni, Manzoni and Negri 2016; docs/rotors.md).
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -322,75 +322,41 @@ def points_of(omega: Floats, speed: Floats) -> list[tuple[float, float]]:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Banded:
-    """Z of a whole rotor, whose entries stand near its diagonal, line by line."""
+def solved(stiffness: Any, right: Complexes) -> Complexes:
+    """Solve ``Z q = right`` on one line, Z a sparse array; LinAlgError where it is singular."""
+    try:
+        return np.asarray(scipy.sparse.linalg.splu(stiffness).solve(right))
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(str(error)) from None
 
-    pieces: tuple[Piece, ...]
-    width: int  # entries on either side of the diagonal
-    # (piece, 2 width + 1, coordinate): entry (row, column) of each stands at (width + row - column,
-    # column)
-    bands: Floats
-    size: Floats  # (coordinate,): one over the root of the diagonal of K: metres and radians alike
 
-    @classmethod
-    def of(cls, pieces: Sequence[Piece], values: Mapping[str, float]) -> Banded:
-        entries = [piece.matrix.tocoo() for piece in pieces]
-        width = max(int(np.abs(e.row - e.col).max(initial=0)) for e in entries)
-        bands = np.zeros((len(pieces), 2 * width + 1, pieces[0].matrix.shape[0]))
-        for band, e in zip(bands, entries, strict=True):
-            np.add.at(band, (width + e.row - e.col, e.col), e.data)
-        bands *= np.array([piece.value(values) for piece in pieces])[:, None, None]
-        still = [p.order == 0 and not p.power and not p.structural for p in pieces]
-        diagonal = np.abs(bands[still, width].sum(axis=0))
-        size = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        return cls(tuple(pieces), width, bands, size)
-
-    def at(self, omega: float, speed: float) -> Complexes:
-        """Return the bands of Z on one line, rows and columns in units of `size`."""
-        lines = [(1j * omega) ** p.order * speed**p.power for p in self.pieces]
-        weights = np.where([p.structural for p in self.pieces], 1j, 1.0) * lines
-        bands = np.tensordot(weights, self.bands, 1) * self.size
-        for k, band in enumerate(bands, start=-self.width):  # row - column
-            band[max(-k, 0) : len(band) - max(k, 0)] *= self.size[max(k, 0) : len(band) + min(k, 0)]
-        return np.asarray(bands, dtype=np.complex128)
-
-    def motion(self, places: Integers, omega: float, speed: float) -> Complexes:
-        """Return the motion by a force on each place, (coordinate, place), in units of `size`."""
-        forces = np.zeros((len(self.size), len(places)), dtype=np.complex128)
-        forces[places, np.arange(len(places))] = 1.0
-        return self.solved(self.at(omega, speed), forces)
-
-    def solved(self, bands: Complexes, right: Complexes) -> Complexes:
-        ends = (self.width, self.width)
-        return np.asarray(scipy.linalg.solve_banded(ends, bands, right, check_finite=False))
-
-    def force(self, kept: Integers, motion: Complexes, omega: float, speed: float) -> Complexes:
-        """Return the forces on what is kept by its motion, (kept,), in SI; none act on the rest."""
-        bands, width = self.at(omega, speed), self.width
-        held, right = bands.copy(), np.zeros(len(self.size), dtype=np.complex128)
-        columns = np.arange(-width, width + 1)[:, None] + kept  # of the rows that are kept
-        inside = (columns >= 0) & (columns < len(self.size))
-        rows = np.broadcast_to(kept, columns.shape)
-        entries = (width + rows - columns)[inside], columns[inside]
-        held[entries] = 0.0
-        held[width, kept] = 1.0
-        right[kept] = motion / self.size[kept]
-        follow = self.solved(held, right)
-        shares = np.zeros(columns.shape, dtype=np.complex128)
-        shares[inside] = bands[entries] * follow[columns[inside]]
-        return np.asarray(shares.sum(axis=0) / self.size[kept])
+def force(stiffness: Any, kept: Integers, motion: Complexes) -> Complexes:
+    """Return the forces on what is kept by its motion, (kept,); none act on the rest."""
+    moved = np.zeros(stiffness.shape[1], dtype=np.complex128)
+    moved[kept] = motion
+    rest = np.setdiff1d(np.arange(len(moved)), kept)
+    moved[rest] = solved(stiffness[rest][:, rest].tocsc(), -(stiffness @ moved)[rest])
+    return np.asarray((stiffness @ moved)[kept])
 
 
 def reduction(
-    whole: Banded, kept: Integers, points: Sequence[tuple[float, float]], share: float
+    stiffness: Callable[[float, float], Any],
+    kept: Integers,
+    points: Sequence[tuple[float, float]],
+    share: float,
 ) -> tuple[Integers, Floats]:
     """Return the basis of the shapes that come to more than a share of the largest.
+
+    `stiffness`: Z of the whole rotor on a line at a speed, in rad/s, as a sparse array.
 
     ``q = basis @ r``; the first of r are those coordinates q that are returned too: what is `kept`,
     where anything acts or reads, with its partner in the other plane.
     """
-    shapes = np.concatenate([whole.motion(kept, *point) for point in points], axis=1)
+    still = np.abs(stiffness(0.0, 0.0).diagonal().real)
+    size = 1 / np.sqrt(np.where(still > 0, still, 1.0))  # metres and radians alike
+    forces = np.eye(len(size), dtype=np.complex128)[:, kept]
+    shapes = np.concatenate([solved(stiffness(*point), forces) for point in points], axis=1)
+    shapes /= size[:, None]
     planes = _planes(len(shapes) // PLANES)
     seen = [plane.T @ shapes for plane in planes]
     both = np.concatenate([part for s in seen for part in (s.real, s.imag)], axis=1)
@@ -399,7 +365,7 @@ def reduction(
     left, values, _ = np.linalg.svd(triangle.T, full_matrices=False)
     places = np.unique(2 * (kept // PLANES) + (kept % PLANES >= 2))
     count = max(int((values > share * values[0]).sum()), len(places))
-    basis = left[:, :count] * whole.size.reshape(-1, PLANES)[:, [0, 3]].ravel()[:, None]
+    basis = left[:, :count] * size.reshape(-1, PLANES)[:, [0, 3]].ravel()[:, None]
     # The places that are shown come first.
     left, values, right = np.linalg.svd(basis[places])
     shown = right[: len(places)].T / values @ left.T

@@ -219,8 +219,9 @@ class RotorModel(Model):
         pushed = np.concatenate([full.push, *(load.matrix for load in full.loads)], axis=1).any(1)
         shown = {full.coordinates.index(name) for name in reads} | set(np.flatnonzero(pushed))
         kept = np.array(sorted(shown), dtype=np.int64)
-        whole = fem.Banded.of(full.pieces, known)
-        kept, basis = fem.reduction(whole, kept, fem.points_of(omega, speed), share)
+        at = np.array([known.get(name, 0.0) for name in full.parameter_names])  # 0: of loads alone
+        stiffness = partial(full.require_linear().sparse_stiffness, at)
+        kept, basis = fem.reduction(stiffness, kept, fem.points_of(omega, speed), share)
         if basis.shape[1] >= len(full.coordinates):
             return full
         inner = [f"inner{k + 1}" for k in range(basis.shape[1] - len(kept))]
