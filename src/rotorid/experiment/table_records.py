@@ -17,7 +17,7 @@ from rotorid.data.table_lines import phasor_lines, response_lines
 from rotorid.experiment.read import Recording, reading_factor
 from rotorid.experiment.schema import ChannelEntry
 from rotorid.io import formats, open_tables
-from rotorid.io.columns import check_magnitude, check_stated, largest_of
+from rotorid.io.columns import check_magnitude, largest_of, unit_of
 from rotorid.io.formats import StoredResponse
 from rotorid.io.table import ColumnFile
 from rotorid.signals.checks.channels import check_phases, check_probes
@@ -34,12 +34,11 @@ class Columns:
         with naming(place=place):
             key = self.table.find(column)
         found = self.table.read([key])[key]
-        if (declared := unit or found.unit) is None:
+        declared = unit_of(unit, found.unit, self.overrule, f"{place}.unit")
+        if declared is None:
             told = f"a unit that converts to {expected}"
             raise InputError("no unit", told, "write it", place=place)
         factor = si_factor(declared, expected, place=f"{place}.unit")
-        if unit and found.unit and not self.overrule:
-            check_stated(unit, found.unit, f"{place}.unit")
         wrong = ~np.isfinite(found.values)
         if wrong.any():
             raise InputError(
@@ -204,9 +203,7 @@ def _of_universal(plan: Recording) -> list[_Read]:
                 place=f"{place}.column",
             )
         _check_derivative(data.derivative, name, one)
-        unit = one.unit or data.unit
-        if one.unit and data.unit and not plan.entry.overrule:
-            check_stated(one.unit, data.unit, f"{place}.unit")
+        unit = unit_of(one.unit, data.unit, plan.entry.overrule, f"{place}.unit")
         if unit is None:
             raise InputError(
                 "no unit, here or in the file", "the unit of the response", "write it", place=place

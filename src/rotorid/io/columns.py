@@ -229,19 +229,22 @@ def largest_of(values: Floats) -> float:
     return max(-low, high)
 
 
-def check_stated(declared: str, stated: str, place: str) -> None:
-    """Refuse a unit other than the one that the file states."""
+def unit_of(given: str | None, stated: str | None, overrule: bool, place: str) -> str | None:
+    """Return the unit that is given, or else the file's; refuse two that differ."""
+    if not given or not stated or overrule:
+        return given or stated
     try:
         si_factor(stated)
     except InputError:
-        return  # a text that says nothing to us contradicts nothing
-    if not converts(stated, declared) or abs(si_factor(stated, declared) - 1.0) >= 1e-9:
+        return given  # a text that says nothing to us contradicts nothing
+    if not converts(stated, given) or abs(si_factor(stated, given) - 1.0) >= 1e-9:
         raise InputError(
-            f"unit {declared!r}, where the file says {stated!r}",
+            f"unit {given!r}, where the file says {stated!r}",
             "one unit",
             "leave unit out, or give overrule = true if the file is wrong",
             place=place,
         )
+    return given
 
 
 def check_magnitude(largest: float, factor: float, place: str) -> None:
@@ -258,17 +261,14 @@ def check_magnitude(largest: float, factor: float, place: str) -> None:
 
 def _factor(column: Column, source: Source, table: ColumnFile, name: str) -> tuple[float, str]:
     """Return the number that turns a column into SI, and the unit that it then has."""
-    unit = source.unit or (column.unit if source.scale is None else None)
-    place = _place(name, "unit")
-    scale = source.scale
+    place, scale = _place(name, "unit"), source.scale
+    unit = unit_of(source.unit, column.unit if scale is None else None, source.overrule, place)
     if isinstance(scale, str):
         with naming(place=_place(name, "scale")):
             scale = table.scalar(scale)
     if scale == 0:
         cure = "write what turns the column into its unit, or leave it out for 1"
         raise InputError("0", "a scale other than 0", cure, place=_place(name, "scale"))
-    if source.unit and column.unit and source.scale is None and not source.overrule:
-        check_stated(source.unit, column.unit, place)
     if unit is None and source.expected:
         told, cure = f"a unit that converts to {source.expected}", "write it, here or into the file"
         raise InputError("no unit", told, cure, place=place)

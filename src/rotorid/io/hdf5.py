@@ -149,17 +149,13 @@ def _rows(
 
 def _attribute(of: h5py.Dataset | h5py.Group, key: str) -> Any:
     """Return an attribute as a row of values; None where there is none that can be taken."""
-    if not _has(of, key):
+    if key not in of.attrs:
         return None
     told = of.attrs.get_id(key)
     if told.dtype.kind == "O" and h5py.check_string_dtype(told.dtype) is None:
         return None  # a list of any length: of a damaged one HDF5 ends the process
     few = told.shape is not None and 0 < math.prod(told.shape) <= COLUMNS
     return np.ravel(of.attrs[key]) if few else None
-
-
-def _has(of: h5py.Dataset | h5py.Group, key: str) -> bool:
-    return bool(h5py.h5a.exists(of.id, key.encode()))
 
 
 def _unit(dataset: h5py.Dataset, index: int | None) -> str | None:
@@ -224,7 +220,7 @@ def _unpacking(dataset: h5py.Dataset) -> Callable[[Any], Any]:
 
 
 def _packing(dataset: h5py.Dataset, key: str) -> float:
-    if not _has(dataset, key):
+    if key not in dataset.attrs:
         return float(key == "scale_factor")
     number = _one_number(_attribute(dataset, key))
     if math.isnan(number) or (number == 0 and key == "scale_factor"):
@@ -246,9 +242,9 @@ class Node(NamedTuple):
         dataset = self.dataset
         if self.field is not None:
             return _kind(dataset.dtype[self.field])
-        if (found := _kind(dataset.dtype)) or _has(dataset, "MATLAB_empty"):
+        if (found := _kind(dataset.dtype)) or "MATLAB_empty" in dataset.attrs:
             return found or "nothing"  # an empty array is written as its size
-        kind = dataset.attrs["MATLAB_class"] if _has(dataset, "MATLAB_class") else b""
+        kind = dataset.attrs.get("MATLAB_class", b"")
         return "text or cells" if isinstance(kind, bytes) and kind in _TEXTS else None
 
 
