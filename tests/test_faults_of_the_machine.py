@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
 import h5py
+import numpy as np
 import pytest
 from working_folder import make
 
@@ -81,24 +83,36 @@ def limited(what: int, most: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(what, (most, most))
 
 
+@contextmanager
+def files_of(most: int) -> Iterator[None]:
+    """Let this process write files of so many bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
 def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_full_disk_is_one_line_and_leaves_what_was_there(here):
+def test_a_full_disk_is_one_line_and_leaves_what_was_there(here, capsys):
     """A record of simulate, too: HDF5 itself would end the process."""
-    little = limited(resource.RLIMIT_FSIZE, 10_000)
+    rid.load_rig("rig.toml").rig.run(1e-3, np.random.default_rng(0))  # which is compiled by then
     (here / "old.h5").touch()  # nobody's, to be replaced
     before = content(here)
-    found = run("simulate", "rig.toml", "--out", "old.h5", limit=little)
-    assert found.returncode == 2
-    assert found.stderr.startswith("rotorid: old.h5: found File too large; expected")
-    assert len(found.stderr.splitlines()) == 1
-    none = limited(resource.RLIMIT_FSIZE, 100)
-    found = run("identify", "run.toml", "--json", "new.json", limit=none)
-    assert found.returncode == 2
-    assert found.stdout.startswith("jeffcott, batch: ok\n")  # what took the time is shown
-    assert found.stderr.startswith("rotorid: new.json: found File too large; expected")
+    with files_of(10_000):
+        assert cli.run(["simulate", "rig.toml", "--out", "old.h5"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("rotorid: old.h5: found File too large; expected")
+    assert len(told.splitlines()) == 1
+    with files_of(100):
+        assert cli.run(["identify", "run.toml", "--json", "new.json"]) == 2
+    shown, told = capsys.readouterr()
+    assert shown.startswith("jeffcott, batch: ok\n")  # what took the time is shown
+    assert told.startswith("rotorid: new.json: found File too large; expected")
     assert content(here) == before
 
 
@@ -134,7 +148,7 @@ def test_closed_descriptors(here, closed):
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("command", [["models"], ["--help"], ["new", "run.csv"]], ids=str)
+@pytest.mark.parametrize("command", [["--help"], ["models"], ["new", "run.csv"]], ids=str)
 def test_a_reader_that_has_gone(here, command):
     reading, writing = os.pipe()
     os.close(reading)

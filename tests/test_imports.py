@@ -3,11 +3,9 @@
 import ast
 from functools import cache
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 import pytest
-from source_trees import FILES as MODULES
-from source_trees import SOURCE, tree_of
+from source_trees import nodes
 
 # The order in which parts build on one another: a module imports from its own part and from those
 # above it in this list. A part is a package, or a module where a package spans several.
@@ -56,41 +54,47 @@ CONFINED = {
 }
 
 
-def name_of(path: Path) -> str:
+def name_of(file: str) -> str:
     """Return the dotted name of a module inside the package; "" is the package itself."""
-    parts = path.relative_to(SOURCE).with_suffix("").parts
-    return ".".join(part for part in parts if part != "__init__")
+    return ".".join(part for part in file.removesuffix(".py").split("/") if part != "__init__")
 
 
-def part_of(module: str) -> str:
-    return module.split(".")[0]
+@cache
+def imports(*, late: bool = True) -> dict[str, set[str]]:
+    """Return the dotted names that each module imports, for types only too.
 
-
-def imports(path: Path, *, late: bool = True) -> set[str]:
-    """Return every dotted name that a module imports, for types only too; `late`: in functions."""
-    found: set[str] = set()
-    nodes = list(ast.walk(tree_of(path)))
-    inside = {n for f in nodes if isinstance(f, ast.FunctionDef) for n in ast.walk(f)}
-    for node in nodes:
-        if node in inside and not late:
+    Without `late` what shows itself is left with what it asks for at import.
+    """
+    shown = (f for file, f in nodes(ast.FunctionDef) if name_of(file) in SHOWN_LATE)
+    inside = set() if late else {node for function in shown for node in ast.walk(function)}
+    found: dict[str, set[str]] = {name_of(file): set() for file, _ in nodes(ast.Module)}
+    for file, node in nodes(ast.Import, ast.ImportFrom):
+        if node in inside:
             continue
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import; write the full name"
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+        start = ""
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: relative import; write the full name"
+            start = f"{node.module}."
+        found[name_of(file)] |= {start + alias.name for alias in node.names}
     return found
 
 
 @cache
-def inner(path: Path) -> frozenset[str]:
-    """Return the modules of the package on which a module rests; what shows itself, at import."""
-    modules = {name_of(module) for module in MODULES}
-    used = imports(path, late=name_of(path) not in SHOWN_LATE)
-    names = {name.removeprefix("rotorid.") for name in used if name.startswith("rotorid.")}
-    return frozenset(name if name in modules else name.rpartition(".")[0] for name in names)
+def inner() -> dict[str, set[str]]:
+    """Return the modules of the package on which each rests."""
+    every = imports(late=False)
+    return {
+        module: {
+            name if name in every else name.rpartition(".")[0]
+            for name in (
+                name.removeprefix("rotorid.") for name in used if name.startswith("rotorid.")
+            )
+        }
+        for module, used in every.items()
+    }
 
 
+@cache
 def layer(module: str) -> int:
     """Return the place of a module among the layers: that of its longest prefix listed."""
     prefixes = {name: n for n, names in enumerate(LAYERS) for name in names}
@@ -99,58 +103,46 @@ def layer(module: str) -> int:
     return next((prefixes[name] for name in known if name in prefixes), -1)
 
 
-def label(path: Path) -> str:
-    return name_of(path) or "rotorid"
-
-
-def calls(path: Path) -> set[str]:
-    nodes = ast.walk(tree_of(path))
-    return {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
-
-
 def test_every_module_stands_in_a_layer():
-    assert not {label(path) for path in MODULES if name_of(path) and layer(name_of(path)) < 0}
+    assert not {name for name in imports() if name and layer(name) < 0}
 
 
 def test_imports_run_one_way():
-    strayed = {}
-    for path in MODULES:
-        name = name_of(path)
-        strayed[name] = {other for other in inner(path) if layer(other) > layer(name) >= 0}
-    assert not {name: others for name, others in strayed.items() if others}
+    assert not {
+        (name, other)
+        for name, used in inner().items()
+        for other in used
+        if layer(other) > layer(name) >= 0
+    }
 
 
 def test_outside_packages_stay_in_their_place():
-    strayed = {}
-    for path in MODULES:
-        used = {name.split(".")[0] for name in imports(path)} & CONFINED.keys()
-        part = part_of(name_of(path))
-        strayed[label(path)] = {name for name in used if part not in CONFINED[name]}
-    assert not {name: packages for name, packages in strayed.items() if packages}
-
-
-def test_h5py_is_imported_by_single_modules():
-    """One reader and one writer: a format's package is known to its own module only."""
-    users = [path for path in MODULES if any(name.startswith("h5py") for name in imports(path))]
-    parts = {label(path).partition("_")[0] for path in users}
-    assert parts == {"io.hdf5", "rig.files"}, [label(path) for path in users]
+    """h5py: one reader and one writer; a format's package is known to its own module only."""
+    used = {(name, other.split(".")[0]) for name, names in imports().items() for other in names}
+    assert not {
+        (name, package)
+        for name, package in used
+        if package in CONFINED and name.split(".")[0] not in CONFINED[package]
+    }
+    users = {name.partition("_")[0] for name, package in used if package == "h5py"}
+    assert users == {"io.hdf5", "rig.files"}
 
 
 def test_modules_form_no_cycle():
     """Packages are left out: they only collect names."""
-    graph = {name_of(p): inner(p) for p in MODULES if not p.name.startswith("__init__")}
-    TopologicalSorter({name: used & graph.keys() for name, used in graph.items()}).prepare()
+    packages = {name_of(file) for file, _ in nodes(ast.Module) if file.endswith("__init__.py")}
+    graph = {name: used - packages for name, used in inner().items() if name not in packages}
+    TopologicalSorter(graph).prepare()
 
 
 @pytest.mark.slow
 def test_only_users_import_the_package_itself():
     """`import rotorid` is for users; modules name the module that they need."""
-    users = {label(path) for path in MODULES if name_of(path) and "rotorid" in imports(path)}
-    assert not users
+    assert not {name for name, used in imports().items() if name and "rotorid" in used}
 
 
 def test_text_is_never_evaluated():
     """Equations come from files: they are read to a tree."""
     evaluating = {"eval", "exec", "compile", "__import__"}
-    found = {label(path): calls(path) & evaluating for path in MODULES}
-    assert not {name: used for name, used in found.items() if used}
+    called = ((file, node.func) for file, node in nodes(ast.Call))
+    assert not [f for f, func in called if isinstance(func, ast.Name) and func.id in evaluating]

@@ -5,11 +5,9 @@ import os
 import re
 import select
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from threading import Thread
 
 import pytest
 from rotor_files import CORED
@@ -50,35 +48,13 @@ def read_until(screen: int, text: str, seconds: float = 60.0) -> str:
     return seen.decode()
 
 
-@contextmanager
-def on_a_terminal(*arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
-    """Start a command whose stderr is a terminal; yield it, and what reads from there."""
-    screen, terminal = pty.openpty()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rotorid", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=terminal,
-        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
-    )
-    os.close(terminal)
-    try:
-        yield process, screen
-    finally:
-        process.kill()
-        process.communicate()
-        os.close(screen)
-
-
-def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_far(folder):
-    with on_a_terminal(*LONG) as (process, screen):
-        seen = read_until(screen, " s left")
-        assert re.search(r"trying [a-z ]+, \d+ of \d+, about \d+ s left", seen)
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=60)
-        rest = read_until(screen, "never")
-    assert process.returncode == 1
-    assert "Traceback" not in rest
-    assert "this is the best answer so far" in " ".join(out.decode().split())
+def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_far(
+    folder, monkeypatch, capsys
+):
+    shown = shown_in_process(monkeypatch, *LONG, until=" s left")
+    assert re.search(r"trying [a-z ]+, \d+ of \d+, about \d+ s left", shown)
+    assert "Traceback" not in shown
+    assert "this is the best answer so far" in " ".join(capsys.readouterr().out.split())
     result = json.loads((folder / "run.json").read_text())
     assert result["status"] == "not_converged"
     assert "interrupted" in [note["about"] for note in result["notes"]]
@@ -92,27 +68,35 @@ def test_quiet_says_nothing_on_a_terminal(folder, monkeypatch):
 
 
 def shown_in_process(
-    monkeypatch: pytest.MonkeyPatch, *arguments: str, patience: float = 0.0
+    monkeypatch: pytest.MonkeyPatch, *arguments: str, patience: float = 0.0, until: str = "never"
 ) -> str:
-    """Return what a command shows on a terminal after so many seconds."""
+    """Return what a command shows on a terminal after so many seconds, interrupted at a text."""
     screen, terminal = pty.openpty()
+    seen: list[str] = []
+
+    def read() -> None:
+        seen.append(read_until(screen, until))
+        if until in seen[0]:
+            interrupt()
+        seen.append(read_until(screen, "never"))
+
+    reader = Thread(target=read)
+    reader.start()
     with os.fdopen(terminal, "w") as stream, monkeypatch.context() as patch:
         patch.setattr("rotorid.commands.console.PATIENCE", patience)
         patch.setattr(sys, "stderr", stream)
         patch.setenv("TERM", "xterm")
         assert cli.run(arguments) in (0, 1)
-    seen = read_until(screen, "never", 5.0)
+    reader.join()
     os.close(screen)
-    return seen
+    return "".join(seen)
 
 
-def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder):
-    process = subprocess.run(
-        [sys.executable, "-m", "rotorid", *LONG, "--effort", "quick"], capture_output=True
-    )
-    assert process.stderr == b""
-    assert process.returncode == 1
-    assert b"the first minimum, with little effort" in process.stdout
+def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder, capsys):
+    assert cli.run([*LONG, "--effort", "quick"]) == 1
+    shown, told = capsys.readouterr()
+    assert told == ""
+    assert "the first minimum, with little effort" in " ".join(shown.split())
     result = json.loads((folder / "run.json").read_text())
     assert [n["severity"] for n in result["notes"] if n["about"] == "effort"] == ["unfinished"]
     assert result["suspects"] == []
