@@ -56,8 +56,8 @@ def test_the_bank_is_large_and_says_each_thing_once():
     assert {case.what for case in CASES} >= set().union(*(kind for _, kind in ALIKE))
 
 
-SAMPLED = CASES[::16]
-"""Cases of which one record is a fast test; the slow test below begins with that record of all."""
+SAMPLED = CASES[6::16]
+"""Cases of which one record is a fast test, none of the long ones; the slow test begins with it."""
 
 
 @pytest.mark.parametrize("case", SAMPLED, ids=[case.what for case in SAMPLED])

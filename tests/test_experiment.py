@@ -47,9 +47,16 @@ def write(path: Path, speed: float = SPEED, delay_samples: int = 0) -> None:
         data["sum"] = samples[:, 2] + 0.5 * samples[:, 3]
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    path = tmp_path_factory.mktemp("experiment") / "run.h5"
+    write(path)
+    return path.read_bytes()
+
+
 @pytest.fixture
-def folder(tmp_path):
-    write(tmp_path / "run.h5")
+def folder(tmp_path, written):
+    (tmp_path / "run.h5").write_bytes(written)
     return tmp_path
 
 
@@ -296,6 +303,7 @@ def test_deviations_need_a_likelihood(folder, added, place):
         assert caught.value.place == place
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
 @pytest.mark.parametrize(
     ("text", "message"),

@@ -41,6 +41,7 @@ def quiet_axis(**changes: float) -> rid.Record:
     return axis(np.random.default_rng(2), noise=1e-9, position_noise=0.0, **changes)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["ls", "batch"])
 @pytest.mark.parametrize("decimate", [1, 7])
 def test_without_noise_the_parameters_come_back(method, decimate):
@@ -159,7 +160,8 @@ def test_how_much_may_lie_on_what_is_left_out():
     assert 0.09 < spilled[low.used].max() <= 0.1 == SPILLED
 
 
-@pytest.mark.parametrize("varying", [False, True])
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("varying", [True, False])
 def test_rotation_of_any_course(varying):
     """Unbalance by the measured angle, at a speed that changes by a tenth."""
     model, rng, rate = rid.load_model("jeffcott"), np.random.default_rng(0), 5000.0
@@ -225,6 +227,7 @@ def test_noise_in_the_motion_is_told():
     assert abs(pulls(better, AXIS_TRUE)[0]) < 3
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("late", [2, -2])
 def test_forces_that_come_late_are_turned_away(late):
     """Two milliseconds make a damping wrong by many deviations, and the fit hardly worse."""

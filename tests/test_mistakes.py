@@ -21,7 +21,7 @@ def test_mistakes_are_many():
 
 
 def slow_but_one(mistake):
-    marks = () if mistake.what == "3 % too much gain of x1" else pytest.mark.slow
+    marks = () if mistake.what == "k_i of F_x1 100 N/A" else pytest.mark.slow
     return pytest.param(mistake, marks=marks, id=mistake.what)
 
 

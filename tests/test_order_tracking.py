@@ -178,14 +178,15 @@ t_y = { fixed = "0 kg m" }
 """
 
 
-@pytest.fixture
-def folder(tmp_path):
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run-down")
     record = run_down(np.random.default_rng(6), 1e-4)
     pulse = (np.asarray(record.angle) % (2 * np.pi) < 0.8).astype(float)
     columns, digits = (1e6 * record.samples, record.angle, pulse), ["%.1f", "%.1f", "%.5f", "%d"]
-    write_table(tmp_path / "run.csv", "x,y,phi,kp", *columns, fmt=digits)
-    (tmp_path / "model.toml").write_text(MODEL)
-    return tmp_path
+    write_table(folder / "run.csv", "x,y,phi,kp", *columns, fmt=digits)
+    (folder / "model.toml").write_text(MODEL)
+    return folder
 
 
 @pytest.mark.slow

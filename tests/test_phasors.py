@@ -134,6 +134,7 @@ TABLE = "n,ax,px,ay,py"
 CHANNELS = [rid.Channel("x", "m"), rid.Channel("y", "m")]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("size", "turn", "unit", "keys"),
     [

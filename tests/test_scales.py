@@ -33,6 +33,7 @@ def test_the_answer_stays(answer, tmp_path, power):
         assert one.std / scale == pytest.approx(other.std, rel=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("power", [-320, -162, -80, 80, 155, 300])
 def test_what_no_machine_measures_is_one_line(tmp_path, capsys, power):
     make(tmp_path, 10.0**power)

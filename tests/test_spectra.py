@@ -2,18 +2,27 @@
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from io_writers import write_table
+from levitated import (
+    KNOWN,
+    MODEL,
+    RATE,
+    SPEED,
+    TRUTH,
+    levitated,
+    levitated_together,
+    lines_of,
+)
 from model_text import model_text
 from scipy.linalg import expm
 
 import rotorid as rid
-from rotorid import Channel, InputError, MaximumLikelihood, Record, cli, identify, spectra
+from rotorid import InputError, cli, identify, spectra
 from rotorid.data.whole_record import TRANSIENT
 from rotorid.experiment.duplicates import Wave, check_rotation
 from rotorid.likelihood import fit
@@ -27,50 +36,6 @@ from rotorid.testing import bind_all
 # Lines of whole records: transient, loads on no line, noise from references, quiet or inputs.
 
 
-MODEL = rid.load_model("jeffcott")
-TRUTH = {"m": 5.0, "c": 500.0, "k": 4e5, "xi": 2e-5, "zeta": -1e-5}
-RATE, SPEED = 5000.0, 2 * np.pi * 61.37
-KNOWN = MaximumLikelihood(start={"m": 5.5, "c": 450.0, "k": 4.3e5})
-
-
-def levitated(seed: int, seconds: float = 5.0, **more: float) -> Record:
-    return levitated_together([seed], seconds, **more)[0]
-
-
-def levitated_together(
-    seeds: Sequence[int], seconds: float = 5.0, excitation: float = 20.0, noise_std: float = 1e-6
-) -> list[Record]:
-    """Return forces (held), positions, and the excitation that was added, of a record a seed."""
-    m, c, k = TRUTH["m"], TRUTH["c"], TRUTH["k"]
-    plant = np.zeros((8, 8))  # x, y, their rates, cos phi, sin phi, held forces
-    plant[:2, 2:4] = np.eye(2)
-    plant[2:4, :2], plant[2:4, 2:4] = -k / m * np.eye(2), -c / m * np.eye(2)
-    xi, zeta = TRUTH["xi"] * SPEED**2, TRUTH["zeta"] * SPEED**2
-    plant[2:4, 4:6] = [[xi, -zeta], [zeta, xi]]
-    plant[4, 5], plant[5, 4] = -SPEED, SPEED
-    plant[2:4, 6:8] = np.eye(2) / m
-    step = expm(plant / RATE)
-    count = int(seconds * RATE)
-    rngs = [np.random.default_rng(seed) for seed in seeds]
-    drawn = np.stack([rng.standard_normal((2, count, 2)) for rng in rngs], axis=-1)
-    added, position, force = excitation * drawn[0], noise_std * drawn[1], np.empty(drawn[0].shape)
-    state, last = np.zeros((8, len(seeds))), np.zeros((2, len(seeds)))
-    state[4] = 1.0
-    for n in range(count):
-        position[n] += state[:2]
-        force[n] = state[6:8]
-        command = -2e5 * position[n] - 100.0 * (position[n] - last) * RATE * 0.2 + added[n]
-        last = position[n]
-        state = step @ state
-        state[6:8] = command
-    channels = [Channel(name, "N", hold=True) for name in ("F_x", "F_y")]
-    channels += [Channel(name, "m") for name in ("x", "y")]
-    channels += [Channel(name) for name in ("r_x", "r_y")]
-    noisy = [force[..., k] + 0.5 * rng.standard_normal((count, 2)) for k, rng in enumerate(rngs)]
-    parts = [np.column_stack([f, position[..., k], added[..., k]]) for k, f in enumerate(noisy)]
-    return [Record(channels, samples, RATE, speed=SPEED) for samples in parts]
-
-
 def deviations(estimate) -> np.ndarray:
     return np.array([(estimate.value(n) - v) / estimate.std(n) for n, v in TRUTH.items()])
 
@@ -78,10 +43,6 @@ def deviations(estimate) -> np.ndarray:
 @pytest.fixture(scope="module")
 def record():
     return levitated(1)
-
-
-def lines_of(record, **more):
-    return spectra(record, (2.0, 200.0), references=["r_x", "r_y"], **more)
 
 
 @pytest.mark.slow
@@ -128,6 +89,7 @@ def test_a_speed_otherwise_than_stated_is_named_before_anything_is_searched(
     assert abs(estimate.value("k") / TRUTH["k"] - 1) < 0.01
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("off", [0.3, -1.1])
 def test_a_speed_less_than_a_line_off_is_named(record, off):
     """A display that is off by a revolution a minute: what to write instead is said first."""
@@ -572,9 +534,9 @@ def test_records_that_count_the_angle_from_two_zeros_are_refused(turning):
 def test_an_unknown_phase_starts_where_the_rotation_stands(turn):
     """From the other side of the circle the search ended nowhere, after minutes."""
     later = round(turn / SPEED * RATE)
-    runs = levitated_together([1, 2])
+    runs = [levitated(1), levitated(2)]
     runs[1] = replace(runs[1], samples=runs[1].samples[later:], phase_known=False)
-    lines = [rid.spectra(run, (2.0, 200.0), references=["r_x", "r_y"]) for run in runs]
+    lines = [lines_of(run) for run in runs]
     (asked,) = phases(bind_all(MODEL, lines), Nuisances())
     there = np.angle(np.exp(1j * SPEED * later / RATE))
     assert np.abs(np.angle(np.exp(1j * (asked.scalars[0].start - there)))) < 0.1

@@ -85,6 +85,7 @@ def fitted(block, gains, matrices):
     return SimpleNamespace(gains=gains, scatter=scatter, weight=block.record.multiplicity)
 
 
+@pytest.mark.sampled(1)
 def test_sandwich_is_the_scatter_of_the_values(block):
     """Noise with correlated rows, circular on complex lines and real on the others."""
     rng = np.random.default_rng(2)
@@ -107,6 +108,7 @@ def test_sandwich_is_the_scatter_of_the_values(block):
     np.testing.assert_array_equal(stated, stated.T)
 
 
+@pytest.mark.sampled(1)
 def test_scatter_of_answers_agrees_with_the_sandwich_for_independent_lines(block):
     rng = np.random.default_rng(3)
     gains = solve([block]).gains
@@ -412,6 +414,7 @@ def _full(spectra, keep, samples):
     return whole
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
 @pytest.mark.parametrize("kind", [Batch, Sequential])
 def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from levitated import KNOWN, MODEL, SPEED, levitated
 from scipy.signal import lfilter
-from test_spectra import KNOWN, MODEL, SPEED, levitated
 
 import rotorid as rid
 from rotorid import Channel, InputError, Note, PeriodicRecord, Record, average

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,7 +114,11 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     >>> model.base.names, model.base.units
     (('m', 'k'), ('kg', 'N/m'))
     """
-    raw = data.encode() if isinstance(data, str) else data
+    return _parsed(data.encode() if isinstance(data, str) else data, name, file)
+
+
+@functools.lru_cache(maxsize=16)  # a result carries the text of its model, and is asked often
+def _parsed(raw: bytes, name: str, file: str) -> Model:
     if "sections" in table_within(raw):
         return replace(_build_rotor(raw, name, file), file_text=raw.decode())
     return _build(raw, name, file)

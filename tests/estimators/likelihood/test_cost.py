@@ -9,9 +9,9 @@ import pytest
 import scipy.linalg
 from bank import recovered, times
 from differences import gradient_holds
+from levitated import KNOWN, levitated, lines_of
+from levitated import MODEL as QUIET_MODEL
 from model_text import model_text
-from test_spectra import KNOWN, levitated, lines_of
-from test_spectra import MODEL as QUIET_MODEL
 
 import rotorid as rid
 from rotorid import (

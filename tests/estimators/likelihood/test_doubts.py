@@ -8,14 +8,13 @@ import adverse
 import numpy as np
 import pytest
 import scipy.stats
-import test_spectra
 from adverse import LINES, WRONG, measure, new_trial
 from adverse_cases import between
 from bank import steady, times
+from levitated import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 from model_text import model_text
 from result_cases import close_case, minimum_from_the_truth
 from severities import doubting, rejecting
-from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 
 import rotorid as rid
 from rotorid import (
@@ -263,7 +262,7 @@ def said(found: rid.Estimate) -> list[str]:
 
 @pytest.mark.slow
 def test_the_damping_of_a_short_record_under_control(monkeypatch):
-    monkeypatch.setitem(test_spectra.TRUTH, "c", 90.0)
+    monkeypatch.setitem(TRUTH, "c", 90.0)
     short, long = (
         rid.identify(
             MODEL,
@@ -505,6 +504,7 @@ def made(kind: str, seed: int, factor: float = 1.0) -> adverse.Trial:
     return trial
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", ["rigid", "three"])
 def test_a_creep_is_told_with_the_speed_and_widens_the_deviations(kind):
     """8400 rpm turn as 8399.75: a twentieth of a radian over 2 s."""

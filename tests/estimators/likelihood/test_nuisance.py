@@ -310,7 +310,7 @@ def passed_through(record, truth, told, names):
     return replace(times(record, names, factor), channels=tuple(channels))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("actuator", [True, False])
 @pytest.mark.parametrize("name", KINDS)
 def test_an_unknown_constant_that_channels_share_is_found(demo, bearings, name, actuator):
@@ -671,7 +671,7 @@ def current_upside_down(values: np.ndarray) -> None:
     values[:, 0] *= -1
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("change", "told"),
     [

@@ -483,6 +483,7 @@ def levitated(seed):
     return case, noisy_record(channels, mean, noise, harmonics, rng, speed, 40, 50_000)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", [2, 6])
 def test_what_only_a_resonance_makes_of_the_noise_of_forces_is_no_information(seed):
     """Beside the modes of a rotor that floats the loop leaves hardly a force: noise is measured."""

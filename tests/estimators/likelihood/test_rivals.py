@@ -463,8 +463,8 @@ def shaken(record, harmonic, names, size=2e-6):
 @pytest.mark.parametrize(
     ("harmonic", "told"),
     [
-        (5, "where hum of the mains stands"),
         (7, "which something else makes, such as a base that shakes"),
+        (5, "where hum of the mains stands"),
     ],
 )
 def test_a_line_that_something_else_fills_is_named(records, harmonic, told):

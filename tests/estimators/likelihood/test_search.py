@@ -8,8 +8,8 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from levitated import KNOWN, MODEL, levitated
 from rotor_bank import SETTINGS, rotor_case
-from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
 from rotorid import InputError
@@ -99,12 +99,11 @@ def test_further_starts_are_steps_with_how_far_they_are(wrong):
     assert wrong[-1].best.suspects
 
 
-def test_a_watch_changes_nothing_and_is_told_of_mistakes_that_are_tried():
+def test_a_watch_changes_nothing_and_is_told_of_mistakes_that_are_tried(wrong):
     told: list[tuple[str, int, int | None]] = []
     with watched(lambda say, done=0, of=None: told.append((say, done, of))):
-        followed = rid.identify(CASE.model, CASE.records, WRONG)
-    alone = rid.identify(CASE.model, CASE.records, WRONG)
-    assert followed.to_json() == alone.to_json()
+        followed = WRONG.estimate(CASE.model, CASE.records)
+    assert followed.to_json() == wrong[-1].best.to_json()
     assert told[0] == ("looking for the first minimum", 0, None)
     assert told[-1][0] == "trying possible mistakes"
     tried = [(done, of) for say, done, of in told if say == "trying possible mistakes"]

@@ -72,7 +72,7 @@ def test_arrives_where_it_is_hard(setting, seed):
     assert not missed(rotor_case(SETTINGS[setting], seed))
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_arrives(setting):
     assert not missed(rotor_case(SETTINGS[setting], 1))
@@ -442,6 +442,7 @@ def test_leverage_sums_to_the_rank(made):
     assert shares == pytest.approx(np.ones(FREE), rel=1e-9)
 
 
+@pytest.mark.sampled(8)
 def test_the_covariance_is_that_of_least_squares_along_the_relations(made):
     inner = made.jacobian @ made.along
     expected = made.along @ np.linalg.pinv(inner.T @ inner, rcond=1e-10) @ made.along.T
@@ -530,6 +531,7 @@ def test_a_row_that_alone_tells_an_unknown_fits_itself():
     assert linear.without(np.array([1])) == pytest.approx(5.0)  # the third row fits by itself
 
 
+@pytest.mark.sampled(8)
 def test_the_worst_of_what_is_unseen_is_found_by_brute_force(made):
     columns = 3 * made.rng.standard_normal((len(made.residual), 2))
     columns[:, 0] *= 0.02
