@@ -25,7 +25,7 @@ export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: help demo test statistics docs golden golden-record census fuzz test-lowest test-newest clean
+.PHONY: help demo test types fast statistics docs golden golden-record census fuzz test-lowest test-newest clean
 
 help:
 	@echo "make demo         set up, run the demonstration, write its reports ($(REPORT), $(PAPER))"
@@ -45,13 +45,19 @@ demo: $(VENV)/.ready-demo
 	@echo "The report of the machine lies in $(CURDIR)/$(REPORT), that of the paper in $(PAPER)"
 
 # One BLAS thread per worker: the matrices are small, and the workers fill the cores.
-test statistics docs fuzz test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1
-test statistics docs fuzz test-lowest test-newest: export OMP_NUM_THREADS := 1
+test fast statistics docs fuzz test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1
+test fast statistics docs fuzz test-lowest test-newest: export OMP_NUM_THREADS := 1
 
+# Types are checked beside the tests: mypy takes one core, while workers import and wait for files.
 test: $(VENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	@$(MAKE) --no-print-directory --jobs 2 types fast
+
+types: $(VENV)/.ready-test
 	$(BIN)/mypy
+
+fast: $(VENV)/.ready-test
 	$(BIN)/pytest -n auto --dist loadfile -m "not slow" $(PYTEST_ARGS)
 
 statistics: $(VENV)/.ready-test
