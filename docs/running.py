@@ -9,12 +9,14 @@ Each page has a folder of its own, in which its blocks run one after the other:
 ``source``  is for readers of the page's source alone, where nothing has run: shows nothing
 
 ``:code:`` is the exit code that is expected, ``:lines:`` how many lines of the output are shown,
-``:hidden:`` runs without showing. A block that fails stops the build.
+``:folded:`` the line under which a reader may open the code, whose output is not shown. A block
+that fails stops the build.
 """
 
 from __future__ import annotations
 
 import contextlib
+import html
 import io
 import os
 import re
@@ -38,13 +40,13 @@ _NAMES: dict[str, dict[str, Any]] = {}
 
 
 class _Running(SphinxDirective):
-    """What the three directives share."""
+    """What the directives share."""
 
     has_content = True
     option_spec: ClassVar[dict[str, Any]] = {
         "code": directives.nonnegative_int,
         "lines": directives.nonnegative_int,
-        "hidden": directives.flag,
+        "folded": directives.unchanged_required,
         "picture": directives.unchanged,
         "alt": directives.unchanged,
     }
@@ -58,11 +60,13 @@ class _Running(SphinxDirective):
         return _FOLDERS[page]
 
     def shown(self, text: str, language: str = "none") -> list[nodes.Node]:
-        """Return a block of code."""
-        if "hidden" in self.options:
-            return []
+        """Return a block of code, or the line that opens it."""
         block = nodes.literal_block(text.rstrip("\n"), text.rstrip("\n"))
         block["language"] = language
+        if line := self.options.get("folded"):
+            head = f"<details><summary>{html.escape(line)}</summary>"
+            ends = [nodes.raw("", each, format="html") for each in (head, "</details>")]
+            return [ends[0], block, ends[1]]
         return [block]
 
     def cut(self, text: str) -> str:
@@ -141,7 +145,7 @@ class Python(_Running):
         with _inside(self.folder) as out:
             exec(compile(code, f"{self.env.docname}.py", "exec"), names)
         found = self.shown(code, "python")
-        if printed := self.cut(out.getvalue()):
+        if (printed := self.cut(out.getvalue())) and "folded" not in self.options:
             found += self.shown(printed)
         if name := self.options.get("picture"):
             target = Path(self.env.srcdir) / "generated" / name
