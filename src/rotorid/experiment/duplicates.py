@@ -99,26 +99,21 @@ def shared(records: Sequence[Prints]) -> list[Shared]:
     same = grouped((r.digest.digest(), n) for n, r in enumerate(records) if r.moves)
     for first, *others in same.values():  # however often a print of them repeats
         found |= {((first, other), records[first].count, (0, 0)) for other in others}
-    kept = [record.kept for record in records]
-    values, places = (np.concatenate([one[k] for one in kept]) for k in (0, 1))
-    owners = np.repeat(np.arange(len(records)), [len(one[0]) for one in kept])
-    order = np.argsort(values, kind="stable")
-    parts = [order[:0]], [order[:0]]
-    for apart in range(1, len(records)):  # a print of several records stands beside itself
-        again = np.flatnonzero(values[order[apart:]] == values[order[:-apart]])
-        if not again.size:
-            break
-        parts[0].append(order[again])
-        parts[1].append(order[again + apart])
-    mine, its = map(np.concatenate, parts)
-    lags, pairs = places[mine] - places[its], owners[mine] * len(records) + owners[its]
-    order = np.argsort(pairs, kind="stable")
-    every, begins = np.unique(pairs[order], return_index=True)
-    for pair, of_pair in zip(every.tolist(), np.split(lags[order], begins[1:]), strict=False):
-        first, second = divmod(pair, len(records))
-        different, times = np.unique(of_pair, return_counts=True)
-        lag, most = int(different[times.argmax()]), int(times.max())
+    kept = [record.kept[:2] for record in records]
+    distinct, column = np.unique(
+        np.concatenate([values for values, _ in kept]), return_inverse=True
+    )
+    ends = np.cumsum([0, *(len(values) for values, _ in kept)])
+    held = scipy.sparse.csr_array(
+        (np.ones(len(column)), column, ends), (len(records), len(distinct))
+    )
+    alike = np.triu((held @ held.T).toarray() >= FEWEST, k=1)  # prints that two have in common
+    for first, second in np.argwhere(alike).tolist():
         one, other = records[first], records[second]
+        (mine, here), (its, there) = kept[first], kept[second]
+        _, a, b = np.intersect1d(mine, its, assume_unique=True, return_indices=True)
+        different, times = np.unique(here[a] - there[b], return_counts=True)
+        lag, most = int(different[times.argmax()]), int(times.max())
         if most >= max(FEWEST, NEARLY_ALL * _prints_at(one, other, lag)):
             begin, end = max(lag, 0), min(one.count, other.count + lag)
             found.add(((first, second), end - begin, (begin, begin - lag)))

@@ -161,7 +161,7 @@ class Model:
         right = [p for p in self.equations if p.signal in inputs]
         return [p for p in self.equations if p.signal not in inputs], right
 
-    @property
+    @cached_property
     def _places(self) -> dict[Monomial, int]:
         return {monomial: i for i, monomial in enumerate(self._monomials)}
 

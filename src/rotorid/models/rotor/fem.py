@@ -22,6 +22,7 @@ import scipy
 
 from rotorid.core.errors import ModelError
 from rotorid.core.values import Complexes, Floats, Integers, frozen
+from rotorid.models.expressions import Monomial
 from rotorid.models.rotor.drawing import (
     MAX_ELEMENTS,
     PLANES,
@@ -36,14 +37,13 @@ from rotorid.models.rotor.drawing import (
 
 @frozen
 class Beam:
-    """A round element of one material; lengths in m, E and G in Pa, density in kg/m^3."""
+    """A round element of one material, of density 1 kg/m^3; lengths in m, E and G in Pa."""
 
     length: float
     outer: float
     inner: float
     E: float
     G: float
-    density: float
 
     @property
     def area(self) -> float:
@@ -79,7 +79,7 @@ class Beam:
     def translation(self) -> Floats:
         """Return what the mass of the element adds to M of one plane, shape (4, 4)."""
         length, phi = self.length, self.phi
-        factor = self.density * self.area * length / (840 * (1 + phi) ** 2)
+        factor = self.area * length / (840 * (1 + phi) ** 2)
         return factor * _in_plane(
             312 + 588 * phi + 280 * phi**2,
             (44 + 77 * phi + 35 * phi**2) * length,
@@ -92,7 +92,7 @@ class Beam:
     def rotation(self) -> Floats:
         """Return what its rotary inertia adds; the polar inertia, of G, is twice that."""
         length, phi = self.length, self.phi
-        factor = self.density * self.second_moment / (30 * (1 + phi) ** 2 * length)
+        factor = self.second_moment / (30 * (1 + phi) ** 2 * length)
         b = (3 - 15 * phi) * length
         c = (4 + 5 * phi + 10 * phi**2) * length**2
         d = (-1 - 5 * phi + 5 * phi**2) * length**2
@@ -122,7 +122,7 @@ def _both_planes(plane: Floats) -> Floats:
 
 
 def spans(rotor: Rotor) -> Iterator[tuple[int, Section, Beam]]:
-    """Yield every element: its left node, its section, and its beam of density 1."""
+    """Yield every element: its left node, its section, and its beam."""
     borders, place = np.cumsum([s.length for s in rotor.sections]), rotor.positions
     for k, (left, right) in enumerate(pairwise(place)):
         section = rotor.sections[int(np.searchsorted(borders, (left + right) / 2))]
@@ -131,7 +131,7 @@ def spans(rotor: Rotor) -> Iterator[tuple[int, Section, Beam]]:
 
 def _beam(section: Section, length: float) -> Beam:
     moduli = section.material.E.nominal, section.material.G.nominal
-    return Beam(length, section.outer, section.inner, *moduli, 1.0)
+    return Beam(length, section.outer, section.inner, *moduli)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +149,10 @@ class Piece:
 
     def value(self, values: Mapping[str, float]) -> float:
         return float(np.prod([values[name] ** power for name, power in self.factors]))
+
+    def monomial(self, names: Sequence[str]) -> Monomial:
+        powers = dict(self.factors)
+        return tuple(powers.get(name, 0) for name in names)
 
     def substituted(self, fixed: Mapping[str, float]) -> Piece:
         inside = [factor for factor in self.factors if factor[0] in fixed]

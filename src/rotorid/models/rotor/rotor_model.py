@@ -26,7 +26,6 @@ from rotorid.models.rotor.drawing import (
     PLANES,
     ChannelPlace,
     Disc,
-    Factors,
     Material,
     Quantity,
     Rotor,
@@ -71,23 +70,16 @@ class RotorModel(Model):
 
     @property
     def used(self) -> frozenset[str]:
-        return frozenset(name for factors in self._held for name, _ in factors)
-
-    @cached_property
-    def _held(self) -> dict[Factors, Monomial]:
-        """What multiplies each piece and each load."""
-        every = [dict(piece.factors) for piece in (*self.pieces, *self.loads)]
-        names = self.parameter_names
-        return {tuple(p.items()): tuple(p.get(name, 0) for name in names) for p in every}
+        return frozenset(name for p in (*self.pieces, *self.loads) for name, _ in p.factors)
 
     @cached_property
     def _monomials(self) -> list[Monomial]:
-        return sort_monomials({*self._held.values(), (0,) * len(self.parameters)})
+        held = {piece.monomial(self.parameter_names) for piece in (*self.pieces, *self.loads)}
+        return sort_monomials({*held, (0,) * len(self.parameters)})
 
-    @cached_property
-    def _numbers(self) -> dict[Factors, int]:
-        where = self._places
-        return {factors: where[monomial] for factors, monomial in self._held.items()}
+    def _number(self, piece: fem.Piece) -> int:
+        """Return which monomial multiplies a piece."""
+        return self._places[piece.monomial(self.parameter_names)]
 
     @cached_property
     def input_terms(self) -> tuple[InputTerm, ...]:
@@ -104,7 +96,7 @@ class RotorModel(Model):
             kind = TermKind(piece.order, product(speed), piece.structural)
             entries = piece.matrix.tocoo()
             number = np.full(entries.nnz, kinds.setdefault(kind, len(kinds)))
-            monomial = np.full(entries.nnz, self._numbers[piece.factors])
+            monomial = np.full(entries.nnz, self._number(piece))
             row, column = (part.astype(np.int64) for part in (entries.row, entries.col))
             parts.append((number, row, column, monomial, entries.data))
         columns: list[Any] = [np.concatenate(part) for part in zip(*parts, strict=True)]
@@ -114,7 +106,7 @@ class RotorModel(Model):
     def _load_terms(self) -> tuple[Term, ...]:
         found = []
         for load in self.loads:
-            number = self._numbers[load.factors]
+            number = self._number(load)
             for part, signal in zip(load.matrix.T, _TURNING, strict=True):
                 rows = np.flatnonzero(part).tolist()
                 found += [Term(row, number, float(part[row]), signal) for row in rows]
@@ -188,7 +180,7 @@ class RotorModel(Model):
         np.add.at(columns, (row, table.monomial), table.coefficient)
         loads = np.zeros((2, width, count))
         for load in self.loads:
-            loads[:, :, self._numbers[load.factors]] += load.matrix.T
+            loads[:, :, self._number(load)] += load.matrix.T
         return np.concatenate([columns, loads.reshape(-1, count)])
 
     @property
@@ -253,7 +245,40 @@ class RotorModel(Model):
 
         ROSS has no damping of the shaft: a ModelError.
         """
-        return _to_ross(self.rotor, {**dict(self.held), **values, "Omega": speed})
+        try:
+            import ross
+        except ImportError:
+            raise ModelError(
+                "no package ross", "ROSS 2.3 or later", "pip install rotorid[ross]"
+            ) from None
+        rotor, known = self.rotor, {**dict(self.held), **values, "Omega": speed}
+        for name, damping in rotor.damping:
+            if damping.value(known):
+                raise ModelError(
+                    f"{name} damping of {damping.value(known):g}",
+                    "none, which ROSS does not have",
+                    "put its parameter to 0",
+                )
+        shaft = []
+        for node, section, beam in fem.spans(rotor):
+            modulus = section.material.E.times(section.stiffness).value(known)
+            constants = {"rho": section.material.density.value(known), "E": modulus}
+            material = ross.Material(f"m{node}", **constants, G_s=modulus / section.material.ratio)
+            size = {"idl": beam.inner, "odl": beam.outer}
+            shaft.append(ross.ShaftElement(beam.length, **size, material=material, n=node))
+        discs = [
+            ross.DiskElement(
+                rotor.node(d.at), d.mass.value(known), d.I_t.value(known), d.I_p.value(known)
+            )
+            for d in rotor.discs.values()
+        ]
+        bearings = [
+            ross.BearingElement(
+                rotor.node(s.at), **{name: q.value(known) for name, q in s.constants.items()}
+            )
+            for s in rotor.supports.values()
+        ]
+        return ross.Rotor(shaft, discs, bearings)
 
 
 def rotor_model(
@@ -307,43 +332,6 @@ def structure_of(model: Model, values: Floats, speed: float) -> Structure | None
         slopes |= {x: around_y, y: around_x}
         pairs += [(x, y), (around_x, around_y)] if node.named else []
     return replace(found, pairs=tuple(pairs), lone=(), slopes=slopes)
-
-
-def _to_ross(rotor: Rotor, known: Mapping[str, float]) -> Any:
-    """Return the ROSS rotor of a drawing; `known` holds its parameters and Omega."""
-    try:
-        import ross
-    except ImportError:
-        raise ModelError(
-            "no package ross", "ROSS 2.3 or later", "pip install rotorid[ross]"
-        ) from None
-    for name, damping in rotor.damping:
-        if damping.value(known):
-            raise ModelError(
-                f"{name} damping of {damping.value(known):g}",
-                "none, which ROSS does not have",
-                "put its parameter to 0",
-            )
-    shaft = []
-    for node, section, beam in fem.spans(rotor):
-        modulus = section.material.E.times(section.stiffness).value(known)
-        constants = {"rho": section.material.density.value(known), "E": modulus}
-        material = ross.Material(f"m{node}", **constants, G_s=modulus / section.material.ratio)
-        size = {"idl": beam.inner, "odl": beam.outer}
-        shaft.append(ross.ShaftElement(beam.length, **size, material=material, n=node))
-    discs = [
-        ross.DiskElement(
-            rotor.node(d.at), d.mass.value(known), d.I_t.value(known), d.I_p.value(known)
-        )
-        for d in rotor.discs.values()
-    ]
-    bearings = [
-        ross.BearingElement(
-            rotor.node(s.at), **{name: q.value(known) for name, q in s.constants.items()}
-        )
-        for s in rotor.supports.values()
-    ]
-    return ross.Rotor(shaft, discs, bearings)
 
 
 def from_ross(
