@@ -15,10 +15,11 @@ from pydantic import AfterValidator, BeforeValidator, PlainSerializer, Strict, T
 from pydantic_core import to_json
 
 from rotorid.answer.judge import EFFORT, Status, judge, ordered
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, ReadError, one_line
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.notes import VERDICTS, Note
 from rotorid.core.tables import Page, page_html, page_text
+from rotorid.core.units import check_unit
 from rotorid.core.values import Floats, frozen, read_only
 
 if TYPE_CHECKING:
@@ -33,6 +34,21 @@ Numbers = tuple[Number, ...]
 Count = Annotated[int, Strict()]
 Optional = Annotated[float, Strict()] | None
 Flag = Annotated[bool, Strict()]
+
+
+def _name(text: str) -> str:
+    """Refuse, in a file, a name that no quantity has: other programs read them from exports."""
+    if text.strip() and text.isprintable():
+        return text
+    expected = "the name of a quantity, in printable characters"
+    raise ReadError(
+        f"the name {one_line(repr(text))}", expected, "write the file with identify --json"
+    )
+
+
+def _unit(text: str) -> str:
+    check_unit(text)
+    return text
 
 
 @frozen
@@ -54,8 +70,8 @@ class Value:
         Known beforehand and not estimated.
     """
 
-    name: str
-    unit: str
+    name: Annotated[str, AfterValidator(_name)]
+    unit: Annotated[str, AfterValidator(_unit)]
     value: Number
     std: Optional = None
     std_inflated: Optional = None

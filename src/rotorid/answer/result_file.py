@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from codecs import BOM_UTF8
 from pathlib import Path
-from reprlib import Repr
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 from rotorid.answer.estimate import SCHEMA, Estimate, Suspect, adapter
-from rotorid.core.errors import InputError, ReadError, naming, one_line
+from rotorid.core.errors import ReadError, naming
 from rotorid.core.files import read_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import VERDICTS, Note
-from rotorid.core.units import check_unit
+from rotorid.core.toml import fault_in_line
 
 RESULT_BYTES = 32_000_000
 """Of a result file: one of a thousand lines has 1 MB, and reading takes 20 bytes for each."""
@@ -27,8 +26,6 @@ wrong takes half a kilobyte before the first is told."""
 READABLE = ("rotorid-estimate/1", SCHEMA)
 EDITED = 1e-6  # share by which covariance and deviations of a file differ that was not edited
 _TOLD = 10_000  # faults of a file from which on none is picked out: each costs what it holds
-_SHORT = Repr()
-_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
 def load_estimate(path: str | Path) -> Estimate:
@@ -71,28 +68,18 @@ def load_estimate(path: str | Path) -> Estimate:
         except ValidationError as error:
             if (count := error.error_count()) > _TOLD:
                 raise ReadError(f"{count} faults", "a result file", cure) from None
-            raise _refusal(error.errors(include_url=False)[0], cure) from None
+            fault = error.errors(include_url=False)[0]
+            if fault["type"] == "json_invalid":
+                found = f"no JSON ({fault['ctx']['error']})"
+                raise ReadError(found, "a result file", cure) from None
+            raise fault_in_line(fault, cure) from None
         if not estimate.notes:
             estimate = estimate.with_(notes=head.notes())
-        _check_names(estimate)
         if (wrong := _contradiction(estimate)) is not None:
             place, said = wrong
             expected = "deviations of zero or more that are those of the covariance"
             raise ReadError(said, expected, f"{cure}: this one was edited", place=place)
         return estimate
-
-
-def _check_names(estimate: Estimate) -> None:
-    """Refuse names and units that no estimate has: other programs read them from exports."""
-    expected = "the name of a quantity, in printable characters"
-    cure = "write the file with identify --json"
-    for kind in ("parameters", "nuisance", "derived"):
-        for number, value in enumerate(getattr(estimate, kind)):
-            place = f"{kind}.{number}"
-            if not value.name.strip() or not value.name.isprintable():
-                found = f"the name {one_line(repr(value.name))}"
-                raise ReadError(found, expected, cure, place=f"{place}.name")
-            check_unit(value.unit, place=f"{place}.unit")
 
 
 def _contradiction(estimate: Estimate) -> tuple[str, str] | None:
@@ -156,14 +143,3 @@ class _Head(BaseModel, defer_build=True):
             ),
             *(check.note() for check in self.checks),
         )
-
-
-def _refusal(fault: Any, cure: str) -> InputError:
-    place = ".".join(str(part)[:60] for part in fault["loc"])
-    if fault["type"] == "json_invalid":
-        return ReadError(f"no JSON ({fault['ctx']['error']})", "a result file", cure)
-    if fault["type"] == "missing":
-        return ReadError("no such key", "a value", cure, place=place)
-    found = _SHORT.repr(fault["input"])
-    expected = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
-    return ReadError(found, expected[0].lower() + expected[1:], cure, place=place)

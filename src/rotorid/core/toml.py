@@ -207,34 +207,37 @@ def _too_deep(file: str) -> ReadError:
 
 
 def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> InputError:
-    faults = error.errors(include_url=False)
     # A misspelt key first: it may be the one that is missing.
+    faults = error.errors(include_url=False)
     fault = min(faults, key=lambda f: f["type"] != "extra_forbidden")
-    inner = fault.get("ctx", {}).get("error")
-    place = ".".join(str(part)[:60] for part in fault["loc"])
-    if isinstance(inner, InputError):
-        return inner.at(file=file, place=place)
-    if fault["type"] == "extra_forbidden":
-        known = _known_keys(schema, fault["loc"][:-1])
-        return ReadError(
-            f"the unknown key {str(fault['loc'][-1])[:60]!r}",
-            f"one of {', '.join(known)}" if known else "a known key",
-            nearest(str(fault["loc"][-1]), known, "remove it"),
-            file=file,
-            place=place,
-        )
-    if fault["type"] == "missing":
-        return ReadError("no such key", "a value", "add it", file=file, place=place)
-    expected = fault["msg"].removeprefix("Input should be ")
     if fault["type"] in ("model_type", "dict_type"):
-        expected = "a table, such as { key = value }"
+        fault["msg"] = "a table, such as { key = value }"
+    if fault["type"] != "extra_forbidden":
+        return fault_in_line(fault).at(file=file)
+    name, known = str(fault["loc"][-1]), _known_keys(schema, fault["loc"][:-1])
     return ReadError(
-        _SHORT.repr(fault["input"]),
-        expected[0].lower() + expected[1:],
-        "write such a value",
+        f"the unknown key {name[:60]!r}",
+        f"one of {', '.join(known)}" if known else "a known key",
+        nearest(name, known, "remove it"),
         file=file,
-        place=place,
+        place=_place(fault),
     )
+
+
+def fault_in_line(fault: Any, cure: str = "") -> InputError:
+    """Return what pydantic found wrong with one value, in one line."""
+    inner, place = fault.get("ctx", {}).get("error"), _place(fault)
+    if isinstance(inner, InputError):
+        return inner.at(place=place)
+    if fault["type"] == "missing":
+        return ReadError("no such key", "a value", cure or "add it", place=place)
+    expected = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    found, expected = _SHORT.repr(fault["input"]), expected[0].lower() + expected[1:]
+    return ReadError(found, expected, cure or "write such a value", place=place)
+
+
+def _place(fault: Any) -> str:
+    return ".".join(str(part)[:60] for part in fault["loc"])
 
 
 def _known_keys(schema: type[Schema], location: tuple[int | str, ...]) -> list[str]:
