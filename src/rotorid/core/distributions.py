@@ -19,14 +19,6 @@ def median(values: Floats, axis: int = -1) -> Floats:
     return np.asarray((ordered[..., middle - 1] + ordered[..., middle]) / 2)
 
 
-def gamma_tail(value: float, shape: float) -> float:
-    return float(scipy.special.gammaincc(shape, value))
-
-
-def f_tail(value: float, first: float, second: float) -> float:
-    return float(scipy.special.fdtrc(first, second, value))
-
-
 def f_limit(chance: float, first: float, second: float) -> float:
     """Return what F with these degrees of freedom exceeds with a chance, however small."""
     if first == 2:  # the tail is (1 + 2 F / second)^(- second / 2)
@@ -89,8 +81,9 @@ class Expectation:
             return 1.0
         first, second = self._freedom
         if second == math.inf:
-            return gamma_tail(cost / self.mean * first / 2, first / 2)
-        return f_tail(cost / self.mean * second / (second - 2), first, second)
+            return float(scipy.special.gammaincc(first / 2, cost / self.mean * first / 2))
+        ratio = cost / self.mean * second / (second - 2)
+        return float(scipy.special.fdtrc(first, second, ratio))
 
     def exceeded(self, chance: float) -> float:
         """Return the cost that is exceeded with a chance."""

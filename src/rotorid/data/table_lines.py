@@ -11,9 +11,9 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
-from rotorid.core.distributions import gamma_tail
 from rotorid.core.errors import InputError, naming
 from rotorid.core.notes import Note
 from rotorid.core.units import MAGNITUDE, quantity
@@ -236,13 +236,13 @@ def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
     costs = [cost(share) for share in grid]
     best = int(np.argmin(costs))
     gain = 2 * (cost(0.0) - costs[best])
-    return float(grid[best]) if gamma_tail(gain / 2, 0.5) < CONSTANT else 0.0
+    return float(grid[best]) if scipy.special.gammaincc(0.5, gain / 2) < CONSTANT else 0.0
 
 
 def _doubted(scatter: Complexes, groups: Integers, std: Floats) -> tuple[str, ...]:
     dof = 2 * (len(groups) - groups[-1] - 1) * std.shape[1]
     squares = float((np.abs(2 * scatter) ** 2 / std**2).sum())
-    if not dof or gamma_tail(squares / 2, dof / 2) > CONTRADICTED:
+    if not dof or scipy.special.gammaincc(dof / 2, squares / 2) > CONTRADICTED:
         return ()
     return (
         f"readings at the same speed scatter {np.sqrt(squares / dof):.3g} times as much as their "

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from rotorid.core.distributions import Expectation, gamma_tail, line_moments
+from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.linalg import leave_out
 from rotorid.core.values import Floats, frozen
 from rotorid.data.observation import Observation, Records
@@ -201,7 +201,7 @@ def _sensors_alike(record: Observation, at: Evaluation) -> bool:
     for each in (left, turned):
         each = each / np.sqrt((np.abs(each) ** 2).mean(axis=0)).clip(TINY)
         common = np.abs(each.T @ each.conj()) ** 2 / len(each)
-        if gamma_tail(float(np.triu(common, 1).sum()), pairs) < CHANCE:
+        if scipy.special.gammaincc(pairs, np.triu(common, 1).sum()) < CHANCE:
             return True
     return False
 

@@ -25,6 +25,7 @@ import scipy.optimize
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
+from rotorid.core.linalg import coupled
 from rotorid.core.units import finite_speed
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.core.watch import counting
@@ -268,11 +269,9 @@ class Eigen:
         across = [np.linalg.norm(blocks[:, i, 1 - i] @ root, axis=1) for i in (0, 1)]
         spread = np.hypot(apart, 2 * np.sqrt(across[0] * across[1]))
         near = np.abs(np.diff(values[pairs], axis=1)[:, 0]) < CLOSE * spread
-        joined = np.arange(count)
-        for i, j in pairs[near & (spread > 1e-9 * np.abs(values[pairs[:, 0]]))]:
-            joined[joined == joined[j]] = joined[i]
-        groups = (np.flatnonzero(joined == k) for k in np.unique(joined))
-        return tuple(group for group in groups if len(group) > 1)
+        joined = np.zeros((count, count), dtype=bool)
+        joined[tuple(pairs[near & (spread > 1e-9 * np.abs(values[pairs[:, 0]]))].T)] = True
+        return tuple(coupled(joined))
 
     def gram(self, one: Eigenmodes, two: Eigenmodes) -> Complexes:
         """Return ``Y^H ((lambda_i + lambda_j) M + D + Omega G) X``, Y of one and X of two."""
