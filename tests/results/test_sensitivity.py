@@ -786,8 +786,8 @@ def part_of(e: np.ndarray) -> LineWindow:
 def curve_of(part: LineWindow, pole: complex, loss: float = 1.0) -> RationalCurve:
     """Return a curve of one pole, or of none, that explains nothing of its lines."""
     below = np.array([-1 / pole]) if pole else np.zeros(0, dtype=np.complex128)
-    columns = 2 * (peak.order_of(len(below)) + 1)
-    return RationalCurve(part, below, np.zeros(columns, dtype=np.complex128), loss)
+    order = peak.order_of(len(below))
+    return RationalCurve(part, order, below, np.zeros(2 * (order + 1), dtype=np.complex128), loss)
 
 
 @pytest.mark.parametrize(("chance", "poles"), [(0.0095, 1), (0.0105, 0)])
@@ -797,7 +797,7 @@ def test_a_pole_more_has_to_gain(monkeypatch, chance, poles):
     more = len(one.linear) + 1 - len(none.linear)
     rest = len(part.e) - len(one.linear) - 1
     ratio = scipy.special.fdtri(2 * more, 2 * rest, 1 - chance)
-    further = RationalCurve(part, np.zeros(2) + 0j, np.zeros(2 * (peak.order_of(2) + 1)) + 0j, 1.0)
+    further = RationalCurve(part, 3, np.zeros(2) + 0j, np.zeros(8) + 0j, 1.0)
     curves = {0: replace(none, loss=1 + ratio * more / rest), 1: one, 2: further}
     monkeypatch.setattr(peak, "fitted", lambda _, poles: curves[poles])
     assert best_curve(part).poles == poles

@@ -452,7 +452,7 @@ def _linearized(part: LineWindow, poles: int, loud: float) -> tuple[RationalCurv
     linear, below = np.split(found, [len(found) - poles])
     at = part.own * (ORDER + 1)
     spread = float((np.abs(root[at]) ** 2).sum()) if told[at] > 1 - 1e-12 else np.inf  # untold
-    return RationalCurve(part, below, linear, loss), spread, len(part.e) - basis.shape[1]
+    return RationalCurve(part, ORDER, below, linear, loss), spread, len(part.e) - basis.shape[1]
 
 
 def _axis(

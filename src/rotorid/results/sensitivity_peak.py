@@ -135,6 +135,7 @@ class RationalCurve:
     """N / A and T / A fitted to lines."""
 
     part: LineWindow
+    order: int  # of N and T
     below: Complexes  # factors of A, but for the first, 1
     linear: Complexes  # of N, T and the rotation
     loss: float
@@ -142,16 +143,6 @@ class RationalCurve:
     @property
     def poles(self) -> int:
         return len(self.below)
-
-    @property
-    def _count(self) -> int:
-        count: int = len(self.linear) - self.part.rotation.shape[1]
-        return count
-
-    @property
-    def order(self) -> int:
-        order: int = self._count // self.part.drives.shape[1] - 1
-        return order
 
     @cached_property
     def sizes(self) -> Complexes:
@@ -165,7 +156,8 @@ class RationalCurve:
     @property
     def driven(self) -> Complexes:
         """What r and the ends of the record make of e, without the rotation."""
-        return np.asarray(self.columns[:, : self._count] @ self.linear[: self._count])
+        count = (self.order + 1) * self.part.drives.shape[1]
+        return np.asarray(self.columns[:, :count] @ self.linear[:count])
 
     @property
     def residual(self) -> Complexes:
@@ -213,12 +205,13 @@ class RationalCurve:
 
 def _linear(part: LineWindow, below: Complexes) -> RationalCurve:
     poles = len(below)
-    columns = part.columns(order_of(poles), 1 + part.powers(poles, 1) @ below)
+    order = order_of(poles)
+    columns = part.columns(order, 1 + part.powers(poles, 1) @ below)
     basis, root, _ = svd(columns * part.weight[:, None])
     data = part.e * part.weight
     found = basis.conj().T @ data
     loss = float((np.abs(data - basis @ found) ** 2).sum())
-    return RationalCurve(part, below, root @ found, loss)
+    return RationalCurve(part, order, below, root @ found, loss)
 
 
 def fitted(part: LineWindow, poles: int) -> RationalCurve:
