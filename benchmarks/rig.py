@@ -20,7 +20,6 @@ from scipy.integrate import solve_ivp
 
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.kernel import _forces
-from rotorid.rig.parts import ProcessNoise
 from rotorid.rig.rig import Rig, bearing_table, excitation_table
 
 DURATION, SHORT = 13.0, 0.1
@@ -42,7 +41,7 @@ def on_magnets() -> Rig:
 
 def quiet(rig: Rig) -> Rig:
     sensors = tuple(replace(sensor, noise=0.0) for sensor in rig.sensors)
-    return replace(rig, sensors=sensors, process_noise=ProcessNoise(), settling=0.0)
+    return replace(rig, sensors=sensors, process_noise={}, settling=0.0)
 
 
 def seconds(work: Callable[[], object], repeats: int = 3) -> float:

@@ -16,7 +16,6 @@ import numpy as np
 import rotorid as rid
 from rotorid.force.reading import forces
 from rotorid.rig.file import load_rig, parse_rig
-from rotorid.rig.parts import ProcessNoise
 from rotorid.signals.inspection import detect_distortion
 
 LINES, PERIOD = [1, 3, 5, 7, 9, 11], 500
@@ -50,7 +49,7 @@ def on_magnets() -> np.ndarray:
     head, rest = load_rig("three-mass").text.split("[actuators.all]")
     rig = parse_rig(head + MAGNETS + rest.split("[sensors]")[1]).rig
     sensors = tuple(replace(sensor, noise=0.0) for sensor in rig.sensors)
-    rig = replace(rig, sensors=sensors, process_noise=ProcessNoise())
+    rig = replace(rig, sensors=sensors, process_noise={})
     record = rig.run(3.0, np.random.default_rng(0))
     found = detect_distortion(record, 20.0, LINES, highest=22)
     odd, even, noise = found.relative("F_x1")

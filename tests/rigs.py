@@ -8,7 +8,6 @@ from scipy.integrate import solve_ivp
 
 from rotorid import load_rig
 from rotorid.force.laws import Differential
-from rotorid.rig.parts import ProcessNoise
 from rotorid.rig.rig import Rig, RigRecord
 
 
@@ -22,7 +21,7 @@ def with_magnets(k: str = "5e-6", bias: str = "1.5 A", gap: str = "0.5 mm", more
 def without_noise(rig: Rig) -> Rig:
     quiet = {name: replace(part, noise=0.0) for name, part in rig.actuators.items()}
     sensors = tuple(replace(sensor, noise=0.0) for sensor in rig.sensors)
-    return replace(rig, actuators=quiet, sensors=sensors, process_noise=ProcessNoise())
+    return replace(rig, actuators=quiet, sensors=sensors, process_noise={})
 
 
 def with_actuators(rig: Rig, **changes: object) -> Rig:

@@ -158,8 +158,6 @@ def test_a_spike_shows_in_a_long_record():
     assert len(band.x) <= 600
     assert band.y.max() == 7.0
     assert band.x[np.argmax(band.y)] == pytest.approx(54.321, abs=0.1)
-    low, high, size = drawn.envelope(np.arange(10.0), 3)
-    assert (low.tolist(), high.tolist(), size) == ([0, 4], [3, 7], 4)
 
 
 def test_deviations_of_an_estimate_are_drawn_in_percent(estimates):

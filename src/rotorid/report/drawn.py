@@ -115,13 +115,6 @@ def _thinned(curve: Curve, most: int) -> Curve:
     return replace(curve, x=curve.x[kept], y=curve.y[kept], told=told)
 
 
-def envelope(values: Floats, most: int) -> tuple[Floats, Floats, int]:
-    """Return lowest and highest of each `size` samples, so that no spike is lost, and `size`."""
-    size = -(-len(values) // most) or 1
-    blocks = values[: len(values) // size * size].reshape(-1, size, *values.shape[1:])
-    return blocks.min(axis=1), blocks.max(axis=1), size
-
-
 GMM = 1e6  # g mm in a kg m
 ROUND = 121
 """Points of a circle."""
@@ -493,7 +486,7 @@ ROUNDING = 1e-10
 
 
 def samples(record: Source, whole_blocks: int = 1) -> list[Panel]:
-    """Return every channel over the record: as it is, or as the band between its extremes.
+    """Return every channel over the record: as it is, or as the band that no spike is lost from.
 
     Steps of the band hold whole blocks of `whole_blocks` samples: else they beat with a period.
     """
@@ -504,12 +497,13 @@ def samples(record: Source, whole_blocks: int = 1) -> list[Panel]:
         size = -(-size // whole_blocks) * whole_blocks
     if count < size:
         size = 1
-    used = record.samples[: count // size * size]
+    steps = record.samples[: count // size * size].reshape(-1, size, len(record.channels))
+    lows, highs = steps.min(axis=1), steps.max(axis=1)
     middle = 0.5 if size > 1 else 0.0
-    time = (np.arange(len(used) // size) + middle) * size / record.sample_rate
+    time = (np.arange(len(steps)) + middle) * size / record.sample_rate
     for c, channel in list(enumerate(record.channels))[:MOST_PANELS]:
         unit, factor = shown_unit(channel.unit)
-        low, high, _ = envelope(factor * used[:, c], len(time))
+        low, high = factor * lows[:, c], factor * highs[:, c]
         curve = (
             Curve(time, high, "from lowest to highest sample", BLUE, "band", base=low)
             if size > 2

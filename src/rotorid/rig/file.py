@@ -382,11 +382,15 @@ class RigFile(Schema):
     def build(self, model: Model) -> Rig:
         sensors = tuple(entry.build(name, model) for name, entry in self.sensors.items())
         actuators = build_actuators(self.actuators, model)
-        values = self._values(model)
+        values = {**model.nominal, **in_si(self.parameters, model.parameter_units, "parameters")}
+        with naming(place="parameters"):
+            model.values(values)  # refuses where one is missing
         with naming(place="controller"):
             feedback = self.controller.sensors_of(model, values, sensors)
             controller = self.controller.build([actuators[name] for name in model.inputs])
         logger = self.logger.build()
+        noisy = {name: model.units[name] for name in model.inputs}
+        noisy |= {c: "N m" if model.units[c] == "rad" else "N" for c in model.coordinates}
         entry, rate = self.excitation, self.controller.rate
         excitation = None if entry is None else entry.build(rate, self.seed)
         return Rig(
@@ -399,32 +403,18 @@ class RigFile(Schema):
             feedback=feedback,
             logger=logger,
             excitation=excitation,
-            process_noise=self._process_noise(model),
+            process_noise=in_si(self.process_noise, noisy, "process_noise"),
             clearance=np.inf if self.clearance is None else self.clearance,
             delay=self.controller.delay,
             settling=self.settling,
         )
 
-    def _values(self, model: Model) -> dict[str, float]:
-        units = model.parameter_units
-        known = {**model.nominal}
-        require_names(self.parameters, units, place="parameters")
-        for name, quantity in self.parameters.items():
-            known[name] = to_si(quantity, units[name], place=f"parameters.{name}")
-        with naming(place="parameters"):
-            model.values(known)  # refuses where one is missing
-        return known
 
-    def _process_noise(self, model: Model) -> parts.ProcessNoise:
-        std = {}
-        require_names(
-            self.process_noise, (*model.inputs, *model.coordinates), place="process_noise"
-        )
-        for name, quantity in self.process_noise.items():
-            angle = model.units[name] == "rad"
-            unit = "N m" if angle else model.units[name] if name in model.inputs else "N"
-            std[name] = to_si(quantity, unit, place=f"process_noise.{name}")
-        return parts.ProcessNoise(std)
+def in_si(
+    quantities: Mapping[str, Quantity], units: Mapping[str, str], place: str
+) -> dict[str, float]:
+    require_names(quantities, units, place=place)
+    return {name: to_si(q, units[name], place=f"{place}.{name}") for name, q in quantities.items()}
 
 
 @frozen

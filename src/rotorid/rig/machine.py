@@ -19,7 +19,6 @@ from rotorid.rig.parts import (
     Disturbance,
     Logger,
     PositionSensor,
-    ProcessNoise,
     Rotation,
     check,
     check_rate,
@@ -120,7 +119,9 @@ class RigMachine:
     # forces in N (or currents in A, by its unit), added to the commands; its t = 0 is the first
     # sample of the record
     excitation: Multisine | None = None
-    process_noise: ProcessNoise = field(default_factory=ProcessNoise)
+    # random forces on the rotor, white, held over each period of the controller: from an input or a
+    # coordinate (the equation of it) to a standard deviation in N (N m for an angle)
+    process_noise: Mapping[str, float] = field(default_factory=dict)
     # radius in m at which the rotor touches the auxiliary bearing, at each actuator
     clearance: float = np.inf
     delay: float = 0.0  # time in s from the controller's sample until its command takes effect
@@ -151,7 +152,10 @@ class RigMachine:
         require_names(self.feedback, [sensor.name for sensor in self.sensors], place="feedback")
         for part in self.disturbances:
             require_names(part.on, inputs + coordinates, place="disturbances")
-        require_names(self.process_noise.std, inputs + coordinates, place="process_noise")
+        require_names(self.process_noise, inputs + coordinates, place="process_noise")
+        for name, std in self.process_noise.items():
+            if not std >= 0:
+                raise InputError(f"{std}", "0 or more", "give a standard deviation", place=name)
         for sensor in self.sensors:
             require_names(sensor.combination, coordinates, place=f"sensors.{sensor.name}")
         if self.excitation is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -389,19 +388,6 @@ class Logger:
     def converter_rate(self) -> float:
         """Rate in Hz at which currents and flux densities are sampled."""
         return self.sample_rate * self.oversampling
-
-
-@frozen
-class ProcessNoise:
-    """Random forces on the rotor, white, held over each period of the controller."""
-
-    # input or coordinate (the equation of it) to standard deviation in N (N m for an angle)
-    std: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name, value in self.std.items():
-            if not value >= 0:
-                raise InputError(f"{value}", "0 or more", "give a standard deviation", place=name)
 
 
 @frozen

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial
+from numpy.polynomial.chebyshev import chebpts1
 
 from rotorid.core.errors import ModelError
 from rotorid.core.values import Floats, Integers
@@ -58,7 +59,7 @@ def rotor_plant(
     linear = model.require_linear()
     low, high = rotation.range_until(end)
     centre, width = (low + high) / 2, (high - low) / 2 or 1.0
-    nodes = [centre] if rotation.constant else list(centre + width * _chebyshev(_DEGREE + 1))
+    nodes = [centre] if rotation.constant else list(centre + width * chebpts1(_DEGREE + 1))
     mass = _mass(linear, values, nodes)
     B = linear.matrices(values, centre).B if work is None else work
     if np.abs(mass - mass.T).max() > 1e-9 * np.abs(mass).max():
@@ -94,17 +95,13 @@ def _motion(linear: LinearForm, values: Floats, mass: Floats, speed: float) -> F
     return np.asarray(-np.linalg.solve(mass, np.hstack([m.K, m.D + speed * m.G])))
 
 
-def _chebyshev(count: int) -> Floats:
-    return np.asarray(np.cos(np.pi * (np.arange(count) + 0.5) / count))
-
-
 def _in_speed(values: Floats) -> Floats:
     """Turn values at the Chebyshev nodes into coefficients of a polynomial."""
     count = len(values)
     if count == 1:
         return values
     flat = values.reshape(count, -1)
-    coefficients = polynomial.polyfit(_chebyshev(count), flat, count - 1)
+    coefficients = polynomial.polyfit(chebpts1(count), flat, count - 1)
     coefficients[np.abs(coefficients) < 1e-11 * np.abs(flat).max(initial=0.0)] = 0.0
     used = np.flatnonzero(coefficients.any(axis=1))
     degree = int(used[-1]) + 1 if used.size else 1

@@ -185,7 +185,7 @@ def noise_matrix(rig: RigMachine, plant: Plant) -> Floats:
     inputs = dict(zip(rig.model.inputs, plant.force.T, strict=True))
     moved = dict(zip(rig.model.coordinates, own, strict=True))
     pushed = dict(zip(rig.model.coordinates, np.linalg.solve(plant.mass, own).T, strict=True))
-    columns = [(inputs | pushed)[name] for name in rig.process_noise.std]
+    columns = [(inputs | pushed)[name] for name in rig.process_noise]
     for part in rig.disturbances:
         columns.append(sum(f * (inputs | moved)[name] for name, f in part.on.items()))
     return np.ascontiguousarray(np.array(columns).reshape(len(columns), len(own)).T, dtype=float)
@@ -277,7 +277,7 @@ def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Gen
     control_time = np.arange(steps, dtype=float) * rig.controller.period - start
     log_time = np.arange(samples, dtype=float) / rig.logger.sample_rate
     apart = bool(((plan.log >= 0) & (plan.control < 0)).any())
-    deviations = np.array(list(rig.process_noise.std.values()))
+    deviations = np.array(list(rig.process_noise.values()))
     process = rng.normal(size=(steps, len(deviations))) * deviations
     middle = control_time + rig.controller.period / 2
     known = [part.size(middle) for part in rig.disturbances]
