@@ -232,14 +232,15 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
         require_positive(fundamental, "Hz", cure, found="a fundamental of {}")
         exact, source = rate / fundamental, f" ({rate:g} / {fundamental:g} Hz)"
     size = round(exact) if math.isfinite(exact) else 0
-    if not math.isfinite(exact) or abs(exact - size) > 1e-6 * abs(exact):
+    if not math.isfinite(exact) or (size >= 2 and abs(exact - size) > 1e-6 * exact):
         raise InputError(
             f"a period of {exact:.6g} samples{source}",
             "a whole number of samples",
             "give a lower common fundamental and multiply the harmonics, or resample",
         )
     if size < 2:
-        raise InputError(f"a period of {size} samples", "2 or more", "sample faster")
+        cure = "correct the fundamental or the unit of the time column, or sample faster"
+        raise InputError(f"a period of {exact:.3g} samples{source}", "2 or more", cure)
     return size
 
 
