@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import expm
@@ -13,6 +14,7 @@ MODEL = rid.load_model("jeffcott")
 TRUTH = {"m": 5.0, "c": 500.0, "k": 4e5, "xi": 2e-5, "zeta": -1e-5}
 RATE, SPEED = 5000.0, 2 * np.pi * 61.37
 KNOWN = MaximumLikelihood(start={"m": 5.5, "c": 450.0, "k": 4.3e5})
+QUICK = replace(KNOWN, effort="quick")
 
 
 @functools.cache

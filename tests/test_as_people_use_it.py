@@ -105,7 +105,7 @@ def solved(constraint: rid.Constraint) -> object:
 def test_an_experiment_file_runs_from_python(tmp_path):
     from rotorid.cli import run
 
-    (tmp_path / "rig.toml").write_text(load_rig("three-mass").text.replace('"13 s"', '"3 s"'))
+    (tmp_path / "rig.toml").write_text(load_rig("three-mass").text.replace('"13 s"', '"2 s"'))
     rig, out = str(tmp_path / "rig.toml"), str(tmp_path / "run.h5")
     assert run(["simulate", rig, "--out", out, "--quiet"]) == 0
     experiment = rid.load_experiment(tmp_path / "run.toml")

@@ -11,6 +11,7 @@ from io_writers import write_table
 from levitated import (
     KNOWN,
     MODEL,
+    QUICK,
     RATE,
     SPEED,
     TRUTH,
@@ -62,7 +63,7 @@ def test_without_references_the_misfit_sees_the_closed_loop():
 def test_the_transient_is_needed(record, order, low):
     lines = lines_of(record)
     assert lines.transient == TRANSIENT == 2
-    without = identify(MODEL, replace(lines, transient=order), replace(KNOWN, effort="quick"))
+    without = identify(MODEL, replace(lines, transient=order), QUICK)
     assert without.misfit.cost > low * without.misfit.expected
 
 
@@ -173,14 +174,13 @@ def test_how_much_better_another_place_has_to_be(more, found):
 def test_only_what_lies_between_skip_and_until_is_used(record):
     lines = lines_of(record, skip=1.0, until=4.0)
     assert np.diff(lines.frequency) == pytest.approx(1 / 3)
-    assert np.abs(deviations(identify(MODEL, lines, KNOWN))).max() < 3.5
+    assert np.abs(deviations(identify(MODEL, lines, QUICK))).max() < 3.5
 
 
 @pytest.mark.slow
 def test_deviations_hold():
     """40 records: rms of error over deviation, coverage, and the misfit test."""
-    quick = replace(KNOWN, effort="quick")
-    found = [identify(MODEL, lines_of(record), quick) for record in levitated_together(range(40))]
+    found = [identify(MODEL, lines_of(record), QUICK) for record in levitated_together(range(40))]
     scaled = np.array([deviations(estimate) for estimate in found])
     p_values = np.array([estimate.misfit.p_value for estimate in found])
     assert 0.85 < np.sqrt((scaled**2).mean()) < 1.15
@@ -450,10 +450,12 @@ REFERENCES = 'references = ["ex", "ey"]'
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
-    for name, record in (("run", levitated(1)), ("quiet", levitated(2, excitation=0.0))):
-        samples = record.samples * [1, 1, 1e6, 1e6, 1, 1]
-        write_table(folder / f"{name}.csv", HEADER, samples)
+    write_whole(folder / "run.csv", levitated(1))
     return folder
+
+
+def write_whole(path: Path, record: rid.Record) -> None:
+    write_table(path, HEADER, record.samples * [1, 1, 1e6, 1e6, 1, 1])
 
 
 def identify_whole(folder: Path, noise: str) -> dict:
@@ -466,6 +468,8 @@ def identify_whole(folder: Path, noise: str) -> dict:
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("noise", [REFERENCES, 'quiet = "quiet.csv"'])
 def test_a_record_without_periods_is_identified(folder, noise):
+    if "quiet" in noise:
+        write_whole(folder / "quiet.csv", levitated(2, excitation=0.0))
     found = identify_whole(folder, noise)
     assert found["status"] == "ok"
     for row in found["parameters"]:
@@ -502,8 +506,8 @@ def turning(tmp_path_factory):
     later = round(np.pi / 4 / SPEED * RATE)
     for name, seed, first in (("first", 1, 0), ("second", 2, later)):
         record = levitated(seed, excitation=5.0)
-        samples = (record.samples * [1, 1, 1e6, 1e6, 1, 1])[first:]
-        write_table(folder / f"{name}.csv", HEADER, samples)
+        later_on = replace(record, samples=record.samples[first:])
+        write_whole(folder / f"{name}.csv", later_on)
     return folder
 
 

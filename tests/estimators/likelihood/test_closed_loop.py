@@ -56,13 +56,14 @@ def test_choice_of_covariance(demo):
     estimator = MaximumLikelihood()
     closed = run(0)
     chosen = identify(demo.model, closed, estimator)
-    correlated = identify(demo.model, closed, replace(estimator, covariance="correlated"))
+    quick = replace(estimator, effort="quick")
+    correlated = identify(demo.model, closed, replace(quick, covariance="correlated"))
     assert chosen.misfit.expected == pytest.approx(correlated.misfit.expected, rel=1e-6)
     assert chosen.status == "ok"
     assert chosen.misfit.cost == pytest.approx(correlated.misfit.cost, rel=1e-6)
     open_loop = demo.noisy(demo.record(), np.random.default_rng(61))
-    chosen = identify(demo.model, open_loop, estimator)
-    white = identify(demo.model, open_loop, replace(estimator, covariance="white"))
+    chosen = identify(demo.model, open_loop, quick)
+    white = identify(demo.model, open_loop, replace(quick, covariance="white"))
     assert chosen.misfit == white.misfit
 
 

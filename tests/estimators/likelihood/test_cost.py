@@ -9,8 +9,8 @@ import pytest
 import scipy.linalg
 from bank import recovered, times
 from differences import gradient_holds
-from levitated import KNOWN, levitated, lines_of
 from levitated import MODEL as QUIET_MODEL
+from levitated import QUICK, levitated, lines_of
 from model_text import model_text
 
 import rotorid as rid
@@ -464,7 +464,7 @@ def lines():
 def test_noise_that_bends_moves_the_expectation(lines, wide, low, high):
     """C a little too large, as of noise that bends in its window: the misfit is no smaller."""
     covariance = replace(lines.covariance, matrices=wide * lines.covariance.matrices)
-    misfit = identify(QUIET_MODEL, replace(lines, covariance=covariance), KNOWN).misfit
+    misfit = identify(QUIET_MODEL, replace(lines, covariance=covariance), QUICK).misfit
     assert low < misfit.cost / misfit.expected < high
     assert 1e-3 < misfit.p_value < 1 - 1e-3
 
@@ -472,13 +472,13 @@ def test_noise_that_bends_moves_the_expectation(lines, wide, low, high):
 def test_a_covariance_that_holds_motion_is_told(lines):
     """C much too large is no bend of noise: the cost is too good, and that is said."""
     covariance = replace(lines.covariance, matrices=1.15 * lines.covariance.matrices)
-    estimate = identify(QUIET_MODEL, replace(lines, covariance=covariance), KNOWN)
+    estimate = identify(QUIET_MODEL, replace(lines, covariance=covariance), QUICK)
     assert estimate.misfit.cost < 0.9 * estimate.misfit.expected
 
 
 def test_columns_exchanged_are_exchanged_in_the_quiet_record_too():
     """Sensors taken for one another, one upside down: as if both records were logged so."""
-    record, quiet = levitated(2), levitated(4, excitation=0.0)
+    record, quiet = levitated(2, 1.0), levitated(4, 1.0, excitation=0.0)
     matrix = np.eye(6)
     matrix[2:4, 2:4] = [[0.0, 1.0], [-1.0, 0.0]]
     logged = [replace(each, samples=each.samples @ matrix.T) for each in (record, quiet)]

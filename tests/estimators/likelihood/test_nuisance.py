@@ -229,7 +229,7 @@ def test_what_the_marks_leave_open_is_in_the_direction_of_the_unbalance(demo, be
     rng = np.random.default_rng(41)
     record = demo.noisy(demo.record(bearings, phase=0.0), rng)
     estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    exact = identify(demo.model, record, estimator)
+    exact = identify(demo.model, record, replace(estimator, effort="quick"))
     open_ = identify(demo.model, replace(record, phase_std=0.02), estimator)
     assert [v.name for v in open_.nuisance] == ["phase[0]"]
     assert "phase[0]" not in " ".join(open_.warnings)

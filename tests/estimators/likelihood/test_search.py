@@ -9,6 +9,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from levitated import KNOWN, MODEL, levitated
+from levitated import QUICK as BRIEF
 from rotor_bank import SETTINGS, rotor_case
 
 import rotorid as rid
@@ -165,11 +166,15 @@ def lines_of(record: rid.Record, count: int = 991) -> rid.Lines:
     return lines
 
 
-def test_the_answer_is_that_of_all_lines(record, monkeypatch):
-    lines = lines_of(record)
-    by_few = rid.identify(MODEL, lines, KNOWN)
+@pytest.fixture(scope="module")
+def lines(record):
+    return lines_of(record)
+
+
+def test_the_answer_is_that_of_all_lines(lines, monkeypatch):
+    by_few = rid.identify(MODEL, lines, BRIEF)
     monkeypatch.setattr(search, "FEW", 10**6)
-    by_all = rid.identify(MODEL, lines, KNOWN)
+    by_all = rid.identify(MODEL, lines, BRIEF)
     assert by_few.misfit == by_all.misfit or by_few.misfit.cost == pytest.approx(
         by_all.misfit.cost, rel=1e-9
     )
@@ -223,9 +228,8 @@ def test_which_records_are_thinned(record, count, fewer):
         assert 200 < len(found[0].lines.frequency) <= FEW == 400
 
 
-def test_the_strongest_lines_lead_the_way(record):
+def test_the_strongest_lines_lead_the_way(lines):
     """And all that goes with a line goes with it."""
-    lines = lines_of(record)
     mean = lines.mean.copy()
     strong = np.arange(3, 991, 6)
     mean[strong] *= 1e3
@@ -309,8 +313,8 @@ def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
     assert (len(lines.frequency) not in steps) == hopeless
 
 
-def test_from_near_the_minimum_few_lines_would_only_lead_away(record, steps, ways):
-    rid.identify(MODEL, lines_of(record), KNOWN)
+def test_from_near_the_minimum_few_lines_would_only_lead_away(lines, steps, ways):
+    rid.identify(MODEL, lines, BRIEF)
     minimum = ways[0].point
     steps.clear()
     found = solver.settle(minimum.problem, minimum.unknowns * (1 + 1e-4))
