@@ -29,6 +29,7 @@ from rotorid.rig.parts import (
     Rotation,
     SensorRunout,
 )
+from rotorid.rig.plant import quarter_turn
 from rotorid.rig.rig import Rig, Spoil
 from rotorid.signals.spectrum import shifted
 
@@ -171,8 +172,7 @@ def _known(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
 
 
 def _disturbed(rig: Rig, on: Sequence[str], size: Callable[[Floats], Floats]) -> Rig:
-    force = Disturbance(dict.fromkeys(on, 1.0), size)
-    return replace(rig, disturbances=(*rig.disturbances, force))
+    return replace(rig, disturbances=(*rig.disturbances, Disturbance(tuple(on), size)))
 
 
 def _spoiled(rig: Rig, spoil: Spoil) -> Rig:
@@ -324,10 +324,8 @@ def _gap_drift(part: Actuator, size: float) -> Actuator:
 def _actuators_rotated(rig: Rig, size: float) -> Rig:
     """Magnets turned against the sensors about the shaft."""
     B = _work(rig, rig.parameters) if rig.work is None else rig.work
-    inputs, cos, sin = rig.model.inputs, np.cos(size), np.sin(size)
-    columns = dict(zip(inputs, B.T, strict=True))
-    turned = [cos * columns[n] + _side(n) * sin * columns[_swapped(n)] for n in inputs]
-    return replace(rig, work=np.column_stack(turned))
+    turn = quarter_turn(rig.model.inputs)
+    return replace(rig, work=B @ (np.cos(size) * np.eye(len(turn)) + np.sin(size) * turn).T)
 
 
 @_fault("3 deg", "rejected", "rotation", "cross", of=_sensors)

@@ -394,7 +394,6 @@ class Logger:
 class Disturbance:
     """A force, or acceleration of the frame, held over each controller period at its middle."""
 
-    # input (N), or coordinate (acceleration in m/s^2, rad/s^2), to its factor
-    on: Mapping[str, float]
+    on: tuple[str, ...]  # inputs (N), or coordinates (acceleration in m/s^2, rad/s^2)
     # from times in s, the record's first sample at 0, to the size there
     size: Callable[[Floats], Floats]

@@ -187,7 +187,7 @@ def noise_matrix(rig: RigMachine, plant: Plant) -> Floats:
     pushed = dict(zip(rig.model.coordinates, np.linalg.solve(plant.mass, own).T, strict=True))
     columns = [(inputs | pushed)[name] for name in rig.process_noise]
     for part in rig.disturbances:
-        columns.append(sum(f * (inputs | moved)[name] for name, f in part.on.items()))
+        columns.append(sum((inputs | moved)[name] for name in part.on))
     return np.ascontiguousarray(np.array(columns).reshape(len(columns), len(own)).T, dtype=float)
 
 
