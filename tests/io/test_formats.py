@@ -3,9 +3,7 @@
 import gc
 import io
 import json
-import os
 import pickle
-import signal
 import struct
 import sys
 import warnings
@@ -30,12 +28,13 @@ from io_writers import (
     write_tdms,
     write_uff,
 )
+from served import Served, served
 
 import rotorid as rid
 from rotorid import InputError, ReadError
 from rotorid.io import sandbox
 from rotorid.io.sandbox import Sandbox
-from rotorid.io.table import Column, Rate
+from rotorid.io.table import Rate
 from rotorid.testing import Source, open_table
 
 # Every format, read from a file that its own library wrote.
@@ -230,46 +229,6 @@ def test_columns_that_begin_at_other_times(name, tmp_path):
 # A child that reads: its answers, its refusals, and its end.
 
 
-class Served:
-    def values(self):
-        told = {"unit": "um", "no": None, "both": [1.5, float("inf")], "names": ["a\n", "\udcff"]}
-        arrays = np.zeros((0, 3)), np.float32([[1, 2], [3, np.nan]]), np.array([1 + 2j])
-        column = Column(np.arange(4.0), "mm", Rate(100.0))
-        return [*arrays, np.array(True), told, column, rid.ReadError("a", "b", "c")]
-
-    def counted(self, count):
-        yield from range(count)
-
-    def refused(self):
-        raise rid.ReadError("nothing", "numbers", "write some", place="x")
-
-    def failed(self):
-        raise KeyError("block")
-
-    def loud(self):
-        os.write(2, b"free(): invalid pointer\n")  # as glibc does where a decoder spoilt its heap
-        print("a traceback")
-        os.kill(os.getpid(), signal.SIGKILL)
-
-    def endless(self):
-        while True:
-            pass
-
-    def busy(self):
-        return sum(range(30_000_000))
-
-    def left(self):
-        import tempfile
-
-        Path(tempfile.gettempdir(), "left").touch()
-        return tempfile.gettempdir()
-
-
-@contextmanager
-def served(file):
-    yield Served()
-
-
 @contextmanager
 def not_opened(file):
     raise OSError("no such block")
@@ -448,11 +407,16 @@ VALUES = np.arange(12.0).reshape(4, 3)
 def test_byte_orders_and_stored_types(order, tmp_path):
     """A double may be stored as any whole number that holds it, whatever the machine's order."""
     stored = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
+    stored |= {12: "i8", 13: "u8"}
     run_mat = tmp_path / "c.mat"
-    for number, kind in (stored | {12: "i8", 13: "u8"}).items():
-        one = matrix("adc", VALUES.astype(kind), stored=number, order=order)
-        run_mat.write_bytes(mat5(one, order=order))
-        assert open_table(run_mat).read(["adc[2]"])["adc[2]"].values.tolist() == [2, 5, 8, 11]
+    several = [
+        matrix(kind, VALUES.astype(kind), stored=number, order=order)
+        for number, kind in stored.items()
+    ]
+    run_mat.write_bytes(mat5(*several, order=order))
+    found = open_table(run_mat).read([f"{kind}[2]" for kind in stored.values()])
+    for column in found.values():
+        assert column.values.tolist() == [2, 5, 8, 11]
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -526,7 +490,7 @@ def structure(name: str, values: np.ndarray) -> bytes:
 def test_memory_is_bounded_before_it_is_asked_for(tmp_path, monkeypatch):
     run_mat = tmp_path / "c.mat"
     # More than 32 MB at once: what a process has freed before never holds so much.
-    run_mat.write_bytes(mat5(packed(structure("s", np.zeros(7_500_000)))))
+    run_mat.write_bytes(mat5(packed(structure("s", np.zeros(4_500_000)))))
     assert open_table(run_mat).scalar("s/b") == 1.0
     monkeypatch.setattr(sandbox, "MEMORY", 20_000_000)
     with pytest.raises(ReadError, match="more samples than memory holds"):

@@ -70,6 +70,12 @@ def gathered(model: rid.Model, *periods: rid.PeriodicRecord) -> rid.Estimate:
 
 
 @pytest.fixture(scope="module")
+def of_no_machine(estimate):
+    """The same of a model that nobody knows: nothing is drawn but what the result holds."""
+    return estimate.with_(evidence=None, model="mine", provenance=None)
+
+
+@pytest.fixture(scope="module")
 def estimate_page(estimate):
     return Page(estimate_report(estimate))
 
@@ -120,14 +126,14 @@ def test_the_page_is_that_of_the_file(estimate, tmp_path):
 
 
 def test_every_record_has_its_pictures(model, periods):
-    page = Page(estimate_report(gathered(model, periods, periods)))
+    page = Page(estimate_report(gathered(model, periods, periods).with_(model="mine")))
     check_self_contained(page)
     assert "Measured and predicted, frequency by frequency, record 2" in titles(page)
     assert "F_x, record 2" in page.words
 
 
-def test_misfit_suspects_and_warnings_are_shown(estimate):
-    rejected = estimate.with_(
+def test_misfit_suspects_and_warnings_are_shown(of_no_machine):
+    rejected = of_no_machine.with_(
         status="rejected",
         misfit=rid.Misfit(120.0, 84.2, 82, 1e-7),
         notes=(
@@ -197,7 +203,7 @@ def test_of_hidden_coordinates(estimate, model, periods):
     assert found.evidence is not None
     names = [c.name for c in found.evidence.records[0].channels if c.predicted]
     assert names == ["x"]  # the reading, since a coordinate is hidden
-    check_self_contained(Page(estimate_report(found)))
+    check_self_contained(Page(estimate_report(found.with_(model="mine"))))
 
 
 def test_of_parameters_left_open(model, periods):
@@ -213,9 +219,9 @@ def test_of_parameters_left_open(model, periods):
         assert warning.removeprefix("not identifiable: ").removeprefix("cure: ") in page.words
 
 
-def test_where_the_misfit_lies(estimate):
+def test_where_the_misfit_lies(of_no_machine):
     lines = tuple(rid.LineMisfit(0, f, cost, 12.0) for f, cost in ((10, 11), (20, 90.5), (30, 13)))
-    found = estimate.with_(misfit=rid.Misfit(114.5, 36.0, 30, 1e-7), line_misfit=lines)
+    found = of_no_machine.with_(misfit=rid.Misfit(114.5, 36.0, 30, 1e-7), line_misfit=lines)
     page = Page(estimate_report(found))
     check_self_contained(page)
     assert "Misfit, frequency by frequency" in titles(page)
@@ -227,12 +233,12 @@ def test_where_the_misfit_lies(estimate):
     assert "misfit by line" not in str(fits)
 
 
-def test_where_an_estimate_comes_from(estimate):
+def test_where_an_estimate_comes_from(of_no_machine):
     source = rid.Provenance(
         (SourceFile("run<1>.csv", "ab12"),), "model = 1", "0.1", "rotorid identify"
     )
     source = replace(source, environment="numpy 9")
-    page = Page(estimate_report(estimate.with_(provenance=source)))
+    page = Page(estimate_report(of_no_machine.with_(provenance=source)))
     for text in (
         "run<1>.csv",
         "sha256 ab12",
@@ -242,18 +248,17 @@ def test_where_an_estimate_comes_from(estimate):
         assert text in page.words
 
 
-def test_of_an_older_result(estimate):
+def test_of_an_older_result(of_no_machine):
     """What a result of an older version lacks is said, and the rest is shown."""
-    page = Page(estimate_report(estimate.with_(evidence=None, model="mine", provenance=None)))
+    page = Page(estimate_report(of_no_machine))
     check_self_contained(page)
     assert "holds no evidence of its records" in page.words
     assert "the equations of motion are not shown; identify again" in page.words
     assert titles(page) == ["Correlation of the parameters"]
 
 
-def test_a_page_without_pictures_has_no_script(estimate):
-    bare = estimate.with_(model="mine", evidence=None, covariance=np.zeros((0, 0)), provenance=None)
-    page = Page(estimate_report(bare))
+def test_a_page_without_pictures_has_no_script(of_no_machine):
+    page = Page(estimate_report(of_no_machine.with_(covariance=np.zeros((0, 0)))))
     check_self_contained(page)
     assert "script-src 'none'" in "".join(page.values("content"))
 

@@ -242,9 +242,13 @@ def estimate(model):
     return estimate_of(model, percent=0.1)
 
 
-def test_a_diagram_shows_what_was_computed(estimate):
-    found = rid.campbell(estimate, 1.3 * SPEED)
-    panel = drawn.campbell(found)
+@pytest.fixture(scope="module")
+def diagram(estimate):
+    return rid.campbell(estimate, 1.3 * SPEED)
+
+
+def test_a_diagram_shows_what_was_computed(diagram):
+    found, panel = diagram, drawn.campbell(diagram)
     lines = [c for c in panel.curves if c.look == "line"]
     assert len(lines) == len(found.whirl)
     for curve, frequency in zip(lines, found.frequency_hz.T, strict=True):
@@ -361,8 +365,8 @@ def test_a_response_is_drawn_with_its_band(estimate, model):
     np.testing.assert_allclose(band.base, np.maximum(line.y - half, line.y / 100), rtol=1e-4)
 
 
-def test_the_page_of_modes(estimate):
-    found, diagram = rid.modes(estimate, speed=SPEED), rid.campbell(estimate, 1.3 * SPEED)
+def test_the_page_of_modes(estimate, diagram):
+    found = rid.modes(estimate, speed=SPEED)
     page = Page(machines.modes_report(estimate, found, diagram, ["rotorid modes run.json"]))
     check_self_contained(page)
     assert titles(page) == ["Campbell diagram", "Mode shapes", "Unbalance response"]
@@ -397,7 +401,7 @@ def test_planes_that_do_not_reach_are_said(estimate, model):
     assert "These planes cannot do away with the unbalance: " in page.words
 
 
-def test_what_is_overdamped_is_no_mode_of_a_page(estimate):
+def test_what_is_overdamped_is_no_mode_of_a_page(estimate, diagram):
     """A pole without a peak in any response, damping ratio above .707, is neither row nor curve."""
     found = rid.modes(estimate, speed=SPEED)
     dull = replace(found.modes[1], damping_ratio=0.71, frequency_hz=57.6)
@@ -407,7 +411,6 @@ def test_what_is_overdamped_is_no_mode_of_a_page(estimate):
     assert [text for text in machines.summary(crowd) if text.startswith("1 overdamped")]
     rings = replace(dull, damping_ratio=0.70)
     assert len(machines.ringing(replace(found, modes=(rings,))).modes) == 1
-    diagram = rid.campbell(estimate, SPEED)
     ratio = diagram.damping_ratio.copy()
     ratio[:, 0] = 1.0
     ratio[0, 1] = 0.8
