@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.integrate import RK45
 
 from rotorid.core.values import Floats, Integers
 from rotorid.force.laws import magnet_fluxes
@@ -136,19 +137,9 @@ _fluxes = njit(magnet_fluxes, error_model="numpy")
 _angle_and_speed = njit(angle_and_speed, error_model="numpy")
 
 # Dormand and Prince 1980: nodes; stages, the last the step of order 5; its difference to order 4.
-_C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-_A = np.array(
-    [
-        [0, 0, 0, 0, 0, 0],
-        [1 / 5, 0, 0, 0, 0, 0],
-        [3 / 40, 9 / 40, 0, 0, 0, 0],
-        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
-        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-_E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+_C = np.append(RK45.C, 1.0)
+_A = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B])
+_E = RK45.E
 
 
 @njit(cache=True, error_model="numpy")
