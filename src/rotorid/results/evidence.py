@@ -21,7 +21,7 @@ from rotorid.answer.estimate import (
 from rotorid.answer.identify import Estimator
 from rotorid.answer.predict import Forecast
 from rotorid.core.errors import InputError
-from rotorid.core.values import Booleans, Complexes, Floats
+from rotorid.core.values import Booleans, Complexes, Floats, frozen
 from rotorid.data.lines import PhasorClock, SampledClock, SilentClock
 from rotorid.data.observation import Data, Observation, bind
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
@@ -143,7 +143,7 @@ def _record(
         speed_rad_s=_rounded(speeds),
         frequency_hz=_rounded([f.mean() for f in _grouped(lines.frequency, size)]),
         time_s=_rounded(time),
-        channels=tuple(_channels(record, found, spread, size, time)),
+        channels=tuple(_Shown(record, size, time).channels(found, spread)),
     )
 
 
@@ -165,56 +165,54 @@ def _times(record: Observation, most: int) -> Floats:
     return np.asarray(length / 2 + step * np.arange(count))
 
 
-def _channels(
-    record: Observation,
-    found: Predicted | None,
-    spread: Floats | None,
-    size: int,
-    time: Floats,
-) -> Iterator[ChannelEvidence]:
-    lines = record.lines
-    own = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real.clip(0)
-    told = () if found is None else found.names
-    if found is not None:
-        noise = own[:, list(map(lines.names.index, told))] if spread is None else spread
-        for j, name in enumerate(told):
-            both = (found.measured[:, j], found.predicted[:, j])
-            yield _channel(record, name, found.units[j], both, noise[:, j], size, time)
-    for c, channel in enumerate(lines.channels):
-        if channel.name not in told:
-            alone = (lines.mean[:, c],)
-            yield _channel(record, channel.name, channel.unit, alone, own[:, c], size, time[:0])
+@frozen
+class _Shown:
+    """A record as it is shown: `size` neighbouring lines in one value, and the times."""
 
+    record: Observation
+    size: int
+    time: Floats
 
-def _channel(
-    record: Observation,
-    name: str,
-    unit: str,
-    both: tuple[Complexes, ...],
-    noise: Floats,
-    size: int,
-    time: Floats,
-) -> ChannelEvidence:
-    """Return one channel: its lines in groups of `size`, and what they make over time."""
-    c, measured = record.lines.multiplicity, both[0]
-    variance = noise if noise.any() else None
-    made: dict[str, Any] = {"measured": _amplitude(measured, c, size)}
-    if variance is not None:
-        made["noise"] = _amplitude(np.sqrt(variance), c, size)
-    if len(both) > 1:
-        away, told = both[1] - measured, _telling(measured, variance)
-        power, wrong = (float(c[told] @ np.abs(x[told]) ** 2) for x in (measured, away))
-        made["predicted"] = _amplitude(both[1], c, size)
-        made["difference"] = _amplitude(away, c, size)
-        made["error"] = _rounded([math.sqrt(wrong / power) if power > 0 else math.nan])[0]
-        made["left_out"] = int((~told).sum())
-        if len(time):
-            turns = np.exp(2j * np.pi * np.outer(time, record.lines.frequency[told]))
-            waves = (turns @ (c[told, None] * np.column_stack(both)[told])).real
-            spread = math.nan if variance is None else math.sqrt(c[told] @ variance[told])
-            made["wave_measured"], made["wave_predicted"] = map(_rounded, waves.T)
-            made["wave_noise"] = _rounded([spread])[0]
-    return ChannelEvidence(name, unit, **made)
+    def channels(self, found: Predicted | None, spread: Floats | None) -> Iterator[ChannelEvidence]:
+        lines = self.record.lines
+        own = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real.clip(0)
+        told = () if found is None else found.names
+        if found is not None:
+            noise = own[:, list(map(lines.names.index, told))] if spread is None else spread
+            for j, name in enumerate(told):
+                both = (found.measured[:, j], found.predicted[:, j])
+                yield self.channel(name, found.units[j], both, noise[:, j])
+        for c, channel in enumerate(lines.channels):
+            if channel.name not in told:
+                yield self.channel(channel.name, channel.unit, (lines.mean[:, c],), own[:, c])
+
+    def channel(
+        self, name: str, unit: str, both: tuple[Complexes, ...], noise: Floats
+    ) -> ChannelEvidence:
+        """Return one channel, as measured and as predicted: its lines, what they make over time."""
+        c, measured = self.record.lines.multiplicity, both[0]
+        variance = noise if noise.any() else None
+        made: dict[str, Any] = {"measured": self.amplitude(measured)}
+        if variance is not None:
+            made["noise"] = self.amplitude(np.sqrt(variance))
+        if len(both) > 1:
+            away, told = both[1] - measured, _telling(measured, variance)
+            power, wrong = (float(c[told] @ np.abs(x[told]) ** 2) for x in (measured, away))
+            made["predicted"], made["difference"] = map(self.amplitude, (both[1], away))
+            made["error"] = _rounded([math.sqrt(wrong / power) if power > 0 else math.nan])[0]
+            made["left_out"] = int((~told).sum())
+            if len(self.time):
+                turns = np.exp(2j * np.pi * np.outer(self.time, self.record.lines.frequency[told]))
+                waves = (turns @ (c[told, None] * np.column_stack(both)[told])).real
+                spread = math.nan if variance is None else math.sqrt(c[told] @ variance[told])
+                made["wave_measured"], made["wave_predicted"] = map(_rounded, waves.T)
+                made["wave_noise"] = _rounded([spread])[0]
+        return ChannelEvidence(name, unit, **made)
+
+    def amplitude(self, lines: Complexes | Floats) -> Numbers:
+        """Return amplitudes, of several lines together their root mean square."""
+        square = (self.record.lines.multiplicity * np.abs(lines)) ** 2
+        return _rounded([math.sqrt(part.mean()) for part in _grouped(square, self.size)])
 
 
 def _telling(measured: Complexes, variance: Floats | None) -> Booleans:
@@ -253,12 +251,6 @@ def _of_samples(record: Observation, found: Predicted | None, most: int) -> Reco
 def _grouped(values: Floats, size: int) -> Iterator[Floats]:
     for start in range(0, len(values), size):
         yield values[start : start + size]
-
-
-def _amplitude(lines: Complexes | Floats, multiplicity: Floats, size: int) -> Numbers:
-    """Return amplitudes, of `size` lines together their root mean square."""
-    square = (multiplicity * np.abs(lines)) ** 2
-    return _rounded([math.sqrt(part.mean()) for part in _grouped(square, size)])
 
 
 def _rounded(values: Sequence[float] | Floats) -> Numbers:

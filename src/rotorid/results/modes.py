@@ -162,12 +162,12 @@ def modes(
     ([36.85, 175.53, 175.53], 'forward')
     """
     machine = machine_of(source, record)
-    at = Eigen(machine, finite_speed(speed))
+    at = Eigen(machine, finite_speed(speed), rng=rng)
     return Modes(
         machine.model.name,
         at.speed,
         machine.model.coordinates,
-        tuple(at.modes(rng)),
+        tuple(at.modes()),
         at.found.rigid,
         tuple(at.found.real.tolist()),
         machine.status,
@@ -208,6 +208,7 @@ class Eigen:
     machine: Machine
     speed: float
     lowest: int | None = None
+    rng: np.random.Generator | None = None  # of draws; None: the same ones each time
 
     @cached_property
     def found(self) -> Eigenmodes:
@@ -298,7 +299,11 @@ class Eigen:
         moved = rng.standard_normal((DRAWS, len(self.machine.values))) @ self.machine.root.T
         return np.asarray(np.einsum("iju,du->dij", self._block(cluster), moved))
 
-    def deviations(self, rng: np.random.Generator | None) -> tuple[Floats | None, Floats | None]:
+    @property
+    def draws(self) -> np.random.Generator:
+        return np.random.default_rng(0) if self.rng is None else self.rng
+
+    def deviations(self) -> tuple[Floats | None, Floats | None]:
         """Return deviations of frequency (Hz) and damping ratio, and 95 % intervals: (mode, 2)."""
         if self.machine.covariance is None:
             return None, None
@@ -309,7 +314,7 @@ class Eigen:
         ratio = (values.real[:, None] * along - slopes.real) / np.abs(values)[:, None]
         spread = np.column_stack([frequency, np.linalg.norm(ratio @ root, axis=1)])
         intervals = hertz[:, None] + np.outer(frequency, [-HALF_WIDTH, HALF_WIDTH])
-        draws = np.random.default_rng(0) if rng is None else rng
+        draws = self.draws
         for cluster in self.clusters:
             drawn = np.linalg.eigvals(np.diag(values[cluster]) + self.drawn(cluster, draws))
             order = np.argsort(drawn.imag, axis=1, kind="stable")
@@ -323,8 +328,8 @@ class Eigen:
             intervals[cluster] = hertz[cluster, None] + np.column_stack([low, high])
         return spread, intervals
 
-    def modes(self, rng: np.random.Generator | None) -> Iterator[NaturalMode]:
-        spread, intervals = self.deviations(rng)
+    def modes(self) -> Iterator[NaturalMode]:
+        spread, intervals = self.deviations()
         for group in self.groups:
             value, first = complex(self.found.values[group].mean()), int(group[0])
             std = (None, None) if spread is None else tuple(spread[group].mean(axis=0).tolist())
@@ -442,7 +447,7 @@ def campbell(
         raise InputError("0", "a speed to go to", "give the highest speed", place="to")
     speeds = np.linspace(0.0, last, POINTS)
     eigen = [
-        Eigen(machine, speed, CURVES + SPARE)
+        Eigen(machine, speed, CURVES + SPARE, rng)
         for speed in counting(speeds.tolist(), "modes at speeds")
     ]
     order = _curves(eigen)
@@ -453,7 +458,7 @@ def campbell(
         values = at.found.values[order[k, there]]
         hertz[k, there] = values.imag / (2 * np.pi)
         ratio[k, there] = -values.real / np.abs(values)
-        spread, _ = at.deviations(rng)
+        spread, _ = at.deviations()
         if spread is not None:
             std[k, there] = spread[order[k, there], 0]
     ends = [int(np.flatnonzero(curve >= 0)[-1]) for curve in order.T]
@@ -534,7 +539,7 @@ def critical_speeds(
     for root in sorted(roots):
         if found and root - abs(found[-1].speed_rad_s) < FALSE * root:
             continue  # the other plane of the same mode, or of one as close: found there already
-        found += _critical(machine, sign * root, rng)
+        found += _critical(Eigen(machine, sign * root, rng=rng))
     return found
 
 
@@ -571,23 +576,19 @@ def _root(machine: Machine, sign: float, k: int, low: float, high: float) -> flo
     return root if abs(over(root)) < FALSE * root else None
 
 
-def _critical(
-    machine: Machine, speed: float, rng: np.random.Generator | None
-) -> Iterator[CriticalSpeed]:
+def _critical(eigen: Eigen) -> Iterator[CriticalSpeed]:
     """Yield what is at a critical speed: one, or those of modes that coincide there by chance."""
-    eigen = Eigen(machine, speed)
+    speed = eigen.speed
     for group in eigen.groups:
         near = int(group[0])
         value = eigen.found.values[near]
         if abs(value.imag - abs(speed)) <= FALSE * abs(speed):
-            std, ends = _spread(eigen, near, rng)
+            std, ends = _spread(eigen, near)
             ratio = float(-value.real / abs(value))
             yield CriticalSpeed(speed, std, eigen.whirls[near], ratio, ends)
 
 
-def _spread(
-    eigen: Eigen, near: int, rng: np.random.Generator | None
-) -> tuple[float | None, tuple[float, float] | None]:
+def _spread(eigen: Eigen, near: int) -> tuple[float | None, tuple[float, float] | None]:
     if eigen.machine.covariance is None:
         return None, None
     speed, sign = eigen.speed, -1.0 if eigen.speed < 0 else 1.0
@@ -599,9 +600,8 @@ def _spread(
         std = float(np.linalg.norm(along @ eigen.machine.root))
         reach = HALF_WIDTH * std
         return std, (speed - reach, speed + reach)
-    draws = np.random.default_rng(0) if rng is None else rng
     away = np.diag(eigen.found.values[group]) - 1j * abs(speed) * np.eye(len(group))
-    matrices = away + eigen.drawn(group, draws)
+    matrices = away + eigen.drawn(group, eigen.draws)
     turning = 1j * np.eye(len(group)) - by_speed
     drawn = np.sort(np.linalg.eigvals(np.linalg.solve(turning, matrices)).real, axis=1)
     here = np.sort(np.linalg.eigvals(np.linalg.solve(turning, away)).real)

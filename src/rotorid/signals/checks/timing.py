@@ -187,7 +187,11 @@ class StepFit:
     place: int
 
 
-def _fitted(channels: Mapping[int, Shifts], at: ArrayLike) -> dict[int, StepFit]:
+StepFits = dict[int, StepFit]
+"""That of each channel, by its number."""
+
+
+def _fitted(channels: Mapping[int, Shifts], at: ArrayLike) -> StepFits:
     """Fit a line and a step to the shift of each channel, the step before a period `at`."""
     taus = np.stack([shifts.tau for shifts in channels.values()])
     period, at = np.arange(taus.shape[1]), np.broadcast_to(at, len(taus))
@@ -200,7 +204,7 @@ def _fitted(channels: Mapping[int, Shifts], at: ArrayLike) -> dict[int, StepFit]
     inverse = np.linalg.pinv(table)
     solved = inverse @ taus[:, :, None]
     left, unknowns = (taus[:, :, None] - table @ solved)[:, :, 0], table.any(axis=1).sum(axis=1)
-    found, root = dict[int, StepFit](), np.linalg.norm(inverse[:, 2], axis=1)
+    found, root = StepFits(), np.linalg.norm(inverse[:, 2], axis=1)
     for k, (channel, shifts) in enumerate(channels.items()):
         std = _long_run(left[k], int(unknowns[k]), shifts.noise) * float(root[k])
         found[channel] = StepFit(float(solved[k, 1, 0]), float(solved[k, 2, 0]), std, int(at[k]))
@@ -308,16 +312,12 @@ def _largest_step(
 
 
 def _lost(
-    periods: PeriodicRecord,
-    amount: float,
-    at: int,
-    moved: dict[int, StepFit],
-    all_: dict[int, StepFit],
+    periods: PeriodicRecord, amount: float, at: int, moved: StepFits, every: StepFits
 ) -> Note:
     names = [periods.names[c] for c in moved]
     # A channel that would show the loss and does not has kept its samples.
     lost = amount / periods.sample_rate
-    still = [c for c, f in all_.items() if c not in moved and lost > SURE * f.step_std]
+    still = [c for c, f in every.items() if c not in moved and lost > SURE * f.step_std]
     only = f" in {', '.join(names)} only" if still else ""
     number = max(1, round(abs(amount)))
     kind = "lost" if amount > 0 else "too many"
