@@ -512,3 +512,12 @@ def test_blocks_that_no_machine_has(scale, path, monkeypatch):
     assert opened is not None
     with pytest.raises(InputError, match=r"channels\.x\.unit: found samples up to"):
         average_blocks(opened, period_samples=SIZE, **OPTIONS)
+
+
+def test_empty_column_is_no_channel(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("F,spare,x\n" + "1.0,nan,2.0\n" * 5)
+    assert rid.read_record(path, sample_rate=1e3).names == ("F", "x")
+    path.write_text("F,spare,x\n" + "1.0,nan,2.0\n" * 4 + "1.0,3.0,2.0\n")
+    with pytest.raises(InputError, match=r"nan in sample 0 of channel 'spare', 4 in all"):
+        rid.read_record(path, sample_rate=1e3)

@@ -73,7 +73,7 @@ def read_record(
         files (.uff, .unv) or MDF (.mf4, .mdf); or several files of one clock.
     columns : mapping or sequence of str, optional
         Channel names to columns; or the columns, each under its own name. Without it, all
-        one-dimensional columns of the length of the longest.
+        one-dimensional columns of the length of the longest that hold a number.
     sample_rate : float or str
         In Hz, or with a unit: ``"5 kHz"``.
     time : str or Source, optional
@@ -173,7 +173,12 @@ def _columns(
     stamps = _stamps(read.pop(_TIME), beside[_TIME], table) if _TIME in beside else None
     if columns is None:
         longest = max((len(read[name].values) for name in sources), default=0)
-        read = {n: c for n, c in read.items() if n == _MASK or len(c.values) == longest}
+        read = {
+            name: column
+            for name, column in read.items()
+            if name == _MASK
+            or (len(column.values) == longest and not np.isnan(column.values).all())
+        }
     return sources, read, stamps
 
 
