@@ -55,9 +55,14 @@ class Balanced:
 
 
 def in_planes(p: Mapping[str, float]) -> Complexes:
-    """Return the unbalance of a rigid rotor in the planes of its bearings, kg m."""
+    """Return the unbalance of a rigid rotor in the planes of its bearings, kg m.
+
+    Of the resultant m e, and of the moment of the products of inertia that a tilt makes:
+    (I_t - I_p)(mu + i eta) turns about x.
+    """
     force = p["m"] * (p["xi"] + 1j * p["zeta"])
     moment = (p["I_t"] - p["I_p"]) * (p["mu"] + 1j * p["eta"])
+    # theta_x: L_a F_ya - L_b F_yb, with F_y = -i U: -i (a U_a - b U_b) = moment
     matrix = np.array([[1, 1], [-1j * p["L_a"], 1j * p["L_b"]]])
     return np.linalg.solve(matrix, np.array([force, moment]))
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from linear_machines import SUPPORTED, estimate_of, lost, model_of
 from model_text import model_text
+from result_cases import in_planes as ends_of
 from scipy.optimize import brentq
 
 import rotorid as rid
@@ -27,19 +28,6 @@ UNBALANCE = ("xi", "zeta", "mu", "eta")
 
 def vector(found: Balance) -> np.ndarray:
     return np.array([c.unbalance_kg_m * np.exp(1j * c.angle_rad) for c in found.corrections])
-
-
-def ends_of(values: dict[str, float]) -> np.ndarray:
-    """Unbalance of a rigid rotor in the planes of its bearings, in closed form.
-
-    Of the resultant m e, and of the moment of the products of inertia that a tilt makes:
-    (I_t - I_p)(mu + i eta) turns about x.
-    """
-    m, a, b = values["m"], values["L_a"], values["L_b"]
-    force = m * (values["xi"] + 1j * values["zeta"])
-    moment = (values["I_t"] - values["I_p"]) * (values["mu"] + 1j * values["eta"])
-    # theta_x: L_a F_ya - L_b F_yb, with F_y = -i U: -i (a U_a - b U_b) = moment
-    return np.linalg.solve(np.array([[1, 1], [-1j * a, 1j * b]]), np.array([force, moment]))
 
 
 @pytest.mark.parametrize(

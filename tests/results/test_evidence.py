@@ -189,7 +189,7 @@ def test_a_record_whose_rotor_angle_was_found_is_predicted(model, whole):
             data.append(rid.spectra(record, (2.0, 60.0), inputs=model.inputs))
         else:
             data.append(rid.average(record, 1.0, harmonics=harmonics))
-    estimate = rid.identify(model, data, "ml")
+    estimate = rid.identify(model, data, rid.MaximumLikelihood(effort="quick"))
     assert estimate.value("phase[1]") == pytest.approx(2.0, abs=0.03)
     for shown in record_evidence(estimate, model, data):
         assert all(c.error < 0.05 for c in shown.channels if c.name in model.inputs)
