@@ -53,7 +53,7 @@ def test_scaling_forces_scales_masses(demo, bearings, factor):
     scale = np.array([factor] * 4 + [1.0] * 4)
     scaled = replace(record, spectra=record.spectra * scale)
     powers = {"m1", "m2", "m3", "I_t", "I_p", "k1", "k2"}
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    estimator = MaximumLikelihood(fixed={"L1": 0.3}, effort="quick")
     start = {name: factor * demo.truth[name] for name in powers}
     one = identify(demo.model, record, estimator)
     other = identify(demo.model, scaled, replace(estimator, start=start))
@@ -81,7 +81,7 @@ def test_a_start_a_thousand_times_off(demo, bearings, factor):
 @given(order=st.permutations(range(8)))
 def test_permuting_equations_changes_nothing(demo, bearings, order):
     record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(5))
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    estimator = MaximumLikelihood(fixed={"L1": 0.3}, effort="quick")
     one = identify(demo.model, record, estimator)
     other = identify(permuted(demo.model, order), record, estimator)
     assert other.misfit.cost == pytest.approx(one.misfit.cost, rel=1e-7)
