@@ -486,7 +486,7 @@ ROUNDING = 1e-10
 
 
 def samples(record: Source, whole_blocks: int = 1) -> list[Panel]:
-    """Return every channel over the record: as it is, or as the band that no spike is lost from.
+    """Return every channel over the record: as it is, or between its extremes: no spike is lost.
 
     Steps of the band hold whole blocks of `whole_blocks` samples: else they beat with a period.
     """

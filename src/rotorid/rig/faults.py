@@ -7,7 +7,7 @@ everybody (an option, such as a notch). At the size `none` nothing changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
@@ -29,7 +29,7 @@ from rotorid.rig.parts import (
     Rotation,
     SensorRunout,
 )
-from rotorid.rig.plant import quarter_turn
+from rotorid.rig.plant import other_axis, quarter_turn
 from rotorid.rig.rig import Rig, Spoil
 from rotorid.signals.spectrum import shifted
 
@@ -179,21 +179,17 @@ def _spoiled(rig: Rig, spoil: Spoil) -> Rig:
     return replace(rig, spoils=(*rig.spoils, spoil))
 
 
-def _swapped(name: str) -> str:
-    return name.translate(str.maketrans("xy", "yx"))
+def _reading(rig: Rig, reads: Floats) -> Rig:
+    """Let the sensors read other combinations of coordinates, shape (sensor, coordinate)."""
+    rows = (zip(rig.model.coordinates, row, strict=True) for row in reads.tolist())
+    combinations = [{name: factor for name, factor in row if factor} for row in rows]
+    pairs = zip(rig.sensors, combinations, strict=True)
+    return replace(rig, sensors=tuple(replace(sensor, reads=read) for sensor, read in pairs))
 
 
-def _side(name: str) -> float:
-    """Return the sign that a turn about the shaft has on an axis."""
-    return 1.0 if "x" in name else -1.0
-
-
-def _sum(*parts: tuple[float, Mapping[str, float]]) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for factor, combination in parts:
-        for name, value in combination.items():
-            found[name] = found.get(name, 0.0) + factor * value
-    return found
+def _turned(names: Sequence[str], angle: float) -> Floats:
+    """Return what a turn about the shaft makes of axes."""
+    return np.asarray(np.cos(angle) * np.eye(len(names)) + np.sin(angle) * quarter_turn(names))
 
 
 def _work(rig: Rig, values: Floats) -> Floats:
@@ -324,30 +320,25 @@ def _gap_drift(part: Actuator, size: float) -> Actuator:
 def _actuators_rotated(rig: Rig, size: float) -> Rig:
     """Magnets turned against the sensors about the shaft."""
     B = _work(rig, rig.parameters) if rig.work is None else rig.work
-    turn = quarter_turn(rig.model.inputs)
-    return replace(rig, work=B @ (np.cos(size) * np.eye(len(turn)) + np.sin(size) * turn).T)
+    return replace(rig, work=B @ _turned(rig.model.inputs, size).T)
 
 
-@_fault("3 deg", "rejected", "rotation", "cross", of=_sensors)
-def _sensors_rotated(sensor: PositionSensor, size: float) -> PositionSensor:
+@_fault("3 deg", "rejected", "rotation", "cross")
+def _sensors_rotated(rig: Rig, size: float) -> Rig:
     """Sensors turned against the magnets about the shaft."""
-    across = {_swapped(name): _side(name) * f for name, f in sensor.combination.items()}
-    return replace(sensor, reads=_sum((np.cos(size), sensor.combination), (np.sin(size), across)))
+    return _reading(rig, rig.reads @ _turned(rig.model.coordinates, size))
 
 
 @_fault("5 mm", "rejected", "sensor plane", "plane", "L_", rig="rigid")
 def _sensor_plane(rig: Rig, size: float) -> Rig:
     """Sensors so much further along the shaft than stated."""
-
-    def moved(sensor: PositionSensor, size: float) -> PositionSensor:
-        lever = {
-            angle: _side(name) * factor
-            for name, factor in sensor.combination.items()
-            if (angle := "theta_" + _swapped(name)) in rig.model.coordinates
-        }
-        return replace(sensor, reads=_sum((1.0, sensor.combination), (size, lever)))
-
-    return _sensors(moved)(rig, size)
+    names = rig.model.coordinates
+    lever = np.zeros((len(names), len(names)))
+    for j, name in enumerate(names):
+        angle = f"theta_{other_axis(name)}"
+        if angle in names:
+            lever[j, names.index(angle)] = 1.0 if "x" in name else -1.0
+    return _reading(rig, rig.reads @ (np.eye(len(names)) + size * lever))
 
 
 @_fault("5 mm", "rejected", "L_", "prior L_", "plane", rig="rigid")
@@ -401,9 +392,9 @@ def _sensor_bandwidth(sensor: PositionSensor, size: float) -> PositionSensor:
 @_fault("0.02", "rejected", "gain[")
 def _sensor_gain(rig: Rig, size: float) -> Rig:
     """The first sensor reads too much by this part."""
-    first, *others = rig.sensors
-    first = replace(first, reads=_sum((1 + size, first.combination)))
-    return replace(rig, sensors=(first, *others))
+    gains = np.ones(len(rig.sensors))
+    gains[0] += size
+    return _reading(rig, gains[:, None] * rig.reads)
 
 
 @_fault("0.05", "rejected", "nonlinear", "gain[s", of=_sensors, rig="rigid")
@@ -421,13 +412,8 @@ def _gain_drift(sensor: PositionSensor, size: float) -> PositionSensor:
 @_fault("0.02", "rejected", "cross", "rotation")
 def _cross_talk(rig: Rig, size: float) -> Rig:
     """Each sensor reads this part of the other axis's one."""
-    read = {sensor.name: sensor.combination for sensor in rig.sensors}
-
-    def mixed(sensor: PositionSensor, size: float) -> PositionSensor:
-        other = read.get(_swapped(sensor.name), {})
-        return replace(sensor, reads=_sum((1.0, sensor.combination), (size, other)))
-
-    return _sensors(mixed)(rig, size)
+    others = np.abs(quarter_turn([sensor.name for sensor in rig.sensors])) @ rig.reads
+    return _reading(rig, rig.reads + size * others)
 
 
 def _runout(rig: Rig, order: int, size: float) -> Rig:

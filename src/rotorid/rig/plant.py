@@ -159,14 +159,18 @@ def _load_harmonics(
     return harmonics.astype(np.int64), np.stack([kept.real, -kept.imag], axis=-1)
 
 
-def pairs(inputs: tuple[str, ...]) -> Integers:
+def other_axis(name: str) -> str:
+    return name.translate(str.maketrans("xy", "yx"))
+
+
+def pairs(inputs: Sequence[str]) -> Integers:
     """Return the other axis of each auxiliary bearing: F_x1 and F_y1; -1 where there is none."""
-    swapped = [name.translate(str.maketrans("xy", "yx")) for name in inputs]
+    swapped = [other_axis(name) for name in inputs]
     others = [n if n != name else "" for n, name in zip(swapped, inputs, strict=True)]
     return np.array([inputs.index(n) if n in inputs else -1 for n in others])
 
 
-def quarter_turn(inputs: tuple[str, ...]) -> Floats:
+def quarter_turn(inputs: Sequence[str]) -> Floats:
     """Return the matrix that takes the force on y from the motion along x, and -x from y."""
     turn = np.zeros((len(inputs), len(inputs)))
     for j, other in enumerate(pairs(inputs)):
