@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from rotorid import load_rig
 from rotorid.force.laws import Differential
+from rotorid.rig.parts import angle_and_speed
 from rotorid.rig.rig import Rig, RigRecord
 
 
@@ -34,7 +35,7 @@ def recorded(rig: Rig, duration: float, seed: int = 0) -> RigRecord:
 
 
 def _coil(part, command, current):
-    return np.clip((command - current) / part.time_constant, -part.slew, part.slew)
+    return min(max((command - current) / part.time_constant, -part.slew), part.slew)
 
 
 def reference_positions(rig: Rig, duration: float) -> np.ndarray:
@@ -44,6 +45,7 @@ def reference_positions(rig: Rig, duration: float) -> np.ndarray:
     mu, parts, nominal = linear.monomial_values(values), rig.parts, rig.rotation.speed
     quarters = linear.load_columns(np.zeros(2), np.array([0.0, np.pi / 2]), nominal) @ mu
     inverse, n, inputs = np.linalg.inv(fixed.M), len(fixed.M), len(parts)
+    turning = rig.rotation.numbers
     lagging = parts[0].time_constant > 0
 
     def force(part, current, position):
@@ -54,16 +56,17 @@ def reference_positions(rig: Rig, duration: float) -> np.ndarray:
         return part.law.ki * current + part.law.ks * position
 
     def slope(t, z, held):
-        speed, angle = float(rig.rotation.speed_at(t)), float(rig.rotation.angle_at(t))
+        angle, speed = angle_and_speed(turning, t)
         q, v, coil = z[:n], z[n : 2 * n], z[2 * n :] if lagging else held
         x = fixed.B.T @ q
-        u = [force(part, i, xj) for part, i, xj in zip(parts, coil, x, strict=True)]
+        # Numbers of Python: half a million times arithmetic of numpy on one takes seconds.
+        u = [force(*each) for each in zip(parts, coil.tolist(), x.tolist(), strict=True)]
         # Unbalance: Omega^2 (cos phi, sin phi).
         load = (speed / nominal) ** 2 * (np.array([np.cos(angle), np.sin(angle)]) @ quarters)
         right = fixed.B @ u + load - fixed.K @ q - (fixed.D + speed * fixed.G) @ v
         if not lagging:
             return np.concatenate([v, inverse @ right])
-        coils = [_coil(p, c, i) for p, c, i in zip(parts, held, coil, strict=True)]
+        coils = [_coil(*each) for each in zip(parts, held.tolist(), coil.tolist(), strict=True)]
         return np.concatenate([v, inverse @ right, coils])
 
     period, rate = rig.controller.period, rig.logger.sample_rate
