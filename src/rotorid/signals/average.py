@@ -239,7 +239,7 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
             "give a lower common fundamental and multiply the harmonics, or resample",
         )
     if size < 2:
-        cure = "correct the fundamental or the unit of the time column, or sample faster"
+        cure = "set fundamental to the true one, give the unit of the time column, or sample faster"
         raise InputError(f"a period of {exact:.3g} samples{source}", "2 or more", cure)
     return size
 
