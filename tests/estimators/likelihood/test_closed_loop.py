@@ -46,8 +46,9 @@ def rig(rpm: int = 8400, *, bearings: bool = False) -> Rig:
     return parse_rig(text).rig
 
 
-def run(seed: int, periods: int = 260):
-    record = rig().run(periods / 20.0, np.random.default_rng([77, seed]))
+def run(seed: int):
+    """Return 130 periods."""
+    record = rig().run(130 / 20.0, np.random.default_rng([77, seed]))
     return average(record, 20.0, harmonics=HARMONICS)
 
 
@@ -95,7 +96,7 @@ def test_statistics_of_the_three_covariances(demo, statistics):
 
     model, knowledge = demo.model, Knowledge(start=demo.truth)
     for seed in range(140):
-        record = run(seed, periods=130)
+        record = run(seed)
         for choice in ("auto", "white") if seed < 40 else ("correlated",):
             fitted = fit(model, [bind(model, record)], knowledge, Nuisances(), covariance=choice)
             name = "white" if choice == "white" else "correlated"
