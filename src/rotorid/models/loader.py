@@ -117,7 +117,7 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     return _parsed(data.encode() if isinstance(data, str) else data, name, file)
 
 
-@functools.lru_cache(maxsize=16)  # a result carries the text of its model, and is asked often
+@functools.lru_cache(maxsize=8)  # a result carries the text of its model, and is asked often
 def _parsed(raw: bytes, name: str, file: str) -> Model:
     if "sections" in table_within(raw):
         return replace(_build_rotor(raw, name, file), file_text=raw.decode())
