@@ -162,7 +162,7 @@ def test_demo(tmp_path, capsys):
     target = tmp_path / "demo.json"
     machine = tmp_path / "machine.html"
     options = ["--json", str(target), "--machine", str(machine)]
-    assert cli.run(["demo", "--runs", "3", *options]) == 0
+    assert cli.run(["demo", "--runs", "2", *options]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     head = printed.out.partition("Table 1")[0]
@@ -180,7 +180,7 @@ def test_demo(tmp_path, capsys):
         assert text in printed.out
     data = json.loads(target.read_text())
     assert set(data) == {"runs", "noise", "estimators", "bound", "written"}
-    assert data["runs"] == 3
+    assert data["runs"] == 2
     assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls", "ml"}
     row = data["estimators"]["ls"]["I_t*mu - I_p*mu"]
     assert set(row) == {"bias_percent", "rms_percent", "median_abs_percent"}

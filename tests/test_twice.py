@@ -244,9 +244,9 @@ def test_natural_frequencies_twice(said, place, tmp_path):
 
 def scatters(load, folder: Path, first: dict, second: dict, more: str = LINES) -> list[str]:
     """Return what is told of the second of two records, whose first is not told of."""
-    write(folder / "run.h5", first)
-    write(folder / "again.h5", second)
-    one, other = load(("run.h5", more), ("again.h5", more)).records()
+    write(folder / "run.csv", first)
+    write(folder / "again.csv", second)
+    one, other = load(("run.csv", more), ("again.csv", more)).records()
     assert not any("scatters as" in text for text in one.warnings)
     return [text for text in other.warnings if "scatters as" in text]
 
@@ -263,7 +263,7 @@ def test_an_export_with_fewer_digits(how, load, tmp_path):
     }[how]
     said = scatters(load, tmp_path, values, again)
     assert len(said) == (how != "another")
-    assert all("run.h5 does, period by period" in text for text in said)
+    assert all("run.csv does, period by period" in text for text in said)
 
 
 @pytest.mark.parametrize(("part", "said"), [(0.2, True), (0.45, False)])

@@ -36,7 +36,7 @@ HOSTILE = "</title><script>alert(1)</script>${{ 7*7 }} $x_{$ & \"'>\n\u65e5"
 
 @pytest.fixture(scope="module")
 def demo():
-    return run_demo(4, rng=np.random.default_rng(3))
+    return run_demo(2, rng=np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
