@@ -61,12 +61,6 @@ def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_fa
     assert all(row["value"] is not None for row in result["parameters"])
 
 
-def test_quiet_says_nothing_on_a_terminal(folder, monkeypatch):
-    assert shown_in_process(monkeypatch, "identify", "run.toml", "--effort", "quick", "-q") == ""
-    shown = shown_in_process(monkeypatch, "identify", "run.toml", "--effort", "quick")
-    assert "looking for the first minimum" in shown
-
-
 def shown_in_process(
     monkeypatch: pytest.MonkeyPatch, *arguments: str, patience: float = 0.0, until: str = "never"
 ) -> str:
@@ -143,10 +137,12 @@ def test_an_interrupt_before_the_first_minimum_leaves_nothing(folder, monkeypatc
     assert not (folder / "run.json").exists()
 
 
-@pytest.mark.parametrize(("patience", "says"), [(0.0, True), (60.0, False)])
-def test_what_is_done_sooner_than_that_says_nothing(folder, monkeypatch, patience, says):
-    shown = shown_in_process(monkeypatch, *LONG, "--effort", "quick", patience=patience)
-    assert bool(shown) == says
+@pytest.mark.parametrize(
+    ("patience", "more", "says"), [(0.0, [], True), (60.0, [], False), (0.0, ["-q"], False)]
+)
+def test_quiet_or_done_sooner_than_that_says_nothing(folder, monkeypatch, patience, more, says):
+    shown = shown_in_process(monkeypatch, *LONG, "--effort", "quick", *more, patience=patience)
+    assert ("looking for the first minimum" in shown) == bool(shown) == says
 
 
 def test_other_commands_say_how_far_they_are(tmp_path, monkeypatch):

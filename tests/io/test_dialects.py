@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from io_writers import WRITERS, write_mdf
@@ -519,17 +518,6 @@ def test_what_bytes_may_stand_for():
         check_held(size, held, "run.h5")
         with pytest.raises(ReadError, match=TOO_MANY):
             check_held(size + 1, held, "run.h5")
-
-
-def test_columns_at_rest_together(tmp_path):
-    """One of a few kB may be large; twenty of them are too much."""
-    path = tmp_path / "run.mat"
-    values = {f"x{i}": np.zeros(500_000) for i in range(20)}
-    scipy.io.savemat(path, {"x0": values["x0"]}, do_compression=True)
-    assert len(open_table(path).read(["x0"])["x0"].values) == 500_000
-    scipy.io.savemat(path, values, do_compression=True)
-    with pytest.raises(ReadError, match=TOO_MANY):
-        open_table(path)
 
 
 @pytest.mark.slow

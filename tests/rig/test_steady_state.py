@@ -80,13 +80,6 @@ def test_resonance_without_damping_is_refused():
     assert np.abs(found[:, 0]).max() == pytest.approx(size, rel=5e-3)
 
 
-def test_a_constant_force_on_a_free_rotor_is_refused():
-    model = load_model("rigid")
-    forces = multisine(GRID, (1, 2), 4) + 1.0
-    with pytest.raises(InputError, match="a singular dynamic stiffness at 0 Hz"):
-        steady_state(model, model.values(model.nominal), forces, sample_rate=4000.0)
-
-
 @pytest.mark.parametrize(
     ("load", "speed", "message"),
     [
