@@ -53,8 +53,12 @@ def corpus(request, packages):
     return {outcome.name: outcome for outcome in run_cases(builds)}
 
 
+LONG = ("mat: version 4, a million empty matrices",)  # for all the seconds that reading has
+NAMES = [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in CASES]
+
+
 @pytest.mark.sampled(24)
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", NAMES)
 def test_corpus(name, corpus):
     assert not corpus[name].faults, corpus[name]
 
