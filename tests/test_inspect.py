@@ -13,7 +13,7 @@ from rotorid.cli import run
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
-    (folder / "rigid.toml").write_text(load_rig("rigid").text.replace('"10 s"', '"3 s"'))
+    (folder / "rigid.toml").write_text(load_rig("rigid").text.replace('"10 s"', '"2 s"'))
     command = ["simulate", str(folder / "rigid.toml"), "--out", str(folder / "rig.h5")]
     assert run([*command, "--seed", "1"]) == 0
     return folder
@@ -42,7 +42,7 @@ def test_a_draft_is_read_as_far_as_it_goes(rig, capsys):
     assert run(["inspect", str(draft)]) == 0
     shown = capsys.readouterr().out
     assert "a draft, shown with its columns as they are" in shown
-    assert "30 periods of 1000 samples" in shown
+    assert "20 periods of 1000 samples" in shown
     assert "encoder" not in shown.split("channel ")[1]
 
 

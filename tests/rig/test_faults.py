@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from rigs import with_actuators, without_noise
+from working_folder import short_rig
 
 from rotorid import InputError, load_rig
 from rotorid.cli import run
@@ -132,7 +133,7 @@ def test_sizes_with_and_without_unit():
 
 def test_faults_through_the_command(tmp_path):
     rig = tmp_path / "rig.toml"
-    rig.write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
+    rig.write_text(short_rig())
     for name, more in (("plain", []), ("faulty", ["--fault", "unit", "--fault", "nan=2"])):
         assert run(["simulate", str(rig), "--out", str(tmp_path / f"{name}.h5"), *more]) == 0
     plain, faulty = ((tmp_path / f"{n}.toml").read_text() for n in ("plain", "faulty"))

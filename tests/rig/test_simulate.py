@@ -4,15 +4,16 @@ from pathlib import Path
 
 import h5py
 import pytest
+from working_folder import short_rig
 
-from rotorid import load_experiment, load_rig
+from rotorid import load_experiment
 from rotorid.cli import run
 
 
 @pytest.fixture
 def rig(tmp_path):
     path = tmp_path / "short rig.toml"
-    path.write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
+    path.write_text(short_rig())
     return str(path)
 
 
