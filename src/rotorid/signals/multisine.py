@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from rotorid.core.errors import InputError, require_positive
 from rotorid.core.values import Complexes, Floats, Integers, frozen
@@ -173,12 +174,13 @@ def minimize_crest(signals: Multisine, *, steps: int = 8) -> Multisine:
     The norms of order 2p, whose limit is the peak, are minimized for p = 2, 4, 8, ..., each from
     the last. The given phases and a few sweeps serve as starts, and the lowest peak is kept.
     """
-    columns = [
-        _flattened(tuple(signals.harmonics.tolist()), tuple(column.tolist()), steps)
-        if np.abs(column).any()
-        else column
-        for column in signals.amplitudes.T
-    ]
+    with threadpool_limits(1, "blas"):  # matrices so small that threads only wait for each other
+        columns = [
+            _flattened(tuple(signals.harmonics.tolist()), tuple(column.tolist()), steps)
+            if np.abs(column).any()
+            else column
+            for column in signals.amplitudes.T
+        ]
     return replace(signals, amplitudes=np.stack(columns, axis=1))
 
 
