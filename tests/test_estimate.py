@@ -79,7 +79,7 @@ def estimates(draw):
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(estimate=estimates())
 def test_writing_then_reading_is_the_identity(estimate, tmp_path_factory):
     path = tmp_path_factory.mktemp("estimate") / "result.json"
@@ -332,7 +332,7 @@ VALID = rid.Estimate(
 JUNK = [None, "x", 3, -1.5, [], {}, [1], {"a": 1}, [[1, 2], [3]], True, 10**400, "nan"]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(st.sampled_from(sorted(VALID)), st.sampled_from(JUNK), st.booleans())
 def test_a_damaged_file_is_read_or_refused(key, junk, drop):
     data = json.loads(json.dumps(VALID))

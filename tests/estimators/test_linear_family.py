@@ -136,7 +136,7 @@ def by_hand(model, record, free_weight):
 @pytest.mark.sampled(8)
 @family
 @bank
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(factor=st.floats(0.1, 10))
 def test_scaling_forces_scales_masses(problem, method, factor):
     """No term of the bank is without a parameter: forces times f, every base parameter times f."""
@@ -284,7 +284,7 @@ def machines(draw):
 
 @pytest.mark.sampled(1)
 @family
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(problem=machines())
 def test_machines_that_no_one_has_seen(method, problem):
     assert problem.model.linear is not None
