@@ -515,9 +515,17 @@ def test_blocks_that_no_machine_has(scale, path, monkeypatch):
 
 
 def test_empty_column_is_no_channel(tmp_path):
-    path = tmp_path / "run.csv"
-    path.write_text("F,spare,x\n" + "1.0,nan,2.0\n" * 5)
-    assert rid.read_record(path, sample_rate=1e3).names == ("F", "x")
-    path.write_text("F,spare,x\n" + "1.0,nan,2.0\n" * 4 + "1.0,3.0,2.0\n")
-    with pytest.raises(InputError, match=r"nan in sample 0 of channel 'spare', 4 in all"):
+    path = tmp_path / "run.h5"
+    columns = {"F": np.arange(5.0), "spare": np.full(9, np.nan), "x": np.arange(5.0)}
+    with h5py.File(path, "w") as file:
+        file.update(columns)
+    record = rid.read_record(path, sample_rate=1e3)
+    assert record.names == ("F", "x")
+    assert record.warnings == ("no number in 'spare': left out",)
+    with pytest.raises(InputError, match=r"nan in sample 0 of channel 'spare', 9 in all"):
+        rid.read_record(path, sample_rate=1e3, columns=["spare"])
+    columns["spare"][8] = 1.0
+    with h5py.File(path, "w") as file:
+        file.update(columns)
+    with pytest.raises(InputError, match=r"nan in sample 0 of channel 'spare', 8 in all"):
         rid.read_record(path, sample_rate=1e3)

@@ -75,7 +75,7 @@ def _pairs(plan: Experiment, given: Sequence[str]) -> dict[str, str]:
         raise InputError(
             f"{len(references)} references for {len(plan.model.inputs)} inputs",
             "one for each, in the order of the inputs",
-            "name all, columns of zeros where an axis was not excited, or the axes: --pair F_x1=r_x1",
+            "name all, a column of zeros where none was added; or pairs: --pair F_x1=r_x1",
             file=plan.file,
             place="records.0.references",
         )

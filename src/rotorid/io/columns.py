@@ -126,6 +126,7 @@ def read_record(
     table = open_tables(path, header_row=header_row)
     with naming(table.file):
         sources, read, stamps = _columns(table, columns, time, mask, overrule)
+        read, warnings = (read, ()) if columns is not None else _of_one_length(read)
         kept = read.pop(_MASK, None)
         given, whole = _si(sample_rate, "Hz", "sample_rate"), _si(fundamental, "Hz", "fundamental")
         begin, end = _si(skip, "s", "skip") or 0.0, _si(until, "s", "until")
@@ -153,7 +154,7 @@ def read_record(
         phase_known=phase is not None,
         source=table.file,
         valid=None if mask is None else valid,
-        warnings=clock.warnings,
+        warnings=(*clock.warnings, *warnings),
         start=clock.start,
     )
 
@@ -171,15 +172,19 @@ def _columns(
     sources = _sources(columns, table, beside.get(_TIME), overrule)
     read = _read(table, {**sources, **beside})
     stamps = _stamps(read.pop(_TIME), beside[_TIME], table) if _TIME in beside else None
-    if columns is None:
-        longest = max((len(read[name].values) for name in sources), default=0)
-        read = {
-            name: column
-            for name, column in read.items()
-            if name == _MASK
-            or (len(column.values) == longest and not np.isnan(column.values).all())
-        }
     return sources, read, stamps
+
+
+def _of_one_length(read: dict[str, Column]) -> tuple[dict[str, Column], tuple[str, ...]]:
+    """Return the columns of the length of the longest that hold a number, and what is left out."""
+    empty = [n for n, c in read.items() if n != _MASK and np.isnan(c.values).all()]
+    told = {n: c for n, c in read.items() if n != _MASK and n not in empty}
+    if not told:
+        return read, ()
+    longest = max(len(column.values) for column in told.values())
+    kept = {n: c for n, c in read.items() if n == _MASK or (n in told and len(c.values) == longest)}
+    text = f"no number in {', '.join(map(repr, empty))}: left out"
+    return kept, (text,) if empty else ()
 
 
 def _si(value: float | str | None, unit: str, place: str) -> float | None:

@@ -114,7 +114,7 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     >>> model.base.names, model.base.units
     (('m', 'k'), ('kg', 'N/m'))
     """
-    return _parsed(data.encode() if isinstance(data, str) else data, name, file)
+    return _parsed(data.encode() if isinstance(data, str) else bytes(data), name, file)
 
 
 @functools.lru_cache(maxsize=8)  # a result carries the text of its model, and is asked often
