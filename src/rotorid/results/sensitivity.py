@@ -342,7 +342,7 @@ def _located(name: str, whole: Windowed) -> AxisSensitivity:
     if not found:
         return replace(_axis(name, *whole.raw), caveat=UNTOLD)
     best = max(found, key=lambda each: each.size)
-    ends = np.max([each.interval(CONFIDENCE) for each in found], axis=0)
+    low, high = np.max([each.interval(CONFIDENCE) for each in found], axis=0).tolist()
     frequency, values, variance, _ = whole.raw
     at = int(np.searchsorted(frequency, best.hertz))
     return AxisSensitivity(
@@ -352,8 +352,8 @@ def _located(name: str, whole: Windowed) -> AxisSensitivity:
         np.insert(np.sqrt(variance / 2), at, best.std),
         best.size,
         best.hertz,
-        (float(ends[0]), float(ends[1])),
-        "" if zone_of(float(ends[0])) == "D" else _untold(whole.middles, whole.raw),
+        (low, high),
+        "" if zone_of(low) == "D" or high < 1 else _untold(whole.middles, whole.raw),
     )
 
 
