@@ -44,10 +44,11 @@ def fact(
 
     @wraps(work)
     def found(value: Kind, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
-        kept, asked = vars(value), (args, kwargs)
-        if name not in kept or kept[name][0] != asked:
-            kept[name] = asked, work(value, *args, **kwargs)
-        answer: Found = kept[name][1]
+        asked = args, kwargs
+        kept = vars(value).get(name)  # once: another thread may ask something else meanwhile
+        if kept is None or kept[0] != asked:
+            kept = vars(value)[name] = asked, work(value, *args, **kwargs)
+        answer: Found = kept[1]
         return answer
 
     return found

@@ -188,7 +188,7 @@ class StepFit:
 
 
 StepFits = dict[int, StepFit]
-"""That of each channel, by its number."""
+"""The fit of each channel, by the number of the channel."""
 
 
 def _fitted(channels: Mapping[int, Shifts], at: ArrayLike) -> StepFits:
