@@ -5,6 +5,7 @@ import gc
 import os
 import sys
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,42 @@ def _compile_once() -> None:
     with Path(__file__).open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         load_rig("three-mass").rig.run(1e-3, np.random.default_rng(0))
+
+
+@pytest.fixture
+def output(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Run a command that gives an answer, silent on stderr, and return what it prints."""
+
+    def run(*arguments: object, code: int = 0) -> str:
+        from rotorid import cli
+
+        capsys.readouterr()
+        assert cli.run([*map(str, arguments)]) == code, arguments
+        printed = capsys.readouterr()
+        assert printed.err == ""
+        return printed.out
+
+    return run
+
+
+@pytest.fixture
+def refusal(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Run a command that is refused: exit code 2, nothing printed but the line that it returns."""
+
+    def run(*arguments: object) -> str:
+        from rotorid import cli
+
+        capsys.readouterr()
+        assert cli.run([*map(str, arguments)]) == 2, arguments
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        (line,) = printed.err.splitlines()
+        assert line.startswith("rotorid: ")
+        assert line.isprintable()
+        assert len(line) < 600
+        return line
+
+    return run
 
 
 @pytest.hookimpl(tryfirst=True)

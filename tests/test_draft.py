@@ -13,7 +13,6 @@ from working_folder import shaken
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.cli import run
 from rotorid.experiment import draft as columns_module
 from rotorid.experiment import draft as draft_module
 from rotorid.experiment.draft import (
@@ -72,7 +71,7 @@ def test_a_record_of_a_logger(tmp_path):
     assert estimate.value("m") == pytest.approx(MODEL.nominal["m"], rel=1e-3)
 
 
-def test_files_of_one_clock_are_one_record(tmp_path):
+def test_files_of_one_clock_are_one_record(tmp_path, output):
     record = shaken(periods=12, speed=0.0, noise=1e-3)
     for name, columns in (("forces", (0, 1)), ("positions", (2, 3))):
         with h5py.File(tmp_path / f"{name}.h5", "w") as data:
@@ -92,28 +91,24 @@ def test_files_of_one_clock_are_one_record(tmp_path):
     assert entry["time"] == {"column": "forces.h5:time_s", "unit": "s"}
     path = tmp_path / "experiment.toml"
     path.write_text(text, encoding="utf-8")
-    assert run(["inspect", str(path), "--quiet"]) == 0
+    output("inspect", path, "--quiet")
 
 
-def test_what_is_left_open_is_told_in_one_line(tmp_path, capfd):
+def test_what_is_left_open_is_told_in_one_line(tmp_path, output, refusal):
     rng = np.random.default_rng(1)
     np.savetxt(tmp_path / "run.txt", rng.normal(size=(300, 3)))
     out = tmp_path / "experiment.toml"
-    assert run(["new", str(tmp_path / "run.txt"), "--out", str(out)]) == 0
+    new = ("new", tmp_path / "run.txt", "--out", out)
+    output(*new)
     found = parse(out.read_text())
     assert found["model"] == "?"
     assert found["records"][0]["band"] == ["?", "?"]
     assert "# not used: 2" in out.read_text()
-    assert run(["identify", str(out)]) == 2
-    told = capfd.readouterr().err
-    assert told.count("\n") == 1
-    assert '"?" in model, records.0.sample_rate, records.0.speed' in told
-    assert run(["new", str(tmp_path / "run.txt"), "--out", str(out)]) == 0  # nobody edited it
+    assert '"?" in model, records.0.sample_rate, records.0.speed' in refusal("identify", out)
+    output(*new)  # nobody edited it
     out.write_text(out.read_text().replace('"?"', '"jeffcott"', 1))
-    assert run(["new", str(tmp_path / "run.txt"), "--out", str(out)]) == 2
-    assert "choose another name" in capfd.readouterr().err
-    assert run(["new", str(tmp_path / "gone.csv")]) == 2
-    assert "no such file" in capfd.readouterr().err
+    assert "choose another name" in refusal(*new)
+    assert "no such file" in refusal("new", tmp_path / "gone.csv")
 
 
 def test_currents_need_a_law(tmp_path):
@@ -395,12 +390,10 @@ def test_names_of_what_was_added_and_of_marks():
     assert {role_of(name, "V") for name in marks} == {"keyphasor"}
 
 
-def test_a_record_in_place_of_the_experiment_is_told(tmp_path, capfd):
+def test_a_record_in_place_of_the_experiment_is_told(tmp_path, refusal):
     path = write_sweep(tmp_path / "run.csv", 0)
     for command in ("inspect", "identify"):
-        assert run([command, str(path)]) == 2
-        told = capfd.readouterr().err
-        assert told.count("\n") == 1
+        told = refusal(command, path)
         assert "expected an experiment file" in told
         assert f"rotorid new {path}" in told
 
@@ -454,7 +447,7 @@ def test_a_name_that_is_hardly_likelier_than_the_next_does_not_tell(monkeypatch,
     assert list(assign(MODEL, columns)) == found
 
 
-def test_columns_that_are_no_numbers_are_known_by_one_pass(tmp_path, monkeypatch, capsys):
+def test_columns_that_are_no_numbers_are_known_by_one_pass(tmp_path, monkeypatch, output):
     """Halves of halves of two thousand columns took a minute."""
     kept, rows = {3, 500, 1999}, []
     for row in range(40):
@@ -465,7 +458,6 @@ def test_columns_that_are_no_numbers_are_known_by_one_pass(tmp_path, monkeypatch
     (tmp_path / "run.csv").write_text("\n".join([names, *rows]) + "\n")
     passes, load = [], np.loadtxt
     monkeypatch.setattr(np, "loadtxt", lambda *a, **k: (passes.append(None), load(*a, **k))[1])
-    assert run(["new", str(tmp_path / "run.csv")]) == 0
-    told = re.findall(r"# not used: (\w+)", capsys.readouterr().out)
+    told = re.findall(r"# not used: (\w+)", output("new", tmp_path / "run.csv"))
     assert told == [f"c{c}" for c in sorted(kept)]
     assert len(passes) < 6

@@ -75,10 +75,8 @@ def test_deviations_inflated_by_the_misfit_are_those_published(result):
         assert 1 < inflated / PUBLISHED[name][1] < 5, name
 
 
-def test_record_with_pulses(folder, result, capsys):
-    capsys.readouterr()
-    assert run(["validate", str(folder / "result.json"), str(folder / "validate.toml")]) == 0
-    assert "5.16 %" in capsys.readouterr().out
+def test_record_with_pulses(folder, result, output):
+    assert "5.16 %" in output("validate", folder / "result.json", folder / "validate.toml")
     experiment = rid.load_experiment(folder / "validate.toml")
     (periods,) = experiment.records()
     error = predict(experiment.model, result, periods)["F"]
@@ -90,7 +88,7 @@ def test_record_with_pulses(folder, result, capsys):
 WITHOUT_PERIODS = {"M": 95.104, "Fv": 203.13, "Fc": 20.438, "offset": -3.180}
 
 
-def test_without_periods(folder):
+def test_without_periods(folder, output):
     """The published recipe: zero-phase low-pass at 100 Hz, every tenth sample."""
     text = (folder / "experiment.toml").read_text()
     kept = [line for line in text.splitlines() if line.split(" ")[0] not in PERIODIC]
@@ -99,8 +97,7 @@ def test_without_periods(folder):
     )
     target = folder / "filtered.json"
     (folder / "filtered.toml").write_text(whole)
-    command = ["identify", str(folder / "filtered.toml"), "--method", "ls", "--json", str(target)]
-    assert run(command) == 0
+    output("identify", folder / "filtered.toml", "--method", "ls", "--json", target)
     found = rid.load_estimate(target)
     assert found.status == "ok"
     assert not found.warnings
@@ -114,11 +111,10 @@ def test_without_periods(folder):
 
 
 @pytest.mark.parametrize("method", ["batch", "sequential"])
-def test_other_estimators_agree(folder, result, method):
+def test_other_estimators_agree(folder, result, method, output):
     """One row with one force: a weight for it changes little."""
     target = folder / f"{method}.json"
-    command = ["identify", str(folder / "experiment.toml"), "--method", method]
-    assert run([*command, "--json", str(target)]) == 0
+    output("identify", folder / "experiment.toml", "--method", method, "--json", target)
     for value in rid.load_estimate(target).parameters:
         assert value.value == pytest.approx(result.value(value.name), rel=1e-3)
     assert json.loads(target.read_text())["method"] == method

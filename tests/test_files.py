@@ -13,7 +13,6 @@ from working_folder import EXPERIMENT
 import rotorid as rid
 from rotorid import InputError, ReadError, load_rig
 from rotorid.answer.result_file import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES
-from rotorid.cli import run
 from rotorid.commands import console
 from rotorid.core import files
 from rotorid.core.toml import TOML_BYTES, TOML_VALUES, parse_toml
@@ -65,16 +64,15 @@ def test_only_regular_files_are_opened(odd, tmp_path):
         assert "\n" not in str(told.value)
 
 
-def test_commands_refuse_devices_and_pipes(tmp_path, capfd):
-    experiment = str(tmp_path / "run.toml")
-    Path(experiment).write_text(EXPERIMENT)
+def test_commands_refuse_devices_and_pipes(tmp_path, refusal):
+    experiment = tmp_path / "run.toml"
+    experiment.write_text(EXPERIMENT)
     os.mkfifo(tmp_path / "run.csv")
     more = {"simulate": ["--out", "no.h5"], "export": ["--to", "no.csv"], "validate": [experiment]}
     for command in ("identify", "inspect", "report", *more):
-        assert run([command, "/dev/zero", *more.get(command, [])]) == 2
-        assert "/dev/zero: found a device" in capfd.readouterr().err
-    assert run(["identify", experiment]) == 2
-    assert "run.csv: found a pipe" in capfd.readouterr().err
+        told = refusal(command, "/dev/zero", *more.get(command, []))
+        assert "/dev/zero: found a device" in told
+    assert "run.csv: found a pipe" in refusal("identify", experiment)
 
 
 def test_a_pipe_put_in_the_place_of_a_file(tmp_path, monkeypatch):

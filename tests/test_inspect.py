@@ -19,10 +19,9 @@ def rig(tmp_path_factory):
     return folder
 
 
-def test_a_good_record_is_ok(rig, capsys):
+def test_a_good_record_is_ok(rig, output):
     out = rig / "found.json"
-    assert run(["inspect", str(rig / "rig.toml"), "--json", str(out)]) == 0
-    shown = capsys.readouterr().out
+    shown = output("inspect", rig / "rig.toml", "--json", out)
     assert "rig.h5: ok. The record is suitable for identification" in shown
     found = json.loads(out.read_text(encoding="utf-8"))
     assert found["verdict"] == "ok"
@@ -36,11 +35,10 @@ def test_a_good_record_is_ok(rig, capsys):
     assert all(channel["snr_db"] > 30 for channel in found["channels"])
 
 
-def test_a_draft_is_read_as_far_as_it_goes(rig, capsys):
+def test_a_draft_is_read_as_far_as_it_goes(rig, output):
     draft = rig / "draft.toml"
-    assert run(["new", str(rig / "rig.h5"), "--model", "rigid", "--out", str(draft)]) == 0
-    assert run(["inspect", str(draft)]) == 0
-    shown = capsys.readouterr().out
+    output("new", rig / "rig.h5", "--model", "rigid", "--out", draft)
+    shown = output("inspect", draft)
     assert "a draft, shown with its columns as they are" in shown
     assert "20 periods of 1000 samples" in shown
     assert "encoder" not in shown.split("channel ")[1]
@@ -59,22 +57,20 @@ def test_a_draft_is_read_as_far_as_it_goes(rig, capsys):
         ('file = "?"', "found no name of a file"),
     ],
 )
-def test_what_is_wrong_in_a_draft_is_told_where_it_is(rig, capsys, said, place):
+def test_what_is_wrong_in_a_draft_is_told_where_it_is(rig, refusal, said, place):
     draft = rig / "wrong.toml"
     file = "" if said.startswith("file") else 'file = "rig.h5"\n'
     draft.write_text(f'model = "?"\n[[records]]\n{file}{said}\n', encoding="utf-8")
-    assert run(["inspect", str(draft)]) == 2
-    assert place in capsys.readouterr().err
+    assert place in refusal("inspect", draft)
 
 
-def test_without_a_fundamental_the_period_is_found(rig, capsys):
+def test_without_a_fundamental_the_period_is_found(rig, output):
     bare = rig / "bare.toml"
     bare.write_text('[[records]]\nfile = "rig.h5"\ntime = "t"\n', encoding="utf-8")
-    assert run(["inspect", str(bare)]) == 0
-    assert "periods of 1000 samples (found: 0.1 s, 10 Hz)" in capsys.readouterr().out
+    assert "periods of 1000 samples (found: 0.1 s, 10 Hz)" in output("inspect", bare)
 
 
-def test_a_period_of_an_odd_number_of_samples(tmp_path, capsys):
+def test_a_period_of_an_odd_number_of_samples(tmp_path, output):
     """Its highest line lies below half the sample rate."""
     angle = 2 * np.pi * np.arange(6300) / 63
     noise = 0.01 * np.random.default_rng(1).standard_normal((6300, 2))
@@ -82,14 +78,13 @@ def test_a_period_of_an_odd_number_of_samples(tmp_path, capsys):
     write_table(tmp_path / "run.csv", "f [N],x [um]", columns)
     text = 'model = "?"\n[[records]]\nfile = "run.csv"\nsample_rate = "2 kHz"\nspeed = "0 rpm"\n'
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
-    assert run(["inspect", str(tmp_path / "run.toml")]) == 0
-    assert "100 periods of 63 samples" in capsys.readouterr().out
+    assert "100 periods of 63 samples" in output("inspect", tmp_path / "run.toml")
 
 
 @pytest.mark.slow
-def test_the_page_stands_alone(rig):
+def test_the_page_stands_alone(rig, output):
     page = rig / "found.html"
-    assert run(["inspect", str(rig / "rig.toml"), "--report", str(page)]) == 0
+    output("inspect", rig / "rig.toml", "--report", page)
     text = page.read_text(encoding="utf-8")
     for title in ("Samples", "Spectrum of the mean period", "From period to period", "Noise that"):
         assert f"<h3>{title}" in text
@@ -98,17 +93,16 @@ def test_the_page_stands_alone(rig):
     assert "default-src 'none'" in text.split("</head>")[0]
 
 
-def test_a_file_that_is_wrong_is_refused(tmp_path, capsys):
-    broken = tmp_path / "broken.toml"
-    for text in ("model = ", 'model = "rigid"\n', "[[records]]\nspeed = 3\n"):
-        broken.write_text(text, encoding="utf-8")
-        assert run(["inspect", str(broken)]) == 2
-    broken.write_text('[[records]]\nfile = "none.h5"\n', encoding="utf-8")
-    assert run(["inspect", str(broken)]) == 2
-    assert all(line.startswith("rotorid: ") for line in capsys.readouterr().err.splitlines())
+@pytest.mark.parametrize(
+    "text",
+    ["model = ", 'model = "rigid"', "[[records]]\nspeed = 3", '[[records]]\nfile = "none.h5"'],
+)
+def test_a_file_that_is_wrong_is_refused(text, tmp_path, refusal):
+    (tmp_path / "broken.toml").write_text(text + "\n", encoding="utf-8")
+    refusal("inspect", tmp_path / "broken.toml")
 
 
-def test_a_sweep_is_not_searched_for_a_period(tmp_path, capsys):
+def test_a_sweep_is_not_searched_for_a_period(tmp_path, output):
     """Its rotation repeats; beside that the sweep would be noise, knocks, a wandering speed."""
     time = np.arange(20_000) / 2000.0
     turning = 2 * np.pi * 40.0 * time
@@ -120,15 +114,13 @@ def test_a_sweep_is_not_searched_for_a_period(tmp_path, capsys):
     write_table(tmp_path / "run.csv", names, time, *columns, sweep)
     path = tmp_path / "run.toml"
     path.write_text(SWEEP, encoding="utf-8")
-    assert run(["inspect", str(path)]) == 0
-    shown = capsys.readouterr().out
+    shown = output("inspect", path)
     assert "run.csv: ok." in shown
     assert "; no period; speed 2400 rpm" in shown
     headings = next(line for line in shown.splitlines() if line.startswith("channel"))
     assert headings.split() == ["channel", "unit", "low", "high", "rms", "1x", "2x", "3x"]
     path.write_text(SWEEP.replace('model = "jeffcott"', 'model = "?"'), encoding="utf-8")
-    assert run(["inspect", str(path)]) == 0
-    assert "; no period; speed 2400 rpm" in capsys.readouterr().out
+    assert "; no period; speed 2400 rpm" in output("inspect", path)
 
 
 SWEEP = """model = "jeffcott"

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from rotorid import ReadError
-from rotorid.cli import run
 from rotorid.io.hdf5 import CHUNK_BYTES, NODES
 from rotorid.io.table import DEPTH
 from rotorid.testing import open_table
@@ -225,7 +224,7 @@ def test_numbers_that_hdf5_converts(tmp_path):
     assert open_table(path).read(["x"])["x"].values.tolist() == values.tolist()
 
 
-def test_what_nobody_wrote_is_known_by_a_few_questions(tmp_path, monkeypatch, capsys):
+def test_what_nobody_wrote_is_known_by_a_few_questions(tmp_path, monkeypatch, output):
     """One question for each field of a table took a minute; links lead to nothing more."""
     with h5py.File(tmp_path / "run.h5", "w") as data:
         table = np.dtype([(f"c{k}", "f8") for k in range(500)])
@@ -234,8 +233,7 @@ def test_what_nobody_wrote_is_known_by_a_few_questions(tmp_path, monkeypatch, ca
         data["run/x"] = np.arange(700.0)
     asked, fork = [], os.fork
     monkeypatch.setattr(os, "fork", lambda: (asked.append(None), fork())[1])
-    assert run(["new", str(tmp_path / "run.h5")]) == 0
-    assert "# not used: x" in capsys.readouterr().out
+    assert "# not used: x" in output("new", tmp_path / "run.h5")
     assert 0 < len(asked) < 10
     opened = open_table(tmp_path / "run.h5")
     with pytest.raises(ReadError, match=r"no sample written: a gap in '/run/table'"):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rotorid import ReadError
-from rotorid.cli import run
 from rotorid.io import formats
 from rotorid.testing import open_table
 
@@ -83,13 +82,11 @@ def test_formulas_are_refused_and_not_run(version, channel, nested):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_a_draft_runs_no_formula(version, capsys):
+def test_a_draft_runs_no_formula(version, output, refusal):
     path = write(version, {"fx": formula(version)})
-    assert run(["new", str(path)]) == 0
-    assert "px" in capsys.readouterr().out
+    assert "px" in output("new", path)
     write(version, {"time": formula(version)})
-    assert run(["new", str(path)]) == 2
-    assert "0/time: found a conversion by the formula" in capsys.readouterr().err
+    assert "0/time: found a conversion by the formula" in refusal("new", path)
     assert not Path("RAN").exists()
 
 

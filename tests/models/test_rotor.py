@@ -10,7 +10,6 @@ from rotor_files import random_rotor, uniform
 
 import rotorid as rid
 import rotorid.models
-from rotorid.commands.files import models
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import starts as reduction
 from rotorid.likelihood.unknowns import Nuisances
@@ -273,9 +272,8 @@ def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypa
     assert 0.5 < told / true < 2
 
 
-def test_the_page_of_a_rotor_shows_its_drawing_and_its_mass(capsys):
-    models("flexible")
-    page = capsys.readouterr().out
+def test_the_page_of_a_rotor_shows_its_drawing_and_its_mass(output):
+    page = output("models", "flexible")
     assert "D disc, A actuator, s sensor, u unbalance" in page
     assert "4.1668 kg" in page
     assert "255  wheel      disc, unbalance" in page

@@ -15,17 +15,10 @@ from rigs import with_actuators, without_noise
 from working_folder import short_rig
 
 from rotorid import InputError, load_rig
-from rotorid.cli import run
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.faults import FAULTS, find_fault, with_faults
 from rotorid.rig.kernel import _played
-from rotorid.rig.parts import (
-    Actuator,
-    Coil,
-    Encoder,
-    Keyphasor,
-    Rotation,
-)
+from rotorid.rig.parts import Actuator, Coil, Encoder, Keyphasor, Rotation
 from rotorid.rig.plant import eddy_weights
 from rotorid.rig.rig import Rig, bearing_table, growth, noise_matrix
 
@@ -98,10 +91,9 @@ def test_a_fault_changes_the_record(name):
     )
 
 
-def test_the_list_is_long_enough_and_one_line_each(capsys):
+def test_the_list_is_long_enough_and_one_line_each(output):
     assert len(FAULTS) >= 50
-    assert run(["simulate", "--faults"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = output("simulate", "--faults").splitlines()
     for name, fault in FAULTS.items():
         (line,) = [line for line in lines if line.split()[:1] == [name]]
         assert fault.what
@@ -131,11 +123,11 @@ def test_sizes_with_and_without_unit():
             rig.run(0.2, np.random.default_rng(1))
 
 
-def test_faults_through_the_command(tmp_path):
+def test_faults_through_the_command(tmp_path, output, refusal):
     rig = tmp_path / "rig.toml"
     rig.write_text(short_rig())
     for name, more in (("plain", []), ("faulty", ["--fault", "unit", "--fault", "nan=2"])):
-        assert run(["simulate", str(rig), "--out", str(tmp_path / f"{name}.h5"), *more]) == 0
+        output("simulate", rig, "--out", tmp_path / f"{name}.h5", *more)
     plain, faulty = ((tmp_path / f"{n}.toml").read_text() for n in ("plain", "faulty"))
     body = [line for line in plain.replace("plain", "faulty").splitlines() if line[:1] != "#"]
     assert [line for line in faulty.splitlines() if line[:1] != "#"] == body
@@ -143,7 +135,7 @@ def test_faults_through_the_command(tmp_path):
         assert np.isnan(other["x1"][:]).sum() == 2
         np.testing.assert_allclose(np.nanmax(other["x1"][:] * 25.4), one["x1"][:].max())
         assert list(other["truth"].attrs["faults"]) == ["unit", "nan=2"]
-    assert run(["simulate", "three-mass"]) == 2
+    refusal("simulate", "three-mass")
 
 
 def test_a_current_loop_without_motion_is_a_lag_of_first_order():

@@ -12,7 +12,6 @@ from rigs import recorded, with_actuators, with_magnets
 
 import rotorid as rid
 from rotorid import InputError, load_experiment, load_rig
-from rotorid.cli import run
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.file import shipped_rigs
 from rotorid.rig.files import experiment_text, record_bytes
@@ -316,27 +315,27 @@ def test_deviations_of_constants_reach_the_gain(edited):
 # What may go wrong with a rig or its record: one line each, exit code 2, nothing written.
 
 
-def one_line(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> str:
-    assert run(arguments) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.count("\n") == 1
-    assert re.search(r"found .+; expected .+; .+", printed.err), printed.err
-    return printed.err
+@pytest.fixture
+def one_line(refusal):
+    """Return the refusal of a command, which says what was found, what was expected, the cure."""
+
+    def run(*arguments: object) -> str:
+        line = refusal(*arguments)
+        assert re.search(r"found .+; expected .+; .+", line), line
+        return line
+
+    return run
 
 
 RIGS = {
     "unstable: sign": (
-        TEXT.replace('stiffness = "2e5 N/m"', 'stiffness = "-2e5 N/m"'),
+        changed('stiffness = "2e5 N/m"', 'stiffness = "-2e5 N/m"'),
         r"an unstable loop at 879.646 rad/s: .* every [\d.e-]+ s with .* Hz, most of all at F_",
     ),
-    "unstable: delay": (TEXT.replace('"50 us"', '"900 us"'), "shorten the delay"),
-    "unstable: no damping": (
-        TEXT.replace('damping = "800 N s/m"', 'damping = "-1 N s/m"'),
-        "add damping",
-    ),
+    "unstable: delay": (changed('"50 us"', '"900 us"'), "shorten the delay"),
+    "unstable: no damping": (changed('"800 N s/m"', '"-1 N s/m"'), "add damping"),
     "touches": (
-        TEXT.replace('"250 um"', '"80 um"'),
+        changed('"250 um"', '"80 um"'),
         r"touching the auxiliary bearing at F_\w+, 0\.\d+ s after switching on; expected a disp"
         r"lacement below the clearance of 80 um",
     ),
@@ -354,11 +353,11 @@ RIGS = {
 
 
 @pytest.mark.parametrize("fault", RIGS)
-def test_a_rig_that_cannot_run(fault, tmp_path, capsys):
+def test_a_rig_that_cannot_run(fault, tmp_path, one_line):
     text, message = RIGS[fault]
     rig, out = tmp_path / "rig.toml", tmp_path / "run.h5"
     rig.write_text(text)
-    line = one_line(capsys, ["simulate", str(rig), "--out", str(out)])
+    line = one_line("simulate", rig, "--out", out)
     assert re.search(message, line), line
     assert "rig" in line.split("found")[0]
     assert not out.exists()
@@ -411,17 +410,14 @@ def test_a_coil_needs_a_bias():
         Actuator(law, coil=Coil(resistance=2.0, inductance=0.03, bandwidth=800.0))
 
 
-def test_out_must_be_hdf5_and_not_the_rig(tmp_path, capsys):
-    assert "the ending '.csv'" in one_line(
-        capsys, ["simulate", "three-mass", "--out", str(tmp_path / "run.csv")]
-    )
+def test_out_must_be_hdf5_and_not_the_rig(tmp_path, one_line):
+    for name, told in (("run.csv", "the ending '.csv'"), ("no/run.h5", "no such folder")):
+        assert told in one_line("simulate", "three-mass", "--out", tmp_path / name)
     rig = tmp_path / "rig.toml"
     rig.write_text(TEXT)
-    line = one_line(capsys, ["simulate", str(rig), "--out", str(tmp_path / "rig.h5")])
+    line = one_line("simulate", rig, "--out", tmp_path / "rig.h5")
     assert "where the experiment file goes" in line
     assert rig.read_text() == TEXT
-    nowhere = str(tmp_path / "no" / "run.h5")
-    assert "no such folder" in one_line(capsys, ["simulate", "three-mass", "--out", nowhere])
 
 
 def turned_around(column: np.ndarray) -> np.ndarray:
@@ -443,35 +439,35 @@ SPOILT = {  # what marks the angle, the column that is spoilt, how, and what is 
 
 
 @pytest.mark.parametrize("fault", SPOILT)
-def test_marks_that_give_no_angle_and_times_that_jump(fault, tmp_path, capsys):
+def test_marks_that_give_no_angle_and_times_that_jump(fault, tmp_path, output, one_line):
     mark, column, spoil, message = SPOILT[fault]
     rig, experiment = tmp_path / "rig.toml", tmp_path / "run.toml"
     rig.write_text(TEXT.replace('"13 s"', '"1 s"') + mark + "\n")
-    assert run(["simulate", str(rig), "--out", str(tmp_path / "run.h5")]) == 0
+    output("simulate", rig, "--out", tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5", "r+") as data:
         data[column][...] = spoil(data[column][...])
     if column == "t":
         text = experiment.read_text().replace('sample_rate = "10000 Hz"', 'time = "t"')
         experiment.write_text(text)
-    capsys.readouterr()
-    line = one_line(capsys, ["identify", str(experiment), "--method", "batch"])
+    line = one_line("identify", experiment, "--method", "batch")
     assert re.search(f"run.h5: .*found {message}", line), line
 
 
 LAW = 'law = "linear"'
+MAGNETS = (
+    'law = "differential", current = { column = "i_x1", unit = "A" }, position = "x1", '
+    'K = "1e-6 N m^2/A^2", '
+)
+SPEED = r'speed = "[^"]*"'
 CHANNELS = {
     "current beyond bias": (
         LAW + ".*",
-        'law = "differential", current = { column = "i_x1", unit = "A" }, position = "x1", '
-        'K = "1e-6 N m^2/A^2", bias = "0.2 A", gap = "0.5 mm" }',
+        MAGNETS + 'bias = "0.2 A", gap = "0.5 mm" }',
         r"run.h5: F_x1: found current -?[\d.]+ A at sample \d+, \d+ such in all; expected less "
         "than the bias of 0.2 A",
     ),
     "zero gap": (
-        LAW + ".*",
-        'law = "differential", current = { column = "i_x1", unit = "A" }, position = "x1", '
-        'K = "1e-6 N m^2/A^2", bias = "2 A", gap = "0 mm" }',
-        "channels.F_x1: gap: found gap = 0.0",
+        LAW + ".*", MAGNETS + 'bias = "2 A", gap = "0 mm" }', "channels.F_x1: gap: found gap = 0.0"
     ),
     "no constant": (', ki = "120 N/A"', "", "channels.F_x1: found no ki"),
     "constant of another law": (', ki = "120 N/A"', ', ki = "1 N/A", gap = "1 mm"', "gap with the"),
@@ -486,8 +482,7 @@ CHANNELS = {
         "for this method; use ml",
     ),
     "ks with a deviation": (
-        'ks = "200000 N/m"',
-        'ks = { value = "2e5 N/m", std = "1e4 N/m" }',
+        'ks = "200000 N/m"', 'ks = { value = "2e5 N/m", std = "1e4 N/m" }',
         "channels.F_x1.ks: found a deviation of ks",
     ),
     "a law for a coordinate": (
@@ -497,29 +492,24 @@ CHANNELS = {
     ),
     "no sensor there": (r"\nx1 = .*", "", "no sensors that give the displacement 1*x1"),
     "speed and mark": (
-        r'speed = "[^"]*"',
-        'speed = "8400 rpm"\nkeyphasor = "x1"',
-        "records.0: speed, keyphasor: found both",
+        SPEED, 'speed = "8400 rpm"\nkeyphasor = "x1"', "records.0: speed, keyphasor: found both"
     ),
     "phase and mark": (
-        r'speed = "[^"]*"\nphase = "[^"]*"',
-        'phase = "3 deg"\nkeyphasor = "x1"',
+        SPEED + r'\nphase = "[^"]*"', 'phase = "3 deg"\nkeyphasor = "x1"',
         "records.0: phase, keyphasor: found both",
     ),
     "angle without scale": (
-        r'speed = "[^"]*"',
-        'angle = { column = "x1" }',
-        "records.0.angle: found column alone; expected the unit",
+        SPEED, 'angle = { column = "x1" }', "records.0.angle: found column alone; expected the unit"
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", CHANNELS)
-def test_channels_that_give_no_force(fault, written, capsys):
+def test_channels_that_give_no_force(fault, written, one_line):
     pattern, new, message = CHANNELS[fault]
     text, count = re.subn(pattern, new, (written / "run.toml").read_text(), count=1)
     assert count == 1
     experiment = written / "wrong.toml"
     experiment.write_text(text.replace("run.toml", "wrong.toml"))
-    line = one_line(capsys, ["identify", str(experiment), "--method", "batch"])
+    line = one_line("identify", experiment, "--method", "batch")
     assert message in line or re.search(message, line), line
