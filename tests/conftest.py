@@ -55,18 +55,19 @@ def output(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
 
 @pytest.fixture
 def refusal(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Run a command that is refused: exit code 2, nothing printed but the line that it returns."""
+    """Run a command that is refused: nothing is printed but the line that it returns."""
 
-    def run(*arguments: object) -> str:
+    def run(*arguments: object, code: int = 2) -> str:
         from rotorid import cli
 
         capsys.readouterr()
-        assert cli.run([*map(str, arguments)]) == 2, arguments
+        assert cli.run([*map(str, arguments)]) == code, arguments
         printed = capsys.readouterr()
         assert printed.out == ""
         (line,) = printed.err.splitlines()
         assert line.startswith("rotorid: ")
         assert line.isprintable()
+        assert "Traceback" not in line
         assert len(line) < 600
         return line
 

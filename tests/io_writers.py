@@ -163,18 +163,22 @@ def uff_set(name: str, values: np.ndarray, unit: str, *, node: int, binary: int)
     }
 
 
-def write_uff(path: Path, columns: Columns, binary: int = 0, named: bool = True) -> None:
+def write_sets(path: Path, sets: list[dict]) -> None:
     import pyuff
 
     path.unlink(missing_ok=True)
-    sets = [
-        uff_set(name if named else "NONE", values, unit, node=node, binary=binary)
-        for node, (name, (values, unit)) in enumerate(columns.items(), start=1)
-    ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ResourceWarning)  # pyuff does not close what it appends to
         pyuff.UFF(str(path)).write_sets(sets, "add")
         gc.collect()
+
+
+def write_uff(path: Path, columns: Columns, binary: int = 0, named: bool = True) -> None:
+    sets = [
+        uff_set(name if named else "NONE", values, unit, node=node, binary=binary)
+        for node, (name, (values, unit)) in enumerate(columns.items(), start=1)
+    ]
+    write_sets(path, sets)
 
 
 def write_mdf(path: Path, columns: Columns) -> None:
@@ -207,9 +211,6 @@ def write_responses(path: Path, sets: list[dict], binary: int = 0) -> None:
     A set holds node and direction of response and force, frequency, values, and, of a response,
     its quantity (8 displacement, 11 velocity, 12 acceleration) and unit.
     """
-    import pyuff
-
-    path.unlink(missing_ok=True)
     written = []
     for given in sets:
         coherent = "unit" not in given
@@ -217,15 +218,12 @@ def write_responses(path: Path, sets: list[dict], binary: int = 0) -> None:
         one |= {"func_type": 6 if coherent else 4, "abscissa_spec_data_type": 18}
         one |= {"rsp_node": given["response"][0], "rsp_dir": given["response"][1]}
         one |= {"ref_node": given["force"][0], "ref_dir": given["force"][1]}
+        first, second = map(float, given["frequency"][:2])
         one |= {"x": given["frequency"], "num_pts": len(given["frequency"])}
-        one |= {"abscissa_min": float(given["frequency"][0])}
-        one |= {"abscissa_inc": float(given["frequency"][1] - given["frequency"][0])}
-        one |= {"ord_data_type": 4 if coherent else 6}
+        one |= {"abscissa_min": first, "abscissa_inc": second - first}
         one |= {"ordinate_spec_data_type": given.get("quantity", 0)}
+        one |= {"ord_data_type": 4 if coherent else 6}
         one |= {"orddenom_spec_data_type": 0 if coherent else 13}
         one |= {"orddenom_axis_units_lab": "NONE" if coherent else "N"}
         written.append(one)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResourceWarning)
-        pyuff.UFF(str(path)).write_sets(written, "add")
-        gc.collect()
+    write_sets(path, written)

@@ -162,7 +162,6 @@ MISTAKES = (
 )
 
 
-# ---------------------------------------------------------------------------------------------
 # The same rig as a draft has it: the levers of the sensors are parameters.
 
 READ = {"0.2*theta": "L_a*theta", "0.25*theta": "L_b*theta"}

@@ -35,22 +35,14 @@ from rotorid.core.units import (
 )
 from rotorid.core.values import frozen, read_only, same
 
-# What everything else stands on: TOML, tables, text on a screen, values, tails.
-
-
-# -------------------------------------------------------------------------------------------------
 # TOML files checked against a schema: limits, and one line for every fault.
 
 
 class Row(Schema):
-    """A table of one number."""
-
     number: float
 
 
 class File(Schema):
-    """A file of rows."""
-
     rows: tuple[Row, ...] = ()
     title: str = ""
 
@@ -95,7 +87,6 @@ def test_faults_are_one_line_with_place_and_cure(text, message):
     assert "\n" not in str(found.value)
 
 
-# -------------------------------------------------------------------------------------------------
 # Tables: one description, as text and as HTML.
 
 
@@ -118,10 +109,8 @@ def test_numbers_stand_to_the_right():
 def test_a_narrow_terminal_gets_the_columns_below_each_other():
     lines = SHOWN.text(width=18).splitlines()
     assert max(map(len, lines)) <= 18
-    assert lines[0] == "name       value"
-    assert lines[5] == "name       unit"
-    assert lines[7] == "k          N/m"
-    assert lines[10] == "name       note"
+    told = {0: "name       value", 5: "name       unit", 7: "k          N/m", 10: "name       note"}
+    assert {number: lines[number] for number in told} == told
     assert SHOWN.text(width=1).count("long name") == 3
 
 
@@ -145,8 +134,8 @@ def test_a_page_sets_tables_apart():
 
 
 def test_a_table_without_rows_shows_its_headings():
-    assert table(("a", "b"), []).text() == "a  b"
-    assert table(("a", "b"), []).numeric == (False, False)
+    empty = table(("a", "b"), [])
+    assert (empty.text(), empty.numeric) == ("a  b", (False, False))
 
 
 def test_cells_of_thirty_characters_may_be_broken():
@@ -154,7 +143,6 @@ def test_cells_of_thirty_characters_may_be_broken():
     assert '<td class="flow">' in table(("a", "b"), [("x", "w" * 30)]).html()
 
 
-# -------------------------------------------------------------------------------------------------
 # Other people's text on a screen and in generated files: printable, cut, and never a key.
 
 
@@ -195,7 +183,6 @@ def test_cells_and_sentences_are_cut():
     assert len(shown) < SENTENCE + 4 * CELL
 
 
-# -------------------------------------------------------------------------------------------------
 # Values: equal by content, arrays read-only.
 
 
@@ -266,14 +253,11 @@ def test_a_read_only_view_leaves_its_source_writeable():
     assert view[0] == 2
 
 
-# -------------------------------------------------------------------------------------------------
 # The decorator of values: what `dataclass(frozen=True)` gives, with methods that are shared.
 
 
 @frozen
 class Mass:
-    """A value."""
-
     name: str
     value: float = 1.0
     note: str = field(default="", compare=False)
@@ -282,14 +266,12 @@ class Mass:
 
 @frozen
 class Heavier(Mass):
-    """A value with one field more."""
-
     more: int = 0
 
 
 @frozen
 class Empty:
-    """A value without fields."""
+    pass
 
 
 @pytest.mark.parametrize(
@@ -344,7 +326,6 @@ def test_every_value_of_the_package_is_made_by_it():
     assert not own, "take rotorid.core.values"
 
 
-# -------------------------------------------------------------------------------------------------
 # Tails of distributions and where they end.
 
 
@@ -355,7 +336,7 @@ def test_a_limit_is_exceeded_with_its_chance(first, second, chance):
     assert tail == pytest.approx(chance, rel=1e-9)
 
 
-#
+# Units and quantities.
 
 
 @pytest.mark.parametrize(
@@ -559,17 +540,18 @@ def test_products_are_read_from_left_to_right(text, expected):
 
 
 @pytest.mark.parametrize(
-    "text", ["m//s", "m*/s", "/m", "m*", "()", "(m", "m)", "m^2^3", "^2", "m1"]
+    ("texts", "message"),
+    [
+        ("m//s, m*/s, /m, m*, (), (m, m), m^2^3, ^2, m1", r"no product of units|unknown name"),
+        ("h^99 h^99, ((h^99)^99)^99, ((um^-99)^99)^9, Tm^99", "too large or too small"),
+        # A plural of a product or a constant of nature is no unit of a rotor.
+        ("Nms, Pas, c, alpha, Ns/m", "unknown name"),
+    ],
 )
-def test_what_is_no_product_is_refused(text):
-    with pytest.raises(InputError, match=r"no product of units|unknown name"):
-        si_factor(text)
-
-
-@pytest.mark.parametrize("text", ["h^99 h^99", "((h^99)^99)^99", "((um^-99)^99)^9", "Tm^99"])
-def test_what_no_number_holds_is_refused(text):
-    with pytest.raises(InputError, match="too large or too small"):
-        si_factor(text)
+def test_what_is_no_unit_is_refused(texts, message):
+    for text in texts.split(", "):
+        with pytest.raises(InputError, match=message):
+            si_factor(text)
 
 
 @pytest.mark.parametrize(
@@ -581,13 +563,6 @@ def test_quantities_of_pint_are_taken(unit, factor):
     assert quantity(PINT.Quantity(3.0, "percent"), "1") == pytest.approx(0.03)
     with pytest.raises(InputError, match="converts to m"):
         quantity(PINT.Quantity(3.0, unit), "m")
-
-
-@pytest.mark.parametrize("text", ["Nms", "Pas", "c", "alpha", "Ns/m"])
-def test_names_that_look_like_units_are_unknown(text):
-    """A plural of a product or a constant of nature is no unit of a rotor."""
-    with pytest.raises(InputError, match="unknown name"):
-        si_factor(text)
 
 
 @pytest.mark.parametrize(

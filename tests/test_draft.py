@@ -1,9 +1,9 @@
 """`rotorid new`: a draft from records alone, refused until it is complete, then right."""
 
 import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
+from tomllib import loads as parse
 
 import h5py
 import numpy as np
@@ -13,7 +13,6 @@ from working_folder import shaken
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.experiment import draft as columns_module
 from rotorid.experiment import draft as draft_module
 from rotorid.experiment.draft import (
     _LIKE,
@@ -39,10 +38,6 @@ def write_csv(path: Path) -> Path:
     names = "Time [ms],Fx [N],Fy [N],px [um],py [um]"
     write_table(path, names, time, record.samples * [1, 1, 1e6, 1e6], fmt="%.10g")
     return path
-
-
-def parse(text: str) -> dict:
-    return tomllib.loads(text)
 
 
 def test_a_record_of_a_logger(tmp_path):
@@ -122,13 +117,17 @@ def test_currents_need_a_law(tmp_path):
     assert found["records"][0]["speed"] == "1800 rpm"
 
 
+def write_planes(path: Path, places: str, *kinds: str) -> Path:
+    """Write noise as the columns of several kinds at four places."""
+    names = [kind.format(place) for kind in kinds for place in places.split()]
+    table = np.random.default_rng(1).normal(size=(400, len(names)))
+    write_table(path, ";".join(names), table, separator=";")
+    return path
+
+
 def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path):
     """As forces and positions are: a logger's A and B, the displacement that does work beside."""
-    places = ("AX", "AY", "BX", "BY")
-    names = [f"I {p} [A]" for p in places] + [f"Pos {p} [um]" for p in places]
-    table = np.random.default_rng(1).normal(size=(400, 8))
-    path = tmp_path / "run.csv"
-    write_table(path, ";".join(names), table, separator=";")
+    path = write_planes(tmp_path / "run.csv", "AX AY BX BY", "I {} [A]", "Pos {} [um]")
     text = draft([path], "three-mass", tmp_path)
     channels = parse(text)["channels"]
     for name, column, position in (("F_x1", "I AX", "x1"), ("F_y3", "I BY", "y3")):
@@ -144,11 +143,7 @@ def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path):
 
 
 def test_a_slash_between_plane_and_axis_is_no_path(tmp_path):
-    places = ("A/X", "A/Y", "B/X", "B/Y")
-    names = [f"I {p} [mA]" for p in places] + [f"Weg {p} [um]" for p in places]
-    table = np.random.default_rng(1).normal(size=(400, 8))
-    path = tmp_path / "run.csv"
-    write_table(path, ";".join(names), table, separator=";")
+    path = write_planes(tmp_path / "run.csv", "A/X A/Y B/X B/Y", "I {} [mA]", "Weg {} [um]")
     channels = parse(draft([path], "rigid", tmp_path))["channels"]
     assert channels["F_xb"]["current"]["column"] == "I B/X"
     assert channels["s_xb"]["reads"] == "x + L_b*theta_y"
@@ -173,10 +168,14 @@ def test_names(quantity, column, alike):
     assert (likeness(quantity, column, quantity.startswith("F")) >= _LIKE) == alike
 
 
+def of_unit(unit: str | None, *names: str) -> list[Found]:
+    return [Found(name, np.zeros(2), unit, "channel") for name in names]
+
+
 def test_units_decide_between_names():
-    columns = [Found("x", np.zeros(2), "N", "channel"), Found("px", np.zeros(2), "um", "channel")]
+    columns = [*of_unit("N", "x"), *of_unit("um", "px")]
     assert assign(MODEL, columns)["x"].name == "px"
-    undecided = [Found(name, np.zeros(2), None, "channel") for name in ("qm", "qg")]
+    undecided = of_unit(None, "qm", "qg")
     assert assign(rid.load_model("emps"), undecided) == {}
     assert role_of("t", "N") == "channel"
     assert role_of("Time (s)", None) == "time"
@@ -187,11 +186,9 @@ def test_units_decide_between_names():
 
 
 def test_hostile_names_stay_in_their_comments(tmp_path):
-    names = 't,"]\nmodel = ""x",b\x1b[31m\u2028= 1,""",\x07'
+    names = 't,"] model = ""x",b\x1b[31m\u2028= 1,""",\x07\n'
     path = tmp_path / "run.csv"
-    path.write_text(
-        names.replace("\n", " ") + "\n" + "".join(f"{i},{i % 7},{i % 5},1,2\n" for i in range(99))
-    )
+    path.write_text(names + "".join(f"{i},{i % 7},{i % 5},1,2\n" for i in range(99)))
     found = parse(draft([path], None, tmp_path))
     assert set(found) == {"model", "records", "channels"}
     assert found["channels"] == {}
@@ -276,9 +273,8 @@ def test_planes_of_a_logger_are_those_of_the_model_in_their_order(tmp_path):
 
 
 def test_currents_and_positions_take_the_planes_in_one_order():
-    listed = [("I", p, "A") for p in ("AX", "AY", "BX", "BY")]
-    listed += [("Pos", p, "um") for p in ("BX", "BY", "AX", "AY")]
-    columns = [Found(f"{kind} {p}", np.zeros(0), unit, "channel") for kind, p, unit in listed]
+    columns = of_unit("A", "I AX", "I AY", "I BX", "I BY")
+    columns += of_unit("um", "Pos BX", "Pos BY", "Pos AX", "Pos AY")
     model = rid.load_model("three-mass")
     found = by_planes(model, columns, {}) | currents(model, columns, {})
     named = {name: column.name for name, column in found.items()}
@@ -289,27 +285,22 @@ def test_currents_and_positions_take_the_planes_in_one_order():
 
 def test_the_rotation_beside_a_sweep_is_no_period(tmp_path):
     """Three of four axes hold the unbalance alone, which repeats; the excitation does not."""
-    (record,) = parse(
-        draft([write_sweep(tmp_path / "0.csv", 0, marks=False)], "three-mass", tmp_path)
-    )["records"]
+    path = write_sweep(tmp_path / "0.csv", 0, marks=False)
+    (record,) = parse(draft([path], "three-mass", tmp_path))["records"]
     assert "period_samples" not in record
     assert "fundamental" not in record
     assert record["band"] != ["?", "?"]
 
 
 def test_planes_left_over_are_not_guessed():
-    def columns(*names: str) -> list[Found]:
-        return [Found(name, np.zeros(2), "N", "channel") for name in names]
-
     model = rid.load_model("three-mass")
-    four = columns(*(f"Force {plane}" for plane in PLANES))
+    four = of_unit("N", *(f"Force {plane}" for plane in PLANES))
     assert set(by_planes(model, four, {})) == {"F_x1", "F_y1", "F_x3", "F_y3"}
     assert by_planes(model, four[:3], {}) == {}
-    assert by_planes(model, [*four, *columns("Force C X")], {}) == {}
-    assert by_planes(model, [*four, *columns("Force A X 2")], {}) == {}
-    assert by_planes(model, [*four, *columns("Sum")], {}) == {}
+    for more in ("Force C X", "Force A X 2", "Sum"):
+        assert by_planes(model, [*four, *of_unit("N", more)], {}) == {}
     assert by_planes(MODEL, four, {}) == {}  # one plane, which has no name
-    told = by_planes(model, columns("fxR", "fyR", "fxL", "fyL"), {})
+    told = by_planes(model, of_unit("N", "fxR", "fyR", "fxL", "fyL"), {})
     assert told["F_x1"].assumed == "taken R for 1, L for 3, by their order: check"
 
 
@@ -327,8 +318,8 @@ def test_probes_at_right_angles_are_the_axes_of_the_model(names, assumed):
     """Whatever their letters are: forces, currents and positions alike, and what is assumed."""
     x1, y1 = (1, 0) if names[0] == "y1" else (0, 1)
     model = rid.load_model("three-mass")
-    gaps = [Found(f"gap {name}", np.zeros(2), "mm", "channel") for name in names]
-    coils = [Found(f"coil_{name}", np.zeros(2), "A", "channel") for name in names]
+    gaps = of_unit("mm", *(f"gap {name}" for name in names))
+    coils = of_unit("A", *(f"coil_{name}" for name in names))
     told = by_planes(model, [*gaps, *coils], {})
     want = {"x1": gaps[x1], "y1": gaps[y1], "x3": gaps[2 + x1], "y3": gaps[2 + y1]}
     assert told == want
@@ -345,15 +336,12 @@ def test_probes_at_right_angles_are_the_axes_of_the_model(names, assumed):
 
 def test_how_a_sensor_beside_a_magnet_is_written_is_shown(tmp_path):
     """Where no name tells which is which; a model that has them as coordinates needs none."""
-    header = 't [s],gap "one" [um],gap two [um]'
+    gaps = np.random.default_rng(1).normal(size=(400, 2))
     path = tmp_path / "run.csv"
-    write_table(
-        path, header, np.arange(400) / 1000.0, np.random.default_rng(1).normal(size=(400, 2))
-    )
-    told = [
-        line for line in draft([path], "rigid", tmp_path).splitlines() if "a magnet: s_" in line
-    ]
-    (channels,) = (parse(line.partition("magnet: ")[2]) for line in told)
+    write_table(path, 't [s],gap "one" [um],gap two [um]', np.arange(400) / 1000.0, gaps)
+    lines = draft([path], "rigid", tmp_path).splitlines()
+    (told,) = (line for line in lines if "a magnet: s_" in line)
+    channels = parse(told.partition("magnet: ")[2])
     assert channels["s_xa"]["reads"] == "x - L_a*theta_y"
     assert (channels["s_xa"]["unit"], "gap" in channels["s_xa"]["column"]) == ("um", True)
     assert "beside a magnet" not in draft([path], "three-mass", tmp_path)
@@ -367,13 +355,8 @@ def test_currents_that_no_name_tells_apart_leave_a_law_to_be_completed(tmp_path)
         write_table(path, header, np.arange(400) / 1000.0, rng.normal(size=(400, 5)))
     text = draft([tmp_path / "1.csv", tmp_path / "2.csv"], "jeffcott", tmp_path)
     found = parse(text)
-    assert found["channels"]["F_x"] == {
-        "law": "linear",
-        "current": {"column": "?", "unit": "A"},
-        "position": "x",
-        "ki": "?",
-        "ks": "?",
-    }
+    law = {"law": "linear", "current": {"column": "?", "unit": "A"}}
+    assert found["channels"]["F_x"] == law | {"position": "x", "ki": "?", "ks": "?"}
     assert "which column is it? coil a, coil b; F = ki i + ks x" in text
     assert "not used: coil a [A]" in text
     assert "not used: injected" not in text  # it stands in the references
@@ -385,7 +368,7 @@ def test_names_of_what_was_added_and_of_marks():
         (["Ref A X", "ref_x1", "ex1", "Exc", "Disturbance x"], True),
         (["Distance A X", "Extension", "Force A X"], False),
     ):
-        assert {is_excitation(Found(n, np.zeros(2), None, "channel")) for n in names} == {added}
+        assert {is_excitation(found) for found in of_unit(None, *names)} == {added}
     marks = ["Key", "Key phasor", "kp", "tacho1", "Marke", "Puls", "zero_mark"]
     assert {role_of(name, "V") for name in marks} == {"keyphasor"}
 
@@ -442,7 +425,7 @@ def test_a_line_that_stands_out_was_excited(size, lines):
 @pytest.mark.parametrize(("next_one", "found"), [(0.84, ["x"]), (0.86, [])])
 def test_a_name_that_is_hardly_likelier_than_the_next_does_not_tell(monkeypatch, next_one, found):
     ranked = [(0.9, 0, "x", 0), (next_one, 0, "x", 1)]
-    monkeypatch.setattr(columns_module, "_ranked", lambda model, columns: ranked)
+    monkeypatch.setattr(draft_module, "_ranked", lambda model, columns: ranked)
     columns = [Found(name, np.zeros(3), None, "other") for name in ("qm", "qg")]
     assert list(assign(MODEL, columns)) == found
 

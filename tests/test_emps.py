@@ -58,7 +58,6 @@ def test_parameters(result):
     for name, (value, tolerance) in EXPECTED.items():
         assert result.value(name) == pytest.approx(value, abs=tolerance), name
     error = result.prediction["F"]
-    assert error is not None
     assert error.relative_error < 0.041
 
 
@@ -71,7 +70,6 @@ def test_deviations_inflated_by_the_misfit_are_those_published(result):
     """Two periods repeat within 1 %; the model misses 4 %: only the inflated ones say so."""
     for name in ("M", "Fv", "Fc"):
         inflated = result[name].std_inflated
-        assert inflated is not None
         assert 1 < inflated / PUBLISHED[name][1] < 5, name
 
 
@@ -80,7 +78,6 @@ def test_record_with_pulses(folder, result, output):
     experiment = rid.load_experiment(folder / "validate.toml")
     (periods,) = experiment.records()
     error = predict(experiment.model, result, periods)["F"]
-    assert error is not None
     assert error.relative_error == pytest.approx(0.0516, abs=0.0005)
 
 
@@ -106,7 +103,6 @@ def test_without_periods(folder, output):
         assert abs(found.value(name) - PUBLISHED[name][0]) < found.std(name)
     assert {"low-pass", "left out", "blocks"} <= {c.about for c in found.checks}
     error = found.prediction["F"]
-    assert error is not None
     assert error.relative_error == pytest.approx(0.0394, abs=0.0005)
 
 

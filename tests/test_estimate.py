@@ -30,18 +30,9 @@ ROOTS = st.floats(-1e100, 1e100).map(lambda x: x if abs(x) > 1e-100 else 0.0)
 ASSIGNMENTS = st.lists(st.tuples(NAMES, FINITE), max_size=3).map(tuple)
 SOURCES = st.lists(st.builds(SourceFile, NAMES, NAMES), max_size=2).map(tuple)
 
-NOTES = st.builds(
-    rid.Note,
-    NAMES,
-    st.sampled_from(get_args(Severity)),
-    NAMES,
-    NAMES,
-    st.lists(NAMES, max_size=2).map(tuple),
-    DEVIATIONS,
-    NAMES,
-    DEVIATIONS,
-    DEVIATIONS,
-)
+PLACES = st.lists(NAMES, max_size=2).map(tuple)
+SAID = (NAMES, st.sampled_from(get_args(Severity)), NAMES, NAMES, PLACES)
+NOTES = st.builds(rid.Note, *SAID, DEVIATIONS, NAMES, DEVIATIONS, DEVIATIONS)
 
 
 @st.composite
@@ -79,19 +70,28 @@ def estimates(draw):
     )
 
 
+def again(estimate: rid.Estimate, folder: Path) -> rid.Estimate:
+    """Return an estimate by way of its file."""
+    estimate.save(folder / "result.json")
+    return rid.load_estimate(folder / "result.json")
+
+
+def read(data: dict, folder: Path) -> rid.Estimate:
+    """Return what a file of these keys holds."""
+    (folder / "result.json").write_text(json.dumps(data), encoding="utf-8")
+    return rid.load_estimate(folder / "result.json")
+
+
 @settings(max_examples=40, deadline=None)
 @given(estimate=estimates())
 def test_writing_then_reading_is_the_identity(estimate, tmp_path_factory):
-    path = tmp_path_factory.mktemp("estimate") / "result.json"
-    estimate.save(path)
-    assert rid.load_estimate(path) == estimate
+    assert again(estimate, tmp_path_factory.mktemp("estimate")) == estimate
 
 
 def test_what_is_not_determined_comes_back_as_it_was(tmp_path):
     still = replace(THREE_MASS, grids=(Grid(250, 5000.0),))
     estimate = rid.Batch().estimate(still.model, still.records)
-    estimate.save(tmp_path / "result.json")
-    found = rid.load_estimate(tmp_path / "result.json")
+    found = again(estimate, tmp_path)
     assert math.isnan(found.value("I_p"))
     assert found.value("m1") == estimate.value("m1")
     assert found == estimate
@@ -151,9 +151,7 @@ def test_a_file_of_version_1_still_loads(tmp_path):
         del data[key]
     data["schema"] = "rotorid-estimate/1"
     data["suspects"] = [{"term": "damping", "drop": 2.0}]
-    path = tmp_path / "old.json"
-    path.write_text(json.dumps(data), encoding="utf-8")
-    found = rid.load_estimate(path)
+    found = read(data, tmp_path)
     assert found.suspects == (rid.Suspect("damping", 2.0),)
     assert (found.alternatives, found.checks, found.provenance) == ((), (), None)
     assert found.warnings == ("above its noise",)
@@ -161,21 +159,16 @@ def test_a_file_of_version_1_still_loads(tmp_path):
 
 
 def test_a_file_without_notes_has_its_warnings_and_checks(tmp_path):
-    path = tmp_path / "words.json"
-    path.write_text(json.dumps({k: v for k, v in VALID.items() if k != "notes"}), "utf-8")
-    found = rid.load_estimate(path)
+    found = read({k: v for k, v in VALID.items() if k != "notes"}, tmp_path)
     views = ("warnings", "checks", "suspects")
     assert {k: found.to_dict()[k] for k in views} == {k: VALID[k] for k in views}
     assert found.checks == (rid.Note("clipping", "warns", "3 samples", on=("x1",)),)
 
 
 def test_a_file_of_a_later_version_is_refused_by_name(tmp_path):
-    path = tmp_path / "new.json"
-    path.write_text(json.dumps({**VALID, "schema": "rotorid-estimate/3"}), encoding="utf-8")
-    with pytest.raises(
-        rid.ReadError, match="'rotorid-estimate/3'; expected 'rotorid-estimate/1' or"
-    ):
-        rid.load_estimate(path)
+    message = "'rotorid-estimate/3'; expected 'rotorid-estimate/1' or"
+    with pytest.raises(rid.ReadError, match=message):
+        read({**VALID, "schema": "rotorid-estimate/3"}, tmp_path)
 
 
 def test_numbers_that_are_not_finite_are_null_in_the_file(tmp_path):
@@ -188,11 +181,10 @@ def test_numbers_that_are_not_finite_are_null_in_the_file(tmp_path):
         misfit=rid.Misfit(math.nan, 1.0, 3, math.nan),
         alternatives=(rid.Alternative(math.nan, (("a", math.inf),)),),
     )
-    broken.save(tmp_path / "result.json")
+    found = again(broken, tmp_path)
     text = (tmp_path / "result.json").read_text(encoding="utf-8")
     assert "NaN" not in text
     assert "Infinity" not in text
-    found = rid.load_estimate(tmp_path / "result.json")
     assert math.isnan(found.value("a"))
     assert math.isnan(found.covariance[0, 0])
     assert math.isnan(found.alternatives[0].parameters[0][1])
@@ -245,14 +237,11 @@ TWO = (rid.Value("m", "kg", 2.0, std=0.1), rid.Value("k", "N/m", 3.0, std=0.2))
 )
 def test_a_result_that_contradicts_itself_is_refused(values, covariance, message, tmp_path):
     """What follows from it would state deviations that are too small."""
-    first = replace(TWO[0], **values)
-    path = tmp_path / "result.json"
-    rid.Estimate("one", "ls", "ok", (first, TWO[1]), covariance=np.array(covariance)).save(path)
+    both = (replace(TWO[0], **values), TWO[1])
     with pytest.raises(rid.ReadError, match=f"{message}.*this one was edited"):
-        rid.load_estimate(path)
+        again(rid.Estimate("one", "ls", "ok", both, covariance=np.array(covariance)), tmp_path)
     whole = rid.Estimate("one", "ls", "ok", TWO, covariance=np.array([[0.01, 0.02], [0.02, 0.04]]))
-    whole.save(path)
-    assert rid.load_estimate(path) == whole
+    assert again(whole, tmp_path) == whole
 
 
 def test_other_units_than_those_of_the_model():
@@ -313,12 +302,8 @@ def test_correlation():
     np.testing.assert_allclose(found, [[1, 0.5, 0], [0.5, 1, 0], [0, 0, 0]])
 
 
-VALID = rid.Estimate(
-    "m",
-    "ls",
-    "ok",
-    (rid.Value("a", "kg", 1.0, 0.1),),
-    covariance=np.array([[0.01]]),
+VALID = GOOD.with_(
+    method="ls",
     prediction={"F": rid.Prediction(0.1)},
     misfit=rid.Misfit(1.0, 1.0, 3, 0.5),
     notes=(
@@ -390,12 +375,10 @@ def test_a_prediction_that_noise_spoils_is_explained_where_the_cost_is_in_order(
     [("unit", "kg\x1b[2J"), ("unit", "=cmd"), ("name", "a\nb"), ("name", "")],
 )
 def test_names_and_units_of_a_file_are_checked(key, text, tmp_path):
-    path = tmp_path / "run.json"
-    rid.Estimate("one", "ls", "ok", (rid.Value("m", "kg", 2.0, std=0.01),)).save(path)
-    assert rid.load_estimate(path).value("m") == 2.0
-    data = json.loads(path.read_text())
+    one = rid.Estimate("one", "ls", "ok", (rid.Value("m", "kg", 2.0, std=0.01),))
+    assert again(one, tmp_path).value("m") == 2.0
+    data = json.loads((tmp_path / "result.json").read_text())
     data["parameters"][0][key] = text
-    path.write_text(json.dumps(data))
     with pytest.raises(rid.InputError, match=rf"parameters\.0\.{key}") as told_of:
-        rid.load_estimate(path)
+        read(data, tmp_path)
     assert str(told_of.value).isprintable()

@@ -19,7 +19,6 @@ from rotorid.core.toml import TOML_BYTES, TOML_VALUES, parse_toml
 from rotorid.io import READERS
 from rotorid.testing import open_table
 
-# -------------------------------------------------------------------------------------------------
 # What may be opened, how much of it is read, and that anything else is told at once.
 
 
@@ -151,7 +150,6 @@ def test_numbers_of_results(number, tmp_path):
     assert len(str(told.value)) < 300
 
 
-# -------------------------------------------------------------------------------------------------
 # Files written whole or not at all, and never over what the program did not write.
 
 
@@ -241,20 +239,18 @@ def test_what_a_killed_process_left_is_in_nobodys_way(tmp_path):
 def test_targets(tmp_path):
     files.check_target(tmp_path / "new.json")
     files.check_target(Path("/dev/null"))
-    with pytest.raises(InputError, match="no such folder"):
-        files.check_target(tmp_path / "none" / "new.json")
-    with pytest.raises(InputError, match="a file to write"):
-        files.check_target(tmp_path)
     loop = tmp_path / "loop"
     loop.symlink_to(loop)
-    with pytest.raises(InputError, match="symbolic links"):
-        files.check_target(loop)
-    with pytest.raises(InputError, match="too long"):
-        files.check_target(tmp_path / ("n" * 300))
-    with pytest.raises(InputError, match="null"):
-        files.check_target(Path("a\0b"))
-    with pytest.raises(InputError, match="Not a directory"):
-        files.check_target(Path(__file__) / "a.json")
+    for target, found in (
+        (tmp_path / "none" / "new.json", "no such folder"),
+        (tmp_path, "a file to write"),
+        (loop, "symbolic links"),
+        (tmp_path / ("n" * 300), "too long"),
+        (Path("a\0b"), "null"),
+        (Path(__file__) / "a.json", "Not a directory"),
+    ):
+        with pytest.raises(InputError, match=found):
+            files.check_target(target)
 
 
 def test_a_file_of_others_is_kept(tmp_path):

@@ -27,7 +27,6 @@ from rotorid.io.text import (
 )
 from rotorid.testing import open_table
 
-# -------------------------------------------------------------------------------------------------
 # Text tables as programs of measurement write them: preambles, no names, clocks, white space.
 
 
@@ -232,7 +231,6 @@ def test_pyarrow_and_numpy_read_alike(tmp_path, monkeypatch):
 def test_rates_beyond_doubt(line, rows, hertz):
     """A rate read a thousand times too small makes masses a million times too large, and ok."""
     dialect = find_dialect([*line.split("\n"), *[rows] * 4])
-    assert dialect is not None
     assert (dialect.rate and dialect.rate.hertz) == (hertz and pytest.approx(hertz))
 
 
@@ -262,7 +260,6 @@ def test_a_mark_between_thousands_further_on(rows, last, tmp_path):
 )
 def test_names_that_hold_the_delimiter(header, row, names):
     dialect = find_dialect([header, *[row] * 4])
-    assert dialect is not None
     assert dialect.names == names
 
 
@@ -284,7 +281,6 @@ def test_a_row_of_units_may_hold_some_that_no_record_needs(other):
     assert dialect.units == ("s", "um", None)
 
 
-# -------------------------------------------------------------------------------------------------
 # Text tables as data loggers and spreadsheets write them.
 
 
@@ -408,7 +404,6 @@ def test_memory_is_a_few_times_that_of_the_numbers(tmp_path):
     assert peak < 3 * values.nbytes
 
 
-# -------------------------------------------------------------------------------------------------
 # Text tables that are no tables: long lines, fields and heads, in time that grows with them.
 
 
@@ -457,7 +452,6 @@ def test_heads_take_time_by_their_length(head, tmp_path):
 )
 def test_names_with_units(name, found):
     dialect = find_dialect([f"{name},y", *["1,2"] * 4])
-    assert dialect is not None
     assert (dialect.names[0], dialect.units[0]) == found
 
 
@@ -506,7 +500,6 @@ def test_days_that_are_none(day, tmp_path):
         open_table(path).read(["t"])
 
 
-# -------------------------------------------------------------------------------------------------
 # Parquet, TDMS, MDF and MAT files that stand for far more numbers than their bytes can hold.
 
 

@@ -201,9 +201,8 @@ def test_numbers_are_those_written(shape, tmp_path):
         expected = {f"{kind}[{i}]": longer[:, i] for kind in KINDS for i in range(2)}
     for asked in ([*expected][::-1], [*expected][::2]):
         found, blocks = table.read(asked), list(table.blocks(asked, 5))
-        assert [len(block[asked[0]].values) for block in blocks] == [5] * (longer.shape[0] // 5) + [
-            longer.shape[0] % 5
-        ]
+        sizes = [len(block[asked[0]].values) for block in blocks]
+        assert sizes == [5] * (len(longer) // 5) + [len(longer) % 5]
         for name in asked:
             parts = [block[name].values for block in blocks]
             assert {found[name].values.dtype, *(p.dtype for p in parts)} == {np.dtype(float)}
@@ -421,10 +420,9 @@ def test_samples_in_files_of_their_own(tmp_path, monkeypatch):
     VALUES.tofile(inner / "x.bin")
     monkeypatch.chdir(tmp_path)
     file = inner / "run.h5"
-    external(file, ("x.bin", 0, 4800))
-    assert column(file) == VALUES.tolist()
-    external(file, ("x.bin", 0, h5py.h5f.UNLIMITED))
-    assert column(file) == VALUES.tolist()
+    for size in (4800, h5py.h5f.UNLIMITED):
+        external(file, ("x.bin", 0, size))
+        assert column(file) == VALUES.tolist()
     external(file, ("x.bin", 8, 4800))
     with pytest.raises(ReadError, match=r"4792 of 4800 bytes in x.bin: a gap in '/x'"):
         column(file)
@@ -485,9 +483,8 @@ def test_chunks_that_fill_the_memory(file):
     rows = CHUNK_BYTES // 8
     with h5py.File(file, "w") as data:
         for name, more in (("x", 1), ("y", 0)):
-            one = data.create_dataset(
-                name, (rows + more,), "f8", chunks=(rows + more,), compression="gzip"
-            )
+            shape = (rows + more,)
+            one = data.create_dataset(name, shape, "f8", chunks=shape, compression="gzip")
             one.id.write_direct_chunk((0,), b"no zlib data")
     with cheap(1.0, 50), pytest.raises(ReadError, match=r"chunks of 256 MB in '/x'.*h5repack"):
         column(file)
@@ -500,9 +497,8 @@ def test_zeros_that_pack_without_bound(file):
     """A channel at rest may be large; twelve of them from a few kB are too much."""
     with h5py.File(file, "w") as data:
         for i in range(12):
-            data.create_dataset(
-                f"x{i}", data=np.zeros(2_000_000), chunks=(10**5,), compression="gzip"
-            )
+            zeros, packed = np.zeros(2_000_000), {"chunks": (10**5,), "compression": "gzip"}
+            data.create_dataset(f"x{i}", data=zeros, **packed)
     opened = open_table(file)
     assert len(opened.read(["x0"])["x0"].values) == 2_000_000
     with pytest.raises(ReadError, match="192000000 bytes of numbers declared"):
@@ -527,20 +523,18 @@ def test_many_data_sets(file):
 
 @pytest.mark.slow
 def test_nested_groups(file):
+    deep = "a/" * DEPTH + "x"
     with h5py.File(file, "w") as data:
-        data["a/" * DEPTH + "x"] = VALUES
+        data[deep] = VALUES
         group = data.create_group("b")
         for _ in range(5000):
             group = group.create_group("b")
     with cheap():
-        assert (
-            column(part(file.with_name("deep.h5"), VALUES, "a/" * DEPTH + "x")) == VALUES.tolist()
-        )
-        assert column(file, "a/" * DEPTH + "x") == VALUES.tolist()
-        with pytest.raises(ReadError, match="more than 64 groups in one another"):
-            column(file, "x")
-        with pytest.raises(ReadError, match="more than 64 groups in one another"):
-            column(file, "a/" * (DEPTH + 1) + "x")
+        assert column(part(file.with_name("deep.h5"), VALUES, deep)) == VALUES.tolist()
+        assert column(file, deep) == VALUES.tolist()
+        for name in ("x", "a/" * (DEPTH + 1) + "x"):
+            with pytest.raises(ReadError, match="more than 64 groups in one another"):
+                column(file, name)
 
 
 def test_groups_that_hold_themselves(file):
@@ -578,11 +572,10 @@ def test_a_block_before_the_file(size, file):
 
 
 def test_types_that_are_no_numbers(file):
-    lists = np.array([np.ones(2), np.ones(3)], dtype=object)
     kinds = {
         "text": (np.array([b"a", b"b"]), "text"),
         "texts": (np.array(["a", "b"], dtype=h5py.string_dtype()), "text"),
-        "lists": (lists, "lists"),
+        "lists": (np.array([np.ones(2), np.ones(3)], dtype=object), "lists"),
         "states": (np.zeros(3, dtype=h5py.enum_dtype({"OFF": 0, "ON": 1})), "names of an enumera"),
         "complex": (np.ones(3) * 1j, "complex numbers"),
         "nested": (np.zeros(3, dtype=[("a", [("b", "f8")])]), None),
@@ -595,9 +588,8 @@ def test_types_that_are_no_numbers(file):
         data["bits"] = np.array([True, False])
     opened = open_table(file)
     for kind, (_, told) in kinds.items():
-        with pytest.raises(
-            ReadError, match=f"'{kind}' of {told}" if told else "no column 'nested'"
-        ):
+        message = f"'{kind}' of {told}" if told else "no column 'nested'"
+        with pytest.raises(ReadError, match=message):
             opened.find(kind)
     assert opened.names == ["bits"]
     assert column(file, "bits") == [1, 0]

@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import h5py
+import io_writers
 import numpy as np
 import pytest
 import scipy.io
-from io_writers import write_parquet, write_tdms
 
 import rotorid as rid
 from rotorid import InputError, ReadError
@@ -27,7 +27,6 @@ from rotorid.io.columns import open_blocks
 from rotorid.signals.average import PeriodSums, average_blocks
 from rotorid.testing import Source
 
-# -------------------------------------------------------------------------------------------------
 # From files to records in SI units.
 
 
@@ -125,17 +124,16 @@ def test_time_in_its_unit(unit, time, hertz, tmp_path):
 
 def test_one_source_of_time(tmp_path):
     path = write(tmp_path)
-    with pytest.raises(InputError, match="one of sample_rate and time"):
-        rid.read_record(path)
     assert rid.read_record(path, sample_rate=1000.05, time="t").sample_rate == 1000.05
-    with pytest.raises(InputError, match="1 Hz, where the time column says 1000 Hz"):
-        rid.read_record(path, sample_rate=1.0, time="t")
-    with pytest.raises(InputError, match=r'if its times are in ms: .* unit = "ms"'):
-        rid.read_record(path, sample_rate=1e6, time="t")
-    with pytest.raises(InputError, match="time: found no column 'tt'"):
-        rid.read_record(path, time="tt")
-    with pytest.raises(InputError, match=r"time.*found unit 'um'; expected .* converts to s"):
-        rid.read_record(path, time="x")
+    for clock, message in (
+        ({}, "one of sample_rate and time"),
+        ({"sample_rate": 1.0, "time": "t"}, "1 Hz, where the time column says 1000 Hz"),
+        ({"sample_rate": 1e6, "time": "t"}, r'if its times are in ms: .* unit = "ms"'),
+        ({"time": "tt"}, "time: found no column 'tt'"),
+        ({"time": "x"}, r"time.*found unit 'um'; expected .* converts to s"),
+    ):
+        with pytest.raises(InputError, match=message):
+            rid.read_record(path, **clock)
 
 
 @pytest.mark.parametrize(
@@ -208,11 +206,9 @@ def test_a_mask_of_another_length(columns, tmp_path):
 
 
 def test_several_files_of_one_clock(tmp_path):
-    (tmp_path / "f.csv").write_text(
-        "t,fx,z\n" + "".join(f"{t},{x},0\n" for t, x in zip(T, X, strict=True))
-    )
-    (tmp_path / "p.csv").write_text("px;z\n" + "".join(f"{2 * x};1\n" for x in X))
     files = [tmp_path / "f.csv", tmp_path / "p.csv"]
+    io_writers.write_table(files[0], "t,fx,z", T, X, 0 * X)
+    io_writers.write_table(files[1], "px;z", 2 * X, X / X, separator=";")
     record = rid.read_record(files, columns={"F": "fx", "x": "px", "z": "p.csv:z"}, time="t")
     np.testing.assert_array_equal(record.samples, np.column_stack([X, 2 * X, np.ones(8)]))
     assert record.sample_rate == pytest.approx(1000.0)
@@ -220,7 +216,7 @@ def test_several_files_of_one_clock(tmp_path):
         rid.read_record(files, columns=["z"], time="t")
     with pytest.raises(ReadError, match="no column 'fy'"):
         rid.read_record(files, columns=["fy"], time="t")
-    (tmp_path / "p.csv").write_text("px\n1\n2\n")
+    files[1].write_text("px\n1\n2\n")
     with pytest.raises(ReadError, match=r"2 samples where others have 8; .* cut them alike"):
         rid.read_record(files, columns=["fx", "px"], time="t")
 
@@ -246,7 +242,6 @@ def test_samples_that_some_machine_might_have(size, tmp_path):
     assert np.abs(record.samples).max() == pytest.approx(size, rel=1e-12)
 
 
-# -------------------------------------------------------------------------------------------------
 # Sample times: even, rounded, jittered, late, missing.
 
 
@@ -259,9 +254,8 @@ def wave(time: np.ndarray, frequency: float = 20.0) -> np.ndarray:
     return np.cos(2 * np.pi * frequency * time + 0.3)
 
 
-def recorded(path: Path, time: np.ndarray, *columns: np.ndarray, names: str = "t,x") -> Path:
-    table = np.column_stack([time, *columns])
-    np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.12g")
+def recorded(path: Path, time: np.ndarray, values: np.ndarray) -> Path:
+    io_writers.write_table(path, "t,x", time, values, fmt="%.12g")
     return path
 
 
@@ -423,29 +417,33 @@ def write_table(path: Path, columns: object) -> None:
 KINDS = {  # and what is needed
     "run.h5": (write_chunks, "h5py"),
     "log.h5": (write_table, "h5py"),
-    "run.parquet": (write_parquet, "pyarrow"),
-    "run.tdms": (write_tdms, "nptdms"),
+    "run.parquet": (io_writers.write_parquet, "pyarrow"),
+    "run.tdms": (io_writers.write_tdms, "nptdms"),
 }
 
 
 @pytest.fixture(params=KINDS)
-def path(request, tmp_path):
+def path(request, tmp_path, monkeypatch):
+    """A record of any size that is read in blocks."""
+    monkeypatch.setattr(blocks, "WORTH", 0)
     writer, package = KINDS[request.param]
     pytest.importorskip(package)
     writer(tmp_path / request.param, COLUMNS)
     return tmp_path / request.param
 
 
+def sources_of(path: Path, *of_x: object) -> dict[str, Source]:
+    """Return the columns of force and motion, by the unit and the scale of the second."""
+    force, motion = ("log[0]", "log[1]") if path.name == "log.h5" else ("fx", "px")
+    return {"F": Source(force, "N"), "x": Source(motion, *of_x)}
+
+
 @pytest.mark.sampled(6)
 @pytest.mark.parametrize("rows", [7, 100, 501, 10**6])
 def test_blocks_are_the_whole(path, rows, monkeypatch):
-    monkeypatch.setattr(blocks, "WORTH", 0)
     monkeypatch.setattr(blocks, "ROWS", rows)
-    sources = SOURCES
-    if path.name == "log.h5":
-        sources = {"F": Source("log[0]", "N"), "x": Source("log[1]", "um")}
+    sources = sources_of(path, "um")
     opened = open_blocks([path], columns=sources, sample_rate=RATE, speed=3.0, phase=0.2)
-    assert opened is not None
     found = average_blocks(opened, 20.0, **OPTIONS)
     record = rid.read_record(path, columns=sources, sample_rate=RATE, speed=3.0, phase=0.2)
     whole = rid.average(record, 20.0, **OPTIONS)
@@ -478,54 +476,46 @@ def test_faults_are_told_with_their_sample(tmp_path, monkeypatch):
     write_chunks(tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5", "a") as data:
         data["px"][1034] = np.nan
-    opened = open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE)
-    assert opened is not None
+    files = [tmp_path / "run.h5"]
+    opened = open_blocks(files, columns=SOURCES, sample_rate=RATE)
     with pytest.raises(InputError, match="found nan in sample 1034 of channel 'x'"):
         average_blocks(opened, 20.0, **OPTIONS)
-    until = open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE, until=1.0)
-    assert until is not None
+    until = open_blocks(files, columns=SOURCES, sample_rate=RATE, until=1.0)
     assert average_blocks(until, 20.0, **OPTIONS).periods == 17
     with pytest.raises(InputError, match=r"87 samples|50 samples|1 whole periods"):
         average_blocks(until, 20.0, harmonics=[1], skip=0.92)
     with pytest.raises(InputError, match="no column 'fz'"):
-        open_blocks([tmp_path / "run.h5"], columns={"F": Source("fz")}, sample_rate=RATE)
+        open_blocks(files, columns={"F": Source("fz")}, sample_rate=RATE)
 
 
 def test_small_records_and_jittered_ones_are_read_at_once(tmp_path, monkeypatch):
     write_chunks(tmp_path / "run.h5")
-    with h5py.File(tmp_path / "run.h5", "a") as data:
+    files = [tmp_path / "run.h5"]
+    with h5py.File(files[0], "a") as data:
         data["t"] = np.arange(len(FORCE)) / RATE + DRAWN.uniform(-1e-4, 1e-4, len(FORCE))
-    assert open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE) is None
+    assert open_blocks(files, columns=SOURCES, sample_rate=RATE) is None
     monkeypatch.setattr(blocks, "WORTH", 0)
-    assert open_blocks([tmp_path / "run.h5"], columns=SOURCES, sample_rate=RATE) is not None
-    jittered = open_blocks([tmp_path / "run.h5"], columns=SOURCES, time=Source("t", "s"))
-    assert jittered is None
+    assert open_blocks(files, columns=SOURCES, sample_rate=RATE) is not None
+    assert open_blocks(files, columns=SOURCES, time=Source("t", "s")) is None
 
 
 @pytest.mark.parametrize("scale", [1e-162, 1e155])
-def test_blocks_that_no_machine_has(scale, path, monkeypatch):
-    monkeypatch.setattr(blocks, "WORTH", 0)
-    sources = {"F": Source("fx", "N"), "x": Source("px", "m", scale=scale)}
-    if path.name == "log.h5":
-        sources = {"F": Source("log[0]", "N"), "x": Source("log[1]", "m", scale=scale)}
-    opened = open_blocks([path], columns=sources, sample_rate=RATE)
-    assert opened is not None
+def test_blocks_that_no_machine_has(scale, path):
+    opened = open_blocks([path], columns=sources_of(path, "m", scale), sample_rate=RATE)
     with pytest.raises(InputError, match=r"channels\.x\.unit: found samples up to"):
         average_blocks(opened, period_samples=SIZE, **OPTIONS)
 
 
 def test_empty_column_is_no_channel(tmp_path):
     path = tmp_path / "run.h5"
-    columns = {"F": np.arange(5.0), "spare": np.full(9, np.nan), "x": np.arange(5.0)}
     with h5py.File(path, "w") as file:
-        file.update(columns)
+        file.update({"F": np.arange(5.0), "spare": np.full(9, np.nan), "x": np.arange(5.0)})
     record = rid.read_record(path, sample_rate=1e3)
     assert record.names == ("F", "x")
     assert record.warnings == ("no number in 'spare': left out",)
     with pytest.raises(InputError, match=r"nan in sample 0 of channel 'spare', 9 in all"):
         rid.read_record(path, sample_rate=1e3, columns=["spare"])
-    columns["spare"][8] = 1.0
-    with h5py.File(path, "w") as file:
-        file.update(columns)
+    with h5py.File(path, "a") as file:
+        file["spare"][8] = 1.0
     with pytest.raises(InputError, match=r"nan in sample 0 of channel 'spare', 8 in all"):
         rid.read_record(path, sample_rate=1e3)

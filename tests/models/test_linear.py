@@ -277,7 +277,6 @@ def test_coinciding_frequencies_part_as_their_planes_do():
 def test_both_ways_to_the_poles_agree(monkeypatch, complex_stiffness):
     """M divided by, and the pencil of two matrices, which a coordinate without inertia needs."""
     model = load_model("three-mass")
-    assert model.linear is not None
     m = model.linear.matrices(model.values(model.nominal), 2 * np.pi * 140)
     held = m.K + np.diag([1e4] * 8) * (1 + 0.02j * complex_stiffness)
     matrices = (m.M, m.D + 2 * np.pi * 140 * m.G + np.diag([3.0] * 8), held)

@@ -151,7 +151,6 @@ def test_hostile_names_are_text(estimate, periods):
     named = tuple(
         replace(v, name=HOSTILE + str(i), unit=HOSTILE) for i, v in enumerate(estimate.parameters)
     )
-    assert estimate.evidence is not None
     (shown,) = estimate.evidence.records
     channels = tuple(replace(c, name=HOSTILE + c.name, unit=HOSTILE) for c in shown.channels)
     evidence = Evidence(
@@ -200,7 +199,6 @@ def test_of_hidden_coordinates(estimate, model, periods):
         variance=periods.variance[:, :3],
     )
     found = rid.with_evidence(estimate, model, hidden)
-    assert found.evidence is not None
     names = [c.name for c in found.evidence.records[0].channels if c.predicted]
     assert names == ["x"]  # the reading, since a coordinate is hidden
     check_self_contained(Page(estimate_report(found.with_(model="mine"))))
@@ -276,12 +274,10 @@ def test_of_a_validation(estimate, model, periods):
 
 def test_what_was_known_stands_beside(estimate):
     first = estimate.parameters[0]
-    assert first.std is not None
     prior = Prior(first.name, first.value + 2 * first.std, 4 * first.std)
     known = estimate.with_(evidence=Evidence((), (prior, Prior("m + c", 1.5, 0.0))))
     (row, *others), *_ = (rows for _, rows in groups(known))
     assert row.moved == "\N{MINUS SIGN}0.5 std"
-    assert row.bar is not None
     before, after = row.bar[:2]
     assert before[0] < after[0] < after[1] < before[1]
     assert (after[1] - after[0]) / (before[1] - before[0]) == pytest.approx(0.25, abs=0.01)

@@ -70,7 +70,6 @@ def test_predicted_forces_have_the_error_that_the_estimate_states(estimates, evi
         measured, predicted = curve(waves, "measured").y, curve(waves, "predicted").y
         error = np.linalg.norm(predicted - measured) / np.linalg.norm(measured)
         prediction = stated[channel.name]
-        assert prediction is not None
         assert error == pytest.approx(prediction.relative_error, rel=2e-3)
         assert channel.error == pytest.approx(prediction.relative_error, rel=1e-5)
         away, size = curve(on_lines, "predicted less").y, curve(on_lines, "measured").y
@@ -86,7 +85,6 @@ def test_forces_are_drawn_over_one_period_with_their_noise(evidence):
     np.testing.assert_allclose(curve(panels[0], "predicted").x, np.arange(250) / 5)
     for panel, left in zip(panels, drawn.over_time(record, drawn.difference), strict=True):
         band, away = curve(left, "95"), curve(left, "predicted")
-        assert band.base is not None
         np.testing.assert_allclose(band.base, -band.y)
         inside = np.abs(away.y) < band.y
         assert 0.7 < inside.mean() <= 1
@@ -95,7 +93,6 @@ def test_forces_are_drawn_over_one_period_with_their_noise(evidence):
 
 def test_what_is_left_is_shown_over_its_noise(evidence):
     (panel,) = drawn.residual(evidence["ml"])
-    assert panel.matrix is not None
     assert panel.matrix.values.shape == (4, 6)
     size = np.sqrt((panel.matrix.values**2).mean())
     assert 0.5 < size < 1.5
@@ -257,12 +254,10 @@ def test_a_diagram_shows_what_was_computed(diagram):
     (marks,) = [c for c in panel.curves if c.look == "diamonds"]
     np.testing.assert_allclose(marks.x, [30 / np.pi * c.speed_rad_s for c in found.critical])
     np.testing.assert_allclose(marks.y, marks.x / 60)  # where a mode meets the rotation
-    assert marks.error is not None
     np.testing.assert_allclose(
         marks.error, [1.96 * 30 / np.pi * c.std for c in found.critical if c.std], rtol=1e-4
     )
     band = next(c for c in panel.curves if c.look == "band")
-    assert band.base is not None
     np.testing.assert_allclose((band.y - band.base) / 2, 1.96 * found.std_hz[:, 0], rtol=1e-4)
 
 
@@ -306,7 +301,6 @@ def test_an_amplitude_that_hardly_changes_is_drawn_from_zero():
     model = rid.load_model("rigid")
     found = response_of(machine_of(model), np.linspace(100.0, 800.0, 5))
     for panel in drawn.response(found, model.units):
-        assert panel.y.ends is not None
         assert panel.y.ends[0] == 0.0
         assert panel.y.ends[1] == pytest.approx(1.25 * panel.curves[0].y[0])
         assert not panel.y.log
@@ -359,7 +353,6 @@ def test_a_response_is_drawn_with_its_band(estimate, model):
     assert panels[0].y.title == "amplitude in \N{MICRO SIGN}m"
     band, line = panels[0].curves
     np.testing.assert_allclose(line.y, 1e6 * np.abs(found.motion[:, 0]))
-    assert band.base is not None
     half = 1.96e6 * found.std[:, 0]
     np.testing.assert_allclose(band.y - line.y, half, rtol=1e-4)
     np.testing.assert_allclose(band.base, np.maximum(line.y - half, line.y / 100), rtol=1e-4)

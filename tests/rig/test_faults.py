@@ -365,7 +365,6 @@ def test_every_fault_is_on_the_page():
     assert kinds.count("named") >= 24
     text = (DOCS / "faults.md").read_text(encoding="utf-8").replace("\n", " ")
     told = re.search(r"(\d+) are refused and (\d+) move .*; (\d+) of these (\d+) are named", text)
-    assert told is not None
     refused, far, named, all_ = (int(number) for number in told.groups())
     assert refused + far == all_ >= 30
     assert named >= 24

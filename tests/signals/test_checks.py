@@ -20,9 +20,6 @@ from rotorid.signals.checks.registry import Seen, check_periods, check_record, f
 from rotorid.signals.checks.rotation import rotation_warnings, synchronism
 from rotorid.signals.inspection import detect_distortion
 
-# Checks of the data before any model: each mistake is named, and noise is none.
-
-
 RATE, F0, SIZE = 5000.0, 20.0, 250
 LINES = np.arange(1, 12, 2)
 CHANNELS = [Channel("F_x", "N"), Channel("F_y", "N"), Channel("x", "m"), Channel("y", "m")]
@@ -70,8 +67,12 @@ def of_check(notes: Iterable[Note], about: str) -> list[Note]:
     return [note for note in notes if note.about == about and note.verdict != "ok"]
 
 
+def graver(found: Iterable[Note]) -> list[Note]:
+    return [c for c in found if c.verdict in ("warning", "refused")]
+
+
 def only(found: list[Note], name: str) -> Note:
-    grave = [c for c in found if c.verdict in ("warning", "refused")]
+    grave = graver(found)
     assert [c.about for c in grave] == [name], [str(c) for c in found]
     return grave[0]
 
@@ -96,8 +97,7 @@ def clean(number: int) -> Record:
 @pytest.mark.parametrize("part", range(6))
 def test_a_clean_record_gives_no_alarm(part):
     """Of all 360: what calls 1 % is found with 97 %."""
-    found = {number: told(clean(number)) for number in range(part, 360, 6)}
-    alarms = [c for notes in found.values() for c in notes if c.verdict in ("warning", "refused")]
+    alarms = [c for number in range(part, 360, 6) for c in graver(told(clean(number)))]
     assert [str(alarm) for alarm in alarms] == []
 
 
