@@ -5,12 +5,9 @@ than the package's own: the loop's sensitivity by rotor, hold and controller.
 """
 
 import functools
-import tempfile
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import resources
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -34,7 +31,7 @@ from rotorid.results.modes import critical_speeds
 from rotorid.results.sensitivity import AxisSensitivity, zone_of
 from rotorid.rig.rig import Rig, excitation_table
 from rotorid.signals.multisine import Multisine
-from rotorid.testing import bind_all
+from rotorid.testing import bind_all, parse_rig
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 OMEGA = 2 * np.pi * 20.0 * np.array(HARMONICS)
@@ -193,15 +190,13 @@ class Case:
     start: Mapping[str, float]
 
 
-@functools.cache
-def _close_model() -> rid.Model:
-    return rid.parse_model(CLOSE, name="close")
+CLOSE_MODEL = rid.parse_model(CLOSE, name="close")
 
 
 def close_case(seed: int, speed: float = 800.0, periods: int = PERIODS, stream: int = 13) -> Case:
     """Return a random machine with two close modes; its noise of the mean is that of PERIODS."""
     rng = np.random.default_rng([seed, stream])
-    model = _close_model()
+    model = CLOSE_MODEL
     truth = {n: v * np.exp(0.1 * rng.standard_normal()) for n, v in model.nominal.items()}
     truth["k_y"] = truth["k_x"] + SPLIT * rng.standard_normal()
     truth["e"] = 0.5 * SPLIT * rng.standard_normal()
@@ -246,14 +241,6 @@ def errors_at_the_minimum(case: Case) -> dict[str, float]:
     values, covariance = values_at_the_minimum(case)
     rows = zip(values.items(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
     return {name: (value - case.truth[name]) / deviation for (name, value), deviation in rows}
-
-
-def identified(seed: int, speed: float = 800.0) -> Found:
-    """Identify a random machine with two close modes, and hold its modes against the truth."""
-    case = close_case(seed, speed)
-    estimator = rid.MaximumLikelihood(fixed=case.known, start=case.start)
-    estimate = rid.identify(case.model, [case.record], estimator)
-    return held(case, estimate, speed) if estimate.status == "ok" else Found(estimate.status)
 
 
 def found_at_the_minimum(seed: int, speed: float = 800.0) -> Found:
@@ -309,17 +296,14 @@ LAST = 50
 @functools.cache
 def rig_of(stiffness: float = 2e5, damping: float = 800.0) -> Rig:
     """Return the shipped rig with other settings of its controllers, N/m and N s/m."""
-    text = (resources.files("rotorid.rig") / "library" / "three-mass.toml").read_text()
+    text = load_rig("three-mass").text
     for old, new in (
         ('2e5 N/m"    #', f'{stiffness:g} N/m" #'),
         ("800 N s/m", f"{damping:g} N s/m"),
     ):
         assert text.count(old) == 1
         text = text.replace(old, new)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "rig.toml"
-        file.write_text(text)
-        return load_rig(file).rig
+    return parse_rig(text).rig
 
 
 @dataclass(frozen=True)
@@ -354,37 +338,25 @@ def played(on: Loop, noise: float, periods: int, rng: np.random.Generator) -> ri
 
 @dataclass(frozen=True)
 class Graded:
-    """What became of a loop: its peak, what was found, and the interval."""
+    """The peak of a loop, and what was found of it."""
 
     peak: float
-    found: float
-    interval: tuple[float, float]
-
-    @classmethod
-    def of(cls, peak: float, axis: AxisSensitivity) -> "Graded":
-        """Hold what was found against the peak."""
-        return cls(peak, axis.peak, axis.interval)
+    axis: AxisSensitivity
 
     @property
     def wrong(self) -> bool:
         """Whether the zone is none of those named."""
-        low, high = (zone_of(end) for end in self.interval)
+        low, high = map(zone_of, self.axis.interval)
         return not low <= zone_of(self.peak) <= high
 
     @property
-    def undecided(self) -> bool:
-        """Whether the interval lies across a limit."""
-        return zone_of(self.interval[0]) != zone_of(self.interval[1])
-
-    @property
     def off_db(self) -> float:
-        """How far off the peak is, in dB."""
-        return float(20 * np.log10(self.found / self.peak))
+        return self.axis.peak_db - 20 * np.log10(self.peak)
 
     @property
     def held(self) -> bool:
-        """Whether the interval holds the peak."""
-        return self.interval[0] <= self.peak <= self.interval[1]
+        low, high = self.axis.interval
+        return low <= self.peak <= high
 
 
 STIFFNESS = (1.5e5, 2e5, 3e5)
@@ -398,28 +370,7 @@ def by_periods(seed: int, noise: tuple[float, float] = (0.005, 0.03)) -> Graded:
     on = loop(float(rng.choice(STIFFNESS)), float(rng.choice(DAMPING)))
     size = noise[0] * (noise[1] / noise[0]) ** rng.random()
     record = played(on, size, int(rng.integers(10, 40)), rng)
-    return Graded.of(on.peak, rid.sensitivity(record, {"e": "r"})[0])
-
-
-def by_noise(seed: int, samples: int = 20000) -> list[Graded]:
-    """Grade two coupled loops by a whole record with noise added to both commands.
-
-    Each S is 1 beside a resonance whose peak is known exactly.
-    """
-    rng = np.random.default_rng([seed, 14840])
-    rate = 1000.0
-    r = rng.standard_normal((samples, 2))
-    e, peaks = [], []
-    for j in range(2):
-        b, a = scipy.signal.iirpeak(rng.uniform(40.0, 150.0), rng.uniform(2.0, 5.0), fs=rate)
-        top = rng.uniform(1.0, 4.5) * np.asarray(b) + np.asarray(a)
-        e.append(scipy.signal.lfilter(top, a, r[:, j]) + 0.1 * rng.standard_normal(samples))
-        peaks.append(np.abs(scipy.signal.freqz(top, a, 20000)[1]).max())
-    e[0] = e[0] + 0.2 * r[:, 1]
-    channels = [rid.Channel(name) for name in ("e1", "e2", "r1", "r2")]
-    record = rid.Record(channels, np.column_stack([*e, r]), sample_rate=rate)
-    found = rid.sensitivity(record, {"e1": "r1", "e2": "r2"}, band=("20 Hz", "300 Hz"))
-    return [Graded.of(peak, axis) for peak, axis in zip(peaks, found, strict=True)]
+    return Graded(on.peak, rid.sensitivity(record, {"e": "r"})[0])
 
 
 def sampled_loop(
@@ -474,7 +425,7 @@ def by_few_lines(seed: int) -> Graded:
     seconds = int(rng.choice([2, 4, 8]))
     record, exact = sampled_loop(stiffness, rate, seconds, rng, damping, noise=noise)
     (axis,) = rid.sensitivity(record, {"e": "r"}, band=("8 Hz", "400 Hz"))
-    return Graded.of(exact, axis)
+    return Graded(exact, axis)
 
 
 def by_the_rig(seed: int, periods: int = 20) -> Graded:
@@ -483,7 +434,7 @@ def by_the_rig(seed: int, periods: int = 20) -> Graded:
     axis = int(rng.integers(4))
     record = measured(excited(axis, FUNDAMENTAL, LAST, 3.0), periods, rng)
     cut = rid.average(record, FUNDAMENTAL, harmonics=list(range(1, LAST + 1)))
-    return Graded.of(exact_peak(axis), rid.sensitivity(cut, pair(axis))[0])
+    return Graded(exact_peak(axis), rid.sensitivity(cut, pair(axis))[0])
 
 
 def excited(axis: int, fundamental: float, count: int, amplitude: float) -> Rig:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy
 import scipy.signal
+from io_writers import write_table
 from linear_machines import estimate_of
 from report_pages import Page, check_self_contained
 from result_cases import (
@@ -136,6 +137,9 @@ def test_the_rig_s_record_gives_the_peak_of_its_loop():
         rid.sensitivity(periods, pair(1))
 
 
+TWO_LOOPS = [rid.Channel(name) for name in ("e1", "e2", "r1", "r2")]
+
+
 def two_loops(rng: np.random.Generator, signs: np.ndarray, periods: int = 20) -> np.ndarray:
     """Return e and r of two coupled loops whose S is known, both excited at once."""
     time = np.arange(200 * periods) / 2000.0
@@ -146,8 +150,7 @@ def two_loops(rng: np.random.Generator, signs: np.ndarray, periods: int = 20) ->
 
 
 def synthetic(rng: np.random.Generator, signs: np.ndarray) -> rid.PeriodicRecord:
-    channels = [rid.Channel(n) for n in ("e1", "e2", "r1", "r2")]
-    record = rid.Record(channels, two_loops(rng, signs), sample_rate=2000.0)
+    record = rid.Record(TWO_LOOPS, two_loops(rng, signs), sample_rate=2000.0)
     return rid.average(record, 10.0, harmonics=[1, 2, 3, 4, 5])
 
 
@@ -167,16 +170,12 @@ def filtered(rng: np.random.Generator, seconds: int = 10) -> tuple[np.ndarray, n
     """Return the samples of two loops, r noise and e a resonance of it, and the peak of each."""
     samples = 1000 * seconds
     r = rng.standard_normal((samples, 2))
-    filters = [
-        scipy.signal.iirpeak(60.0, 4.0, fs=1000.0),
-        scipy.signal.iirpeak(110.0, 5.0, fs=1000.0),
-    ]
     e, peaks = [], []
-    for j, (b, a) in enumerate(filters):
-        top = (1.0 + 1.2 * (j + 1)) * np.asarray(b) + (np.asarray(a) - np.asarray(b))
+    for j, (hertz, narrow) in enumerate([(60.0, 4.0), (110.0, 5.0)]):
+        b, a = map(np.asarray, scipy.signal.iirpeak(hertz, narrow, fs=1000.0))
+        top = 1.2 * (j + 1) * b + a
         e.append(scipy.signal.lfilter(top, a, r[:, j]) + 0.1 * rng.standard_normal(samples))
-        _, curve = scipy.signal.freqz(top, a, 20000)
-        peaks.append(np.abs(curve).max())
+        peaks.append(np.abs(scipy.signal.freqz(top, a, 20000)[1]).max())
     e[0] = e[0] + 0.2 * r[:, 1]
     return np.column_stack([*e, r]), np.array(peaks)
 
@@ -192,8 +191,7 @@ def filtered(rng: np.random.Generator, seconds: int = 10) -> tuple[np.ndarray, n
 )
 def test_whole_records_of_which_no_sensitivity_can_be_told(pairs, band, message):
     samples, _ = filtered(np.random.default_rng(5))
-    channels = [rid.Channel(n) for n in ("e1", "e2", "r1", "r2")]
-    record = rid.Record(channels, samples, sample_rate=1000.0)
+    record = rid.Record(TWO_LOOPS, samples, sample_rate=1000.0)
     with pytest.raises(rid.InputError, match=message):
         rid.sensitivity(record, pairs, band=band)
 
@@ -263,23 +261,21 @@ def test_four_windows_that_do_not_tell_may_hold_a_peak(
     assert sensitivity._located("x", found).zone == zone
 
 
-def controller_of_the_rig(omega: np.ndarray) -> np.ndarray:
-    """Return the shipped rig's controller with its hold and delay."""
-    rig = load_rig("three-mass").rig
-    period = rig.controller.period
-    hold = np.sinc(omega * period / (2 * np.pi)) * np.exp(-1j * omega * (period / 2 + rig.delay))
-    return rig.controller.response(omega) * hold[:, None, None]
-
-
 @pytest.mark.slow
 def test_plant_and_controller_tell_the_loop_between_the_lines_and_at_other_speeds():
     rig = load_rig("three-mass").rig
-    names = rig.model.inputs
+    names, period = rig.model.inputs, rig.controller.period
+
+    def control(omega: np.ndarray) -> np.ndarray:
+        """Return the controller with its hold and delay."""
+        lag = np.exp(-1j * omega * (period / 2 + rig.delay))
+        hold = np.sinc(omega * period / (2 * np.pi)) * lag
+        return rig.controller.response(omega) * hold[:, None, None]
+
     laws = {name: part.slopes for name, part in zip(names, rig.parts, strict=True)}
     estimate = estimate_of(rig.model, percent=0.1)
     frequency = np.arange(2.0, 250.0, 0.5)
     options = {"sensors": ["x1", "y1", "x3", "y3"], "laws": laws}
-    control = controller_of_the_rig
     found = rid.loop_sensitivity(estimate, control, frequency, speed="8400 rpm", **options)
     assert [axis.axis for axis in found.axes] == list(names)
     first = found.axes[0]
@@ -297,20 +293,23 @@ def test_plant_and_controller_tell_the_loop_between_the_lines_and_at_other_speed
         rid.loop_sensitivity(estimate, control, frequency, sensors=["z"])
 
 
-REFERENCES = 'references = ["r1", "r2"]\n'
-EXPERIMENT = """
+HEADER = "e1,e2,r1,r2,x,y"
+CHANNELS = """
+[channels]
+F_x = { column = "e1", unit = "mN" }
+F_y = { column = "e2", unit = "mN" }
+x = { column = "x", unit = "um" }
+y = { column = "y", unit = "um" }
+"""
+REFERENCES = 'references = ["r1", "r2"]'
+EXPERIMENT = f"""
 model = "jeffcott"
 [[records]]
 file = "run.csv"
 sample_rate = "1 kHz"
 band = ["20 Hz", "300 Hz"]
-references = ["r1", "r2"]
-[channels]
-F_x = { column = "e1", unit = "N" }
-F_y = { column = "e2", unit = "N" }
-x = { column = "x", unit = "um" }
-y = { column = "y", unit = "um" }
-"""
+{REFERENCES}
+{CHANNELS}"""
 
 
 @pytest.mark.slow
@@ -318,8 +317,7 @@ def test_the_command_of_a_whole_record(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(5)
     samples, peaks = filtered(rng)
-    whole = np.column_stack([samples, rng.standard_normal((len(samples), 2))])
-    np.savetxt("run.csv", whole, delimiter=",", header="e1,e2,r1,r2,x,y", comments="")
+    write_table("run.csv", HEADER, samples, rng.standard_normal((len(samples), 2)))
     (tmp_path / "run.toml").write_text(EXPERIMENT)
     assert cli.run(["sensitivity", "run.toml", "--json", "s.json", "--report", "s.html"]) == 0
     assert capsys.readouterr().out.startswith("Zone B: the largest sensitivity is ")
@@ -352,13 +350,6 @@ fundamental = "10 Hz"
 harmonics = [1, 2, 3, 4, 5]
 """
 OTHER = RECORD.replace("plus", "minus")
-CHANNELS = """
-[channels]
-F_x = { column = "e1", unit = "mN" }
-F_y = { column = "e2", unit = "mN" }
-x = { column = "x", unit = "um" }
-y = { column = "y", unit = "um" }
-"""
 PERIODS = 'model = "jeffcott"' + RECORD + OTHER + CHANNELS
 
 
@@ -367,9 +358,7 @@ def test_the_command_of_periods_with_their_references(tmp_path, monkeypatch, cap
     rng = np.random.default_rng(6)
     for name, signs in (("plus", (1.0, 1.0)), ("minus", (1.0, -1.0))):
         samples = two_loops(rng, np.array(signs))
-        beside = rng.standard_normal((len(samples), 2))
-        table = np.column_stack([samples, beside])
-        np.savetxt(f"{name}.csv", table, delimiter=",", header="e1,e2,r1,r2,x,y", comments="")
+        write_table(f"{name}.csv", HEADER, samples, rng.standard_normal((len(samples), 2)))
     (tmp_path / "run.toml").write_text(PERIODS)
     options = ["--pair", "F_x=r1", "--pair", "F_y=r2", "--json", "s.json"]
     assert cli.run(["sensitivity", "run.toml", *options]) == 0
