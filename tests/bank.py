@@ -18,22 +18,11 @@ from model_text import model_text
 from numpy.typing import ArrayLike
 from rotor_bank import PAPER, Rotor, rigid_rotor, three_mass_rotor
 
-from rotorid import (
-    Batch,
-    Channel,
-    Estimate,
-    LeastSquares,
-    Model,
-    PeriodicRecord,
-    Record,
-    Sequential,
-    average,
-    load_model,
-    parse_model,
-)
+import rotorid as rid
+from rotorid import Batch, Channel, Estimate, LeastSquares, Model, PeriodicRecord, Record, average
 from rotorid.testing import add_noise, line_record
 
-FAMILY = (LeastSquares, Batch, Sequential)
+FAMILY = (LeastSquares, Batch, rid.Sequential)
 family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
 Columns = Mapping[str, np.ndarray]
 
@@ -101,7 +90,9 @@ class Problem:
 
     @cached_property
     def model(self) -> Model:
-        return parse_model(self.text, name=self.name) if self.text else load_model(self.name)
+        return (
+            rid.parse_model(self.text, name=self.name) if self.text else rid.load_model(self.name)
+        )
 
     @property
     def known(self) -> dict[str, float]:

@@ -28,17 +28,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_text import model_text
 
-from rotorid import (
-    Batch,
-    Channel,
-    InputError,
-    LeastSquares,
-    Record,
-    Sequential,
-    average,
-    identify,
-    parse_model,
-)
+import rotorid as rid
+from rotorid import Batch, Channel, InputError, LeastSquares, Record, average, identify, parse_model
 
 bank = pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
 
@@ -518,7 +509,7 @@ def test_stated_deviations_agree_with_scatter(problem):
     names = [*problem.base, *(n for n in problem.derived if n not in problem.base)]
     truth = [combination(n, problem.truth) for n in names]
     records = [problem.periodic(periods=40, noise=noise, rng=rng) for _ in range(120)]
-    for method in (Batch, Sequential):
+    for method in (Batch, rid.Sequential):
         estimates = [method(fixed=problem.known).estimate(problem.model, [r]) for r in records]
         values = [[estimate.value(n) for n in names] for estimate in estimates]
         stds = [[estimate.std(n) for n in names] for estimate in estimates]

@@ -23,16 +23,8 @@ from sampled_bank import coloured
 from scipy.optimize import brentq
 from scipy.stats import t as student
 
-from rotorid import (
-    Batch,
-    Constraint,
-    InputError,
-    LeastSquares,
-    ModelError,
-    Plan,
-    Sequential,
-    parse_model,
-)
+import rotorid as rid
+from rotorid import Batch, Constraint, InputError, LeastSquares, ModelError, Plan, Sequential
 from rotorid.linear.family import LeastSquaresProblem, sandwich, scatter_of_answers
 from rotorid.linear.solve import (
     ALONE,
@@ -295,7 +287,7 @@ def stages_of(problem, constraints=(), **fixed):
 
 def made(text, harmonics=(1, 2), turns=0, **truth):
     """Return a linear machine of a text, and its record without noise."""
-    model = parse_model(text)
+    model = rid.parse_model(text)
     forces = np.exp(1j * np.outer(harmonics, np.arange(1, len(model.inputs) + 1)))
     record = steady(model, truth, forces, harmonics, 5.0, 1200.0, 3, hertz=5.0 * turns)
     return SimpleNamespace(model=model, records=[record], known={}, truth=truth)

@@ -7,18 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from rotorid import (
-    Channel,
-    Drive,
-    Estimate,
-    MaximumLikelihood,
-    Misfit,
-    Model,
-    PeriodicRecord,
-    Plan,
-    identify,
-    load_model,
-)
+import rotorid as rid
+from rotorid import Channel, Drive, Estimate, MaximumLikelihood, Misfit, Model, PeriodicRecord, Plan
 from rotorid.core.values import Floats
 from rotorid.models.equations import split_equations
 from rotorid.models.model import Parameter
@@ -248,7 +238,7 @@ def levitated(demo):
 
 @pytest.fixture(scope="session")
 def demo():
-    model = load_model("three-mass")
+    model = rid.load_model("three-mass")
     return Machine(model, model.nominal)
 
 
@@ -270,7 +260,7 @@ def monte_carlo():
         found = Statistics()
         for sequence in np.random.SeedSequence(seed).spawn(seeds):
             records, estimator = draw(np.random.default_rng(sequence))
-            found.add(identify(model, records, estimator), truth)
+            found.add(rid.identify(model, records, estimator), truth)
         return found
 
     return over_seeds

@@ -5,15 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import (
-    Channel,
-    Constraint,
-    Drive,
-    InputError,
-    MaximumLikelihood,
-    load_model,
-    predict_accuracy,
-)
+import rotorid as rid
+from rotorid import Channel, Constraint, Drive, InputError, MaximumLikelihood, predict_accuracy
 
 
 def percent(estimate, *names):
@@ -129,7 +122,7 @@ def test_refuses_plans_that_do_not_fit(demo, change, message):
 
 
 def test_asks_for_values(demo):
-    model = load_model("three-mass")
+    model = rid.load_model("three-mass")
     bare = replace(model, parameters=tuple(replace(p, nominal=None) for p in model.parameters))
     with pytest.raises(InputError, match="no value of m1"):
         predict_accuracy(bare, demo.plan())

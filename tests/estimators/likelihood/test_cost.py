@@ -14,17 +14,7 @@ from levitated import QUICK, levitated, lines_of
 from model_text import model_text
 
 import rotorid as rid
-from rotorid import (
-    Channel,
-    Drive,
-    InputError,
-    LeastSquares,
-    Lines,
-    MaximumLikelihood,
-    PeriodicRecord,
-    identify,
-    load_model,
-)
+from rotorid import Channel, Drive, InputError, Lines, MaximumLikelihood, PeriodicRecord, identify
 from rotorid.data.lines import Beside
 from rotorid.likelihood import expected_cost as by_errors
 from rotorid.likelihood import whitening
@@ -41,7 +31,7 @@ from rotorid.testing import bind
 # The kernel: gradient, invariance, agreement with the output-error likelihood.
 
 
-MODEL = load_model("three-mass")
+MODEL = rid.load_model("three-mass")
 
 
 def layout_of(record: PeriodicRecord, nuisances: Nuisances | None = None) -> Layout:
@@ -291,7 +281,7 @@ def test_gradient_with_indirect_sensors_agrees_with_differences(demo, bearings, 
 def test_least_squares_needs_positions(demo):
     record = derived(demo.record(), "x2", 2)
     with pytest.raises(InputError, match=r"no sensor of x2.*use ml"):
-        identify(demo.model, record, LeastSquares())
+        identify(demo.model, record, rid.LeastSquares())
 
 
 # Projecting out what no sensor reads: by reflections that are formed, and one by one.

@@ -17,18 +17,7 @@ from result_cases import close_case, minimum_from_the_truth
 from severities import doubting, rejecting
 
 import rotorid as rid
-from rotorid import (
-    Batch,
-    Constraint,
-    Drive,
-    Estimate,
-    InputError,
-    MaximumLikelihood,
-    PeriodicRecord,
-    identify,
-    load_model,
-    parse_model,
-)
+from rotorid import Constraint, Estimate, MaximumLikelihood, PeriodicRecord, identify, load_model
 from rotorid.core.distributions import Expectation
 from rotorid.core.units import to_si
 from rotorid.likelihood import doubts
@@ -224,20 +213,22 @@ def test_a_scale_taken_as_exact_is_told_where_no_misfit_shows_it(
 
 
 def test_a_scale_is_a_share():
-    with pytest.raises(InputError, match=r"force_scale_std: found 1\.5; expected a share"):
+    with pytest.raises(rid.InputError, match=r"force_scale_std: found 1\.5; expected a share"):
         MaximumLikelihood(force_scale_std=1.5)
-    assert not hasattr(Batch(), "force_scale_std")
+    assert not hasattr(rid.Batch(), "force_scale_std")
 
 
 @pytest.mark.parametrize(("held", "follows"), [(0.49, "m, k"), (0.51, "m")])
 def test_what_follows_the_scale_by_half_is_named(held, follows):
     """A part of the stiffness is held: 1 % of the scale is 0.51 or 0.49 % of the rest."""
-    model = parse_model(HELD)
+    model = rid.parse_model(HELD)
     truth = {"m": 2.0, "k": 2e5, "h": held * 2e5}
     forces = np.array([[3 - 4j], [5], [4 + 1j], [-3j]])
     clean = steady(model, truth, forces, (1, 2, 5, 9), 5.0, periods=60)
     force, motion = clean.channels
-    driven = replace(clean, channels=(replace(force, drive=Drive(1.0, 0.0, {"x": 1.0})), motion))
+    driven = replace(
+        clean, channels=(replace(force, drive=rid.Drive(1.0, 0.0, {"x": 1.0})), motion)
+    )
     record = add_noise(driven, {"F": 1e-4, "x": 1e-10}, np.random.default_rng(7))
     found = identify(model, record, MaximumLikelihood(fixed={"h": held * 2e5}))
     (note,) = scale_notes(found)

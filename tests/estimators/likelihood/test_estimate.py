@@ -9,16 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_text import model_text
 
-from rotorid import (
-    InputError,
-    MaximumLikelihood,
-    Model,
-    ModelError,
-    identify,
-    load_estimate,
-    load_model,
-    parse_model,
-)
+import rotorid as rid
+from rotorid import InputError, MaximumLikelihood, Model, ModelError, identify, load_estimate
 
 
 @pytest.mark.parametrize(("by_bearings", "base"), [(False, False), (False, True), (True, False)])
@@ -118,7 +110,7 @@ def test_fixed_parameters_keep_their_place_and_have_no_deviation(demo, bearings)
 
 def test_dc_line_holds_constants():
     """A weight on springs: real equations at DC, complex ones above."""
-    model = parse_model(
+    model = rid.parse_model(
         model_text(
             "weight on a spring",
             ["m*x'' + c*x' + k*x + w = F"],
@@ -141,7 +133,7 @@ def test_dc_line_holds_constants():
 
 def test_refuses_what_is_not_linear_in_the_coordinates(demo):
     with pytest.raises(ModelError, match="equation 1: found the term sign"):
-        identify(load_model("emps"), demo.record(), MaximumLikelihood())
+        identify(rid.load_model("emps"), demo.record(), MaximumLikelihood())
 
 
 @pytest.mark.parametrize(

@@ -10,19 +10,7 @@ from bank import agrees, recovered, steady, times
 from differences import gradient_holds
 
 import rotorid as rid
-from rotorid import (
-    Channel,
-    Constraint,
-    Drive,
-    InputError,
-    MaximumLikelihood,
-    PeriodicRecord,
-    Record,
-    average,
-    identify,
-    load_model,
-    spectra,
-)
+from rotorid import Channel, Drive, InputError, MaximumLikelihood, PeriodicRecord, identify, spectra
 from rotorid.data.observation import Observation
 from rotorid.experiment.schema import DynamicsEntry
 from rotorid.force.channel_dynamics import (
@@ -83,7 +71,9 @@ def test_delay_of_one_channel_with_prior(demo, bearings):
 def driven(levitated):
     """Records of currents at two speeds, and what their identification takes."""
     rng = np.random.default_rng(35)
-    total = Constraint("m1 + m2 + m3", sum(levitated.truth[name] for name in ("m1", "m2", "m3")))
+    total = rid.Constraint(
+        "m1 + m2 + m3", sum(levitated.truth[name] for name in ("m1", "m2", "m3"))
+    )
     records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
     return records, MaximumLikelihood(fixed={"L1": 0.3}, runout=True, constraints=(total,))
 
@@ -199,7 +189,7 @@ def test_refuses_a_force_law_where_no_displacement_is(demo, bearings, place, tol
 
 def test_levers_of_a_force_law_are_parameters():
     """A rigid rotor whose currents act where L_a and L_b say, its sensors 20 mm further out."""
-    model, ki, ks, out = load_model("rigid"), 95.0, 4e5, 0.02
+    model, ki, ks, out = rid.load_model("rigid"), 95.0, 4e5, 0.02
     levers = {"xa": ("x", "theta_y", "L_a", -1), "ya": ("y", "theta_x", "L_a", 1)}
     levers |= {"xb": ("x", "theta_y", "L_b", 1), "yb": ("y", "theta_x", "L_b", -1)}
     at = {p: {q: 1.0, f"{arm}*{tilt}": sign} for p, (q, tilt, arm, sign) in levers.items()}
@@ -366,7 +356,7 @@ def test_constants_are_positive():
 # What is no factor of a line, as unknowns: a mass on a spring between two magnets.
 
 
-MODEL = load_model("jeffcott")
+MODEL = rid.load_model("jeffcott")
 TRUTH = {"m": 2.0, "c": 60.0, "k": 4e5, "xi": 0.0, "zeta": 0.0}
 MAGNET = Differential(K=4e-6, bias=2.0, gap=4e-4)
 RATE, F0, PERIODS, SIZE = 5000.0, 10.0, 20, 500
@@ -394,19 +384,21 @@ def read_by(
     change: Callable[[np.ndarray], None] | None = None,
     seed: int = 2,
     speed: float = 0.0,
-) -> Record:
+) -> rid.Record:
     """Return a record of columns with noise, changed or not, its forces read by a law."""
     noise = np.random.default_rng(seed).standard_normal(columns.shape) * [5e-3, 5e-3, 1e-7, 1e-7]
     values = columns + noise
     if change is not None:
         change(values)
-    record = Record([*channels.values()], values, RATE, speed=speed)
+    record = rid.Record([*channels.values()], values, RATE, speed=speed)
     pairs = (("x", "i"), ("y", "j"))
     readings = {f"F_{axis}": ForceReading(law, (flow,), {axis: 1.0}) for axis, flow in pairs}
     return forces(record, readings, period=SIZE)
 
 
-def recorded(law: Differential, shared: dict[str, str] | None = None, size: float = 3.0) -> Record:
+def recorded(
+    law: Differential, shared: dict[str, str] | None = None, size: float = 3.0
+) -> rid.Record:
     """Return the record with its forces, of this size on each line, read with a law."""
     return read_by(replace(law, shared=shared or {}), samples(size))
 
@@ -414,7 +406,7 @@ def recorded(law: Differential, shared: dict[str, str] | None = None, size: floa
 def periods(
     law: Differential, shared: dict[str, str] | None = None, size: float = 3.0
 ) -> PeriodicRecord:
-    return average(recorded(law, shared, size), F0, harmonics=LINES)
+    return rid.average(recorded(law, shared, size), F0, harmonics=LINES)
 
 
 STILL = {"xi": 0.0, "zeta": 0.0}
@@ -527,7 +519,7 @@ def bent(change: Callable[[np.ndarray], np.ndarray], which: Sequence[int]) -> Pe
     values[:, list(which)] = change(values[:, list(which)])
     values += rng.standard_normal(values.shape) * [1e-3, 1e-3, 1e-9, 1e-9]
     channels = [Channel(n, u) for n, u in (("F_x", "N"), ("F_y", "N"), ("x", "m"), ("y", "m"))]
-    return average(Record(channels, values, RATE), F0, harmonics=LINES)
+    return rid.average(rid.Record(channels, values, RATE), F0, harmonics=LINES)
 
 
 def first_suspects(record: PeriodicRecord) -> list[str]:
@@ -589,7 +581,7 @@ def test_what_is_shared_is_stated_alike():
     record = recorded(replace(MAGNET, std={"gap": 1e-5}), {"gap": "magnets"})
     channels = list(record.channels)
     channels[1] = replace(channels[1], law=replace(channels[1].law, gap=5e-4))
-    mixed = average(replace(record, channels=channels), F0, harmonics=LINES)
+    mixed = rid.average(replace(record, channels=channels), F0, harmonics=LINES)
     with pytest.raises(InputError, match=r"channels\.F_x\.gap: found gap of magnets as 0\.0004"):
         identify(MODEL, mixed, "ml")
 
@@ -599,7 +591,7 @@ def test_what_every_law_may_have_wrong():
     assert {"gap", "bias", "iron", "bias_difference", "saturation", "K"} <= every
     record = recorded(MAGNET)
     flux = tuple(replace(c, law=None if c.law is None else Flux(2e-4)) for c in record.channels)
-    fluxes = average(replace(record, channels=flux), F0, harmonics=LINES)
+    fluxes = rid.average(replace(record, channels=flux), F0, harmonics=LINES)
     every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, fluxes)])}
     assert "area" in every
     assert not {"gap", "saturation"} & every
@@ -615,7 +607,7 @@ def misread(
         name: replace(channel, dynamics=(dynamics or {}).get(name))
         for name, channel in (COLUMNS | {"x": sensor}).items()
     }
-    return average(read_by(MAGNET, samples(1.0), channels, change), F0, harmonics=LINES)
+    return rid.average(read_by(MAGNET, samples(1.0), channels, change), F0, harmonics=LINES)
 
 
 def larger(values: np.ndarray) -> None:
@@ -741,7 +733,7 @@ def turning(line: int) -> PeriodicRecord:
     track[at] = 0.5 * np.array(list(RUNOUT.values()))
     read = moved + synthesize(track, LINES, SIZE)
     values = np.tile(np.concatenate([current, read], axis=1), (PERIODS, 1))
-    return average(read_by(MAGNET, values, seed=9, speed=speed), F0, harmonics=LINES)
+    return rid.average(read_by(MAGNET, values, seed=9, speed=speed), F0, harmonics=LINES)
 
 
 def test_runout_goes_through_the_law_of_the_magnet():
