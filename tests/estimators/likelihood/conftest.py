@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,6 +83,22 @@ class Machine:
 
     def noisy(self, record: PeriodicRecord, rng: np.random.Generator) -> PeriodicRecord:
         return add_noise(record, self.noise(record.names), rng)
+
+    def seen(
+        self,
+        rng: np.random.Generator | int,
+        sensors: Sequence[Channel | str] | None = BEARINGS,
+        **more: Any,
+    ) -> PeriodicRecord:
+        """Return a record with noise."""
+        return self.noisy(self.record(sensors, **more), np.random.default_rng(rng))
+
+    def identified(
+        self, records: PeriodicRecord | Sequence[PeriodicRecord], **known: Any
+    ) -> Estimate:
+        """Return the estimate; one length is known, which bearing sensors do not tell."""
+        estimator = MaximumLikelihood(**{"fixed": {"L1": 0.3}, **known})
+        return rid.identify(self.model, records, estimator)
 
     def start(self, rng: np.random.Generator, spread: float = 0.4) -> dict[str, float]:
         """Return starts within +-spread of the truth, of what is not unbalance."""
@@ -189,6 +206,11 @@ class Levitated:
             for part, value in zip(("cos", "sin"), vector, strict=True)
         }
         return {**self.machine.truth, **constants, "ks": self.ks, **vectors}
+
+    @property
+    def weighed(self) -> rid.Constraint:
+        """The mass of the rotor, known exactly."""
+        return rid.Constraint("m1 + m2 + m3", sum(self.truth[name] for name in ("m1", "m2", "m3")))
 
     def slope(self, where: Mapping[str, str]) -> Model:
         return with_force_slope(self.machine.model, where)

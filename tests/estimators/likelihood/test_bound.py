@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid import Channel, Constraint, Drive, InputError, MaximumLikelihood, predict_accuracy
+from rotorid import Channel, Drive, InputError, MaximumLikelihood, predict_accuracy
 
 
 def percent(estimate, *names):
@@ -60,7 +60,7 @@ ROW = ("m1", "m2", "I_t", "I_p", "k1", "L2", *UNBALANCE)
     ],
     ids=["bearing planes", "runout", "and currents", "of magnets"],
 )
-def test_bearing_planes(demo, bearings, speeds, options, ks, row, slack):
+def test_bearing_planes(demo, levitated, bearings, speeds, options, ks, row, slack):
     """With runout where there are two speeds; currents have one scale and one ruler."""
     inputs, plans = demo.model.inputs, [demo.plan(bearings, hertz) for hertz in speeds]
     estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=len(speeds) > 1, **options)
@@ -71,8 +71,7 @@ def test_bearing_planes(demo, bearings, speeds, options, ks, row, slack):
             replace(p, forces=np.asarray(p.forces) / 120, noise={**p.noise, **small}, drives=drives)
             for p in plans
         ]
-        total = sum(demo.truth[name] for name in ("m1", "m2", "m3"))
-        estimator = replace(estimator, constraints=(Constraint("m1 + m2 + m3", total),))
+        estimator = replace(estimator, constraints=(levitated.weighed,))
     assert_prints(percent(predict_accuracy(demo.model, plans, estimator), *ROW), row, slack)
 
 

@@ -43,10 +43,10 @@ def notes(found: Estimate) -> dict[str, tuple[str, float]]:
 
 
 def quieter(levitated, factor: float):
-    machine = levitated.machine
-    less = (machine.force_noise * factor, machine.position_noise * factor)
-    machine = replace(machine, force_noise=less[0], position_noise=less[1])
-    return replace(levitated, machine=machine, runout={})
+    """Return it without runout, and with so many times its noise."""
+    old = levitated.machine
+    noise = {name: factor * getattr(old, name) for name in ("force_noise", "position_noise")}
+    return replace(levitated, machine=replace(old, **noise), runout={})
 
 
 def recorded(rig, *speeds: float, drives: bool = True) -> list[PeriodicRecord]:
@@ -64,13 +64,7 @@ def disc() -> PeriodicRecord:
 
 @pytest.fixture(scope="module")
 def asked(levitated):
-    """Return the estimate from records of the levitated rotor, one length of it known."""
-
-    def identified(records, **options) -> Estimate:
-        known = {"fixed": {"L1": 0.3}, **options}
-        return identify(levitated.machine.model, records, MaximumLikelihood(**known))
-
-    return identified
+    return levitated.machine.identified
 
 
 @pytest.mark.slow
@@ -168,8 +162,7 @@ FOLLOWING = "m1, m2, m3, I_t, I_p, k1, k2"
 
 @pytest.fixture
 def record(levitated):
-    quiet = replace(levitated, runout={})
-    return quiet.noisy(quiet.record(140.0), np.random.default_rng(36))
+    return recorded(quieter(levitated, 1.0), 140.0)[0]
 
 
 def test_a_scale_is_in_masses_and_stiffnesses_and_not_in_lengths(asked, record):
@@ -194,22 +187,17 @@ def test_a_mass_that_is_known_tells_the_scale(levitated, asked, record):
     assert not scale_notes(found)
 
 
-def test_a_scale_taken_as_exact_is_told_where_no_misfit_shows_it(
-    levitated, asked, record, demo, bearings
-):
+def test_a_scale_taken_as_exact_is_told_where_no_misfit_shows_it(levitated, asked, record, demo):
     (note,) = scale_notes(asked(record))
     assert note.verdict == "note"
     assert ", ".join(note.on) == "F_x1, F_y1, F_x3, F_y3"
     assert note.found.startswith(f"assumed exact: 1 % of error shifts {FOLLOWING} by 1 %")
     assert not scale_notes(asked(record, fixed={"L1": 0.3, "m2": levitated.truth["m2"]}))
-    total = sum(levitated.truth[name] for name in ("m1", "m2", "m3"))
-    weighed = (Constraint("m1 + m2 + m3", total),)
     for gains in ((), ("ki",), ("ki", "ks")):  # the rotor on a scale, exactly
-        assert not scale_notes(asked(record, constraints=weighed, gains=gains))
+        weighed = {"constraints": (levitated.weighed,), "gains": gains}
+        assert not scale_notes(asked(record, **weighed))
     # Forces that were measured as such have a calibration of their own: gain_std.
-    forces = demo.noisy(demo.record(bearings), np.random.default_rng(3))
-    plain = identify(demo.model, forces, MaximumLikelihood(fixed={"L1": 0.3}))
-    assert not scale_notes(plain)
+    assert not scale_notes(demo.identified(demo.seen(3)))
 
 
 def test_a_scale_is_a_share():

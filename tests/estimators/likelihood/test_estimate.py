@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bank import recovered, steady
+from bank import recovered, steady, times
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_text import model_text
@@ -19,7 +19,7 @@ def test_recovers_noise_free_data(demo, bearings, by_bearings, base):
     start = demo.start(np.random.default_rng(1))
     fixed = {"L1": 0.3} if by_bearings else {}
     start = {name: value for name, value in start.items() if name not in fixed}
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed=fixed, start=start, base=base))
+    estimate = demo.identified(record, fixed=fixed, start=start, base=base)
     assert estimate.status == "ok"
     assert estimate.method == "ml"
     recovered(estimate, demo.truth)
@@ -31,39 +31,36 @@ def test_starts_from_batch_without_nominal_values(demo):
     bare = replace(
         demo.model, parameters=tuple(replace(p, nominal=None) for p in demo.model.parameters)
     )
-    record = demo.noisy(demo.record(), np.random.default_rng(2))
-    estimate = identify(bare, record, MaximumLikelihood())
+    estimate = identify(bare, demo.seen(2, None), MaximumLikelihood())
     assert estimate.status == "ok"
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=5e-3)
+
+
+WITH_FORCES = ("m1", "m2", "m3", "I_t", "I_p", "k1", "k2")
 
 
 @pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(factor=st.floats(1e-3, 1e3))
-def test_scaling_forces_scales_masses(demo, bearings, factor):
-    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(4))
-    scale = np.array([factor] * 4 + [1.0] * 4)
-    scaled = replace(record, spectra=record.spectra * scale)
-    powers = {"m1", "m2", "m3", "I_t", "I_p", "k1", "k2"}
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, effort="quick")
-    start = {name: factor * demo.truth[name] for name in powers}
-    one = identify(demo.model, record, estimator)
-    other = identify(demo.model, scaled, replace(estimator, start=start))
+def test_scaling_forces_scales_masses(demo, factor):
+    record = demo.seen(4, periods=40)
+    scaled = times(record, demo.model.inputs, factor)
+    start = {name: factor * demo.truth[name] for name in WITH_FORCES}
+    one = demo.identified(record, effort="quick")
+    other = demo.identified(scaled, effort="quick", start=start)
     assert other.misfit.cost == pytest.approx(one.misfit.cost, rel=1e-7)
     for value in one.parameters:
-        expected = value.value * (factor if value.name in powers else 1.0)
-        tolerance = 1e-4 * (value.std or 0) * (factor if value.name in powers else 1.0)
-        assert other.value(value.name) == pytest.approx(expected, rel=1e-9, abs=tolerance)
+        scale = factor if value.name in WITH_FORCES else 1.0
+        near = pytest.approx(scale * value.value, rel=1e-9, abs=1e-4 * scale * (value.std or 0))
+        assert other.value(value.name) == near
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_a_start_a_thousand_times_off(demo, bearings, factor):
+def test_a_start_a_thousand_times_off(demo, factor):
     """All masses and stiffnesses alike: the finer homotopy finds the way back."""
-    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(4))
-    names = ("m1", "m2", "m3", "I_t", "I_p", "k1", "k2")
-    start = {name: factor * demo.truth[name] for name in names}
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
+    start = {name: factor * demo.truth[name] for name in WITH_FORCES}
+    estimate = demo.identified(demo.seen(4, periods=40), start=start)
     assert estimate.status == "ok"
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=0.01)
 
@@ -71,11 +68,10 @@ def test_a_start_a_thousand_times_off(demo, bearings, factor):
 @pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(order=st.permutations(range(8)))
-def test_permuting_equations_changes_nothing(demo, bearings, order):
-    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(5))
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, effort="quick")
-    one = identify(demo.model, record, estimator)
-    other = identify(permuted(demo.model, order), record, estimator)
+def test_permuting_equations_changes_nothing(demo, order):
+    record = demo.seen(5, periods=40)
+    other = replace(demo, model=permuted(demo.model, order))
+    one, other = (machine.identified(record, effort="quick") for machine in (demo, other))
     assert other.misfit.cost == pytest.approx(one.misfit.cost, rel=1e-7)
     for value in one.free:
         assert other.value(value.name) == pytest.approx(value.value, abs=1e-4 * (value.std or 0))
@@ -88,37 +84,28 @@ def permuted(model: Model, order) -> Model:
 
 
 def test_line_misfits_add_up(demo):
-    record = demo.noisy(demo.record(), np.random.default_rng(6))
-    estimate = identify(demo.model, record, MaximumLikelihood())
+    estimate = demo.identified(demo.seen(6, None), fixed={})
     assert sum(m.cost for m in estimate.line_misfit) == pytest.approx(estimate.misfit.cost)
     assert sum(m.expected for m in estimate.line_misfit) == pytest.approx(estimate.misfit.expected)
     assert [m.frequency_hz for m in estimate.line_misfit] == [20, 60, 100, 140, 180, 220]
 
 
-def test_fixed_parameters_keep_their_place_and_have_no_deviation(demo, bearings):
-    record = demo.noisy(demo.record(bearings), np.random.default_rng(8))
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+def test_fixed_parameters_keep_their_place_and_have_no_deviation(demo):
+    estimate = demo.identified(demo.seen(8))
     assert [v.name for v in estimate.parameters] == list(demo.model.parameter_names)
     assert estimate["L1"].fixed
     assert (estimate.value("L1"), estimate.std("L1")) == (0.3, 0.0)
     assert estimate.covariance.shape == (12, 12)
-    base = MaximumLikelihood(fixed={"L1": 0.3}, base=True)
-    full = identify(demo.model, demo.noisy(demo.record(), np.random.default_rng(9)), base)
+    full = demo.identified(demo.seen(9, None), base=True)
     assert full["L1"].fixed
     assert full.value("k2*L2") == pytest.approx(8.8357e5 * 0.3, rel=0.01)
 
 
 def test_dc_line_holds_constants():
     """A weight on springs: real equations at DC, complex ones above."""
-    model = rid.parse_model(
-        model_text(
-            "weight on a spring",
-            ["m*x'' + c*x' + k*x + w = F"],
-            "x m",
-            "F N",
-            "m +2.0 kg, c 5.0 N s/m, k +900.0 N/m, w 3.0 N",
-        )
-    )
+    parameters = "m +2.0 kg, c 5.0 N s/m, k +900.0 N/m, w 3.0 N"
+    equations = ["m*x'' + c*x' + k*x + w = F"]
+    model = rid.parse_model(model_text("a weight", equations, "x m", "F N", parameters))
     forces, noise = np.array([[0.0], [1.0], [2.0]]), {"F": 0.01, "x": 1e-4}
     clean, noisy = (
         steady(model, {}, forces, (0, 1, 4), 1.0, 100.0, 50, noise=noise, rng=rng)
@@ -160,12 +147,12 @@ def test_refuses_contradictory_options(demo, bearings, options, message):
         identify(demo.model, demo.record(bearings), MaximumLikelihood(**options))
 
 
-def test_refuses_to_estimate_nothing_and_names_nothing_twice(demo, bearings):
-    record = demo.noisy(demo.record(bearings), np.random.default_rng(3))
+def test_refuses_to_estimate_nothing_and_names_nothing_twice(demo):
+    record = demo.seen(3)
     with pytest.raises(InputError, match="every parameter fixed"):
-        identify(demo.model, record, MaximumLikelihood(fixed=demo.truth))
-    twice = MaximumLikelihood(fixed=demo.truth, delays=("position", "position"), effort="quick")
-    (free,) = identify(demo.model, record, twice).free
+        demo.identified(record, fixed=demo.truth)
+    twice = {"delays": ("position", "position"), "effort": "quick"}
+    (free,) = demo.identified(record, fixed=demo.truth, **twice).free
     assert free.name == "delay[position]"
 
 
@@ -173,12 +160,10 @@ def test_refuses_to_estimate_nothing_and_names_nothing_twice(demo, bearings):
 @pytest.mark.parametrize("periods", [12, 5, 2])
 def test_too_few_periods_say_so(demo, periods):
     """V is mixed with the diagonal of C; deviations are rough, rather too wide than too narrow."""
-    clean = demo.record(periods=periods)
     start = demo.start(np.random.default_rng(0), 0.0)
     scaled = []
     for seed in range(5):
-        record = demo.noisy(clean, np.random.default_rng(seed))
-        estimate = identify(demo.model, record, MaximumLikelihood(start=start))
+        estimate = demo.identified(demo.seen(seed, None, periods=periods), fixed={}, start=start)
         assert estimate.status == "ok"
         assert "too few periods" in estimate.warnings[0]
         assert "record more periods" in estimate.warnings[0]
@@ -191,7 +176,7 @@ def test_no_way_to_a_minimum_is_a_result_too(demo, bearings, tmp_path, monkeypat
         raise np.linalg.LinAlgError("singular")
 
     monkeypatch.setattr("rotorid.likelihood.starts.solve", lost)
-    estimate = identify(demo.model, demo.record(bearings), MaximumLikelihood(fixed={"L1": 0.3}))
+    estimate = demo.identified(demo.record(bearings))
     assert estimate.status == "not_converged"
     assert estimate.value("L1") == 0.3
     assert np.isnan(estimate.value("m1"))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from bank import agrees
 
-from rotorid import Constraint, MaximumLikelihood, identify
 from rotorid.likelihood.identifiability import _exponents, _rotation_left_out
 from rotorid.testing import add_noise, bind
 
@@ -21,9 +20,8 @@ def lines_of(estimate, start: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_the_unit_of_angle(demo, bearings, rng):
-    record = demo.noisy(demo.record(bearings), rng)
-    estimate = identify(demo.model, record, MaximumLikelihood())
+def test_the_unit_of_angle(demo, rng):
+    estimate = demo.identified(demo.seen(rng), fixed={})
     assert estimate.status == "not_identifiable"
     assert lines_of(estimate, "not identifiable: ") == [
         "L1, I_t, I_p, L2, mu, eta scale together (L1, L2 as s; I_t, I_p as s^2; mu, eta as s^-1)"
@@ -51,25 +49,20 @@ def test_the_unit_of_angle(demo, bearings, rng):
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["L1", "L2", "I_t", "I_p"])
-def test_fixing_a_member_cures_the_unit_of_angle(demo, bearings, rng, name):
-    record = demo.noisy(demo.record(bearings), rng)
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={name: demo.truth[name]}))
-    agrees(estimate, demo.truth)
+def test_fixing_a_member_cures_the_unit_of_angle(demo, rng, name):
+    agrees(demo.identified(demo.seen(rng), fixed={name: demo.truth[name]}), demo.truth)
 
 
 def test_a_sensor_cures_the_unit_of_angle(demo, bearings, rng):
-    record = demo.noisy(demo.record([*bearings, "theta_y"]), rng)
-    estimate = identify(demo.model, record, MaximumLikelihood())
-    agrees(estimate, demo.truth)
+    agrees(demo.identified(demo.seen(rng, [*bearings, "theta_y"]), fixed={}), demo.truth)
 
 
 @pytest.mark.slow
 def test_runout_at_one_speed(levitated, rng):
     """Four combinations of unbalance and runout; a second speed separates them."""
-    truth, model = levitated.truth, levitated.machine.model
-    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=True)
+    truth, machine = levitated.truth, levitated.machine
     one = levitated.noisy(levitated.record(140.0, drives=False), rng)
-    estimate = identify(model, one, estimator)
+    estimate = machine.identified(one, runout=True)
     assert estimate.status == "not_identifiable"
     found = lines_of(estimate, "not identifiable: ")
     assert len(found) == 4
@@ -82,19 +75,17 @@ def test_runout_at_one_speed(levitated, rng):
     for name in ("m1", "m2", "I_t", "I_p", "k1", "L2"):
         assert estimate.value(name) == pytest.approx(truth[name], abs=4 * estimate.std(name))
     other = levitated.noisy(levitated.record(100.0, drives=False), rng)
-    cured = identify(model, [one, other], estimator)
-    agrees(cured, truth)
+    agrees(machine.identified([one, other], runout=True), truth)
     fixed = {name: truth[name] for name in ("L1", "xi", "zeta", "mu", "eta")}
-    cured = identify(model, one, MaximumLikelihood(fixed=fixed, runout=True))
-    agrees(cured, truth)
+    agrees(machine.identified(one, fixed=fixed, runout=True), truth)
 
 
 @pytest.mark.slow
 def test_unknown_gains_and_no_mass(levitated, rng):
-    truth, model = levitated.truth, levitated.machine.model
+    truth, machine = levitated.truth, levitated.machine
     records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
-    options = {"fixed": {"L1": 0.3}, "runout": True, "gains": ("ki", "ks")}
-    estimate = identify(model, records, MaximumLikelihood(**options))
+    options = {"runout": True, "gains": ("ki", "ks")}
+    estimate = machine.identified(records, **options)
     assert estimate.status == "not_identifiable"
     members = "m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1], ki[F_y1], ki[F_x3], ki[F_y3], ks"
     assert lines_of(estimate, "not identifiable: ") == [f"{members} scale together"]
@@ -105,24 +96,17 @@ def test_unknown_gains_and_no_mass(levitated, rng):
     ]
     ratio = truth["m2"] / truth["m1"]
     assert estimate.value("m2/m1") == pytest.approx(ratio, abs=4 * estimate.std("m2/m1"))
-    total = sum(truth[name] for name in ("m1", "m2", "m3"))
     # A scale weighs masses, not whatever has the unit kg.
-    weighed = MaximumLikelihood(constraints=(Constraint("m1 + m2 + m3", total),), **options)
-    cured = identify(model, records, weighed)
-    agrees(cured, truth)
-    held = MaximumLikelihood(**{**options, "fixed": {"L1": 0.3, "m2": truth["m2"]}})
-    cured = identify(model, records, held)
-    agrees(cured, truth)
+    agrees(machine.identified(records, constraints=(levitated.weighed,), **options), truth)
+    agrees(machine.identified(records, fixed={"L1": 0.3, "m2": truth["m2"]}, **options), truth)
 
 
-def test_gains_of_force_channels_need_a_mass_too(demo, bearings, rng):
-    record = demo.noisy(demo.record(bearings), rng)
-    options = {"fixed": {"L1": 0.3}, "gains": ("ki",)}
-    estimate = identify(demo.model, record, MaximumLikelihood(**options))
+def test_gains_of_force_channels_need_a_mass_too(demo, rng):
+    record = demo.seen(rng)
+    estimate = demo.identified(record, gains=("ki",))
     assert estimate.status == "not_identifiable"
     assert "m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1]" in estimate.warnings[0]
-    options["fixed"]["m2"] = demo.truth["m2"]
-    cured = identify(demo.model, record, MaximumLikelihood(**options))
+    cured = demo.identified(record, fixed={"L1": 0.3, "m2": demo.truth["m2"]}, gains=("ki",))
     assert cured.status == "ok"
     assert cured.value("ki[F_x1]") == pytest.approx(1.0, abs=4 * cured.std("ki[F_x1]"))
 
@@ -131,8 +115,7 @@ def test_gains_of_force_channels_need_a_mass_too(demo, bearings, rng):
 def test_everything_open_at_once(levitated, rng):
     """No length, no mass, four force slopes: two scales, each named by itself."""
     records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
-    estimator = MaximumLikelihood(runout=True, gains=("ki", "ks*"))
-    estimate = identify(levitated.machine.model, records, estimator)
+    estimate = levitated.machine.identified(records, fixed={}, runout=True, gains=("ki", "ks*"))
     first, second = lines_of(estimate, "not identifiable: ")
     assert first.startswith("m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1]")
     assert second.startswith("L1, I_t, I_p, L2, mu, eta scale together")
@@ -142,26 +125,21 @@ def test_everything_open_at_once(levitated, rng):
     assert value == pytest.approx(wanted, abs=4 * estimate.std("I_t/m1/L1^2"))
 
 
-def test_unknown_phase_of_the_only_record(demo, bearings, rng):
+def test_unknown_phase_of_the_only_record(demo, rng):
     """The direction of the unbalance is open, its size is not; with another record it is known."""
-    known = demo.noisy(demo.record(bearings), rng)
-    turned = replace(demo.noisy(demo.record(bearings, phase=1.0), rng), phase_known=False)
-    turned = replace(turned, angle=turned.angle - 1.0)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    alone = identify(demo.model, turned, estimator)
+    known, turned = demo.seen(rng), demo.seen(rng, phase=1.0)
+    turned = replace(turned, phase_known=False, angle=turned.angle - 1.0)
+    alone = demo.identified(turned)
     assert alone.status == "not_identifiable"
     assert lines_of(alone, "not identifiable: ") == [
         "xi, zeta, mu, eta, phase[0] are determined only together"
     ]
-    both = identify(demo.model, [known, turned], estimator)
-    assert both.status == "ok"
-    agrees(both, {**demo.truth, "phase[1]": 1.0}, 4)
+    agrees(demo.identified([known, turned]), {**demo.truth, "phase[1]": 1.0}, 4)
 
 
 @pytest.mark.slow
-def test_unbalance_without_a_line_of_the_rotation(demo, bearings, rng):
-    record = demo.noisy(demo.record(bearings, harmonics=(1, 3, 5, 9, 11)), rng)
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+def test_unbalance_without_a_line_of_the_rotation(demo, rng):
+    estimate = demo.identified(demo.seen(rng, harmonics=(1, 3, 5, 9, 11)))
     assert lines_of(estimate, "not identifiable: ") == [
         f"{name} is not determined" for name in ("xi", "zeta", "mu", "eta")
     ]
@@ -179,11 +157,10 @@ def test_a_rotation_within_a_thousandth_of_a_line_is_on_it(demo, bearings, hertz
 
 
 @pytest.mark.slow
-def test_standstill(demo, bearings, rng):
+def test_standstill(demo, rng):
     """No gyroscopic moment, no unbalance; a record of the turning rotor cures it."""
-    still = demo.noisy(demo.record(bearings, hertz=0.0), rng)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    estimate = identify(demo.model, still, estimator)
+    still = demo.seen(rng, hertz=0.0)
+    estimate = demo.identified(still)
     assert estimate.status == "not_identifiable"
     assert lines_of(estimate, "not identifiable: ") == [
         f"{name} is not determined" for name in ("I_p", "xi", "zeta", "mu", "eta")
@@ -191,19 +168,17 @@ def test_standstill(demo, bearings, rng):
     cures = lines_of(estimate, "cure: ")
     assert "a further record at another speed, such as 20 Hz" in cures
     assert estimate.value("I_t") == pytest.approx(demo.truth["I_t"], abs=4 * estimate.std("I_t"))
-    turning = demo.noisy(demo.record(bearings, hertz=20.0), rng)
-    cured = identify(demo.model, [still, turning], estimator)
-    agrees(cured, demo.truth)
+    agrees(demo.identified([still, demo.seen(rng, hertz=20.0)]), demo.truth)
 
 
 @pytest.mark.slow
 def test_noise_free_records_tell_the_same(demo, bearings):
-    estimate = identify(demo.model, demo.record(bearings), MaximumLikelihood())
+    clean = demo.record(bearings)
+    estimate = demo.identified(clean, fixed={})
     assert estimate.status == "not_identifiable"
     assert estimate.value("L2/L1") == pytest.approx(1.0, rel=1e-9)
-    noise = {name: 1e-3 for name in ("F_x1", "F_y1", "F_x3", "F_y3")}
-    record = add_noise(demo.record(bearings), noise, np.random.default_rng(0))
-    assert identify(demo.model, record, MaximumLikelihood()).status == "not_identifiable"
+    record = add_noise(clean, dict.fromkeys(demo.model.inputs, 1e-3), np.random.default_rng(0))
+    assert demo.identified(record, fixed={}).status == "not_identifiable"
 
 
 @pytest.mark.parametrize(

@@ -1,26 +1,23 @@
 """What is known beforehand: values, deviations, bounds, constraints."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from rotorid import Constraint, InputError, MaximumLikelihood, identify
+from rotorid import Constraint, InputError
 
 
 @pytest.fixture(scope="module")
-def noisy(demo, bearings):
-    return demo.noisy(demo.record(bearings), np.random.default_rng(11))
+def noisy(demo):
+    return demo.seen(11)
 
 
 @pytest.fixture(scope="module")
 def found(demo, noisy):
     """Return the estimate from one record with what is known besides a length."""
-
-    def identified(**known):
-        return identify(demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}, **known))
-
-    return identified
+    return partial(demo.identified, noisy)
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +38,10 @@ def test_linear_constraint_is_exact(found):
 
 def test_product_constraint_is_exact(demo, found, free):
     """The static unbalance was weighed: m2 xi, and the stiffness of a bearing times its length."""
-    truth = demo.truth
-    known = (
-        Constraint("m2*xi", truth["m2"] * truth["xi"]),
-        Constraint("k1*L1^2 - k2*L2^2", 0.0),
-    )
+    static = demo.truth["m2"] * demo.truth["xi"]
+    known = (Constraint("m2*xi", static), Constraint("k1*L1^2 - k2*L2^2", 0.0))
     estimate = found(constraints=known)
-    assert estimate.value("m2*xi") == pytest.approx(truth["m2"] * truth["xi"], rel=1e-13)
+    assert estimate.value("m2*xi") == pytest.approx(static, rel=1e-13)
     assert estimate.std("m2*xi") < 1e-9 * abs(estimate.value("m2*xi"))
     one, other = (estimate.value(f"k{i}") * estimate.value(f"L{i}") ** 2 for i in (1, 2))
     assert one == pytest.approx(other, rel=1e-13)
@@ -72,11 +66,9 @@ def test_constraint_with_deviation_is_a_measurement(demo, found, free):
     assert demo.truth["m2"] == pytest.approx(firm.value("m2"), abs=4 * firm.std("m2"))
 
 
-def test_value_with_deviation_equals_constraint_with_deviation(demo, noisy):
-    one = identify(demo.model, noisy, MaximumLikelihood(known={"L1": (0.3, 0.5e-3)}))
-    other = identify(
-        demo.model, noisy, MaximumLikelihood(constraints=(Constraint("L1", 0.3, 0.5e-3),))
-    )
+def test_value_with_deviation_equals_constraint_with_deviation(found):
+    one = found(fixed={}, known={"L1": (0.3, 0.5e-3)})
+    other = found(fixed={}, constraints=(Constraint("L1", 0.3, 0.5e-3),))
     assert one.misfit.cost == pytest.approx(other.misfit.cost, rel=1e-9)
     for value in one.free:
         assert other.value(value.name) == pytest.approx(value.value, abs=1e-4 * value.std)
@@ -135,21 +127,16 @@ def test_refuses_constraints_without_sense(found, constraints, message):
 
 
 def test_exact_constraints_on_base_parameters(demo):
-    record = demo.noisy(demo.record(), np.random.default_rng(12))
-    estimator = MaximumLikelihood(base=True, constraints=(Constraint("m1 - m3", 0.0),))
-    estimate = identify(demo.model, record, estimator)
+    known = {"base": True, "constraints": (Constraint("m1 - m3", 0.0),)}
+    estimate = demo.identified(demo.seen(12, None), fixed={}, **known)
     assert estimate.value("m1") == pytest.approx(estimate.value("m3"), rel=1e-13)
     assert estimate.misfit.dof == 83
 
 
 def test_start_may_be_given_in_part(demo, noisy):
-    bare = replace(
-        demo.model,
-        parameters=tuple(
-            replace(p, nominal=None) if p.name == "m2" else p for p in demo.model.parameters
-        ),
-    )
+    told = [replace(p, nominal=None) if p.name == "m2" else p for p in demo.model.parameters]
+    bare = replace(demo, model=replace(demo.model, parameters=tuple(told)))
     with pytest.raises(InputError, match="no start of m2"):
-        identify(bare, noisy, MaximumLikelihood(fixed={"L1": 0.3}))
-    estimate = identify(bare, noisy, MaximumLikelihood(fixed={"L1": 0.3}, start={"m2": 9.0}))
+        bare.identified(noisy)
+    estimate = bare.identified(noisy, start={"m2": 9.0})
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=5e-3)

@@ -44,9 +44,7 @@ def test_common_delay(demo, bearings, kind, sign):
     clean = demo.record(bearings)
     late = times(clean, bearings, np.exp(-5e-6j * clean.omega))
     record = demo.noisy(late, np.random.default_rng(31))
-    estimate = identify(
-        demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, delays=(kind,), effort="quick")
-    )
+    estimate = demo.identified(record, delays=(kind,), effort="quick")
     assert estimate.status == "ok"
     delay = estimate[f"delay[{kind}]"]
     assert delay.value == pytest.approx(sign * 5e-6, abs=4 * delay.std)
@@ -62,7 +60,7 @@ def test_delay_of_one_channel_with_prior(demo, bearings):
         replace(c, delay=12e-6, delay_std=10e-6) if c.name == "y3" else c for c in clean.channels
     )
     record = demo.noisy(replace(late, channels=channels), np.random.default_rng(34))
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+    estimate = demo.identified(record)
     agrees(estimate, {**demo.truth, "delay[y3]": 20e-6})
     assert estimate.std("delay[y3]") < 5e-6
 
@@ -71,11 +69,10 @@ def test_delay_of_one_channel_with_prior(demo, bearings):
 def driven(levitated):
     """Records of currents at two speeds, and what their identification takes."""
     rng = np.random.default_rng(35)
-    total = rid.Constraint(
-        "m1 + m2 + m3", sum(levitated.truth[name] for name in ("m1", "m2", "m3"))
-    )
     records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
-    return records, MaximumLikelihood(fixed={"L1": 0.3}, runout=True, constraints=(total,))
+    return records, MaximumLikelihood(
+        fixed={"L1": 0.3}, runout=True, constraints=(levitated.weighed,)
+    )
 
 
 def test_force_slope_of_each_input(levitated, driven):
@@ -136,16 +133,16 @@ def test_records_with_different_sensors_lines_and_speeds(demo, bearings):
     rng = np.random.default_rng(38)
     sensors = [*bearings[:2], Channel("probe", "m", reads={"x2": 1.0, "theta_y": -0.02})]
     records = [
-        demo.noisy(demo.record(bearings, hertz=140.0), rng),
-        demo.noisy(demo.record(sensors, hertz=60.0, harmonics=(2, 3, 4, 6), periods=100), rng),
-        demo.noisy(demo.record(bearings, hertz=0.0, harmonics=(1, 5, 9), periods=50), rng),
+        demo.seen(rng),
+        demo.seen(rng, sensors, hertz=60.0, harmonics=(2, 3, 4, 6), periods=100),
+        demo.seen(rng, hertz=0.0, harmonics=(1, 5, 9), periods=50),
     ]
-    estimate = identify(demo.model, records, MaximumLikelihood(fixed={"L1": 0.3}))
+    estimate = demo.identified(records)
     agrees(estimate, demo.truth)
     assert estimate.misfit.dof == 2 * (6 * 4 + 4 * 3 + 3 * 4) - 12
     assert estimate.periods == 50
     assert {m.record for m in estimate.line_misfit} == {0, 1, 2}
-    alone = identify(demo.model, records[0], MaximumLikelihood(fixed={"L1": 0.3}))
+    alone = demo.identified(records[0])
     for value in estimate.free:
         assert value.std < alone.std(value.name) * 1.02
 
@@ -154,14 +151,13 @@ def test_combination_sensors_equal_the_coordinates_they_read(demo):
     """A full set of combinations is a change of coordinates: nothing else changes."""
     names = ["x1", "x3", "y1", "y3"]
     mixing = np.array([[1, 0.5, 0, 0], [-0.2, 1, 0, 0], [0, 0, 2, 0], [0, 0, 0.1, 1]])
-    plain = demo.noisy(demo.record(names), np.random.default_rng(40))
+    plain = demo.seen(40, names)
     spectra = plain.spectra.copy()
     spectra[:, :, 4:] = spectra[:, :, 4:] @ mixing.T
     reads = [dict(zip(names, row, strict=True)) for row in mixing.tolist()]
     channels = [Channel(f"s{i}", "m", reads=each) for i, each in enumerate(reads)]
     mixed = replace(plain, spectra=spectra, channels=(*plain.channels[:4], *channels))
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    one, two = (identify(demo.model, record, estimator) for record in (plain, mixed))
+    one, two = map(demo.identified, (plain, mixed))
     assert two.misfit.cost == pytest.approx(one.misfit.cost, rel=1e-8)
     for value in one.free:
         assert two.value(value.name) == pytest.approx(value.value, abs=1e-3 * value.std)
@@ -169,9 +165,7 @@ def test_combination_sensors_equal_the_coordinates_they_read(demo):
 
 def test_redundant_sensors_count(demo, bearings):
     again = Channel("again", "m", reads={"x1": 1.0})
-    clean = demo.record([*bearings, again])
-    record = demo.noisy(clean, np.random.default_rng(41))
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+    estimate = demo.identified(demo.seen(41, [*bearings, again]))
     assert estimate.status == "ok"
     assert estimate.misfit.dof == 6 * 2 * 5 - 12
 
@@ -184,7 +178,7 @@ def test_refuses_a_force_law_where_no_displacement_is(demo, bearings, place, tol
     driven = replace(clean.channels[0], drive=Drive(120.0, 2e5, {place: 1.0}))
     record = replace(clean, channels=(driven, *clean.channels[1:]))
     with pytest.raises(InputError, match=f"F_x1: found {told}"):
-        identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+        demo.identified(record)
 
 
 def test_levers_of_a_force_law_are_parameters():
@@ -214,13 +208,11 @@ def test_levers_of_a_force_law_are_parameters():
     recovered(found, model.nominal)
 
 
-def test_what_the_marks_leave_open_is_in_the_direction_of_the_unbalance(demo, bearings):
+def test_what_the_marks_leave_open_is_in_the_direction_of_the_unbalance(demo):
     """A phase known to 0.02 rad: the amplitude keeps its deviation, the direction takes it over."""
-    rng = np.random.default_rng(41)
-    record = demo.noisy(demo.record(bearings, phase=0.0), rng)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    exact = identify(demo.model, record, replace(estimator, effort="quick"))
-    open_ = identify(demo.model, replace(record, phase_std=0.02), estimator)
+    record = demo.seen(41)
+    exact = demo.identified(record, effort="quick")
+    open_ = demo.identified(replace(record, phase_std=0.02))
     assert [v.name for v in open_.nuisance] == ["phase[0]"]
     assert "phase[0]" not in " ".join(open_.warnings)
     assert open_.std("phase[0]") == pytest.approx(0.02, rel=0.01)
@@ -248,10 +240,9 @@ def test_a_further_kind_is_one_function(demo, bearings, monkeypatch):
     record = demo.record(bearings)
     longer = times(record, bearings, 1 + size * record.omega**2)
     noisy = demo.noisy(longer, np.random.default_rng(5))
-    estimator = MaximumLikelihood(fixed={"L1": 0.3})
-    assert identify(demo.model, noisy, replace(estimator, effort="quick")).misfit.p_value < 1e-6
+    assert demo.identified(noisy, effort="quick").misfit.p_value < 1e-6
     monkeypatch.setattr(nuisances, "KINDS", (*nuisances.KINDS, stretches))
-    estimate = identify(demo.model, noisy, estimator)
+    estimate = demo.identified(noisy)
     agrees(estimate, {**demo.truth, "stretch[position]": size})
     assert estimate["stretch[position]"].std < size / 10
     assert "stretch[position]" in str(estimate)
@@ -311,11 +302,8 @@ def test_an_unknown_constant_that_channels_share_is_found(demo, bearings, name, 
         truth,
         **{c.name: replace(c, value=1.2 * c.value, std=UNKNOWN) for c in truth.constants},
     )
-    estimator = MaximumLikelihood(
-        fixed={"L1": 0.3}, start=demo.start(np.random.default_rng(3), 0.1)
-    )
     record = passed_through(demo.record(bearings), truth, guessed, names)
-    estimate = identify(demo.model, record, estimator)
+    estimate = demo.identified(record, start=demo.start(np.random.default_rng(3), 0.1))
     found = {v.name: v.value for v in estimate.nuisance}
     assert list(found) == [f"{c.name}[loop]" for c in truth.constants]
     for constant in truth.constants:
@@ -323,13 +311,10 @@ def test_an_unknown_constant_that_channels_share_is_found(demo, bearings, name, 
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=1e-7)
 
 
-def test_a_bandwidth_known_with_a_deviation_is_drawn_to_its_prior(demo, bearings):
-    rng = np.random.default_rng(5)
+def test_a_bandwidth_known_with_a_deviation_is_drawn_to_its_prior(demo):
     given = FirstOrder(bandwidth=replace(BANDWIDTH, std=1e-3), actuator=True)
-    record = demo.noisy(demo.record(bearings), rng)
-    record = passed_through(record, replace(given, bandwidth=BANDWIDTH), given, ["F_x1"])
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
-    (value,) = estimate.nuisance
+    truth = replace(given, bandwidth=BANDWIDTH)
+    (value,) = demo.identified(passed_through(demo.seen(5), truth, given, ["F_x1"])).nuisance
     assert value.name == "bandwidth[F_x1]"
     assert value.value == pytest.approx(1500.0, abs=4e-3)
     assert value.std == pytest.approx(1e-3, rel=1e-3)
@@ -374,6 +359,7 @@ def samples(size: float) -> np.ndarray:
     return np.tile(np.concatenate([current, position], axis=1), (PERIODS, 1))
 
 
+Change = Callable[[np.ndarray], np.ndarray]
 COLUMNS = {n: Channel(n, u) for n, u in (("i", "A"), ("j", "A"), ("x", "m"), ("y", "m"))}
 
 
@@ -381,15 +367,13 @@ def read_by(
     law: Differential,
     columns: np.ndarray,
     channels: Mapping[str, Channel] = COLUMNS,
-    change: Callable[[np.ndarray], None] | None = None,
+    change: Change = lambda values: values,
     seed: int = 2,
     speed: float = 0.0,
 ) -> rid.Record:
     """Return a record of columns with noise, changed or not, its forces read by a law."""
     noise = np.random.default_rng(seed).standard_normal(columns.shape) * [5e-3, 5e-3, 1e-7, 1e-7]
-    values = columns + noise
-    if change is not None:
-        change(values)
+    values = change(columns + noise)
     record = rid.Record([*channels.values()], values, RATE, speed=speed)
     pairs = (("x", "i"), ("y", "j"))
     readings = {f"F_{axis}": ForceReading(law, (flow,), {axis: 1.0}) for axis, flow in pairs}
@@ -598,9 +582,7 @@ def test_what_every_law_may_have_wrong():
 
 
 def misread(
-    change: Callable[[np.ndarray], None],
-    sensor: Channel,
-    dynamics: Mapping[str, Dynamics] | None = None,
+    change: Change, sensor: Channel, dynamics: Mapping[str, Dynamics] | None = None
 ) -> PeriodicRecord:
     """Return a record whose columns, i, j, x and y, are not what they are said to be."""
     channels = {
@@ -610,12 +592,13 @@ def misread(
     return rid.average(read_by(MAGNET, samples(1.0), channels, change), F0, harmonics=LINES)
 
 
-def larger(values: np.ndarray) -> None:
-    values[:, 2] *= 1.03
+def larger(values: np.ndarray) -> np.ndarray:
+    return values * [1, 1, 1.03, 1]
 
 
-def later(values: np.ndarray) -> None:
-    values[:, 2] = shifted(values[:, 2], -2e-5 * RATE, SIZE)
+def later(values: np.ndarray, samples: float = 2e-5 * RATE) -> np.ndarray:
+    late = shifted(values[:, 2], -samples, SIZE)
+    return np.column_stack([values[:, :2], late, values[:, 3]])
 
 
 @pytest.mark.parametrize(
@@ -637,31 +620,18 @@ def test_the_law_takes_what_there_was_and_not_what_the_sensor_let_through(column
     """A known bandwidth of 1 kHz: k_s times its lag would be half of the damping."""
     known = FirstOrder(bandwidth=Constant("bandwidth", "Hz", 1000.0))
 
-    def lagging(values: np.ndarray) -> None:
+    def lagging(values: np.ndarray) -> np.ndarray:
         frequency = np.fft.rfftfreq(len(values), 1 / RATE)
-        gain = known.response(2 * np.pi * frequency, known.values)[:, None]
-        values[:, columns] = np.fft.irfft(np.fft.rfft(values[:, columns], axis=0) * gain, axis=0)
+        gain = np.ones((len(frequency), 4), dtype=complex)
+        gain[:, columns] = known.response(2 * np.pi * frequency, known.values)[:, None]
+        return np.fft.irfft(np.fft.rfft(values, axis=0) * gain, axis=0)
 
-    record = misread(
-        lagging, Channel("x", "m"), {name: known for k, name in enumerate("ijxy") if k in columns}
-    )
-    agrees(answer(record), TRUTH, 4)
-
-
-def upside_down(values: np.ndarray) -> None:
-    values[:, 2] *= -1
+    dynamics = {name: known for k, name in enumerate("ijxy") if k in columns}
+    agrees(answer(misread(lagging, Channel("x", "m"), dynamics)), TRUTH, 4)
 
 
-def in_mils(values: np.ndarray) -> None:
-    values[:, 2] /= 25.4
-
-
-def currents_exchanged(values: np.ndarray) -> None:
-    values[:, :2] = values[:, 1::-1]
-
-
-def current_upside_down(values: np.ndarray) -> None:
-    values[:, 0] *= -1
+def upside_down(values: np.ndarray) -> np.ndarray:
+    return values * [1, 1, -1, 1]
 
 
 @pytest.mark.sampled(1)
@@ -670,13 +640,14 @@ def current_upside_down(values: np.ndarray) -> None:
     [
         (larger, r"first suspect: gain\[x\] = 1.03"),
         (upside_down, r"x upside down.* to \d\d\..* cannot tell it from sign\[(F_)?x\]"),
-        (in_mils, r"first suspect: x reading 0.03937 times the quantity"),
+        (lambda v: v / [1, 1, 25.4, 1], r"first suspect: x reading 0.03937 times the quantity"),
         (
-            currents_exchanged,
+            lambda v: v[:, [1, 0, 2, 3]],
             r"F_x with F_y exchanged.* to \d\d\..*cannot tell it from swap\[x, y\]",
         ),
-        (current_upside_down, r"x upside down.* to \d\d\..* cannot tell it from sign"),
+        (lambda v: v * [-1, 1, 1, 1], r"x upside down.* to \d\d\..* cannot tell it from sign"),
     ],
+    ids=["gain", "upside down", "mils", "currents exchanged", "current upside down"],
 )
 def test_a_mistaken_column_is_undone_before_the_law(change, told):
     """The law reads the force again, with the column as it should have been."""
@@ -688,16 +659,13 @@ def test_a_mistaken_column_is_undone_before_the_law(change, told):
 def test_what_is_undone_of_a_late_sensor_is_the_record_without_the_mistake():
     """A delay that is known is taken out of what the law had read, and of what it reads again."""
 
-    def late(values: np.ndarray) -> None:
-        values[:, 2] = shifted(values[:, 2], -1.0, SIZE)
+    def bound(change: Change) -> Observation:
+        late = misread(lambda values: change(later(values, 1.0)), replace(sensor, delay=1 / RATE))
+        return bind(MODEL, late)
 
-    def late_and_upside_down(values: np.ndarray) -> None:
-        late(values)
-        values[:, 2] *= -1
-
-    sensor = Channel("x", "m", delay=1 / RATE)
-    right = bind(MODEL, misread(late, sensor))
-    found = multiplied(bind(MODEL, misread(late_and_upside_down, sensor)), {"x": -1.0})
+    sensor = Channel("x", "m")
+    right = bound(lambda values: values)
+    found = multiplied(bound(upside_down), {"x": -1.0})
     size = np.abs(right.lines.mean).max(axis=0)
     # The law of the mean period is not the mean of the law: second order in the noise.
     np.testing.assert_allclose(found.lines.mean / size, right.lines.mean / size, atol=1e-3)

@@ -9,7 +9,7 @@ import pytest
 from bank import times
 from scipy.stats import norm
 
-from rotorid import Channel, Constraint, MaximumLikelihood, predict_accuracy
+from rotorid import Channel, MaximumLikelihood, predict_accuracy
 
 pytestmark = pytest.mark.slow
 
@@ -129,8 +129,7 @@ def test_headline(levitated, monte_carlo):
     """
     machine, truth = levitated.machine, levitated.truth
     clean = [levitated.record(hertz) for hertz in (140.0, 100.0)]
-    mass = Constraint("m1 + m2 + m3", sum(truth[name] for name in ("m1", "m2", "m3")))
-    options = {"runout": True, "gains": ("ki", "ks"), "constraints": (mass,)}
+    options = {"runout": True, "gains": ("ki", "ks"), "constraints": (levitated.weighed,)}
     efforts = cycle(["full", "quick", "quick"])
 
     def draw(rng):
