@@ -77,14 +77,14 @@ class Problem:
     """
 
     name: str
-    text: str  # of a model file; "" for a shipped model of that name
     truth: Mapping[str, float]
     columns: Callable[[SimpleNamespace, Grid], Columns]
     harmonics: Sequence[int]
     base: Sequence[str]
+    text: str = ""  # of a model file; without it a shipped model of that name
     grids: Sequence[Grid] = (Grid(),)
     fixed: Sequence[str] = ()
-    derived: Sequence[str] = ()
+    follow: Sequence[str] | None = None
     linear: bool = False
     reads: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
@@ -93,6 +93,11 @@ class Problem:
         return (
             rid.parse_model(self.text, name=self.name) if self.text else rid.load_model(self.name)
         )
+
+    @property
+    def derived(self) -> Sequence[str]:
+        """Names of what follows from the base parameters: these themselves, if nothing else."""
+        return self.base if self.follow is None else self.follow
 
     @property
     def known(self) -> dict[str, float]:
@@ -206,7 +211,6 @@ def rotor_columns(
 
 THREE_MASS = Problem(
     name="three-mass",
-    text="",
     truth={
         **{name: PAPER[name] for name in ("m1", "m2", "m3", "I_t", "I_p", "k1", "k2", "L1", "L2")},
         "xi": 77.112 / 11.322 / (2 * np.pi * 140) ** 2,
@@ -225,14 +229,13 @@ THREE_MASS = Problem(
         "m1, m2, m2*xi, m2*zeta, m3, I_t, I_t*mu - I_p*mu, I_t*eta - I_p*eta, I_p, "
         "k1, k1*L1, k1*L1^2 + k2*L2^2, k2, k2*L2"
     ),
-    derived=names("m1, m2, m3, I_t, I_p, k1, k2, L1, L2, xi, zeta, mu, eta"),
+    follow=names("m1, m2, m3, I_t, I_p, k1, k2, L1, L2, xi, zeta, mu, eta"),
     linear=True,
 )
 
 
 RIGID = Problem(
     name="rigid",
-    text="",
     truth={
         **{"m": 8.0, "I_t": 0.21, "I_p": 0.034, "L_a": 0.2, "L_b": 0.25},
         **{"xi": 5e-6, "zeta": -3e-6, "mu": 4e-5, "eta": 2e-5},
@@ -242,7 +245,7 @@ RIGID = Problem(
     harmonics=(1, 2, 3, 5, 8),
     grids=(Grid(turns=5), Grid(turns=3, phase=0.4)),
     base=names("m, m*xi, m*zeta, I_t, I_t*mu - I_p*mu, I_t*eta - I_p*eta, I_p"),
-    derived=names("m, I_t, I_p, xi, zeta, mu, eta"),
+    follow=names("m, I_t, I_p, xi, zeta, mu, eta"),
     linear=True,
 )
 
@@ -261,13 +264,12 @@ def jeffcott_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 JEFFCOTT = Problem(
     name="jeffcott",
-    text="",
     truth={"m": 4.0, "c": 75.0, "k": 9e5, "xi": 1.5e-5, "zeta": -2.5e-5},
     columns=jeffcott_columns,
     harmonics=(1, 2, 4),
     grids=(Grid(turns=4, phase=-1.1),),
     base=names("m, m*xi, m*zeta, c, k"),
-    derived=names("m, c, k, xi, zeta"),
+    follow=names("m, c, k, xi, zeta"),
     linear=True,
 )
 
@@ -282,12 +284,10 @@ def emps_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 EMPS = Problem(
     name="emps",
-    text="",
     truth={"M": 95.1, "Fv": 203.5, "Fc": 20.4, "offset": -3.2},
     columns=emps_columns,
     harmonics=(0, 1, 2, 3, 5, 8, 13),
     base=names("M, Fv, Fc, offset"),
-    derived=names("M, Fv, Fc, offset"),
 )
 
 # ---------------------------------------------------------------------------------------------
@@ -339,17 +339,14 @@ ARM = Problem(
     columns=arm_columns,
     harmonics=tuple(range(25)),
     base=names("m1*r1 + m2*l1, m1*r1^2 + m2*l1^2 + J1, m2*l1*r2, m2*r2, m2*r2^2 + J2"),
-    derived=("l1",),
+    follow=("l1",),
 )
 
-ARM_OF_KNOWN_LENGTH = Problem(
-    name="arm",
-    text=ARM.text,
-    truth=ARM.truth,
-    columns=arm_columns,
-    harmonics=ARM.harmonics,
+ARM_OF_KNOWN_LENGTH = replace(
+    ARM,
     fixed=("l1",),
     base=names("m1*r1 + 0.5*m2, m1*r1^2 + 0.25*m2 + J1, m2*r2, m2*r2^2 + J2"),
+    follow=(),
 )
 
 
@@ -377,7 +374,7 @@ DUFFING = Problem(
     harmonics=tuple(range(12)),
     grids=(Grid(turns=4, phase=0.3), Grid(turns=2)),
     base=names("m, m*e, d, k, k_3"),
-    derived=names("m, d, k, k_3, e"),
+    follow=names("m, d, k, k_3, e"),
 )
 
 
@@ -395,7 +392,6 @@ HOIST = Problem(
     columns=hoist_columns,
     harmonics=(0, 1, 3),
     base=("m", "c"),
-    derived=("m", "c"),
     linear=True,
 )
 
@@ -428,7 +424,6 @@ TABLE = Problem(
     columns=table_columns,
     harmonics=(1, 2, 3, 4, 5),
     base=names("m, J, c, k_l, k_r"),
-    derived=names("m, J, c, k_l, k_r"),
     linear=True,
     reads={"s1": {"y": 1.0, "theta": -0.3}},
 )
@@ -455,7 +450,6 @@ ODD = Problem(
     harmonics=tuple(range(16)),
     grids=(Grid(turns=3, phase=0.2),),
     base=names("S, E, I, lambda, β, Q"),
-    derived=names("S, E, I, lambda, β, Q"),
 )
 
 
@@ -487,7 +481,6 @@ CHAIN = Problem(
     columns=chain_columns,
     harmonics=(1, 2, 3, 4, 5, 6),
     base=names("m_1, m_2, k, k_3"),
-    derived=names("m_1, m_2, k, k_3"),
 )
 
 
@@ -520,7 +513,6 @@ TRAIN = Problem(
     columns=train_columns,
     harmonics=(1, 2, 3, 5),
     base=names("a, b, c, k, h, d"),
-    derived=names("a, b, c, k, h, d"),
     linear=True,
 )
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bank import recovered
+from chain_of_masses import MODEL, TEXT, TRUTH, matrices, wrong
 from io_writers import write_responses, write_table
 from model_text import model_text
 
@@ -13,32 +15,15 @@ from rotorid import InputError
 from rotorid.data.lines import SilentClock
 from rotorid.data.table_lines import FAINT
 
-CHAIN = model_text(
-    "three masses in a row",
-    [
-        "m1*x1'' + c*(x1' - x2') + k1*(x1 - x2) + k0*x1 = F",
-        "m2*x2'' + c*(x2' - x1') + k1*(x2 - x1) + k2*(x2 - x3) = G",
-        "m3*x3'' + k2*(x3 - x2) = 0",
-    ],
-    "x1 m, x2 m, x3 m",
-    "F N, G N",
-    "m1 +2.2 kg, m2 +2.7 kg, m3 +1.3 kg, k0 +4e5 N/m, k1 +1.2e6 N/m, k2 +1.8e6 N/m, c 30.0 N s/m",
-)
-MODEL = rid.parse_model(CHAIN)
-TRUTH = {"m1": 2.0, "m2": 3.0, "m3": 1.5, "k0": 5e5, "k1": 1e6, "k2": 2e6, "c": 20.0}
 HERTZ = np.arange(5.0, 300.0, 2.5)
 OMEGA = 2 * np.pi * HERTZ
 F, X1, X3 = rid.Channel("F", "N"), rid.Channel("x1", "m"), rid.Channel("x3", "m")
 NOISE = 2e-7  # m of every average, white; the force is 1 N
 
 
-def response(force: int = 0, **changed: float) -> np.ndarray:
+def response(force: int = 0) -> np.ndarray:
     """Return H of all coordinates to one force, shape (line, coordinate)."""
-    p = {**TRUTH, **changed}
-    k0, k1, k2, c = p["k0"], p["k1"], p["k2"], p["c"]
-    mass = np.diag([p["m1"], p["m2"], p["m3"]])
-    stiffness = np.array([[k0 + k1, -k1, 0], [-k1, k1 + k2, -k2], [0, -k2, k2]])
-    damping = c * np.array([[1, -1, 0], [-1, 1, 0], [0, 0, 0]])
+    mass, damping, stiffness = matrices()
     s = 1j * OMEGA[:, None, None]
     return np.linalg.inv(s**2 * mass + s * damping + stiffness)[:, :, force]
 
@@ -55,19 +40,18 @@ def averaged(rng: np.random.Generator, averages: int) -> tuple[np.ndarray, np.nd
     return cross / auto, np.abs(cross) ** 2 / (auto * (np.abs(read) ** 2).sum(axis=0))
 
 
+def lines_of(found: np.ndarray, coherence: np.ndarray, averages: int = 40) -> rid.Lines:
+    return rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=averages)
+
+
 def estimate(found: np.ndarray, sensors=(X1, X3), *, effort="full", **told) -> rid.Estimate:
     lines = rid.response_lines(F, sensors, told.pop("frequency", HERTZ), found, **told)
     return rid.identify(MODEL, lines, rid.MaximumLikelihood(effort=effort))
 
 
-def wrong(estimate: rid.Estimate) -> float:
-    return max(abs(v.value - TRUTH[v.name]) / v.std for v in estimate.parameters)
-
-
 def check_truth(found: rid.Estimate) -> None:
     assert found.status == "ok"
-    for value in found.parameters:
-        assert value.value == pytest.approx(TRUTH[value.name], rel=1e-9), value.name
+    recovered(found, TRUTH)
 
 
 class TestExact:
@@ -103,8 +87,7 @@ class TestExact:
 
 class TestNoise:
     def test_deviations_are_those_of_the_averages(self):
-        found, coherence = averaged(np.random.default_rng(5), 40)
-        lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=40)
+        lines = lines_of(*averaged(np.random.default_rng(5), 40))
         assert (lines.covariance.kind, lines.covariance.dof) == ("coherence", 39)
         # E |dH|^2 = noise^2 / (averages |F|^2); 1 / |F|^2 of 40 averages: 40 / 39 in the mean
         variance = np.einsum("kii->ki", lines.covariance.matrices).real[:, 1:].mean()
@@ -112,17 +95,14 @@ class TestNoise:
 
     def test_few_averages_are_pooled_over_neighbouring_lines(self):
         for averages, dof in ((21, 20), (20, 57), (5, 20), (3, 22)):
-            found, coherence = averaged(np.random.default_rng(5), averages)
-            lines = rid.response_lines(
-                F, [X1, X3], HERTZ, found, coherence=coherence, averages=averages
-            )
-            assert lines.covariance.dof == dof
+            measured = averaged(np.random.default_rng(5), averages)
+            assert lines_of(*measured, averages).covariance.dof == dof
 
     def test_lines_of_noise_alone_are_left_out_and_told(self):
         found, coherence = averaged(np.random.default_rng(5), 40)
         coherence[[3, 4], 0] = 0.9 * FAINT
         coherence[7, 1] = 0.0
-        lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=40)
+        lines = lines_of(found, coherence)
         assert len(lines.frequency) == len(HERTZ) - 3
         assert lines.warnings == ("3 lines with a coherence below 0.01 left out: noise alone",)
 
@@ -130,7 +110,7 @@ class TestNoise:
         found, coherence = averaged(np.random.default_rng(5), 40)
         short = np.round(coherence, 3)
         assert (short == 1).any()
-        lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=short, averages=40)
+        lines = lines_of(found, short)
         at = np.argwhere(short == 1)[0]
         variance = lines.covariance.matrices[at[0], 1 + at[1], 1 + at[1]].real
         size = np.abs(found[tuple(at)]) ** 2
@@ -216,12 +196,8 @@ class TestMistakes:
     @pytest.mark.slow
     def test_accelerances_taken_for_receptances(self):
         found, coherence = thinned()
-        result = estimate(
-            -((2 * np.pi * THIN[:, None]) ** 2) * found,
-            frequency=THIN,
-            coherence=coherence,
-            averages=20,
-        )
+        driven = -((2 * np.pi * THIN[:, None]) ** 2) * found
+        result = estimate(driven, frequency=THIN, coherence=coherence, averages=20)
         assert result.status != "ok"
         assert result.suspects[0].term == "derivative"
         assert "responses of accelerations, where positions are said" in result.warnings[0]
@@ -239,8 +215,7 @@ class TestBesideModes:
     @pytest.mark.slow
     def test_one_that_contradicts_the_responses_is_named(self):
         """The records lead the search: a frequency that is 100 deviations off does not."""
-        found, coherence = averaged(np.random.default_rng(1), 20)
-        lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=20)
+        lines = lines_of(*averaged(np.random.default_rng(1), 20), 20)
         free = {"k0": 0.0}
         given = [rid.Mode(hz, 0.1, parameters=free) for hz in (129.95, 244.265)]
         result = rid.identify(MODEL, lines, rid.MaximumLikelihood(modes=given))
@@ -277,7 +252,7 @@ PARTS = 'x1 = { input = "F", real = "re", imag = "im", '
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("responses")
-    (folder / "chain.toml").write_text(CHAIN)
+    (folder / "chain.toml").write_text(TEXT)
     found, coherence = averaged(np.random.default_rng(1), 20)
     polar = [1e6 * np.abs(found[:, 0]), np.degrees(np.angle(found[:, 0])), coherence[:, 0]]
     driven = -(OMEGA**2) * found[:, 1]

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bank import agrees, recovered
+from chain_of_masses import MODEL, TRUTH, matrices, wrong
 from differences import gradient_holds
 from model_text import model_text
 
@@ -16,29 +17,13 @@ from rotorid.likelihood.mode_rows import GRANTED
 from rotorid.likelihood.preparation import prepare
 from rotorid.models.knowledge import Knowledge, configurations
 
-CHAIN = model_text(
-    "three masses in a row",
-    [
-        "m1*x1'' + c*(x1' - x2') + k1*(x1 - x2) + k0*x1 = F",
-        "m2*x2'' + c*(x2' - x1') + k1*(x2 - x1) + k2*(x2 - x3) = 0",
-        "m3*x3'' + k2*(x3 - x2) = 0",
-    ],
-    "x1 m, x2 m, x3 m",
-    "F N",
-    "m1 +2.2 kg, m2 +2.7 kg, m3 +1.3 kg, k0 +4e5 N/m, k1 +1.2e6 N/m, k2 +1.8e6 N/m, c 30.0 N s/m",
-)
-MODEL = rid.parse_model(CHAIN)
-TRUTH = {"m1": 2.0, "m2": 3.0, "m3": 1.5, "k0": 5e5, "k1": 1e6, "k2": 2e6, "c": 20.0}
 TESTS = ({}, {"k0": 0.0}, {"m3": 3.0})  # as in service, hanging free, with a mass added
 
 
 def eigenvalues(**changed: float) -> np.ndarray:
     """Return lambda of the chain from its state matrix, rigid-body motion left out."""
-    p = {**TRUTH, **changed}
-    k0, k1, k2 = p["k0"], p["k1"], p["k2"]
-    stiffness = np.array([[k0 + k1, -k1, 0], [-k1, k1 + k2, -k2], [0, -k2, k2]])
-    damping = p["c"] * np.array([[1, -1, 0], [-1, 1, 0], [0, 0, 0]])
-    inverse = np.diag([1 / p["m1"], 1 / p["m2"], 1 / p["m3"]])
+    mass, damping, stiffness = matrices(**changed)
+    inverse = np.linalg.inv(mass)
     lower = np.hstack([-inverse @ stiffness, -inverse @ damping])
     values = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((3, 3)), np.eye(3)]), lower]))
     kept = values[values.imag > 1.0]
@@ -63,10 +48,6 @@ def modes(rng: np.random.Generator | None = None, std: float = 1e-3) -> list[rid
 def alone(*given: rid.Mode, **known: float) -> rid.Estimate:
     estimator = rid.MaximumLikelihood(fixed=known or {"m1": 2.0}, modes=given)
     return rid.identify(MODEL, [], estimator)
-
-
-def wrong(estimate: rid.Estimate) -> float:
-    return max(abs(v.value - TRUTH[v.name]) / v.std for v in estimate.parameters if not v.fixed)
 
 
 def rows(model: rid.Model, start: dict[str, float], given: list[rid.Mode]):
