@@ -20,19 +20,23 @@ MODEL = model_text(
     "",
     "m +4.0 kg, c +40.0 N s/m, k +1.3e6 N/m, u_x kg m, u_y kg m, t_x kg m, t_y kg m",
 )
-EXPERIMENT = """
-model = "model.toml"
+RECORD = """
 [[records]]
 kind = "phasors"
 file = "run.csv"
 speed = { column = "n", unit = "rpm" }
-[channels]
+"""
+PROBES = """
 x = { amplitude = "ax", phase = "px", unit = "um", std = "1 um" }
 y = { amplitude = "ay", phase = "py", unit = "um", std = "1 um" }
-[parameters]
-m = { fixed = "5 kg" }
-t_x = { fixed = "0 kg m" }
-t_y = { fixed = "0 kg m" }
+"""
+EXPERIMENT = f"""
+model = "model.toml"
+{RECORD}
+[channels]{PROBES}[parameters]
+m = {{ fixed = "5 kg" }}
+t_x = {{ fixed = "0 kg m" }}
+t_y = {{ fixed = "0 kg m" }}
 """
 WITH_TRIAL = EXPERIMENT.replace('m = { fixed = "5 kg" }\n', "").replace(
     "[channels]",
@@ -43,12 +47,6 @@ t_y = { fixed = "20 g mm" }
 [channels]
 """,
 )
-BARE = """
-[[records]]
-kind = "phasors"
-file = "bare.csv"
-speed = { column = "n", unit = "rpm" }
-"""
 TRIAL = 5e-5 + 2e-5j
 TRUTH = {"m": 5.0, "c": 60.0, "k": 1e6, "u_x": 1e-4, "u_y": -5e-5}
 RPM = np.linspace(2000.0, 7000.0, 40)
@@ -64,17 +62,19 @@ def coast(rpm: np.ndarray, trial: complex = 0.0) -> np.ndarray:
     return np.column_stack([whirl, -1j * whirl])
 
 
-def write(path: Path, rpm: np.ndarray, phasors: np.ndarray) -> None:
+def write(
+    path: Path, rpm: np.ndarray, phasors: np.ndarray, size: float = 1e6, turn: float = 180 / np.pi
+) -> None:
     """Write a table as a balancing instrument gives it: amplitudes in um, phases in degrees."""
     columns = [rpm]
     for one in phasors.T:
-        columns += [1e6 * np.abs(one), np.degrees(np.angle(one))]
+        columns += [size * np.abs(one), turn * np.angle(one)]
     write_table(path, "n,ax,px,ay,py", *columns)
 
 
 def of_two(second: str = WITH_TRIAL) -> str:
     """Return an experiment whose first record is another one, without a trial mass."""
-    return second.replace("[[records]]", BARE + "[[records]]", 1)
+    return second.replace("[[records]]", RECORD.replace("run", "bare") + "[[records]]", 1)
 
 
 def write_two(

@@ -6,14 +6,14 @@ periods overstates the noise of the mean, and the noise of currents and position
 
 from dataclasses import replace
 from functools import cache
-from importlib.resources import files
 
 import numpy as np
 import pytest
 from result_cases import fit
 from scipy.stats import norm
 
-from rotorid import Constraint, Lines, MaximumLikelihood, Misfit, average, identify
+import rotorid as rid
+from rotorid import Lines, MaximumLikelihood, Misfit, average, identify
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.solver import solve
 from rotorid.likelihood.unknowns import Nuisances
@@ -31,8 +31,11 @@ RUNOUT = {"x1": (5, -3), "y1": (2, 4), "x3": (-6, 1), "y3": (3, 3)}  # um
 @cache
 def rig(rpm: int = 8400, *, bearings: bool = False) -> Rig:
     """The shipped rig at a lower rate, so that hundreds of runs take minutes."""
-    text = files("rotorid.rig").joinpath("library/three-mass.toml").read_text("utf-8")
-    text = text.replace("10 kHz", "4 kHz").replace('settling = "2 s"', 'settling = "0.5 s"')
+    text = (
+        rid.load_rig("three-mass")
+        .text.replace("10 kHz", "4 kHz")
+        .replace('settling = "2 s"', 'settling = "0.5 s"')
+    )
     text = text.replace("8400 rpm", f"{rpm} rpm")
     if bearings:
         head, rest = text.split("[sensors]")
@@ -46,30 +49,28 @@ def rig(rpm: int = 8400, *, bearings: bool = False) -> Rig:
     return parse_rig(text).rig
 
 
-def run(seed: int):
-    """Return 130 periods."""
-    record = rig().run(130 / 20.0, np.random.default_rng([77, seed]))
+def run(*seed: int, periods: int = 130, on: Rig | None = None) -> rid.PeriodicRecord:
+    record = (on or rig()).run(periods / 20.0, np.random.default_rng(seed))
     return average(record, 20.0, harmonics=HARMONICS)
 
 
 def test_choice_of_covariance(demo):
     """By the residual's correlation between periods: in closed loop yes, open loop no."""
-    estimator = MaximumLikelihood()
-    closed = run(0)
-    chosen = identify(demo.model, closed, estimator)
-    quick = replace(estimator, effort="quick")
+    closed = run(77, 0)
+    chosen = identify(demo.model, closed, MaximumLikelihood())
+    quick = MaximumLikelihood(effort="quick")
     correlated = identify(demo.model, closed, replace(quick, covariance="correlated"))
     assert chosen.misfit.expected == pytest.approx(correlated.misfit.expected, rel=1e-6)
     assert chosen.status == "ok"
     assert chosen.misfit.cost == pytest.approx(correlated.misfit.cost, rel=1e-6)
-    open_loop = demo.noisy(demo.record(), np.random.default_rng(61))
+    open_loop = demo.seen(61, None)
     chosen = identify(demo.model, open_loop, quick)
     white = identify(demo.model, open_loop, replace(quick, covariance="white"))
     assert chosen.misfit == white.misfit
 
 
 def test_neighbours_may_be_chosen(demo):
-    record = run(1)
+    record = run(77, 1)
     narrow, wide = (
         identify(demo.model, record, MaximumLikelihood(covariance="correlated", neighbours=m))
         for m in (15, 25)
@@ -96,7 +97,7 @@ def test_statistics_of_the_three_covariances(demo, statistics):
 
     model, knowledge = demo.model, Knowledge(start=demo.truth)
     for seed in range(140):
-        record = run(seed)
+        record = run(77, seed)
         for choice in ("auto", "white") if seed < 40 else ("correlated",):
             fitted = fit(model, [bind(model, record)], knowledge, Nuisances(), covariance=choice)
             name = "white" if choice == "white" else "correlated"
@@ -136,17 +137,12 @@ def test_headline_in_closed_loop(demo):
         fixed={"L1": 0.3},
         runout=True,
         gains=("ki", "ks"),
-        constraints=(Constraint("m1 + m2 + m3", 12.98878),),
+        constraints=(rid.Constraint("m1 + m2 + m3", 12.98878),),
     )
     scaled = []
     for seed in range(20):
         records = [
-            average(
-                rig(rpm, bearings=True).run(13.0, np.random.default_rng([78, seed, rpm])),
-                20.0,
-                harmonics=HARMONICS,
-            )
-            for rpm in (8400, 6000)
+            run(78, seed, rpm, periods=260, on=rig(rpm, bearings=True)) for rpm in (8400, 6000)
         ]
         estimate = identify(demo.model, records, estimator)
         assert estimate.status == "ok"

@@ -14,7 +14,7 @@ from levitated import QUICK, levitated, lines_of
 from model_text import model_text
 
 import rotorid as rid
-from rotorid import Channel, Drive, InputError, Lines, MaximumLikelihood, PeriodicRecord, identify
+from rotorid import Channel, Drive, InputError, Lines, PeriodicRecord, identify
 from rotorid.data.lines import Beside
 from rotorid.likelihood import expected_cost as by_errors
 from rotorid.likelihood import whitening
@@ -32,14 +32,13 @@ from rotorid.testing import bind
 
 
 MODEL = rid.load_model("three-mass")
+PARAMETERS = tuple(Scalar(p.name, p.unit, p.nominal or 0.0) for p in MODEL.parameters)
 
 
 def layout_of(record: PeriodicRecord, nuisances: Nuisances | None = None) -> Layout:
-    model = MODEL
-    parameters = [Scalar(p.name, p.unit, p.nominal or 0.0) for p in model.parameters]
-    extra = unknowns_of([bind(model, record)], nuisances or Nuisances())
-    unknowns = (*parameters, *(unknown for nuisance in extra for unknown in nuisance.scalars))
-    return Layout(model, unknowns, nuisances=extra)
+    extra = unknowns_of([bind(MODEL, record)], nuisances or Nuisances())
+    unknowns = (*PARAMETERS, *(unknown for nuisance in extra for unknown in nuisance.scalars))
+    return Layout(MODEL, unknowns, nuisances=extra)
 
 
 def likelihood(record: PeriodicRecord) -> Likelihood:
@@ -48,13 +47,11 @@ def likelihood(record: PeriodicRecord) -> Likelihood:
 
 def everything_unknown(record: PeriodicRecord) -> PeriodicRecord:
     """Turn forces into currents, and let every calibration constant be unknown."""
-    position = {"F_x1": "x1", "F_y1": "y1", "F_x3": "x3", "F_y3": "y3"}
-    channels = []
-    for channel in record.channels:
-        drive = None
-        if channel.name in position:
-            drive = Drive(120.0, 2e5, {position[channel.name]: 1.0})
-        channels.append(replace(channel, drive=drive, gain_std=0.01, delay_std=1e-5))
+    drives = {name: Drive(120.0, 2e5, {name[2:]: 1.0}) for name in MODEL.inputs}
+    channels = [
+        replace(channel, drive=drives.get(channel.name), gain_std=0.01, delay_std=1e-5)
+        for channel in record.channels
+    ]
     return replace(record, channels=tuple(channels), phase_known=False)
 
 
@@ -73,17 +70,16 @@ def test_gradient_agrees_with_differences(demo, bearings, sensors, relaxation):
         "redundant": [*bearings, Channel("again", "m", reads={"x1": 1.0})],
     }[sensors]
     rng = np.random.default_rng(3)
-    kernel = likelihood(demo.noisy(demo.record(chosen, periods=40), rng))
+    kernel = likelihood(demo.seen(rng, chosen, periods=40))
     x = demo.values * (1 + 0.2 * rng.uniform(-1, 1, 13))
     gradient_holds(lambda at: kernel.evaluate(at, relaxation), x, x)
 
 
-def test_gradient_by_every_nuisance_agrees_with_differences(demo, bearings):
+def test_gradient_by_every_nuisance_agrees_with_differences(demo):
     rng = np.random.default_rng(4)
-    record = everything_unknown(demo.noisy(demo.record(bearings, periods=40), rng))
-    layout = layout_of(
-        record, Nuisances(runout=True, gains=("ki", "ks*"), delays=("force", "position"))
-    )
+    record = everything_unknown(demo.seen(rng, periods=40))
+    asked = Nuisances(runout=True, gains=("ki", "ks*"), delays=("force", "position"))
+    layout = layout_of(record, asked)
     kernel = assemble(layout, bind(MODEL, record))
     scale = np.where(layout.start != 0, np.abs(layout.start), 1e-6)  # runout in m, delay in s
     scale[layout.index["phase[0]"]] = 1.0
@@ -96,7 +92,7 @@ def test_gradient_by_every_nuisance_agrees_with_differences(demo, bearings):
 def test_equals_the_output_error_likelihood(demo, bearings, sensors):
     """J = sum c r^H V^-1 r, r = y - C Z^-1 (B u + g), V its covariance."""
     rng = np.random.default_rng(5)
-    record = demo.noisy(demo.record(bearings if sensors else None, periods=40), rng)
+    record = demo.seen(rng, bearings if sensors else None, periods=40)
     kernel = likelihood(record)
     x = demo.values * (1 + 0.01 * rng.uniform(-1, 1, 13))
     model, linear = demo.model, demo.model.require_linear()
@@ -118,9 +114,8 @@ def test_equals_the_output_error_likelihood(demo, bearings, sensors):
     np.testing.assert_allclose(kernel.evaluate(x).cost, expected, rtol=1e-9)
 
 
-def test_corrected_lines_satisfy_the_equations_of_motion(demo, bearings):
-    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(6))
-    kernel = likelihood(record)
+def test_corrected_lines_satisfy_the_equations_of_motion(demo):
+    kernel = likelihood(demo.seen(6, periods=40))
     at = kernel.evaluate(demo.values)
     data, motion = at.corrected()
     force = (at.inputs @ data[:, :4, None])[:, :, 0] + at.loads
@@ -129,9 +124,9 @@ def test_corrected_lines_satisfy_the_equations_of_motion(demo, bearings):
     np.testing.assert_allclose(motion @ kernel.sensing.reads.T, data[:, 4:], rtol=1e-9)
 
 
-def test_stays_finite_at_a_resonance(demo, bearings):
+def test_stays_finite_at_a_resonance(demo):
     """Z is never inverted: a line at an undamped resonance of the trial values is no harm."""
-    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(8))
+    record = demo.seen(8, periods=40)
     kernel = likelihood(record)
     omega, linear = [record.omega[4]], demo.model.require_linear()
 
@@ -165,13 +160,10 @@ LOADED = model_text(
 
 
 def test_a_load_that_periods_do_not_repeat_is_averaged_over_all_of_them():
-    model = rid.parse_model(LOADED)
-    channels = (rid.Channel("F"), rid.Channel("x"))
-    record = rid.Record(channels, np.zeros((500, 2)), 1000.0)
-    periods = rid.average(record, 10.0, harmonics=[1, 2])
-    layout = Layout(model, ())
-    lines = Lines.of_periods(periods)
-    columns, orders = load_lines(every_load(layout), lines, np.ones(1), False)
+    record = rid.Record([Channel("F"), Channel("x")], np.zeros((500, 2)), 1000.0)
+    lines = Lines.of_periods(rid.average(record, 10.0, harmonics=[1, 2]))
+    loads = every_load(Layout(rid.parse_model(LOADED), ()))
+    columns, orders = load_lines(loads, lines, np.ones(1), False)
     np.testing.assert_array_equal(orders, [0.0])
     time = np.arange(500) / 1000.0
     wave = np.cos(2 * np.pi * 12.5 * time)
@@ -209,9 +201,8 @@ def test_as_many_angles_as_a_load_has_orders(signals, steps):
 def test_a_phase_turns_a_load_of_any_order(load):
     """The columns by order, turned and added, are those of the rotor angle moved."""
     text = LOADED.replace("cos(2*pi*12.5*t)", f"({load})") + 'b = { unit = "s" }\n'
-    model = rid.parse_model(text)
-    loads = every_load(Layout(model, ()))
-    channels = (rid.Channel("F"), rid.Channel("x"))
+    loads = every_load(Layout(rid.parse_model(text), ()))
+    channels = (Channel("F"), Channel("x"))
 
     def columns(phase, unknown):
         angle = 2 * np.pi * 10.0 * np.arange(400) / 1000.0 + phase
@@ -243,7 +234,10 @@ def test_derivatives_give_what_positions_give(demo, bearings, order):
     for name in ("x2", "y2"):
         record = derived(record, name, order)
     start = demo.start(np.random.default_rng(2), 0.1)
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
+    exactly(demo, demo.identified(record, start=start))
+
+
+def exactly(demo, estimate: rid.Estimate) -> None:
     recovered(estimate, demo.truth, 1e-6)
     assert max(p.relative_error for p in estimate.prediction.values()) < 1e-5
 
@@ -255,25 +249,21 @@ def test_a_parameter_may_be_a_coefficient_of_a_sensor(demo):
     channels[4] = replace(leaning, reads={"x1": 1.0, "L1*theta_y": -1.0})
     record = replace(record, channels=tuple(channels))
     start = demo.start(np.random.default_rng(3), 0.05)
-    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L2": 0.3}, start=start))
-    recovered(estimate, demo.truth, 1e-6)
+    estimate = demo.identified(record, fixed={"L2": 0.3}, start=start)
+    exactly(demo, estimate)
     assert "leaning" in estimate.prediction
-    assert max(p.relative_error for p in estimate.prediction.values()) < 1e-5
 
 
 @pytest.mark.parametrize("transient", [None, 2])
 def test_gradient_with_indirect_sensors_agrees_with_differences(demo, bearings, transient):
     rng = np.random.default_rng(5)
-    record = demo.noisy(demo.record([*bearings, "x2", "theta_y"], periods=40), rng)
-    record = derived(record, "x2", 2)
+    record = derived(demo.seen(rng, [*bearings, "x2", "theta_y"], periods=40), "x2", 2)
     theta = record.index("theta_y")
     channels = list(record.channels)
     channels[theta] = Channel("arm", "m", reads={"L1*theta_y": 1.0, "y3": 0.1})
     record = replace(record, channels=tuple(channels))
     lines = replace(Lines.of_periods(record), transient=transient)
-    model = demo.model
-    unknowns = tuple(Scalar(p.name, p.unit, p.nominal or 0.0) for p in model.parameters)
-    kernel = assemble(Layout(model, unknowns), bind(model, lines))
+    kernel = assemble(Layout(MODEL, PARAMETERS), bind(MODEL, lines))
     x = demo.values * (1 + 0.1 * rng.uniform(-1, 1, 13))
     gradient_holds(kernel.evaluate, x, x, rtol=1e-8, atol=1e-8)
 
