@@ -13,10 +13,11 @@ from rotorid import cli
 from rotorid.signals.spectrum import synthesize
 
 PERIODS = 60
-HEAD = """
-model = "three-mass"
-"""
-RECORD = """
+HEAD = 'model = "three-mass"\n'
+
+
+def one(hertz: float = 140.0) -> str:
+    return f"""
 [[records]]
 file = "{hertz:g}.h5"
 sample_rate = "5 kHz"
@@ -25,29 +26,26 @@ phase = "0 deg"
 fundamental = "20 Hz"
 harmonics = [1, 3, 5, 7, 9, 11]
 """
-FORCES = "\n[channels]\n" + "".join(
-    f'{name} = {{ column = "{name}", unit = "N" }}\n' for name in ("F_x1", "F_y1", "F_x3", "F_y3")
-)
+
+
+PLACES = ("x1", "y1", "x3", "y3")
+FORCES = "\n[channels]\n" + "".join(f'F_{p} = {{ column = "F_{p}", unit = "N" }}\n' for p in PLACES)
 CURRENTS = "\n[channels]\n" + "\n".join(
-    f'{force} = {{ law = "linear", current = {{ column = "{force}", unit = "A" }}, '
-    f'position = "{place}", ki = "100 N/A", ks = "1.5e5 N/m" }}'
-    for force, place in (("F_x1", "x1"), ("F_y1", "y1"), ("F_x3", "x3"), ("F_y3", "y3"))
+    f'F_{p} = {{ law = "linear", current = {{ column = "F_{p}", unit = "A" }}, '
+    f'position = "{p}", ki = "100 N/A", ks = "1.5e5 N/m" }}'
+    for p in PLACES
 )
-SENSORS = "\n" + "".join(
-    f'{name} = {{ column = "{name}", unit = "m" }}\n' for name in ("x1", "y1", "x3", "y3")
-)
+SENSORS = "\n" + "".join(f'{p} = {{ column = "{p}", unit = "m" }}\n' for p in PLACES)
 LENGTH = '\n[parameters]\nL1 = { fixed = "0.3 m" }\n'
-NOISE = {"force": 0.2, "position": 4e-6}
 
 
 def write(levitated, folder: Path, hertz: float, *, drives: bool, runout: bool) -> None:
     """Write forces (or the currents that make them) and what the bearing sensors read."""
     rig = levitated if runout else replace(levitated, runout={})
     record, rng = rig.record(hertz, drives=drives), np.random.default_rng(round(hertz))
-    clean = np.tile(
-        synthesize(record.mean_spectrum, record.harmonics, record.samples), (PERIODS, 1)
-    )
-    noise = [NOISE["force"] / (120.0 if drives else 1.0)] * 4 + [NOISE["position"]] * 4
+    period = synthesize(record.mean_spectrum, record.harmonics, record.samples)
+    clean = np.tile(period, (PERIODS, 1))
+    noise = [0.2 / (120.0 if drives else 1.0)] * 4 + [4e-6] * 4
     samples = clean + noise * rng.standard_normal(clean.shape)
     with h5py.File(folder / f"{hertz:g}.h5", "w") as file:
         for name, column in zip(record.names, samples.T, strict=True):
@@ -76,24 +74,22 @@ def rows(data: dict) -> dict[str, dict]:
     return {row["name"]: row for key in ("derived", "nuisance", "parameters") for row in data[key]}
 
 
-def one(hertz: float = 140.0) -> str:
-    return RECORD.format(hertz=hertz)
-
-
 def test_runout_asks_where_each_angle_begins(folders):
     """A wrong zero of one record would pass for runout, and the unbalance be another one."""
     said = HEAD + one() + one(100.0) + FORCES + SENSORS + LENGTH
     untold = said.replace('phase = "0 deg"\n', "")
-    (folders["runout"] / "run.toml").write_text(untold + "\n[estimator]\nrunout = true\n")
+    runout = "\n[estimator]\nrunout = true\n"
+    path = folders["runout"] / "run.toml"
+    path.write_text(untold + runout)
     with pytest.raises(rid.InputError, match=r"records\.1\.phase: found nothing"):
-        rid.load_experiment(folders["runout"] / "run.toml")
+        rid.load_experiment(path)
     for fine in (
         untold,  # without runout the misfit tells
-        untold.replace('speed = "100 Hz"', 'speed = "0 Hz"') + "\n[estimator]\nrunout = true\n",
-        said.replace('phase = "0 deg"\n', "", 1) + "\n[estimator]\nrunout = true\n",
+        untold.replace('speed = "100 Hz"', 'speed = "0 Hz"') + runout,
+        said.replace('phase = "0 deg"\n', "", 1) + runout,
     ):
-        (folders["runout"] / "run.toml").write_text(fine)
-        assert len(rid.load_experiment(folders["runout"] / "run.toml").entry.records) == 2
+        path.write_text(fine)
+        assert len(rid.load_experiment(path).entry.records) == 2
 
 
 def test_a_force_law_takes_no_derivative(folders):
@@ -107,8 +103,7 @@ def test_a_force_law_takes_no_derivative(folders):
 def test_headline_from_files(folders, levitated):
     """Coil currents and bearing sensors; one scale, one ruler."""
     options = '\n[estimator]\nmethod = "ml"\nrunout = true\ngains = ["ki", "ks"]\n'
-    channels = CURRENTS + SENSORS
-    text = HEAD + one() + one(100.0) + channels + LENGTH + options
+    text = HEAD + one() + one(100.0) + CURRENTS + SENSORS + LENGTH + options
     code, data = identify(folders["currents"], text)
     assert code == 1
     assert data["status"] == "not_identifiable"

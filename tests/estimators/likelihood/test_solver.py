@@ -1,6 +1,6 @@
 """The solver: from far starts, where it turns over, ways beside the records, its linear form."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -14,7 +14,6 @@ from rotor_bank import SETTINGS, Case, rotor_case
 from rotorid import MaximumLikelihood, identify, parse_model
 from rotorid.likelihood import solver
 from rotorid.likelihood import starts as search
-from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Problem
@@ -25,13 +24,6 @@ from rotorid.models.knowledge import Knowledge
 from rotorid.testing import bind_all
 
 # The solver arrives: random rotors from far starts end where a start at the truth ends.
-
-
-def found_from_start(case: Case) -> Fit:
-    known = Knowledge(fixed=case.fixed, start=case.start)
-    return fit(
-        case.model, bind_all(case.model, case.records), known, Nuisances(), covariance="white"
-    )
 
 
 def problem_of(case: Case) -> Problem:
@@ -48,7 +40,8 @@ def from_truth(case: Case) -> Solution:
 
 
 def missed(case: Case) -> bool:
-    found = found_from_start(case).solution
+    known, records = Knowledge(case.fixed, start=case.start), bind_all(case.model, case.records)
+    found = fit(case.model, records, known, Nuisances(), covariance="white").solution
     return not found.converged or found.point.cost > from_truth(case).point.cost + 1e-3
 
 
@@ -89,20 +82,14 @@ def test_arrives_always(setting):
     assert not lost
 
 
-def _without_its_mass(solution: Solution, share: float) -> Solution:
-    """Return a solution that ended where the second mass is a share of its value."""
-    problem = solution.point.problem
-    unknowns = solution.point.unknowns.copy()
-    unknowns[problem.layout.index["m2"]] *= share
-    return replace(solution, point=problem.best_at(unknowns, 0.0))
-
-
 @pytest.mark.slow
 def test_two_ways_to_a_mass_of_nothing_do_not_agree(monkeypatch):
     """A cost to be believed for the time being is looked past: a further way finds the rotor."""
     case = rotor_case(SETTINGS["8 sensors, noise x 10"], 2)
     problem, right = problem_of(case), from_truth(case)
-    ways = iter([_without_its_mass(right, 1e-10)] * 3)
+    unknowns = right.point.unknowns.copy()
+    unknowns[problem.layout.index["m2"]] *= 1e-10
+    ways = iter([replace(right, point=right.point.problem.best_at(unknowns, 0.0))] * 3)
     monkeypatch.setattr(search, "solve", lambda *way: next(ways, right))
     found = search.searched(problem, problem.layout.start)
     assert found is not None
@@ -141,10 +128,8 @@ def test_the_bank_agrees_with_the_model():
     ],
 )
 def test_two_ways_led_to_the_same_cost(lowest, expected, other, same):
-    best = SimpleNamespace(
-        point=SimpleNamespace(cost=lowest),
-        inference=SimpleNamespace(expectation=SimpleNamespace(mean=expected)),
-    )
+    inference = SimpleNamespace(expectation=SimpleNamespace(mean=expected))
+    best = SimpleNamespace(point=SimpleNamespace(cost=lowest), inference=inference)
     assert search._agreed([(0, lowest), (1, other)], best) == same
 
 
@@ -275,23 +260,14 @@ def test_ways_join_within_a_hundredth_of_each_unknown_but_what_is_linear(off, sa
         assert solver._same(problem, other, one) == same
 
 
-@dataclass
-class Held:
-    """A problem of two unknowns, the first a gain; what is known of them is what is asked."""
-
-    layout: SimpleNamespace
-    known: SimpleNamespace
-
-
 @pytest.mark.parametrize("open_", [False, True])
 def test_gains_are_held_to_their_start_and_a_scale_that_nothing_tells_firmly(monkeypatch, open_):
     """A gain three tenths off is one deviation off; all unknowns by a hundredth together, too."""
-    unknowns = [
-        SimpleNamespace(name="gain", anchored=True),
-        SimpleNamespace(name="mass", anchored=False),
-    ]
+    told = {"gain": True, "mass": False}
+    unknowns = [SimpleNamespace(name=name, anchored=held) for name, held in told.items()]
     nothing = SimpleNamespace(joined=lambda rows: Relations(tuple(rows), 2))
-    problem = Held(SimpleNamespace(free=np.arange(2), unknowns=unknowns), nothing)
+    layout = SimpleNamespace(free=np.arange(2), unknowns=unknowns)
+    problem = search.Problem(layout, nothing, nothing, nothing)
     monkeypatch.setattr(solver, "scale_is_open", lambda *at: open_)
     start = np.array([-2.0, 50.0])
     known = solver.anchored(problem, start).known
@@ -348,9 +324,13 @@ def test_a_mass_that_is_hidden_behind_its_spring_is_found(seed):
 def test_where_noise_excludes_the_minimum_nothing_is_said_of_what_is_open(monkeypatch):
     """Without the further way: it did not arrive, and no parameter is to be fixed."""
     gone = search._gone
-    monkeypatch.setattr(
-        search, "_gone", lambda problem, way: nowhere() if way.held else gone(problem, way)
-    )
+
+    def without(problem, way):
+        if way.held:
+            raise np.linalg.LinAlgError
+        return gone(problem, way)
+
+    monkeypatch.setattr(search, "_gone", without)
     found = [identify(MODEL, record_of(seed), MaximumLikelihood()) for seed in range(3)]
     lost = [estimate for estimate in found if estimate.status != "ok"]
     assert lost
@@ -361,10 +341,6 @@ def test_where_noise_excludes_the_minimum_nothing_is_said_of_what_is_open(monkey
         assert "positive = true, min, max" in told
         assert "scale together" not in told
         assert "cure: fix" not in told
-
-
-def nowhere():
-    raise np.linalg.LinAlgError
 
 
 @pytest.mark.parametrize(
@@ -568,9 +544,8 @@ def test_what_counts_as_rounding():
 
 
 def test_a_derivative_beyond_all_bounds_is_no_information():
+    one, two = np.ones(1), np.ones(2)
     with pytest.raises(np.linalg.LinAlgError, match="beyond all bounds"):
-        Linearized.of(
-            np.full((2, 1), 1e200), np.ones(2), np.zeros((0, 1)), np.ones(1), np.ones(1) > 0
-        )
+        Linearized.of(np.full((2, 1), 1e200), two, np.zeros((0, 1)), one, one > 0)
     with pytest.raises(np.linalg.LinAlgError, match="without a free unknown"):
-        Linearized.of(np.ones((2, 1)), np.ones(2), np.zeros((1, 1)), np.ones(1), np.ones(1) > 0)
+        Linearized.of(np.ones((2, 1)), two, np.zeros((1, 1)), one, one > 0)
