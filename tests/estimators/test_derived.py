@@ -25,15 +25,15 @@ def covariance_of(size, rng, relative=1e-3):
 
 
 def truth_of(problem):
+    """Return the model, its parameters and its base parameters."""
     model = problem.model.substitute(problem.known)
     values = np.array([problem.truth[name] for name in model.parameter_names])
-    return model, values
+    return model, values, model.base_values(values)
 
 
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
 def test_physical_parameters_come_back(problem):
-    model, values = truth_of(problem)
-    base = model.base_values(values)
+    model, _, base = truth_of(problem)
     cov = covariance_of(base, np.random.default_rng(RNG_SEED))
     found = {v.name: v for v in physical_from_base(model, base, cov)}
     assert sorted(found) == sorted(problem.derived)
@@ -45,8 +45,7 @@ def test_physical_parameters_come_back(problem):
 
 def test_what_stays_open_does_not_pull_at_what_is_determined():
     # l1 = m2*l1*r2 / (m2*r2); m1, r1, J1, J2 and m2, r2 themselves stay open.
-    model, values = truth_of(ARM)
-    base = model.base_values(values)
+    model, _, base = truth_of(ARM)
     rng = np.random.default_rng(RNG_SEED)
     product, arm = base[2], base[3]
     for _ in range(10):
@@ -92,8 +91,7 @@ def test_minimum_distance_where_there_are_more_base_than_physical_parameters():
 
 
 def test_a_covariance_that_rounding_made_indefinite():
-    model, values = truth_of(THREE_MASS)
-    base = model.base_values(values)
+    model, _, base = truth_of(THREE_MASS)
     cov = np.outer(1e-3 * base, 1e-3 * base) * (1 + 1e-9 * np.eye(14))
     cov[0, 1] = cov[1, 0] = cov[0, 1] * (1 + 1e-8)
     assert np.linalg.eigvalsh(cov / np.outer(base, base)).min() < 0
@@ -102,7 +100,7 @@ def test_a_covariance_that_rounding_made_indefinite():
 
 
 def test_physical_parameters_may_be_zero_or_negative():
-    model, values = truth_of(THREE_MASS)
+    model, values, _ = truth_of(THREE_MASS)
     values = values * np.where(np.arange(len(values)) >= 9, -1.0, 1.0)
     values[9] = 0.0  # xi
     base = model.base_values(values)
@@ -111,8 +109,7 @@ def test_physical_parameters_may_be_zero_or_negative():
 
 
 def test_what_follows_from_a_part_of_the_base_parameters():
-    model, values = truth_of(THREE_MASS)
-    base = model.base_values(values)
+    model, _, base = truth_of(THREE_MASS)
     cov = np.diag((1e-3 * base) ** 2)
     base[[2, 9]] = np.nan  # m2*xi, k1; the latter follows from k1*L1^2 and k1*L1 all the same
     found = {v.name: v.value for v in physical_from_base(model, base, cov)}
@@ -124,14 +121,14 @@ def test_what_follows_from_a_part_of_the_base_parameters():
 
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
 def test_deviations_of_base_parameters_agree_with_scatter(problem):
-    model, values = truth_of(problem)
+    model, values, base = truth_of(problem)
     rng = np.random.default_rng(RNG_SEED)
     cov = covariance_of(values, rng, 1e-4)
     draws = values + rng.standard_normal((4000, len(values))) @ np.linalg.cholesky(cov).T
     scatter = np.std([model.base_values(draw) for draw in draws], axis=0)
     found = base_from_physical(model, values, cov, model.parameter_names)
     assert [v.name for v in found] == list(problem.base)
-    np.testing.assert_allclose([v.value for v in found], model.base_values(values), rtol=1e-13)
+    np.testing.assert_allclose([v.value for v in found], base, rtol=1e-13)
     np.testing.assert_allclose([v.std for v in found], scatter, rtol=0.06)
 
 
@@ -150,10 +147,10 @@ def test_planes_of_the_three_mass_rotor():
     value = {v.name: v.value for v in estimate.parameters}
     assert (static.plane, static.unit) == ("x2, y2", "kg m")
     assert (couple.plane, couple.unit) == ("theta_x, theta_y", "kg m^2")
-    wanted = value["m2"] * (value["xi"] + 1j * value["zeta"])
-    assert static.amount * np.exp(1j * static.angle_rad) == pytest.approx(wanted, rel=1e-12)
-    wanted = (value["I_t"] - value["I_p"]) * (value["mu"] + 1j * value["eta"])
-    assert couple.amount * np.exp(1j * couple.angle_rad) == pytest.approx(wanted, rel=1e-12)
+    heavy = value["m2"] * (value["xi"] + 1j * value["zeta"])
+    tilted = (value["I_t"] - value["I_p"]) * (value["mu"] + 1j * value["eta"])
+    for found, wanted in ((static, heavy), (couple, tilted)):
+        assert found.amount * np.exp(1j * found.angle_rad) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_what_grows_otherwise_leaves_no_rounding():
@@ -179,27 +176,20 @@ def test_deviations_are_those_of_draws():
 @pytest.mark.parametrize("method", ["batch", "ml"])
 def test_both_methods_state_the_same(problem, method):
     found = rid.identify(problem.model, problem.records, method).unbalance
-    exact = with_unbalance(problem.model, estimate_of_truth(problem)).unbalance
+    truth = estimate_of(problem.model, problem.truth)
+    exact = with_unbalance(problem.model, truth).unbalance
     assert [u.plane for u in found] == [u.plane for u in exact]
     for one, other in zip(found, exact, strict=True):
         assert one.amount == pytest.approx(other.amount, rel=1e-6)
         assert one.angle_rad == pytest.approx(other.angle_rad, rel=1e-6)
 
 
-def estimate_of_truth(problem) -> rid.Estimate:
-    names = problem.model.parameter_names
-    parameters = tuple(rid.Value(name, "", problem.truth[name], 0.0) for name in names)
-    return rid.Estimate("truth", "ml", "ok", parameters)
-
-
 def test_what_is_not_told_has_no_unbalance():
     model, estimate = made("three-mass", 1e-3)
     unknown = tuple(rid.Value(v.name, v.unit, np.nan) for v in estimate.parameters)
-    assert (
-        with_unbalance(model, estimate.with_(parameters=unknown, status="not_converged")).unbalance
-        == ()
-    )
-    assert with_unbalance(model, estimate.with_(parameters=estimate.parameters[1:])).unbalance == ()
+    lost = estimate.with_(parameters=unknown, status="not_converged")
+    for less in (lost, estimate.with_(parameters=estimate.parameters[1:])):
+        assert with_unbalance(model, less).unbalance == ()
     bare = estimate.with_(covariance=np.full((13, 13), np.nan), status="not_identifiable")
     assert with_unbalance(model, bare).unbalance[0].std is None
     emps = rid.load_model("emps")

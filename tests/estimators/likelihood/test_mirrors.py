@@ -66,6 +66,10 @@ def mirrors_of(model, records, estimator=None):
     return problem, Mirrors.of(problem, bound, prepared.layout.start)
 
 
+def at_start(problem):
+    return mirrors.Solution(problem.at(problem.layout.start), True, 0)
+
+
 @pytest.fixture(scope="module")
 def overhung():
     return record_of(DISC, ["x", "y"], HERTZ)
@@ -148,9 +152,11 @@ def test_two_signs_of_which_the_start_has_one_are_both_answers():
     assert found.as_started(solution) is solution
 
 
+EXCHANGED = {"m1": 0.6, "k1": 3e5, "c1": 5.0, "m3": 1.0, "k3": 2e5, "c3": 8.0}
+
+
 def test_wings_may_change_places_from_every_start(wings):
-    exchanged_start = {"m1": 0.6, "k1": 3e5, "c1": 5.0, "m3": 1.0, "k3": 2e5, "c3": 8.0}
-    for start in ({}, exchanged_start):
+    for start in ({}, EXCHANGED):
         found = identify(BODY, wings, MaximumLikelihood(start={**BODY.nominal, **start}))
         assert found.status == "not_identifiable"
         (other,) = found.alternatives
@@ -159,9 +165,8 @@ def test_wings_may_change_places_from_every_start(wings):
         for a, b in (("m1", "m3"), ("c1", "c3"), ("k1", "k3")):
             assert values[a] == pytest.approx(found.value(b), rel=1e-9)
             assert values[b] == pytest.approx(found.value(a), rel=1e-9)
-        assert any(
-            "cure: m1, c1 and k1 may change places with m3, c3 and k3" in w for w in found.warnings
-        )
+        told = "cure: m1, c1 and k1 may change places with m3, c3 and k3"
+        assert any(told in w for w in found.warnings)
 
 
 @pytest.mark.slow
@@ -175,9 +180,8 @@ def test_wings_may_change_places_from_every_start(wings):
     ],
 )
 def test_what_is_told_as_a_cure_cures(wings, cure):
-    start = {"m1": 0.6, "k1": 3e5, "c1": 5.0, "m3": 1.0, "k3": 2e5, "c3": 8.0}
     told = {**cure.get("known", {}), **cure.get("fixed", {})}
-    start = {name: value for name, value in start.items() if name not in told}
+    start = {name: value for name, value in EXCHANGED.items() if name not in told}
     agrees(identify(BODY, wings, MaximumLikelihood(start=start, **cure)), BODY.nominal, 5)
 
 
@@ -188,26 +192,20 @@ def test_a_value_that_is_hardly_known_does_not_tell_the_places(wings):
 
 
 def test_a_plan_tells_what_it_will_not_tell():
-    model = BODY
     plan = Plan([[1.0]] * 19, range(1, 20), 10.0, 1000.0, 50, {"F": 1e-2, "x2": 1e-8})
     for sensors, status in ((["x2"], "not_identifiable"), (["x2", "x1"], "ok")):
-        found = predict_accuracy(model, replace(plan, sensors=sensors))
+        found = predict_accuracy(BODY, replace(plan, sensors=sensors))
         assert found.status == status
         assert len(found.alternatives) == (status != "ok")
-    model = DISC
-    plan = replace(
-        plan, forces=[[1.0]] * 19, noise={"F_x": 1e-2}, speed=2 * np.pi * HERTZ, sensors=["x", "y"]
-    )
-    assert any("sign of kc" in w for w in predict_accuracy(model, plan).warnings)
+    plan = replace(plan, noise={"F_x": 1e-2}, speed=2 * np.pi * HERTZ, sensors=["x", "y"])
+    assert any("sign of kc" in w for w in predict_accuracy(DISC, plan).warnings)
 
 
 def test_natural_frequencies_do_not_tell_wings_apart():
     modes = tuple(rid.Mode(hz, 0.1) for hz in (40.0, 80.0, 130.0))
-    prepared = prepare(
-        BODY, MaximumLikelihood(modes=modes).knowledge(BODY), (), False, BODY.nominal
-    )
-    problem, start = _problem(prepared, ()), prepared.layout.start
-    (exchange,) = [each for each in Mirrors.of(problem, (), start).exchanges if each.places[0] == 6]
+    problem, found = mirrors_of(BODY, [], MaximumLikelihood(modes=modes))
+    start = problem.layout.start
+    (exchange,) = [each for each in found.exchanges if each.places[0] == 6]
     assert problem.at(start).cost > 1
     assert problem.at(exchange.of(start)).cost == pytest.approx(problem.at(start).cost, rel=1e-9)
 
@@ -234,8 +232,7 @@ def test_numbers_in_the_equations_go_with_the_places():
 
 
 def test_fixed_wings_stay_where_they_are(wings):
-    one = MaximumLikelihood(fixed={"m1": 1.0})
-    assert mirrors_of(BODY, [wings], one)[1].exchanges == ()
+    assert mirrors_of(BODY, [wings], MaximumLikelihood(fixed={"m1": 1.0}))[1].exchanges == ()
 
 
 FLYING = model_text(
@@ -342,8 +339,7 @@ def test_a_lever_in_squares_is_turned_to_its_start_and_not_told():
 def test_shipped_models_have_no_symmetry_with_their_usual_sensors(name, sensors):
     model = rid.load_model(name)
     _, found = mirrors_of(model, [record_of(model, sensors, 48.0)])
-    assert found.turns == ()
-    assert found.exchanges == ()
+    assert (found.turns, found.exchanges) == ((), ())
 
 
 def test_ends_in_passive_bearings_change_places():
@@ -363,7 +359,7 @@ def test_ends_in_passive_bearings_change_places():
 
 def test_a_sign_within_its_deviation_is_not_told(overhung):
     problem, found = mirrors_of(DISC, [overhung])
-    solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
+    solution = at_start(problem)
     count = len(problem.layout.free)
     for deviations, told in ((4.9, 0), (5.1, 1)):  # between kc and -kc
         inference = SimpleNamespace(
@@ -377,7 +373,7 @@ def test_a_sign_within_its_deviation_is_not_told(overhung):
 
 def test_an_image_is_settled_only_where_it_costs_something_else(overhung, monkeypatch):
     problem, found = mirrors_of(DISC, [overhung])
-    solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
+    solution = at_start(problem)
     settled = []
     monkeypatch.setattr(mirrors, "settle", lambda *at: settled.append(at) or solution)
     cost = solution.point.cost
@@ -406,8 +402,7 @@ def test_places_of_many_records_are_searched_in_the_first(wings, monkeypatch):
         monkeypatch.setattr(mirrors, "LARGE", most)
         problem, found = mirrors_of(BODY, records)
         assert len(found.exchanges) == count
-        solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
-        assert found.images(solution) == []
+        assert found.images(at_start(problem)) == []
 
 
 @pytest.mark.parametrize(("count", "told"), [(3000, [()]), (3001, [(), (3000,)])])

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from rotor_bank import COORDINATES, Rotor, three_mass_rotor
 from rotor_files import CORED
 
 import rotorid as rid
-import rotorid.models
 from rotorid import MaximumLikelihood, identify, load_model
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import rivals as suspects
@@ -87,10 +85,9 @@ def test_the_term_that_lacks_is_suspected_first(demo, rotor, bearings, fault, fi
     else:
         faulty = stiffer_in_x(rotor, demo.truth, *fault)
     clean = record_of(demo, faulty, bearings if by_bearings else None)
-    estimator = MaximumLikelihood(fixed={"L1": 0.3} if by_bearings else {})
+    fixed = {"L1": 0.3} if by_bearings else {}
     for seed in range(2):
-        record = demo.noisy(clean, np.random.default_rng(seed))
-        estimate = identify(demo.model, record, estimator)
+        estimate = demo.identified(demo.noisy(clean, np.random.default_rng(seed)), fixed=fixed)
         assert estimate.status == "rejected"
         assert estimate.misfit.p_value < 1e-6
         assert any("the data reject the model" in warning for warning in estimate.warnings)
@@ -120,13 +117,10 @@ def test_a_record_that_begins_at_another_angle(degrees, hertz):
 def test_drop_is_what_a_fit_with_the_term_gains(demo, rotor):
     faulty = stiffer_in_x(rotor, demo.truth, "k1", 5e-3)
     record = demo.noisy(record_of(demo, faulty), np.random.default_rng(3))
-    rows = [
-        re.sub(r"\bk1\b", "(k1 + k1*fault)", line)
-        if re.match(r' *"(m\d\*x|I_t\*theta_y)', line)
-        else line
-        for line in demo.model.file_text.splitlines()
-    ]
-    model = rid.parse_model("\n".join([*rows, 'fault = { unit = "1", nominal = 2e-3 }']))
+    text = demo.model.file_text + 'fault = { unit = "1", nominal = 2e-3 }\n'
+    for row in re.findall(r'^ *"(?:m\d\*x|I_t\*theta_y).*$', text, re.M):
+        text = text.replace(row, re.sub(r"\bk1\b", "(k1 + k1*fault)", row))
+    model = rid.parse_model(text)
     without, with_it = (identify(each, record, MaximumLikelihood()) for each in (demo.model, model))
     suspects = {suspect.term: suspect.drop for suspect in without.suspects}
     gained = without.misfit.cost - with_it.misfit.cost
@@ -211,9 +205,7 @@ def test_structure_of_the_shipped_models(name, springs, pairs):
 # What the drawing of a rotor lacks is named first, with its size.
 
 
-FLEXIBLE = (Path(rotorid.models.__file__).parent / "library" / "flexible.toml").read_text(
-    encoding="utf-8"
-)
+FLEXIBLE = rid.load_model("flexible").file_text
 SENSORS = ["x_a", "y_a", "x_b", "y_b"]
 LIGHT = '{name} = {{ at = "{at}", mass = "25 g", I_t = "0 kg m^2", I_p = "0 kg m^2" }}\n'
 
