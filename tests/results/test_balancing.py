@@ -2,9 +2,11 @@
 
 import json
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from io_writers import write_table
 from linear_machines import SUPPORTED, estimate_of, lost, model_of
 from model_text import model_text
 from result_cases import in_planes as ends_of
@@ -22,6 +24,7 @@ from rotorid.results.machine import machine_of
 # Correction masses and what they leave, held against closed forms and draws.
 
 
+RIGID = rid.load_model("rigid")
 ENDS = ["F_xa,F_ya", "F_xb,F_yb"]
 UNBALANCE = ("xi", "zeta", "mu", "eta")
 
@@ -41,10 +44,9 @@ def vector(found: Balance) -> np.ndarray:
 )
 def test_a_rigid_rotor_in_two_planes_in_closed_form(planes, speed):
     """What cancels at one speed cancels at all; places by combination are those of the inputs."""
-    model = rid.load_model("rigid")
-    found = rid.balance(estimate_of(model), planes, speed)
+    found = rid.balance(estimate_of(RIGID), planes, speed)
     order = 1 if planes[0] != ENDS[1] else -1
-    assert vector(found)[::order] == pytest.approx(-ends_of(model.nominal), rel=1e-9)
+    assert vector(found)[::order] == pytest.approx(-ends_of(RIGID.nominal), rel=1e-9)
     assert found.share < 1e-9
     assert found.rotor_mass == pytest.approx(10.0)
     if speed == "6000 rpm":
@@ -55,18 +57,14 @@ def test_a_rigid_rotor_in_two_planes_in_closed_form(planes, speed):
 
 
 def test_the_covariance_is_that_of_the_unbalance():
-    model = rid.load_model("rigid")
-    fixed = tuple(n for n in model.parameter_names if n not in UNBALANCE)
+    fixed = tuple(n for n in RIGID.parameter_names if n not in UNBALANCE)
     covariance = np.diag([1e-7, 2e-7, 1e-6, 3e-6]) ** 2
     covariance[0, 1] = covariance[1, 0] = 0.5 * 2e-14
-    estimate = estimate_of(model, fixed=fixed, covariance=covariance)
-    found = rid.balance(estimate, ENDS, 500.0)
-    columns = []
-    for name in UNBALANCE:  # the planes are linear in them
-        only = {n: float(n == name) for n in UNBALANCE}
-        planes = ends_of({**model.nominal, **only})
-        columns.append(np.column_stack([planes.real, planes.imag]).ravel())
-    expected = np.array(columns).T @ covariance @ np.array(columns)
+    found = rid.balance(estimate_of(RIGID, fixed=fixed, covariance=covariance), ENDS, 500.0)
+    # The planes are linear in them.
+    only = [{n: float(n == name) for n in UNBALANCE} for name in UNBALANCE]
+    columns = np.array([ends_of({**RIGID.nominal, **each}).view(float) for each in only])
+    expected = columns.T @ covariance @ columns
     assert found.covariance == pytest.approx(expected, rel=1e-6, abs=1e-22)
     std = [np.sqrt(np.trace(expected[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]) / 2) for k in (0, 1)]
     assert [plane.std_kg_m for plane in found.residual] == pytest.approx(std, rel=1e-6)
@@ -103,11 +101,9 @@ def test_the_mass_of_a_rotor():
 
 
 def test_masses_in_holes():
-    model = rid.load_model("rigid")
-    estimate = estimate_of(model)
     given = {"radius": "30 mm", "masses": ["0.1 g", "0.2 g", "0.5 g", "1 g"], "holes": 24}
-    found = rid.balance(estimate, ENDS, 500.0, **given)
-    wanted = -ends_of(model.nominal)
+    found = rid.balance(estimate_of(RIGID), ENDS, 500.0, **given)
+    wanted = -ends_of(RIGID.nominal)
     for k, (each, plane) in enumerate(zip(found.corrections, found.residual, strict=True)):
         assert 1 <= len(each.masses) <= 2
         for mass, angle in each.masses:
@@ -121,13 +117,13 @@ def test_masses_in_holes():
 
 
 def test_masses_of_any_size_go_between_two_holes():
-    model = rid.load_model("rigid")
-    found = rid.balance(estimate_of(model), ENDS, 500.0, radius=0.03, holes=12)
-    assert vector(found) == pytest.approx(-ends_of(model.nominal))
+    wanted = -ends_of(RIGID.nominal)
+    found = rid.balance(estimate_of(RIGID), ENDS, 500.0, radius=0.03, holes=12)
+    assert vector(found) == pytest.approx(wanted)
     assert all(len(each.masses) == 2 for each in found.corrections)
-    bare = rid.balance(estimate_of(model), ENDS, 500.0, radius=0.03)
+    bare = rid.balance(estimate_of(RIGID), ENDS, 500.0, radius=0.03)
     ((mass, angle),) = bare.corrections[0].masses
-    assert 0.03 * mass * np.exp(1j * angle) == pytest.approx(-ends_of(model.nominal)[0])
+    assert 0.03 * mass * np.exp(1j * angle) == pytest.approx(wanted[0])
 
 
 def test_no_mass_is_better_than_one_that_is_too_large():
@@ -173,11 +169,10 @@ def test_no_mass_is_better_than_one_that_is_too_large():
     ],
 )
 def test_what_cannot_be_is_refused(estimate, planes, more, message):
-    model = rid.load_model("rigid")
     if isinstance(estimate, str):
-        estimate = lost(estimate_of(model), estimate)
+        estimate = lost(estimate_of(RIGID), estimate)
     else:
-        estimate = estimate_of(model, estimate, fixed=UNBALANCE)
+        estimate = estimate_of(RIGID, estimate, fixed=UNBALANCE)
     speed = more.pop("speed", 500.0)
     with pytest.raises(rid.InputError, match=message):
         rid.balance(estimate, planes, speed, **more)
@@ -209,7 +204,7 @@ def test_a_model_of_one_axis_has_planes_of_one_direction():
 
 
 def test_runout_is_said_to_stay():
-    estimate = estimate_of(rid.load_model("rigid"))
+    estimate = estimate_of(RIGID)
     runout = tuple(rid.Value(f"runout[x].{part}", "m", 1e-6, 1e-8) for part in ("cos", "sin"))
     wider = np.pad(estimate.covariance, ((0, 2), (0, 2)))
     wider[-2:, -2:] = 1e-16 * np.eye(2)
@@ -220,11 +215,9 @@ def test_runout_is_said_to_stay():
 
 
 def test_centring_follows_the_axis_of_inertia():
-    model = rid.load_model("rigid")
-    estimate = estimate_of(model, percent=0.1)
     laws = {"F_xa": (120.0, 3e5), "F_yb": (100.0, 2e5)}
-    first, second, _, fourth = rid.centring(estimate, "6000 rpm", laws=laws)
-    n = model.nominal
+    first, second, _, fourth = rid.centring(rigid(), "6000 rpm", laws=laws)
+    n = RIGID.nominal
     # A free rotor turns about its axis of inertia: its centre by -e, its tilt by -(mu + i eta).
     x = -(n["xi"] + 1j * n["zeta"])
     tilt = -(n["mu"] + 1j * n["eta"])  # theta_x; theta_y is - i times it
@@ -253,7 +246,7 @@ K = "1e-5 N m^2/A^2"
 bias = "2 A"
 gap = "0.4 mm"
 """
-    base = estimate_of(rid.load_model("rigid"), percent=1e-6)
+    base = estimate_of(RIGID, percent=1e-6)
     wider = np.pad(base.covariance, (0, 1))
     wider[-1, -1] = 1.2**2
     estimate = base.with_(
@@ -270,7 +263,7 @@ gap = "0.4 mm"
 
 def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    estimate_of(rid.load_model("rigid")).save("run.json")
+    estimate_of(RIGID).save("run.json")
     arguments = ["balance", "run.json", "--plane", *ENDS, "--speed", "6000 rpm"]
     more = ["--radius", "30 mm", "--masses", "0.1 g, 0.5 g", "--at", "x=2", "--at", "y", "--at"]
     assert cli.run([*arguments, *more, "theta_x", "--at", "theta_y", "--json", "b.json"]) == 0
@@ -297,7 +290,7 @@ def test_the_command(tmp_path, monkeypatch, capsys):
 def test_the_speeds_of_the_experiment_are_those_of_the_records(
     experiment, measured, shown, tmp_path, capsys
 ):
-    base = estimate_of(rid.load_model("rigid"))
+    base = estimate_of(RIGID)
     source = rid.Provenance(experiment=experiment, model=base.provenance.model)
     if measured:
         record = RecordEvidence("run.h5", "periods", speed_rad_s=measured)
@@ -322,7 +315,7 @@ def test_the_speeds_of_the_experiment_are_those_of_the_records(
     ],
 )
 def test_the_experiment_in_a_result_may_be_anything(text, tmp_path, capsys):
-    base = estimate_of(rid.load_model("rigid"))
+    base = estimate_of(RIGID)
     source = rid.Provenance(experiment=text, model=base.provenance.model)
     result = tmp_path / "run.json"
     base.save(result)
@@ -340,11 +333,10 @@ def test_the_experiment_in_a_result_may_be_anything(text, tmp_path, capsys):
 
 
 def test_what_was_fixed_is_told_and_never_exact():
-    model = rid.load_model("rigid")
-    every = rid.balance(estimate_of(model, fixed=model.parameter_names), ENDS, 500.0)
+    every = rid.balance(estimate_of(RIGID, fixed=RIGID.parameter_names), ENDS, 500.0)
     assert every.residual[0].unbalance_kg_m is None
     assert any("all parameters are fixed" in remark for remark in every.remarks)
-    some = rid.balance(estimate_of(model, fixed=("mu", "eta")), ENDS, 500.0)
+    some = rid.balance(estimate_of(RIGID, fixed=("mu", "eta")), ENDS, 500.0)
     assert any("taken as exact" in r and r.endswith(": mu, eta") for r in some.remarks)
 
 
@@ -390,14 +382,11 @@ speed = "3000 rpm"
 phase = "0 deg"
 """
 EXPERIMENT = 'model = "rotor.toml"' + RECORD
-TRIAL = (
-    RECORD.replace("bare", "trial")
-    + """
+TRIAL = f"""{RECORD.replace("bare", "trial")}
 [records.parameters]
-t_x = { fixed = "0 g mm" }
-t_y = { fixed = "150 g mm" }
+t_x = {{ fixed = "0 g mm" }}
+t_y = {{ fixed = "150 g mm" }}
 """
-)
 REST = """
 [channels]
 i_x = { column = "ix", unit = "mA" }
@@ -425,7 +414,7 @@ def run_of(unbalance: complex, rng: np.random.Generator) -> np.ndarray:
     waves = np.exp(1j * np.outer(np.arange(100 * PERIODS) / 1000.0, omega))
     motion = load / stiffness[:, None]
     table = np.column_stack([1e3 * (waves @ current).real, 1e6 * (waves @ motion).real])
-    return table + np.array([0.5, 0.5, 0.5, 0.5]) * rng.standard_normal(table.shape)
+    return table + 0.5 * rng.standard_normal(table.shape)
 
 
 @pytest.fixture
@@ -434,8 +423,7 @@ def runs(tmp_path, monkeypatch):
     rng = np.random.default_rng(8)
     (tmp_path / "rotor.toml").write_text(MODEL)
     for name, unbalance in (("bare", RESIDUAL), ("trial", RESIDUAL + MOUNTED)):
-        table = run_of(unbalance, rng)
-        np.savetxt(f"{name}.csv", table, delimiter=",", header="ix,iy,x,y", comments="")
+        write_table(f"{name}.csv", "ix,iy,x,y", run_of(unbalance, rng))
     return tmp_path
 
 
@@ -443,8 +431,7 @@ def balanced(*options: str) -> tuple[complex, float]:
     """Return the correction and the stated residual of what `rotorid balance` writes, kg m."""
     arguments = ["balance", "run.json", "--plane", "x,y", "--json", "b.json", "--force", *options]
     assert cli.run(arguments) == 0
-    with open("b.json") as file:
-        found = json.load(file)
+    found = json.loads(Path("b.json").read_text())
     (one,), (left,) = found["corrections"], found["residual"]
     return one["unbalance_kg_m"] * np.exp(1j * one["angle_rad"]), left["unbalance_kg_m"]
 
@@ -453,10 +440,9 @@ def balanced(*options: str) -> tuple[complex, float]:
 def test_a_trial_mass_is_the_scale_where_no_force_is_known(runs, capsys):
     (runs / "run.toml").write_text(EXPERIMENT + TRIAL + REST)
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
-    with open("run.json") as file:
-        found = {each["name"]: each for each in json.load(file)["parameters"]}
+    found = rid.load_estimate("run.json")
     for name, value in TRUTH.items():
-        assert abs(found[name]["value"] - value) < 4 * found[name]["std"] < 0.05 * value
+        assert abs(found.value(name) - value) < 4 * found.std(name) < 0.05 * value
     added, stated = balanced("--report", "b.html", "--radius", "40 mm")
     assert abs(added + RESIDUAL) < stated < 0.05 * abs(RESIDUAL)
     page = (runs / "b.html").read_text()
@@ -490,7 +476,7 @@ def test_without_it_there_is_no_scale_and_it_does_not_part_runout(runs, capsys, 
 
 
 def rigid(**values: float) -> rid.Estimate:
-    return estimate_of(rid.load_model("rigid"), values, percent=0.1)
+    return estimate_of(RIGID, values, percent=0.1)
 
 
 @pytest.mark.parametrize(("left", "told"), [(0.099, 0), (0.101, 1)])
@@ -505,10 +491,8 @@ def test_masses_that_leave_a_tenth_are_too_coarse(left, told):
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "graded"), [(0.19, True), (0.21, False)])
 def test_a_plane_that_leaves_a_fifth_gives_no_grade(share, graded):
-    nominal = rid.load_model("rigid").nominal
-
     def one_plane(couple: float) -> Balance:
-        less = {name: couple * nominal[name] for name in ("mu", "eta")}
+        less = {name: couple * RIGID.nominal[name] for name in ("mu", "eta")}
         return rid.balance(rigid(**less), ["x + 0.001*theta_y, y - 0.001*theta_x"], "6000 rpm")
 
     couple = brentq(lambda c: one_plane(c).share - share, 0.0, 3.0, xtol=1e-6)

@@ -18,6 +18,10 @@ from rotorid.results.modes import Campbell, critical_speeds, partners, whirl_of
 # Natural frequencies, damping, whirl and critical speeds, held against closed forms.
 
 
+MACHINE = model_of(SUPPORTED)
+SYMMETRIC = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5")
+
+
 def test_a_jeffcott_rotor_in_closed_form():
     found = rid.modes(rid.load_model("jeffcott"), speed="3000 rpm")
     (mode,) = found.modes
@@ -49,28 +53,25 @@ def test_a_free_rigid_rotor_nods_with_the_ratio_of_its_inertias(speed):
 
 
 def test_whirl_follows_the_direction_of_rotation():
-    model = model_of(SUPPORTED)
-    ahead, back = (rid.modes(model, speed=s * 2000.0) for s in (1, -1))
-    assert [m.whirl for m in ahead.modes] == [m.whirl for m in back.modes]
-    assert "backward" in {m.whirl for m in ahead.modes}
-    assert [m.frequency_hz for m in ahead.modes] == pytest.approx(
-        [m.frequency_hz for m in back.modes]
-    )
+    ahead, back = (rid.modes(MACHINE, speed=s * 2000.0).modes for s in (1, -1))
+    assert [m.whirl for m in ahead] == [m.whirl for m in back]
+    assert "backward" in {m.whirl for m in ahead}
+    assert [m.frequency_hz for m in ahead] == pytest.approx([m.frequency_hz for m in back])
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("speed", [0.0, 700.0, -700.0])
 @pytest.mark.parametrize("fixed", [(), ("m", "L")])
 def test_deviations_are_those_of_differences(speed, fixed):
-    model = model_of(SUPPORTED)
-    machine = machine_of(estimate_of(model, fixed=fixed, percent=0.1))
+    estimate = estimate_of(MACHINE, fixed=fixed, percent=0.1)
+    machine = machine_of(estimate)
 
     def moved(values: np.ndarray) -> list[tuple[float, float]]:
         at = dict(zip(machine.names, values, strict=True))
-        there = rid.modes(estimate_of(model, at), speed=speed)
+        there = rid.modes(estimate_of(MACHINE, at), speed=speed)
         return [(m.frequency_hz, m.damping_ratio) for m in there.modes]
 
-    found = rid.modes(estimate_of(model, fixed=fixed, percent=0.1), speed=speed)
+    found = rid.modes(estimate, speed=speed)
     stated = [(m.std_hz, m.damping_std) for m in found.modes]
     expected = deviations(moved, machine.values, machine.covariance)
     assert np.array(stated) == pytest.approx(expected, rel=1e-4)
@@ -159,8 +160,8 @@ def test_isotropic_pairs_that_move_together_are_not_close():
 
 
 def test_modes_that_coincide_by_chance_count_twice():
-    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5")
-    found = rid.modes(model_of(text.replace("I_p*Omega", "0.001*I_p*Omega")))
+    text = SYMMETRIC.replace("I_p*Omega", "0.001*I_p*Omega")
+    found = rid.modes(model_of(text))
     assert [m.count for m in found.modes] == [1, 1, 1, 1]
 
 
@@ -192,8 +193,7 @@ def test_pairs_by_name_and_orbits():
 
 
 def test_values_that_are_not_determined_matter_only_where_they_are_needed():
-    model = model_of(SUPPORTED)
-    base = estimate_of(model)
+    base = estimate_of(MACHINE)
     found = rid.modes(lost(base, "xi"))
     assert found.status == "not_identifiable"
     assert any("xi" in remark for remark in found.remarks)
@@ -203,10 +203,8 @@ def test_values_that_are_not_determined_matter_only_where_they_are_needed():
 
 
 def test_a_rejected_result_says_so_and_inflates():
-    base = estimate_of(model_of(SUPPORTED))
-    parameters = tuple(
-        rid.Value(v.name, v.unit, v.value, v.std, 3 * (v.std or 0)) for v in base.parameters
-    )
+    base = estimate_of(MACHINE)
+    parameters = tuple(replace(v, std_inflated=3 * v.std) for v in base.parameters)
     found = rid.modes(base.with_(status="rejected", parameters=parameters))
     assert found.modes[0].std_hz == pytest.approx(3 * rid.modes(base).modes[0].std_hz)
     assert "reject" in found.remarks[0]
@@ -215,8 +213,7 @@ def test_a_rejected_result_says_so_and_inflates():
 
 
 def test_what_every_record_has_to_itself():
-    model = model_of(SUPPORTED)
-    base = estimate_of(model, fixed=("k_x",))
+    base = estimate_of(MACHINE, fixed=("k_x",))
     own = (*base.parameters, rid.Value("k_x[1]", "N/m", 8e5, 0.0, fixed=True))
     estimate = base.with_(parameters=own)
     first, second = rid.modes(estimate), rid.modes(estimate, record=1)
@@ -234,7 +231,7 @@ def test_models_that_have_no_modes_are_refused():
     with pytest.raises(rid.InputError, match=r"a speed of 1e\+200 rad/s; expected at most 1e\+09"):
         rid.modes(rid.load_model("flexible"), speed=1e200)
     with pytest.raises(rid.InputError, match="a finite speed"):
-        rid.modes(model_of(SUPPORTED), speed=np.inf)
+        rid.modes(MACHINE, speed=np.inf)
     fewer = model_text(
         "a mass and its sensor", ["m*x'' + k*(x - y) = F"], "x m, y m", "F N", "m 1.0 kg, k 1.0 N/m"
     )
@@ -251,9 +248,8 @@ def speeds_of(found: Campbell) -> list[float]:
 
 def test_a_rotor_on_springs_in_closed_form():
     """Symmetric: sqrt(k / m), and k = Omega^2 (I_t - I_p) forward, (I_t + I_p) backward."""
-    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5")
-    text = text.replace("nominal = 60.0", "nominal = 0.0").replace("nominal = 1.5", "nominal = 0.0")
-    found = rid.campbell(model_of(text), 2000.0)
+    text = SYMMETRIC.replace("nominal = 60.0", "nominal = 0.0")
+    found = rid.campbell(model_of(text.replace("nominal = 1.5", "nominal = 0.0")), 2000.0)
     k, turning = 2 * 4e5, 2 * 4e5 * 0.25**2
     bounce = np.sqrt(k / 8)  # of two planes, that are the same by chance
     expected = [bounce, bounce, np.sqrt(turning / 0.35), np.sqrt(turning / 0.05)]
@@ -265,12 +261,12 @@ def test_a_rotor_on_springs_in_closed_form():
 @pytest.mark.parametrize("last", [2000.0, -1e9])
 def test_with_damping_and_two_planes_the_frequency_is_that_of_the_rotation(last):
     sign = np.sign(last)
-    assert rid.campbell(model_of(SUPPORTED), sign * 1e-9).critical == ()
-    found = rid.campbell(model_of(SUPPORTED), last)
+    assert rid.campbell(MACHINE, sign * 1e-9).critical == ()
+    found = rid.campbell(MACHINE, last)
     assert len(found.critical) == 4
     for each in found.critical:
         assert np.sign(each.speed_rad_s) == sign
-        there = rid.modes(model_of(SUPPORTED), speed=each.speed_rad_s)
+        there = rid.modes(MACHINE, speed=each.speed_rad_s)
         away = [abs(m.eigenvalue.imag - abs(each.speed_rad_s)) for m in there.modes]
         assert min(away) < 1e-7 * abs(each.speed_rad_s)
     ratios = [each.damping_ratio for each in found.critical]
@@ -310,7 +306,7 @@ def test_two_planes_have_two_critical_speeds_however_close(apart):
 @pytest.mark.slow
 def test_deviations_of_critical_speeds_are_those_of_differences():
     fixed = ("m", "c", "d", "L", "xi", "zeta")
-    machine = machine_of(estimate_of(model_of(SUPPORTED), percent=0.05, fixed=fixed))
+    machine = machine_of(estimate_of(MACHINE, percent=0.05, fixed=fixed))
 
     def moved(values: np.ndarray) -> list[float]:
         there = critical_speeds(replace(machine, values=values), 1200.0)
@@ -333,9 +329,7 @@ def test_supports_that_follow_the_speed():
 
 def test_curves_follow_their_shapes_through_a_crossing():
     """The nodding of a disc rises through the bouncing, and neither takes the other's course."""
-    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5")
-    text = text.replace("nominal = 0.25", "nominal = 0.15")
-    found = rid.campbell(model_of(text), 3000.0)
+    found = rid.campbell(model_of(SYMMETRIC.replace("nominal = 0.25", "nominal = 0.15")), 3000.0)
     straight = [c for c in found.frequency_hz.T if np.ptp(c) < 1e-6 * c[0]]
     assert len(straight) == 2
     others = [c for c in found.frequency_hz.T if np.ptp(c) > 1]
@@ -358,11 +352,9 @@ def test_a_mode_that_is_overdamped_for_a_while_leaves_a_gap():
 
 
 def test_close_criticals_have_the_deviations_of_whole_draws():
-    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4.004e5")
-    model = model_of(text)
+    model = model_of(SUPPORTED.replace("nominal = 5e5", "nominal = 4.004e5"))
     fixed = tuple(n for n in model.parameter_names if n not in ("k_x", "k_y"))
-    covariance = np.diag([600.0, 600.0]) ** 2
-    found = rid.campbell(estimate_of(model, fixed=fixed, covariance=covariance), 340.0)
+    found = rid.campbell(estimate_of(model, fixed=fixed, std=600.0), 340.0)
     drawn = np.random.default_rng(3).normal([4e5, 4.004e5], 600.0, (20000, 2))
     omega = np.sort(np.sqrt(2 * drawn / 8 - (60.0 / 16) ** 2), axis=1)
     near = found.critical[:2]
@@ -371,19 +363,19 @@ def test_close_criticals_have_the_deviations_of_whole_draws():
 
 
 def test_the_response_to_unbalance_is_that_of_the_equations():
-    model = model_of(SUPPORTED)
-    found = rid.unbalance_response(estimate_of(model, percent=0.1), "3000 rpm")
+    estimate = estimate_of(MACHINE, percent=0.1)
+    found = rid.unbalance_response(estimate, "3000 rpm")
     omega = 100 * np.pi
     eccentricity = 2e-5 - 1e-5j
     x = 8 * omega**2 * eccentricity / (8e5 - 8 * omega**2 + 60j * omega)
     assert found.motion[0, 0] == pytest.approx(x)
     y = -1j * 8 * omega**2 * eccentricity / (1e6 - 8 * omega**2 + 60j * omega)
     assert found.motion[0, 1] == pytest.approx(y)
-    machine = machine_of(estimate_of(model, percent=0.1))
+    machine = machine_of(estimate)
 
     def moved(values: np.ndarray) -> np.ndarray:
         at = dict(zip(machine.names, values, strict=True))
-        return np.abs(rid.unbalance_response(estimate_of(model, at), omega).motion)[0]
+        return np.abs(rid.unbalance_response(estimate_of(MACHINE, at), omega).motion)[0]
 
     expected = deviations(moved, machine.values, machine.covariance)
     assert found.std[0, :2] == pytest.approx(expected[:2], rel=1e-5)
@@ -459,7 +451,7 @@ def test_a_model_file_and_a_shipped_model_have_no_deviations(folder, capsys):
 
 def test_a_result_that_is_not_identifiable_shows_and_ends_with_1(folder, capsys):
     assert cli.run(["modes", "result.json", "--record", "3"]) == 0  # nothing is a record's own
-    estimate_of(model_of(SUPPORTED), status="not_identifiable").save("open.json")
+    estimate_of(MACHINE, status="not_identifiable").save("open.json")
     assert cli.run(["modes", "open.json"]) == 1
     assert "others fit as well" in capsys.readouterr().out
 
