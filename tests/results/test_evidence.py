@@ -10,6 +10,7 @@ import adverse
 import numpy as np
 import pytest
 from adverse import FUNDAMENTAL, TURN
+from bank import steady, times
 from linear_machines import lost
 
 import rotorid as rid
@@ -23,7 +24,6 @@ from rotorid.report.estimate_report import estimate_report
 from rotorid.report.estimate_report import verdict_of as shown_verdict
 from rotorid.results import evidence as gathering
 from rotorid.results.evidence import record_evidence
-from rotorid.testing import line_record
 
 # What a result keeps of its records: true to them, small, and the same when it is read again.
 
@@ -40,20 +40,12 @@ def shaken(
     phase: float = 0.0,
     periods: int = 20,
 ) -> rid.Record:
-    t = np.arange(1000) / 1000.0
-    angle = TURN * np.outer(t, harmonics)
+    angle = TURN * np.outer(np.arange(1000) / 1000.0, harmonics)
     forces = 100.0 * np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)])
-    return rid.simulate(
-        model,
-        model.values(model.nominal),
-        forces,
-        sample_rate=1000.0,
-        periods=periods,
-        speed=TURN * 20,
-        phase=phase,
-        noise={"F_x": 1.0, "F_y": 1.0, "x": 1e-6, "y": 1e-6},
-        rng=rng,
-    )
+    noise = {"F_x": 1.0, "F_y": 1.0, "x": 1e-6, "y": 1e-6}
+    more = {"speed": TURN * 20, "phase": phase, "noise": noise, "rng": rng}
+    values = model.values(model.nominal)
+    return rid.simulate(model, values, forces, sample_rate=1000.0, periods=periods, **more)
 
 
 def periods_of(model: rid.Model, harmonics: list[int], seed: int = 4) -> rid.PeriodicRecord:
@@ -77,29 +69,23 @@ def by_ml(model, few):
 
 
 def test_lines_and_waves_are_those_of_the_record(model, few, by_ml):
-    estimate = by_ml
-    (shown,) = record_evidence(estimate, model, [few])
+    (shown,) = record_evidence(by_ml, model, [few])
     assert (shown.kind, shown.lines, shown.lines_per_point) == ("periods", 3, 1)
     assert (shown.periods, shown.samples_per_period, shown.sample_rate_hz) == (20, 1000, 1000.0)
     assert shown.frequency_hz == (3.0, 20.0, 50.0)
     assert shown.speed_rad_s == pytest.approx([TURN * 20] * 2, rel=1e-5)
-    stated = rid.predict(model, estimate, few)
+    stated = rid.predict(model, by_ml, few)
     for channel in shown.channels:
         lines = few.mean_spectrum[:, few.index(channel.name)]
         np.testing.assert_allclose(channel.measured, 2 * np.abs(lines), rtol=1e-5)
         if not channel.predicted:
             assert channel.name in ("x", "y")
             continue
-        told = stated[channel.name]
-        assert told is not None
-        assert channel.error == pytest.approx(told.relative_error, rel=1e-5)
-        wave = few.mean[:, few.index(channel.name)]
-        kept = np.fft.rfft(wave, norm="forward")
-        other = np.setdiff1d(np.arange(len(kept)), few.harmonics)
-        kept[other] = 0
-        period = np.fft.irfft(kept, n=1000, norm="forward")
-        time = np.arange(1000) / 1000
-        at = np.interp(shown.time_s, time, period, period=1.0)
+        assert channel.error == pytest.approx(stated[channel.name].relative_error, rel=1e-5)
+        kept = np.fft.rfft(few.mean[:, few.index(channel.name)])
+        kept[np.setdiff1d(np.arange(len(kept)), few.harmonics)] = 0
+        period = np.fft.irfft(kept, n=1000)
+        at = np.interp(shown.time_s, np.arange(1000) / 1000, period, period=1.0)
         np.testing.assert_allclose(channel.wave_measured, at, atol=0.02 * np.abs(period).max())
     assert [channel.name for channel in shown.channels[:2]] == ["F_x", "F_y"]
 
@@ -123,8 +109,7 @@ def test_the_noise_is_that_of_the_difference(model):
 
 def test_many_lines_are_thinned_to_their_root_mean_square(model):
     many = periods_of(model, list(range(1, 451)))
-    estimate = rid.identify(model, many, "ls")
-    (shown,) = record_evidence(estimate, model, [many])
+    (shown,) = record_evidence(rid.identify(model, many, "ls"), model, [many])
     assert (shown.lines, shown.lines_per_point, len(shown.frequency_hz)) == (450, 2, 225)
     assert shown.frequency_hz[:2] == (1.5, 3.5)
     (force,) = [c for c in shown.channels if c.name == "F_x"]
@@ -145,17 +130,11 @@ def test_a_whole_record_shows_an_excerpt(model):
     spectrum = np.fft.rfft(rng.standard_normal((count, 2)), axis=0)
     spectrum[np.fft.rfftfreq(count, 1 / rate) > 120.0] = 0
     forces = np.fft.irfft(spectrum, n=count, axis=0)
+    noise = {"x": 1e-7, "y": 1e-7, "F_x": 0.1, "F_y": 0.1}
+    known = {"periods": 1, "speed": TURN * 20, "noise": noise, "rng": rng}
+    values = model.values(model.nominal)
     record, quiet = (
-        rid.simulate(
-            model,
-            model.values(model.nominal),
-            size * forces,
-            sample_rate=rate,
-            periods=1,
-            speed=TURN * 20,
-            noise={"x": 1e-7, "y": 1e-7, "F_x": 0.1, "F_y": 0.1},
-            rng=rng,
-        )
+        rid.simulate(model, values, size * forces, sample_rate=rate, **known)
         for size in (100.0, 0.0)
     )
     lines = rid.spectra(record, (2.0, 100.0), quiet=quiet)
@@ -220,13 +199,12 @@ def test_what_was_known_beforehand(model, few):
 
 
 def test_it_is_read_again_and_stays_small(by_ls, tmp_path):
-    estimate = by_ls
-    estimate.save(tmp_path / "run.json")
+    by_ls.save(tmp_path / "run.json")
     text = (tmp_path / "run.json").read_text(encoding="utf-8")
-    assert rid.load_estimate(tmp_path / "run.json") == estimate
+    assert rid.load_estimate(tmp_path / "run.json") == by_ls
     assert len(text) < 60_000
     assert max(len(line) for line in text.splitlines() if "evidence" not in line) < 3000
-    assert rid.load_estimate(tmp_path / "run.json").evidence != Evidence()
+    assert by_ls.evidence != Evidence()
 
 
 def test_an_answer_left_open_shows_what_was_measured(model, few, by_ls):
@@ -264,7 +242,6 @@ def test_lines_that_only_noise_moves_are_left_out_over_time(model, few, by_ml):
 
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
-SPEED = 2 * np.pi * 140
 
 
 @pytest.fixture(scope="module")
@@ -322,13 +299,10 @@ def test_outputs_are_predicted_where_coordinates_are_hidden(three_mass, fixed, r
 
 def test_nuisances_take_part_in_the_prediction(three_mass, rng):
     forces = np.full((6, 1), 5 - 5j) * np.array([0.5, 1.0, 1.0, -0.5])
-    when = {"fundamental": 20.0, "sample_rate": 5000.0, "periods": 60, "speed": SPEED}
-    values = three_mass.values(three_mass.nominal)
-    lines = line_record(three_mass, values, forces, harmonics=HARMONICS, **when)
-    shifted = lines.spectra * np.exp(-1j * lines.omega * 80e-6)[None, :, None]
-    shifted[..., :4] = lines.spectra[..., :4]
+    lines = steady(three_mass, {}, forces, HARMONICS, 20.0, 5000.0, 60, hertz=140.0)
+    shifted = times(lines, three_mass.coordinates, np.exp(-1j * lines.omega * 80e-6)).spectra
     noise = rng.standard_normal((2, *shifted.shape)) * 1e-4 * np.abs(shifted)
-    late = rid.PeriodicRecord(**{**vars(lines), "spectra": shifted + noise[0] + 1j * noise[1]})
+    late = replace(lines, spectra=shifted + noise[0] + 1j * noise[1])
     estimate = rid.identify(three_mass, late, rid.MaximumLikelihood(delays=("position",)))
     assert estimate.value("delay[position]") == pytest.approx(80e-6, rel=0.05)
     found = predict(three_mass, estimate, late)
@@ -359,9 +333,8 @@ def rng():
     return np.random.default_rng(20)
 
 
-def test_currents_are_told_in_amperes(rng):
+def test_currents_are_told_in_amperes(three_mass, rng):
     """What a law makes a force of is compared as it was measured."""
-    three_mass = rid.load_model("three-mass")
     periods = rid.average(load_rig("three-mass").rig.run(1.0, rng), "20 Hz", harmonics=HARMONICS)
     shown = with_evidence(rid.identify(three_mass, periods, "ml"), three_mass, periods)
     channels = shown.evidence.records[0].channels
@@ -382,12 +355,12 @@ def identified(kind: str, seed: int, **options: str) -> tuple[adverse.Trial, Est
     return trial, adverse.estimate_of(trial)
 
 
-def further(trial: adverse.Trial, machine: adverse.Machine | None = None) -> PeriodicRecord:
-    """Another record of the same machine, or of another one, with other forces."""
+def further(trial: adverse.Trial, heavier: float = 1.0) -> PeriodicRecord:
+    """Another record of the same machine, or of one of other masses, with other forces."""
     rng = copy.deepcopy(trial.rng)
-    phases = np.exp(1j * TURN * rng.random(trial.forces.shape))
-    forces = trial.forces * phases
-    other = replace(trial, forces=forces, machine=machine or trial.machine, rng=rng)
+    forces = trial.forces * np.exp(1j * TURN * rng.random(trial.forces.shape))
+    other = replace(trial, forces=forces, rng=rng)
+    other.change(M=heavier * trial.machine.rotor.M)
     adverse.measure(other)
     return rid.average(adverse.record_of(other), FUNDAMENTAL, harmonics=trial.harmonics)
 
@@ -408,9 +381,7 @@ def test_another_record_is_predicted(kind):
 @pytest.mark.parametrize("kind", ["rigid", "three"])
 def test_another_rotor_is_not(kind):
     trial, estimate = identified(kind, 1)
-    rotor = trial.machine.rotor
-    heavier = replace(trial.machine, rotor=rotor._replace(M=1.02 * rotor.M))
-    found = channel_errors(trial.machine.model, estimate, further(trial, heavier))
+    found = channel_errors(trial.machine.model, estimate, further(trial, heavier=1.02))
     told = verdict_of([found])
     assert told.verdict == "fails"
     assert "the result does not predict the record: " in told.sentence
@@ -434,9 +405,7 @@ def test_chances_are_even():
 def test_deviations_count():
     """With values that are not known at all any record of another rotor is predicted."""
     trial, estimate = identified("jeffcott", 3)
-    rotor = trial.machine.rotor
-    heavier = replace(trial.machine, rotor=rotor._replace(M=1.02 * rotor.M))
-    record = further(trial, heavier)
+    record = further(trial, heavier=1.02)
     loose = tuple(replace(v, std=v.std and 100 * v.std) for v in estimate.parameters)
     unsure = estimate.with_(covariance=1e4 * estimate.covariance, parameters=loose)
     assert verdict_of([channel_errors(trial.machine.model, unsure, record)]).verdict == "predicts"
@@ -447,13 +416,13 @@ def test_deviations_count():
 def test_rounding_of_the_covariance_moves_no_deviation():
     """Variances of a stiffness and of an unbalance lie 20 powers of ten apart."""
     trial, estimate = identified("jeffcott", 3)
-    record, three_mass = further(trial), trial.machine.model
+    record, model = further(trial), trial.machine.model
     spread = np.sqrt(np.diag(estimate.covariance))
     assert spread.max() > 1e8 * spread.min()
     rounding = 1e-14 * trial.rng.standard_normal(estimate.covariance.shape)
     rounded = estimate.covariance + (rounding + rounding.T) * np.outer(spread, spread)
     one, other = (
-        channel_errors(three_mass, estimate.with_(covariance=c), record)
+        channel_errors(model, estimate.with_(covariance=c), record)
         for c in (estimate.covariance, rounded)
     )
     for a, b in zip(one, other, strict=True):
@@ -481,11 +450,7 @@ def test_where_nothing_says_what_noise_does():
     assert not ChannelError("F", 0.01, 0.001, 1.1e-6).fails
     rows = [[ChannelError("F", 0.6, None, None)], [ChannelError("x", 0.2, 0.1, 1e-9)]]
     assert verdict_of(rows).sentence.endswith("F of record 1 is off by 60 %")
-    three_mass = rid.load_model("jeffcott")
-    forces = 100 * np.cos(TURN * np.arange(100) / 100)[:, None] * [1.0, 0.5]
-    values = three_mass.values(three_mass.nominal)
-    silent = rid.simulate(three_mass, values, forces, sample_rate=1000.0, periods=3)
-    periods = rid.average(silent, 10.0, harmonics=[1])
-    _, estimate = identified("jeffcott", 3)
-    found = channel_errors(three_mass, estimate, periods)
+    trial, estimate = identified("jeffcott", 3)
+    silent = steady(trial.machine.model, {}, [[50.0, 25.0]], [1], periods=3)
+    found = channel_errors(trial.machine.model, estimate, silent)
     assert [(c.noise, c.p_value) for c in found] == [(None, None)] * 2
