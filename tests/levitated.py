@@ -56,5 +56,5 @@ def levitated_together(
     return [Record(channels, samples, RATE, speed=SPEED) for samples in parts]
 
 
-def lines_of(record: Record, **more: object) -> Lines:
-    return rid.spectra(record, (2.0, 200.0), references=["r_x", "r_y"], **more)
+def lines_of(record: Record, band: tuple[float, float] = (2.0, 200.0), **more: object) -> Lines:
+    return rid.spectra(record, band, references=["r_x", "r_y"], **more)
