@@ -82,21 +82,14 @@ def test_sandwich_is_the_scatter_of_the_values(block):
     """Noise with correlated rows, circular on complex lines and real on the others."""
     rng = np.random.default_rng(2)
     roots = lines_of(rng, block.record, 3, 3)
-    matrices = roots @ roots.conj().swapaxes(1, 2)
-    found = solve([block])
-    draws = []
-    for _ in range(4000):
-        white = rng.standard_normal((len(roots), 3, 2)) @ np.array([1, 1j]) / np.sqrt(2)
-        real = block.record.multiplicity == 1
-        white[real] = rng.standard_normal((int(real.sum()), 3))
-        noise = np.einsum("kij,kj->ki", roots, white)
-        draws.append(np.einsum("fkr,kr->f", found.gains[0], noise).real)
-    expected = np.cov(np.array(draws).T)
-    stated = sandwich([fitted(block, found.gains[0], matrices)])
-    scale = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        stated / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.08
-    )
+    (gains,) = solve([block]).gains
+    size = np.where(block.record.multiplicity == 1, 1.0, np.sqrt(0.5))[:, None]
+    white = np.array([size * lines_of(rng, block.record, 3) for _ in range(4000)])
+    draws = np.einsum("fkr,krj,pkj->pf", gains, roots, white).real
+    expected = np.cov(draws.T)
+    stated = sandwich([fitted(block, gains, roots @ roots.conj().swapaxes(1, 2))])
+    scale = np.outer(draws.std(axis=0), draws.std(axis=0))
+    np.testing.assert_allclose(stated / scale, expected / scale, atol=0.08)
     np.testing.assert_array_equal(stated, stated.T)
 
 
@@ -144,8 +137,7 @@ def test_open_directions_are_kept_apart(block, dependent, open_sets):
 
 
 def test_variances_of_many_periods_stay_with_their_samples():
-    rng = np.random.default_rng(5)
-    variance = rng.uniform(1, 2, (20, 2))
+    variance = np.random.default_rng(5).uniform(1, 2, (20, 2))
     np.testing.assert_array_equal(pooled(variance, np.ones(2), 30), variance)
     variance[3, 0] = 0.0  # by chance: not a weight without bound
     assert pooled(variance, np.ones(2), 30)[3, 0] == pytest.approx(1e-3 * variance[:, 0].mean())
@@ -178,12 +170,8 @@ def fit(matrix: np.ndarray, right: np.ndarray, numbers: np.ndarray) -> Scatter:
 def test_it_is_leaving_out_each_block():
     matrix, right = RNG.standard_normal((960, 3)), RNG.standard_normal(960)
     numbers = block_numbers([960], 12)
-    without = np.array(
-        [
-            np.linalg.lstsq(matrix[numbers != b], right[numbers != b], rcond=None)[0]
-            for b in range(12)
-        ]
-    )
+    left = [numbers != b for b in range(12)]
+    without = np.array([np.linalg.lstsq(matrix[k], right[k], rcond=None)[0] for k in left])
     apart = without - without.mean(axis=0)
     found = fit(matrix, right, numbers)
     assert not found.alone.any()
@@ -285,10 +273,10 @@ def stages_of(problem, constraints=(), **fixed):
     return [(rows, [names[u] for u in unknowns]) for rows, unknowns in posed.stages]
 
 
-def made(text, harmonics=(1, 2), turns=0, **truth):
-    """Return a linear machine of a text, and its record without noise."""
-    model = rid.parse_model(text)
-    forces = np.exp(1j * np.outer(harmonics, np.arange(1, len(model.inputs) + 1)))
+def made(equations, parameters, harmonics=(1, 2), turns=0, **truth):
+    """Return two masses that u drives, by their equations, and their record without noise."""
+    model = rid.parse_model(model_text("t", equations, "x m, y m", "u N", parameters))
+    forces = np.exp(1j * np.reshape(harmonics, (-1, 1)))
     record = steady(model, truth, forces, harmonics, 5.0, 1200.0, 3, hertz=5.0 * turns)
     return SimpleNamespace(model=model, records=[record], known={}, truth=truth)
 
@@ -324,28 +312,18 @@ def test_fixed_values_and_constraints_move_unknowns():
 
 def test_a_stage_takes_in_the_rows_that_tell_its_unknowns_apart():
     """a and b act through the same column of the driven row; the free row separates them."""
-    text = model_text(
-        "t",
-        ["m*x'' + (a + b)*x = F", "n*y'' + a*y + b*x = 0"],
-        "x m, y m",
-        "F N",
-        "m kg, n kg, a N/m, b N/m",
-    )
-    problem = made(text, m=2.0, n=1.0, a=500.0, b=300.0)
+    equations = ["m*x'' + (a + b)*x = u", "n*y'' + a*y + b*x = 0"]
+    problem = made(equations, "m kg, n kg, a N/m, b N/m", m=2.0, n=1.0, a=500.0, b=300.0)
     assert stages_of(problem) == [([0, 1], ["m", "n", "a", "b"])]
     recovered(Sequential().estimate(problem.model, problem.records), problem.truth)
 
 
 def confounded(second):
     """Return a model whose first stage cannot tell c from g at one speed; `second` is row 2."""
-    text = model_text(
-        "t",
-        ["a*x'' + c*x' + g*Omega*x' + k*(x - y) = u", f"b*y'' + {second} + k*(y - x) = 0"],
-        "x m, y m",
-        "u N",
-        "a kg, b kg, c N s/m, g N s^2/m, k N/m",
-    )
-    return made(text, (2, 3), 4, a=1.0, b=2.0, c=7.0, g=0.2, k=900.0)
+    first = "a*x'' + c*x' + g*Omega*x' + k*(x - y) = u"
+    units = "a kg, b kg, c N s/m, g N s^2/m, k N/m"
+    truth = {"a": 1.0, "b": 2.0, "c": 7.0, "g": 0.2, "k": 900.0}
+    return made([first, f"b*y'' + {second} + k*(y - x) = 0"], units, (2, 3), 4, **truth)
 
 
 @pytest.mark.parametrize("method", [Sequential, Batch], ids=lambda m: m.__name__)
@@ -432,14 +410,8 @@ def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
 
 def test_a_driven_row_without_unknowns():
     """Row 1 is normalized and known altogether; the other starts from it all the same."""
-    text = model_text(
-        "t",
-        ["x'' + 3*x' + 50*x = u", "m*y'' + k*(y - x) + 3*y' = 0"],
-        "x m, y m",
-        "u N",
-        "m kg, k N/m",
-    )
-    problem = made(text, m=2.0, k=700.0)
+    equations = ["x'' + 3*x' + 50*x = u", "m*y'' + k*(y - x) + 3*y' = 0"]
+    problem = made(equations, "m kg, k N/m", m=2.0, k=700.0)
     for method in (Sequential, Batch):
         recovered(method().estimate(problem.model, problem.records), problem.truth)
 
@@ -472,19 +444,15 @@ CONSTRAINTS = [
 @pytest.mark.parametrize(("expression", "value"), CONSTRAINTS)
 def test_a_constraint_holds_exactly(method, expression, value):
     constraint = Constraint(expression, value)
-    estimate = method(constraints=(constraint,)).estimate(
-        THREE_MASS.model, [THREE_MASS.noisy(20, 1, level=0.02)]
-    )
+    model, record = THREE_MASS.model, THREE_MASS.noisy(20, 1, level=0.02)
+    estimate = method(constraints=(constraint,)).estimate(model, [record])
     assert estimate.status == "ok"
-    model = THREE_MASS.model
     index = {tuple(int(e) for e in m): i for i, m in enumerate(model.monomials)}
     base = np.array([estimate.value(name) for name in model.base.names])
-    row, offset = np.zeros(len(index)), 0.0
-    for monomial, coefficient in constraint_polynomial(model, expression).items():
-        if any(monomial):
-            row[index[monomial]] += coefficient
-        else:
-            offset = coefficient
+    polynomial = dict(constraint_polynomial(model, expression))
+    offset = polynomial.pop((0,) * len(model.parameters), 0.0)
+    row = np.zeros(len(index))
+    row[[index[monomial] for monomial in polynomial]] = list(polynomial.values())
     weights = np.linalg.lstsq(model.base.gather.T, row, rcond=None)[0]
     size = np.abs(weights * base).max()
     assert weights @ base + offset == pytest.approx(value, abs=1e-12 * size)
@@ -502,12 +470,9 @@ def test_all_constraints_together_on_noise_free_data(method):
 
 def test_the_constrained_minimum_by_lagrange():
     """min |X theta - b|^2 with row @ theta = value, by the KKT equations."""
-    record = TRAIN.noisy(20, 1, level=0.02)
-    model = TRAIN.model
-    constraint = Constraint("a + b + c", 4.4)
-    found = LeastSquares(constraints=(constraint,)).estimate(model, [record])
-    problem = LeastSquaresProblem.of(bind_all(model, [record]), {}, ())
-    (regression,) = problem.regressions
+    record, constraint = TRAIN.noisy(20, 1, level=0.02), Constraint("a + b + c", 4.4)
+    found = LeastSquares(constraints=(constraint,)).estimate(TRAIN.model, [record])
+    (regression,) = LeastSquaresProblem.of(bind_all(TRAIN.model, [record]), {}, ()).regressions
     scale = np.array(list(TRAIN.true_base.values()))
     design = regression.design * scale
     matrix = np.concatenate([design.real, design.imag]).reshape(-1, 6)
@@ -578,10 +543,9 @@ def test_constraints_with_fixed_values(method):
 )
 @family
 def test_refused_constraints(method, constraints, fixed, message):
+    asked = method(constraints=tuple(constraints), fixed=fixed)
     with pytest.raises(InputError, match=message):
-        method(constraints=tuple(constraints), fixed=fixed).estimate(
-            THREE_MASS.model, THREE_MASS.records
-        )
+        asked.estimate(THREE_MASS.model, THREE_MASS.records)
 
 
 @pytest.mark.parametrize(
