@@ -289,13 +289,15 @@ def misfit(records: Sequence[Fitted]) -> tuple[float, Expectation]:
     v = np.concatenate([gains, design - gains @ inner], axis=2)
     moved = correlation @ u
     cross = np.tensordot(v, moved, ([0, 1], [0, 1]))
-    mean = float(np.trace(correlation, axis1=1, axis2=2).sum() - np.trace(cross))
+    equations = float(np.trace(correlation, axis1=1, axis2=2).sum())
+    mean = equations - float(np.trace(cross))
+    if mean <= FLOOR * equations:  # as many unknowns as equations: nothing is left to judge by
+        return 0.0, Expectation(0.0, 0.0, 0)
     square = (correlation**2).sum() - 2 * ((correlation @ v) * moved).sum()
-    square = float(square + (cross * cross.T).sum())
+    square = max(float(square + (cross * cross.T).sum()), 1e-300)
     # Every deviation is itself from so many periods.
     dof = min(record.scatter.dof for record in records)
     of_one, spread = line_moments(np.ones(1), np.array([dof]), np.full(1, 2.0))
-    mean, square = max(mean, 0.0), max(square, 1e-300)
     freedom = max(round(mean**2 / square), 1)
     wider = float(spread[0]) / 4
     expected = Expectation(mean * float(of_one[0]) / 2, 2 * square * wider, freedom)
