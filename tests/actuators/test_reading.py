@@ -17,19 +17,9 @@ from rotorid.force.reading import ForceReading, as_channels, forces, through_law
 
 
 MAGNET = Differential(K=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
-
-SINGLE = Differential(K=1.2e-5, bias=0.0, gap=4e-4, angle=np.radians(22.5), iron=2e-5)
-
-
-WITH_IRON = Differential(
-    K=4e-6,
-    bias=2.0,
-    gap=4e-4,
-    angle=0.3,
-    bias_difference=0.05,
-    iron=1e-5,
-    saturation=7000.0,
-)
+SINGLE = replace(MAGNET, bias=0.0, iron=2e-5)
+BIASED = Differential(K=4e-6, bias=2.0, gap=4e-4, angle=0.3)
+WITH_IRON = replace(BIASED, bias_difference=0.05, iron=1e-5, saturation=7000.0)
 
 
 def test_linear_is_what_it_says():
@@ -78,14 +68,14 @@ def test_geometry_gives_the_constant_of_a_horseshoe():
     assert single == pytest.approx(2 * 2e-4 * flux**2 / (2 * MU0), rel=1e-12)
 
 
+KNOWN = {"K": 1e-7, "bias": 0.01, "gap": 4e-6, "angle": 0.01}
+
+
 @pytest.mark.parametrize(
     ("law", "at"),
     [
         (Linear(120.0, 2e5, std={"ki": 2.4, "ks": 1e4}), (0.7, 1e-4)),
-        (
-            replace(MAGNET, std={"K": 1e-7, "bias": 0.01, "gap": 4e-6, "angle": 0.01}),
-            (0.7, 1e-4),
-        ),
+        (replace(MAGNET, std=KNOWN), (0.7, 1e-4)),
         (replace(SINGLE, std={"K": 1e-7, "gap": 4e-6, "iron": 1e-6}), (-0.7, 1e-4)),
         (Flux(2e-4, 2, 0.3, std={"area": 2e-6, "angle": 0.01}), (0.9, 0.4)),
     ],
@@ -211,9 +201,12 @@ def test_refuses(entry, message):
 RATE, F0, PERIODS = 10_000.0, 20.0, 3
 SIZE = int(RATE / F0)
 LINES = np.array([1, 3, 5, 7, 9, 11, 30])
-BIASED = Differential(K=4e-6, bias=2.0, gap=4e-4, angle=0.3)
 LINEAR = Linear(ki=120.0, ks=2e5)
 STEPS = 200  # of a fine grid within a sample
+
+
+def through(law, current: str = "i", place: str = "x") -> dict[str, ForceReading]:
+    return {"F": ForceReading(law, (current,), {place: 1.0})}
 
 
 def wave(size: float, seed: int, time: np.ndarray) -> np.ndarray:
@@ -261,8 +254,7 @@ def recorded(hold: bool, late_current: float, late_position: float, unit: str = 
 def test_lines_of_a_held_current(law, delay):
     """A command leads: it flows -delay after its sample, for one sample period."""
     record = recorded(True, delay, 20e-6)
-    reading = {"F": ForceReading(law, ("i",), {"x": 1.0})}
-    found = average(forces(record, reading, period=SIZE), F0, harmonics=LINES)
+    found = average(forces(record, through(law), period=SIZE), F0, harmonics=LINES)
     truth = lines_of_truth(law, held_from=-delay)
     np.testing.assert_allclose(
         found.spectra[..., found.index("F")], [truth] * PERIODS, atol=2e-6 * np.abs(truth).max()
@@ -272,15 +264,14 @@ def test_lines_of_a_held_current(law, delay):
 @pytest.mark.parametrize("law", [LINEAR, BIASED])
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (37e-6, 0.0), (0.0, -20e-6), (50e-6, 50e-6)])
 def test_samples_of_a_measured_current(law, delays):
-    reading = {"F": ForceReading(law, ("i",), {"x": 1.0})}
-    record = forces(recorded(False, *delays), reading, period=SIZE)
+    record = forces(recorded(False, *delays), through(law), period=SIZE)
     time = np.arange(PERIODS * SIZE) / RATE
     truth = law.force(current(time), position(time))
     np.testing.assert_allclose(record.column("F"), truth, atol=1e-8 * np.abs(truth).max())
 
 
 def test_channels_used_up_are_replaced_and_others_kept():
-    record = forces(recorded(True, 0.0, 0.0), {"F": ForceReading(LINEAR, ("i",), {"x": 1.0})})
+    record = forces(recorded(True, 0.0, 0.0), through(LINEAR))
     assert record.names == ("F", "x", "other")
     force = record.channels[0]
     assert (force.unit, force.hold, force.delay) == ("N", False, 0.0)
@@ -292,7 +283,7 @@ def test_drives_are_laws_of_their_own():
     drive = Drive(LINEAR.ki, LINEAR.ks, {"x": 1.0})
     channels = (Channel("F", "A", hold=True, delay=-50e-6, drive=drive), *record.channels[1:])
     driven = Record(channels, record.samples, RATE)
-    by_law = forces(record, {"F": ForceReading(LINEAR, ("i",), {"x": 1.0})})
+    by_law = forces(record, through(LINEAR))
     np.testing.assert_array_equal(forces(driven).samples, by_law.samples)
     np.testing.assert_array_equal(forces(driven, drives=False).samples, driven.samples)
 
@@ -341,9 +332,8 @@ def test_displacement_as_a_combination_of_sensors():
     ],
 )
 def test_bad_readings_are_refused(law, current, place, message):
-    reading = ForceReading(law, (current,), {place: 1.0})
     with pytest.raises(InputError, match=message):
-        forces(recorded(False, 0.0, 0.0), {"F": reading})
+        forces(recorded(False, 0.0, 0.0), through(law, current, place))
 
 
 # Laws kept with the forces that they read: inverted, and followed with other constants.
@@ -411,7 +401,6 @@ def test_a_force_keeps_its_law():
     channels = [Channel("i", "A", gain_std=0.02), Channel("x", "m")]
     record = Record(channels, np.stack([CURRENT, POSITION], axis=1), 1e3)
     law = replace(WITH_IRON, shared={"gap": "bearings"})
-    reading = ForceReading(law, ("i",), {"x": 1.0})
-    channel = forces(record, {"F": reading}).channels[0]
+    channel = forces(record, through(law)).channels[0]
     assert channel.law == replace(law, position={"x": 1.0})
     assert channel.gain_std == 0.02

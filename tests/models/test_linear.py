@@ -101,18 +101,12 @@ def test_regressor_form_is_the_dynamic_stiffness_on_random_lines(problem):
 
 
 def test_what_depends_on_the_speed_otherwise_is_in_d_and_k():
-    model = parse_model(
-        model_text(
-            "rotating damping and a softening bearing",
-            [
-                "m*x'' + c*x' + Omega*h*y' + (k - s*Omega^2)*x + c*Omega*y + d*Omega^2*x' = F",
-                "m*y'' + c*y' - 2*Omega*h*x' + k*y - c*Omega*x = 0",
-            ],
-            "x m, y m",
-            "F N",
-            {n: "kg" for n in ("m", "c", "h", "k", "s", "d")},
-        )
-    )
+    equations = [
+        "m*x'' + c*x' + Omega*h*y' + (k - s*Omega^2)*x + c*Omega*y + d*Omega^2*x' = F",
+        "m*y'' + c*y' - 2*Omega*h*x' + k*y - c*Omega*x = 0",
+    ]
+    units = dict.fromkeys("mchksd", "kg")
+    model = parse_model(model_text("rotating damping", equations, "x m, y m", "F N", units))
     m, c, h, k, s, d = values = np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
     W = 0.5
     found = model.require_linear().matrices(values, W)
@@ -155,12 +149,11 @@ def test_a_division_by_the_speed_needs_a_speed():
     model = parse_model(model_text("n", [equation], "x m", "F N", "m kg, k N, d N/m"))
     linear = model.require_linear()
     np.testing.assert_allclose(linear.matrices([1.0, 2.0, 3.0], 4.0).D, [[0.5]])
-    for call in (
-        lambda: linear.matrices([1.0, 2.0, 3.0], 0.0),
-        lambda: linear.load_columns(np.zeros(3), np.zeros(3), 0.0),
-    ):
-        with pytest.raises(InputError, match=r"Omega.* without a finite value at the speed 0 rad"):
-            call()
+    message = r"Omega.* without a finite value at the speed 0 rad"
+    with pytest.raises(InputError, match=message):
+        linear.matrices([1.0, 2.0, 3.0], 0.0)
+    with pytest.raises(InputError, match=message):
+        linear.load_columns(np.zeros(3), np.zeros(3), 0.0)
 
 
 @settings(max_examples=25, deadline=None)
@@ -212,12 +205,15 @@ def test_other_units_and_another_order_of_the_equations_change_nothing():
     np.testing.assert_allclose(other.values, reference(CHAIN_M, CHAIN_D, CHAIN_K), rtol=1e-9)
 
 
+def of_one_mass(damping: float) -> modal.Eigenmodes:
+    return eigenmodes(np.eye(1), damping * np.eye(1), np.eye(1))
+
+
 def test_rigid_body_modes_and_overdamped_poles_are_no_modes():
     free = CHAIN_K - np.diag([5e5, 0, 0])
     assert len(eigenmodes(CHAIN_M, np.zeros((3, 3)), free).values) == 2
-    single = [np.array([[1.0]]), np.array([[2.1]]), np.array([[1.0]])]
-    assert len(eigenmodes(*single).values) == 0
-    assert len(eigenmodes(single[0], 0.9 * single[1], single[2]).values) == 1
+    assert len(of_one_mass(2.1).values) == 0
+    assert len(of_one_mass(0.9 * 2.1).values) == 1
 
 
 @pytest.mark.parametrize(("soft", "count"), [(1e-3, 3), (3e-7, 3), (1e-8, 2)])
@@ -246,9 +242,7 @@ def test_zero_is_a_double_pole_but_where_damping_acts():
 
 def test_what_counts_as_real_and_as_one():
     for imaginary, count in ((1e-4, 1), (1e-9, 0)):
-        ratio = np.sqrt(1 - imaginary**2)
-        damped = [np.array([[1.0]]), np.array([[2 * ratio]]), np.array([[1.0]])]
-        assert len(eigenmodes(*damped).values) == count
+        assert len(of_one_mass(2 * np.sqrt(1 - imaginary**2)).values) == count
     for apart, count in ((1e-6, 2), (1e-12, 1)):
         stiffness = np.diag([1e6, 1e6 * (1 + apart)])
         assert len(eigenmodes(np.eye(2), np.zeros((2, 2)), stiffness).distinct) == count
@@ -324,31 +318,24 @@ def rewritten(model: rid.Model, change) -> rid.Model:
 
 
 def times(row: int, factor: str):
-    def change(sides):
-        sides = list(sides)
-        sides[row] = tuple(f"{factor}*({side})" for side in sides[row])
-        return sides
-
-    return change
+    return lambda sides: [
+        tuple(f"{factor}*({side})" for side in pair) if k == row else pair
+        for k, pair in enumerate(sides)
+    ]
 
 
 def exchanged(one: int, other: int):
-    def change(sides):
-        sides = list(sides)
-        sides[one], sides[other] = sides[other], sides[one]
-        return sides
-
-    return change
+    places = {one: other, other: one}
+    return lambda sides: [sides[places.get(k, k)] for k in range(len(sides))]
 
 
 def summed(into: int, other: int, share: str = "1"):
-    def change(sides):
-        sides = list(sides)
-        pairs = zip(sides[into], sides[other], strict=True)
-        sides[into] = tuple(f"{a} + {share}*({b})" for a, b in pairs)
-        return sides
-
-    return change
+    return lambda sides: [
+        tuple(f"{a} + {share}*({b})" for a, b in zip(pair, sides[other], strict=True))
+        if k == into
+        else pair
+        for k, pair in enumerate(sides)
+    ]
 
 
 def answers(model: rid.Model) -> dict:
@@ -520,14 +507,9 @@ def test_terms_that_lack_have_the_size_that_they_have_at_the_coordinate():
 
 
 def model_with(more: str, unit: str = "kg m") -> rid.Model:
-    text = model_text(
-        "a mass with an unbalance, and something more",
-        [f"m*x'' + c*x' + k*x = F + Omega^2*u*cos(phi + 0.5) + {more}"],
-        "x m",
-        "F N",
-        f"m 2.0 kg, c 30.0 N s/m, k 2e5 N/m, u 4e-5 kg m, b 3e-5 {unit}",
-    )
-    return parse_model(text)
+    equation = f"m*x'' + c*x' + k*x = F + Omega^2*u*cos(phi + 0.5) + {more}"
+    units = f"m 2.0 kg, c 30.0 N s/m, k 2e5 N/m, u 4e-5 kg m, b 3e-5 {unit}"
+    return parse_model(model_text("and something more", [equation], "x m", "F N", units))
 
 
 def load_of(model: rid.Model, speed: float) -> complex:

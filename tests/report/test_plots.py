@@ -24,8 +24,6 @@ from rotorid.results.modes import partners, response_of
 
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
-
-
 MODEL = rid.load_model("three-mass")
 
 
@@ -129,19 +127,16 @@ def test_misfit_of_phasors_is_drawn_over_the_speed_with_ticks_to_read():
     assert {"0.2", "0.5", "1", "2"} <= set(axis["ticktext"])
     assert "dtick" not in axis
     for top, told in ((3.9, None), (4.1, "tickvals"), (310.0, "tickvals"), (320.0, "dtick")):
-        axis = interactive.spec(drawn.Panel(y=drawn.Axis(log=True, ends=(1.0, top))))["layout"][
-            "yaxis"
-        ]
+        panel = drawn.Panel(y=drawn.Axis(log=True, ends=(1.0, top)))
+        axis = interactive.spec(panel)["layout"]["yaxis"]
         assert [key for key in ("tickvals", "dtick") if key in axis] == ([told] if told else [])
 
 
 def test_names_of_marks_stay_in_the_picture():
     x, y = np.array([-5.0, 9.0, 9.0]), np.array([3.0, 3.0, -3.0])
     marks = drawn.Curve(x, y, "masses", look="named", told=("a", "b", "c"))
-    for ends, at in (
-        ((-10.0, 10.0), ["middle right", "top left", "bottom left"]),
-        (None, "middle right"),
-    ):
+    within = ["middle right", "top left", "bottom left"]
+    for ends, at in (((-10.0, 10.0), within), (None, "middle right")):
         (trace,) = interactive.spec(drawn.Panel("", drawn.Axis(ends=ends), curves=(marks,)))["data"]
         assert trace["textposition"] == at
 
@@ -199,9 +194,8 @@ def test_names_are_no_markup_in_a_page():
 
 def test_pictures_are_the_same_each_time_and_leave_no_trace(evidence):
     before = dict(mpl.rcParams)
-    first, second = (
-        figure_of(drawn.over_time(evidence["ml"], drawn.wave), columns=3) for _ in range(2)
-    )
+    panels = drawn.over_time(evidence["ml"], drawn.wave)
+    first, second = (figure_of(panels, columns=3) for _ in range(2))
     for one, other in zip(first.axes, second.axes, strict=True):
         for a, b in zip(one.lines, other.lines, strict=True):
             np.testing.assert_array_equal(a.get_xydata(), b.get_xydata())
@@ -229,14 +223,9 @@ SPEED = 2 * np.pi * 140.0
 
 
 @pytest.fixture(scope="module")
-def model():
-    return rid.load_model("three-mass")
-
-
-@pytest.fixture(scope="module")
-def estimate(model):
+def estimate():
     """A result of which every value is known to a thousandth."""
-    return estimate_of(model, percent=0.1)
+    return estimate_of(MODEL, percent=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -261,11 +250,11 @@ def test_a_diagram_shows_what_was_computed(diagram):
     np.testing.assert_allclose((band.y - band.base) / 2, 1.96 * found.std_hz[:, 0], rtol=1e-4)
 
 
-def test_a_shape_is_its_forward_and_its_backward_part(model):
+def test_a_shape_is_its_forward_and_its_backward_part():
     """The first bending mode of a symmetric rotor: its ends alike, its middle against them."""
-    found = rid.modes(model, speed=SPEED)
-    names = model.coordinates
-    pairs = [pair for pair in partners(names) if model.units[names[pair[0]]] == "m"]
+    found = rid.modes(MODEL, speed=SPEED)
+    names = MODEL.coordinates
+    pairs = [pair for pair in partners(names) if MODEL.units[names[pair[0]]] == "m"]
     panels = drawn.shapes(found, pairs)
     assert len(panels) == len(found.modes)
     for panel, mode in zip(panels, found.modes, strict=True):
@@ -293,7 +282,7 @@ def test_shapes_of_a_drawing_stand_along_the_rotor():
     named = dict(zip(first.curves[1].told, first.curves[1].x, strict=True))
     assert named["x_A"] == pytest.approx(1e3 * model.rotor.places["A"])  # type: ignore[attr-defined]
     assert "mm from the left end" in str(picture)
-    assert machines._positions(rid.load_model("three-mass"), [(0, 1)]) is None
+    assert machines._positions(MODEL, [(0, 1)]) is None
 
 
 def test_an_amplitude_that_hardly_changes_is_drawn_from_zero():
@@ -307,16 +296,16 @@ def test_an_amplitude_that_hardly_changes_is_drawn_from_zero():
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.04, 0.06])
-def test_motion_in_a_plane_is_one_line(model, tilt):
+def test_motion_in_a_plane_is_one_line(tilt):
     """Of two modes of one frequency any mixture is one: a circle too is the shape in its plane."""
     shape = np.array([1.0, -0.5, 0.8])
     across = tilt * np.array([0.8, 0.0, -1.0]) * np.linalg.norm(shape) / np.hypot(0.8, 1.0)
     motion = np.zeros(8, dtype=complex)
-    names = list(model.coordinates)
+    names = list(MODEL.coordinates)
     for k, place in enumerate("123"):
         motion[names.index(f"x{place}")] = 0.6 * shape[k] - 0.8 * across[k]
         motion[names.index(f"y{place}")] = 1j * (0.8 * shape[k] + 0.6 * across[k])
-    found = rid.modes(model, speed=SPEED)
+    found = rid.modes(MODEL, speed=SPEED)
     mode = replace(found.modes[0], whirl="planar", shape=tuple(motion))
     pairs = [(names.index(f"x{k}"), names.index(f"y{k}")) for k in "123"]
     (panel,) = drawn.shapes(replace(found, modes=(mode,)), pairs)
@@ -345,11 +334,10 @@ def test_coordinates_without_a_partner_are_shown_as_they_stand(names):
     assert titles(page) == ["Mode shapes"]
 
 
-def test_a_response_is_drawn_with_its_band(estimate, model):
-    speeds = np.linspace(100.0, 800.0, 5)
-    found = response_of(machine_of(estimate), speeds)
-    panels = drawn.response(found, model.units)
-    assert [panel.title for panel in panels] == list(model.coordinates)
+def test_a_response_is_drawn_with_its_band(estimate):
+    found = response_of(machine_of(estimate), np.linspace(100.0, 800.0, 5))
+    panels = drawn.response(found, MODEL.units)
+    assert [panel.title for panel in panels] == list(MODEL.coordinates)
     assert panels[0].y.title == "amplitude in \N{MICRO SIGN}m"
     band, line = panels[0].curves
     np.testing.assert_allclose(line.y, 1e6 * np.abs(found.motion[:, 0]))
@@ -368,10 +356,10 @@ def test_the_page_of_modes(estimate, diagram):
         assert text in page.words
 
 
-def test_the_page_of_a_balance(estimate, model):
+def test_the_page_of_a_balance(estimate):
     planes = ("x2 - 0.02*theta_y, y2 + 0.02*theta_x", "x2 + 0.02*theta_y, y2 - 0.02*theta_x")
     found = rid.balance(estimate, planes, SPEED, radius="60 mm", masses=["1 g", "2 g"])
-    page = Page(machines.balance_report(found, [], model, ["rotorid balance run.json"]))
+    page = Page(machines.balance_report(found, [], MODEL, ["rotorid balance run.json"]))
     check_self_contained(page)
     assert "Balanced with this to less than G " in page.words
     assert "rotorid balance run.json" in page.words
@@ -388,9 +376,9 @@ def test_the_page_of_a_balance(estimate, model):
         assert plot["layout"]["yaxis"]["scaleanchor"] == "x"  # type: ignore[index]
 
 
-def test_planes_that_do_not_reach_are_said(estimate, model):
+def test_planes_that_do_not_reach_are_said(estimate):
     found = rid.balance(estimate, ["x1,y1"], SPEED)
-    page = Page(machines.balance_report(found, [], model))
+    page = Page(machines.balance_report(found, [], MODEL))
     assert "These planes cannot do away with the unbalance: " in page.words
 
 

@@ -1,5 +1,7 @@
 """Line spectra, their covariance, and multisines."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -100,9 +102,8 @@ def test_the_nyquist_line_of_an_even_count(order):
     every = all_lines(samples)
     lines = differentiate(line_spectra(wave[:, None], every), every, samples, rate, order)
     expected = {0: wave, 1: 0 * wave, 2: -(w**2) * wave, 3: 0 * wave}[order]
-    np.testing.assert_allclose(
-        synthesize(lines, every, samples)[:, 0], expected, rtol=1e-12, atol=1e-9
-    )
+    found = synthesize(lines, every, samples)[:, 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-9)
 
 
 def test_hold_in_closed_form():
@@ -167,12 +168,11 @@ def test_a_straight_line_stays_one_to_its_ends(count, steps):
 RATE, SIZE = 5000.0, 500
 LINES = np.array([1, 7, 23, 90])
 FREQUENCY = LINES * RATE / SIZE
+HERTZ, DAMPING = partial(Constant, "bandwidth", "Hz"), Constant("damping", "1", 0.7)
 DYNAMICS = {
-    "first order": FirstOrder(bandwidth=Constant("bandwidth", "Hz", 800.0)),
-    "second order": SecondOrder(
-        bandwidth=Constant("bandwidth", "Hz", 2000.0), damping=Constant("damping", "1", 0.7)
-    ),
-    "amplifier": FirstOrder(bandwidth=Constant("bandwidth", "Hz", 800.0), actuator=True),
+    "first order": FirstOrder(bandwidth=HERTZ(800.0)),
+    "second order": SecondOrder(bandwidth=HERTZ(2000.0), damping=DAMPING),
+    "amplifier": FirstOrder(bandwidth=HERTZ(800.0), actuator=True),
     "table": Measured(
         frequency=np.array([5.0, 1000.0]), measured=np.array([1.0, 0.8 * np.exp(-0.5j)])
     ),
@@ -212,9 +212,7 @@ def test_a_record_that_begins_and_ends_somewhere_is_right_inside(name):
 
 def test_what_hardly_passes_is_not_made_any_larger():
     """Noise of a logger behind a sensor of 100 Hz: at most tenfold, where 1 / H is fifty."""
-    slow = SecondOrder(
-        bandwidth=Constant("bandwidth", "Hz", 100.0), damping=Constant("damping", "1", 0.7)
-    )
+    slow = SecondOrder(bandwidth=HERTZ(100.0), damping=DAMPING)
     noise = np.random.default_rng(3).standard_normal(5 * SIZE)
     found = quantity(noise, Channel("x", "m", dynamics=slow), RATE)
     assert 8 < found.std() / noise.std() < 10
@@ -287,9 +285,8 @@ def test_all_neighbours_are_the_white_formula_again(periods):
 
 @pytest.mark.parametrize(("periods", "m"), [(260, 22), (100, 8), (40, 3), (12, 1), (2, 1)])
 def test_neighbours_that_are_taken(periods, m):
-    assert correlated_covariance(white(np.random.default_rng(6), periods, 1)).dof == min(
-        2 * m, periods - 1
-    )
+    found = correlated_covariance(white(np.random.default_rng(6), periods, 1))
+    assert found.dof == min(2 * m, periods - 1)
 
 
 def test_neither_formula_sees_what_every_period_repeats():
@@ -300,29 +297,22 @@ def test_neither_formula_sees_what_every_period_repeats():
 
 
 SHARE = 0.6
-NOISES = {  # of `NOISY` periods and 20 lines, and the variance of their mean, and by their scatter
-    "telescoping": (lambda rng: telescoping(rng, NOISY, 30, 1, SHARE), 1.0, 1 + 2 * SHARE**2),
-    **{
-        f"autoregressive {c}": (
-            lambda rng, c=c: autoregressive(rng, NOISY, 20, 1, c),
-            1 / (1 - c) ** 2,
-            1 / (1 - c**2),
-        )
-        for c in (-0.6, 0.3)
-    },
-}
 NOISY = 240
+NOISES = [  # its share, the variance of the mean of so many periods, and that by their scatter
+    (partial(telescoping, lines=30, share=SHARE), 1.0, 1 + 2 * SHARE**2),
+    (partial(autoregressive, lines=20, coefficient=-0.6), 1 / 1.6**2, 1 / (1 - 0.6**2)),
+    (partial(autoregressive, lines=20, coefficient=0.3), 1 / 0.7**2, 1 / (1 - 0.3**2)),
+]
 
 
-@pytest.mark.parametrize("noise", NOISES)
-def test_the_scatter_of_periods_is_not_that_of_their_mean(noise):
+@pytest.mark.parametrize(("draw", "mean", "scatter"), NOISES)
+def test_the_scatter_of_periods_is_not_that_of_their_mean(draw, mean, scatter):
     """States at the ends of periods cancel in the mean; the scatter between them does not know.
 
     The neighbours' own share of it grows with their distance: some per cent at a twelfth.
     """
-    draw, mean, scatter = NOISES[noise]
     rng = np.random.default_rng(8)
-    draws = [draw(rng) for _ in range(150)]
+    draws = [draw(rng, NOISY, channels=1) for _ in range(150)]
     true = np.mean([np.abs(z.mean(axis=0)) ** 2 for z in draws]) * NOISY
     assert true == pytest.approx(mean, rel=0.08)
     by_scatter, by_neighbours = (
@@ -436,13 +426,9 @@ def test_schroeder_beats_random_phases():
     n = np.arange(8)
     np.testing.assert_allclose(schroeder_phases(np.ones(8)), -np.pi * n * (n + 1) / 8)
     lines = full_harmonics(60)
-    sweep = multisine(1.0, lines, {"u": 1.0}).crest_factor[0]
-    rng = np.random.default_rng(3)
-    chance = [
-        multisine(1.0, lines, {"u": 1.0}, phases="random", rng=rng).crest_factor[0]
-        for _ in range(20)
-    ]
-    assert sweep < 1.8 < np.median(chance)
+    one, by_chance = (1.0, lines, {"u": 1.0}), {"phases": "random", "rng": np.random.default_rng(3)}
+    chance = [multisine(*one, **by_chance).crest_factor[0] for _ in range(20)]
+    assert multisine(*one).crest_factor[0] < 1.8 < np.median(chance)
 
 
 @pytest.mark.sampled(1)
