@@ -47,6 +47,7 @@ t_y = { fixed = "20 g mm" }
 [channels]
 """,
 )
+KNOWN = {"t_x": 0.0, "t_y": 0.0}
 TRIAL = 5e-5 + 2e-5j
 TRUTH = {"m": 5.0, "c": 60.0, "k": 1e6, "u_x": 1e-4, "u_y": -5e-5}
 RPM = np.linspace(2000.0, 7000.0, 40)

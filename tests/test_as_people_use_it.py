@@ -5,6 +5,7 @@ from base64 import b64decode
 
 import numpy as np
 import pytest
+from working_folder import simulated
 
 import rotorid as rid
 from rotorid import load_rig
@@ -29,9 +30,8 @@ def test_texts_stand_wherever_numbers_may(record):
     model = rid.load_model("three-mass")
     by_text = rid.average(record, "20 Hz", harmonics=LINES, skip="500 ms")
     assert by_text == rid.average(record, 20.0, harmonics=LINES, skip=0.5)
-    assert rid.average(record, "20 Hz", band=("20 Hz", "0.1 kHz")) == rid.average(
-        record, 20.0, band=(20.0, 100.0)
-    )
+    by_text_too = rid.average(record, "20 Hz", band=("20 Hz", "0.1 kHz"))
+    assert by_text_too == rid.average(record, 20.0, band=(20.0, 100.0))
     mass = "m1 + m2 + m3"
     texts = rid.MaximumLikelihood(
         fixed={"L1": "300 mm"},
@@ -103,12 +103,8 @@ def solved(constraint: rid.Constraint) -> object:
 
 
 def test_an_experiment_file_runs_from_python(tmp_path):
-    from rotorid.cli import run
-
-    (tmp_path / "rig.toml").write_text(load_rig("three-mass").text.replace('"13 s"', '"2 s"'))
-    rig, out = str(tmp_path / "rig.toml"), str(tmp_path / "run.h5")
-    assert run(["simulate", rig, "--out", out, "--quiet"]) == 0
-    experiment = rid.load_experiment(tmp_path / "run.toml")
+    rig = load_rig("three-mass").text.replace('"13 s"', '"2 s"')
+    experiment = rid.load_experiment(simulated(tmp_path, rig))
     estimate = experiment.identify()
     assert (estimate.method, estimate.status) == ("ml", "ok")
     assert experiment.identify("batch").method == "batch"

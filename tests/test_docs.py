@@ -1,7 +1,6 @@
 """What the documentation says is there, is there; code and commands that it shows run."""
 
 import importlib
-import importlib.util
 import re
 import shlex
 import shutil
@@ -12,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 from io_writers import write_table
+from source_trees import script
 
 import rotorid as rid
 from rotorid import cli
@@ -174,10 +174,7 @@ def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path):
 
 def test_the_drawing_is_that_of_its_script_and_of_the_models():
     """Signs of the drawing: those of the equations of the shipped models and rigs."""
-    spec = importlib.util.spec_from_file_location("drawing", ROOT / "docs" / "make_drawing.py")
-    drawing = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(drawing)
-    shown = drawing.drawing()
+    shown = script("make_drawing").drawing()
     assert shown == (ROOT / "docs" / "images" / "coordinates.svg").read_text(encoding="utf-8")
     assert "x_a = x - L_a θ_y,  y_a = y + L_a θ_x" in shown
     assert "F_x = k_i i + k_s x" in shown

@@ -5,24 +5,22 @@ import json
 import numpy as np
 import pytest
 from io_writers import write_table
+from working_folder import simulated
 
 from rotorid import load_rig
-from rotorid.cli import run
 
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("rig")
-    (folder / "rigid.toml").write_text(load_rig("rigid").text.replace('"10 s"', '"2 s"'))
-    command = ["simulate", str(folder / "rigid.toml"), "--out", str(folder / "rig.h5")]
-    assert run([*command, "--seed", "1"]) == 0
-    return folder
+    """A folder with a record of a rig, and its experiment file."""
+    text = load_rig("rigid").text.replace('"10 s"', '"2 s"')
+    return simulated(tmp_path_factory.mktemp("rig"), text).parent
 
 
 def test_a_good_record_is_ok(rig, output):
     out = rig / "found.json"
-    shown = output("inspect", rig / "rig.toml", "--json", out)
-    assert "rig.h5: ok. The record is suitable for identification" in shown
+    shown = output("inspect", rig / "run.toml", "--json", out)
+    assert "run.h5: ok. The record is suitable for identification" in shown
     found = json.loads(out.read_text(encoding="utf-8"))
     assert found["verdict"] == "ok"
     assert found["period_samples"] == 1000
@@ -37,7 +35,7 @@ def test_a_good_record_is_ok(rig, output):
 
 def test_a_draft_is_read_as_far_as_it_goes(rig, output):
     draft = rig / "draft.toml"
-    output("new", rig / "rig.h5", "--model", "rigid", "--out", draft)
+    output("new", rig / "run.h5", "--model", "rigid", "--out", draft)
     shown = output("inspect", draft)
     assert "a draft, shown with its columns as they are" in shown
     assert "20 periods of 1000 samples" in shown
@@ -59,14 +57,14 @@ def test_a_draft_is_read_as_far_as_it_goes(rig, output):
 )
 def test_what_is_wrong_in_a_draft_is_told_where_it_is(rig, refusal, said, place):
     draft = rig / "wrong.toml"
-    file = "" if said.startswith("file") else 'file = "rig.h5"\n'
+    file = "" if said.startswith("file") else 'file = "run.h5"\n'
     draft.write_text(f'model = "?"\n[[records]]\n{file}{said}\n', encoding="utf-8")
     assert place in refusal("inspect", draft)
 
 
 def test_without_a_fundamental_the_period_is_found(rig, output):
     bare = rig / "bare.toml"
-    bare.write_text('[[records]]\nfile = "rig.h5"\ntime = "t"\n', encoding="utf-8")
+    bare.write_text('[[records]]\nfile = "run.h5"\ntime = "t"\n', encoding="utf-8")
     assert "periods of 1000 samples (found: 0.1 s, 10 Hz)" in output("inspect", bare)
 
 
@@ -84,7 +82,7 @@ def test_a_period_of_an_odd_number_of_samples(tmp_path, output):
 @pytest.mark.slow
 def test_the_page_stands_alone(rig, output):
     page = rig / "found.html"
-    output("inspect", rig / "rig.toml", "--report", page)
+    output("inspect", rig / "run.toml", "--report", page)
     text = page.read_text(encoding="utf-8")
     for title in ("Samples", "Spectrum of the mean period", "From period to period", "Noise that"):
         assert f"<h3>{title}" in text

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from coast_down import (
     EXPERIMENT,
+    KNOWN,
     MODEL,
     RPM,
     TRIAL,
@@ -26,9 +27,8 @@ def table(trial: complex = 0.0, noise: float = 0.0, seed: int = 1) -> rid.Lines:
     rng = np.random.default_rng(seed)
     parts = rng.standard_normal((2, len(RPM), 2)) * noise
     channels = [rid.Channel("x", "m"), rid.Channel("y", "m")]
-    return phasor_lines(
-        channels, RPM * np.pi / 30, coast(RPM, trial) + parts[0] + 1j * parts[1], 1e-6
-    )
+    values = coast(RPM, trial) + parts[0] + 1j * parts[1]
+    return phasor_lines(channels, RPM * np.pi / 30, values, 1e-6)
 
 
 @pytest.fixture
@@ -48,18 +48,15 @@ def test_a_trial_mass_tells_the_scale(folder):
 
 
 def test_the_same_from_python():
-    fixed = {"t_x": 0.0, "t_y": 0.0}
     records = [table(), table(TRIAL).with_parameters(t_x="50 g mm", t_y=2e-5)]
-    estimate = rid.identify(TRUE, records, rid.MaximumLikelihood(fixed=fixed))
+    estimate = rid.identify(TRUE, records, rid.MaximumLikelihood(fixed=KNOWN))
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-8)
 
 
 def test_a_trial_mass_that_is_known_with_a_deviation_sets_the_deviation_of_the_scale():
-    records = [table(noise=1e-6), table(TRIAL, 1e-6, 2)]
     known = {"t_x": (5e-5, 5e-7), "t_y": (2e-5, 2e-7)}
-    fixed = {"t_x": 0.0, "t_y": 0.0}
-    records[1] = records[1].with_parameters(**known)
-    estimate = rid.identify(TRUE, records, rid.MaximumLikelihood(fixed=fixed))
+    records = [table(noise=1e-6), table(TRIAL, 1e-6, 2).with_parameters(**known)]
+    estimate = rid.identify(TRUE, records, rid.MaximumLikelihood(fixed=KNOWN))
     assert estimate.status == "ok"
     weight = np.hypot(5e-5 / 5e-7, 2e-5 / 2e-7)  # of two readings of one factor
     assert (estimate.std("m") or 0) / estimate.value("m") == pytest.approx(1 / weight, rel=0.3)
@@ -87,7 +84,7 @@ def test_every_record_has_an_unbalance_of_its_own(folder):
 
 def test_what_is_known_of_each():
     records = [table(), table(TRIAL)]
-    fixed = {"t_x": 0.0, "t_y": 0.0, "m": 5.0, "u_x[1]": 1.5e-4}
+    fixed = {**KNOWN, "m": 5.0, "u_x[1]": 1.5e-4}
     chosen = rid.MaximumLikelihood(fixed=fixed, each=("u_x", "u_y"), start={"u_x[0]": 2e-4})
     estimate = rid.identify(TRUE, records, chosen)
     assert estimate["u_x[1]"].fixed
@@ -97,11 +94,8 @@ def test_what_is_known_of_each():
 
 def test_a_constraint_on_each_holds_in_every_record():
     records = [table(), table(TRIAL)]
-    chosen = rid.MaximumLikelihood(
-        fixed={"t_x": 0.0, "t_y": 0.0},
-        each=("m", "u_x", "u_y"),
-        constraints=(rid.Constraint("m", 5.0),),
-    )
+    known = {"fixed": KNOWN, "constraints": (rid.Constraint("m", 5.0),)}
+    chosen = rid.MaximumLikelihood(each=("m", "u_x", "u_y"), **known)
     estimate = rid.identify(TRUE, records, chosen)
     assert estimate.status == "ok"
     assert estimate.value("m[0]") == pytest.approx(5.0) == estimate.value("m[1]")
@@ -109,7 +103,7 @@ def test_a_constraint_on_each_holds_in_every_record():
 
 def test_prediction_takes_what_each_record_has(folder):
     records = [table(), table(TRIAL)]
-    chosen = rid.MaximumLikelihood(fixed={"t_x": 0.0, "t_y": 0.0, "m": 5.0}, each=("u_x", "u_y"))
+    chosen = rid.MaximumLikelihood(fixed={**KNOWN, "m": 5.0}, each=("u_x", "u_y"))
     estimate = rid.identify(TRUE, records, chosen)
     both = rid.predict(TRUE, estimate, records)
     assert both["x"].relative_error < 1e-6
@@ -121,18 +115,17 @@ def test_prediction_takes_what_each_record_has(folder):
         rid.predict(TRUE, estimate, [*records, records[0]])
 
 
+T_X = 't_x = { fixed = "5e-5 kg m" }'
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('t_x = { fixed = "5e-5 kg m" }', 't_q = { fixed = "1 kg m" }', r"records\.1\.param.*t_q"),
-        ('t_x = { fixed = "5e-5 kg m" }', 't_x = { start = "1 kg m" }', r"unknown key 'start'"),
-        ('t_x = { fixed = "5e-5 kg m" }', 't_x = { fixed = "1 kg" }', r"t_x\.fixed: found unit"),
-        ('t_x = { fixed = "5e-5 kg m" }', 't_x = { value = "1 kg m" }', r"fixed, or value and std"),
-        (
-            't_x = { fixed = "5e-5 kg m" }',
-            't_x = { value = "1 kg m", std = "0 kg m" }',
-            r"t_x\.std: found 0",
-        ),
+        (T_X, 't_q = { fixed = "1 kg m" }', r"records\.1\.param.*t_q"),
+        (T_X, 't_x = { start = "1 kg m" }', r"unknown key 'start'"),
+        (T_X, 't_x = { fixed = "1 kg" }', r"t_x\.fixed: found unit"),
+        (T_X, 't_x = { value = "1 kg m" }', r"fixed, or value and std"),
+        (T_X, 't_x = { value = "1 kg m", std = "0 kg m" }', r"t_x\.std: found 0"),
         ('t_x = { fixed = "0 kg m" }', 't_x = { fixed = "0 kg m", each = true }', "fixed, or each"),
     ],
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from working_folder import short_rig
+from working_folder import short_rig, simulated
 
 from rotorid import cli
 
@@ -42,11 +42,8 @@ def test_a_shipped_file_fits_and_a_misspelt_key_does_not(kind, path):
         validator.validate({**table, "tiitle": "x"})
 
 
-def test_the_experiment_file_of_a_rig_fits(tmp_path, output):
-    (tmp_path / "rig.toml").write_text(short_rig())
-    out = tmp_path / "run.h5"
-    output("simulate", tmp_path / "rig.toml", "--out", out)
-    table = tomllib.loads(out.with_suffix(".toml").read_text(encoding="utf-8"))
+def test_the_experiment_file_of_a_rig_fits(tmp_path):
+    table = tomllib.loads(simulated(tmp_path, short_rig()).read_text(encoding="utf-8"))
     validator = validator_of("experiment")
     validator.validate(table)
     table["records"][0]["fundamentall"] = "20 Hz"

@@ -6,7 +6,7 @@ import numpy as np
 from io_writers import write_table
 
 import rotorid as rid
-from rotorid import load_rig
+from rotorid import cli, load_rig
 
 EXPERIMENT = """
 model = "jeffcott"
@@ -63,6 +63,14 @@ def make(folder: Path, scale: float = 1.0) -> Path:
     (folder / "run.toml").write_text(BY_BATCH)
     (folder / "rig.toml").write_text(short_rig())
     return folder
+
+
+def simulated(folder: Path, rig: str) -> Path:
+    """Write rig.toml and its record, run.h5; return the experiment file that comes with it."""
+    (folder / "rig.toml").write_text(rig)
+    command = ["simulate", str(folder / "rig.toml"), "--out", str(folder / "run.h5")]
+    assert cli.run(command) == 0
+    return folder / "run.toml"
 
 
 def short_rig() -> str:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import fuzz_files as good
 from fuzz_harness import Case
@@ -20,30 +21,22 @@ parameters = {{ m = {{ unit = "kg" }}, c = {{ unit = "N s/m" }}, k = {{ unit = "
 """.encode()
 
 
-def refused(
-    files: dict[str, bytes],
-    arguments: Sequence[str] = IDENTIFY,
-    says: str = "",
-) -> Callable[[], Case]:
-    return lambda: Case("", tuple(arguments), files, outputs=("out.json",), codes=(2,), says=says)
-
-
 def answered(
     files: dict[str, bytes],
     arguments: Sequence[str] = IDENTIFY,
     codes: tuple[int, ...] = (0, 1, 2),
     outputs: tuple[str, ...] = ("out.json",),
+    says: str = "",
 ) -> Callable[[], Case]:
-    return lambda: Case("", tuple(arguments), files, None, outputs, codes)
+    return lambda: Case("", tuple(arguments), files, None, outputs, codes, says)
+
+
+refused = partial(answered, codes=(2,))
 
 
 def record(**changed: bytes) -> dict[str, bytes]:
     """Return the files of a good record, some of them replaced."""
-    files = {
-        "model.toml": good.MODEL,
-        "experiment.toml": good.OF_CSV,
-        "run.csv": good.good_csv(),
-    }
+    files = {"model.toml": good.MODEL, "experiment.toml": good.OF_CSV, "run.csv": good.good_csv()}
     return files | {name.replace("_", "."): content for name, content in changed.items()}
 
 
@@ -138,16 +131,17 @@ def in_experiment(old: bytes, new: bytes) -> dict[str, bytes]:
     return record(experiment_toml=good.OF_CSV.replace(old, new))
 
 
+def kept(name: str, content: bytes) -> Callable[[], Case]:
+    """Return a run that would take the place of a file which no run wrote."""
+    return refused({**RIG_FILES, name: content}, SIMULATE, says="--force")
+
+
 SHOWN = ("models", "model.toml")
 TEXT_CASES: dict[str, Callable[[], Case]] = {
     # files that a command must not replace
-    "simulate beside an experiment of one's own": refused(
-        {**RIG_FILES, "run.toml": good.OF_CSV}, SIMULATE, "--force"
-    ),
-    "simulate beside notes": refused({**RIG_FILES, "run.toml": b"# mine\n"}, SIMULATE, "--force"),
-    "simulate over a record of one's own": refused(
-        {**RIG_FILES, "run.h5": b"\x89HDF\r\n\x1a\nmine"}, SIMULATE, "--force"
-    ),
+    "simulate beside an experiment of one's own": kept("run.toml", good.OF_CSV),
+    "simulate beside notes": kept("run.toml", b"# mine\n"),
+    "simulate over a record of one's own": kept("run.h5", b"\x89HDF\r\n\x1a\nmine"),
     "simulate over its own rig": refused(RIG_FILES, ("simulate", "rig.toml", "--out", "rig.h5")),
     "a draft over an experiment": refused(record(), ("new", "run.csv", "--out", "experiment.toml")),
     # expressions

@@ -1,17 +1,14 @@
 """Faults by name: each is one entry, vanishes as its size does, and acts where it belongs."""
 
-import importlib.util
 import re
-import sys
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from types import ModuleType
 
 import h5py
 import numpy as np
 import pytest
 from rigs import with_actuators, without_noise
+from source_trees import DOCS, script
 from working_folder import short_rig
 
 from rotorid import InputError, load_rig
@@ -331,17 +328,6 @@ def test_counters_that_lose_lines():
 
 
 # The page of faults is what a run gives; deviations hold on the shipped rigs. Slow.
-
-
-DOCS = Path(__file__).parents[2] / "docs"
-
-
-def script(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def rows() -> dict[str, tuple[str, str]]:

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from rigs import recorded, with_actuators, with_magnets
+from working_folder import simulated
 
 import rotorid as rid
 from rotorid import InputError, load_experiment, load_rig
@@ -439,11 +440,9 @@ SPOILT = {  # what marks the angle, the column that is spoilt, how, and what is 
 
 
 @pytest.mark.parametrize("fault", SPOILT)
-def test_marks_that_give_no_angle_and_times_that_jump(fault, tmp_path, output, one_line):
+def test_marks_that_give_no_angle_and_times_that_jump(fault, tmp_path, one_line):
     mark, column, spoil, message = SPOILT[fault]
-    rig, experiment = tmp_path / "rig.toml", tmp_path / "run.toml"
-    rig.write_text(TEXT.replace('"13 s"', '"1 s"') + mark + "\n")
-    output("simulate", rig, "--out", tmp_path / "run.h5")
+    experiment = simulated(tmp_path, TEXT.replace('"13 s"', '"1 s"') + mark + "\n")
     with h5py.File(tmp_path / "run.h5", "r+") as data:
         data[column][...] = spoil(data[column][...])
     if column == "t":
