@@ -13,7 +13,7 @@ MOST = 6_000_000
 
 
 class Page(HTMLParser):
-    """Reads a page: its text, plots and attributes; fails where tags do not match."""
+    """Reads a page: text, plots, attributes; fails where it is not all that a page must be."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -26,6 +26,7 @@ class Page(HTMLParser):
         self.feed(html)
         self.close()
         assert not self.open
+        check_self_contained(self)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)

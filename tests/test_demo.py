@@ -23,6 +23,8 @@ from rotorid.demo import (
     simulate_record,
 )
 
+MODEL = load_model("three-mass")
+TRUTH = dict(zip(MODEL.base.names, MODEL.base_values(MODEL.values(MODEL.nominal)), strict=True))
 # rms error in %, 60 runs, in the order of the paper's table: found by scripts that share no code
 # with this package; docs/theory.md, section 5. Each is known to about 10 %.
 REFERENCE = {
@@ -99,20 +101,17 @@ def test_maximum_likelihood_comes_near_the_bound_and_nothing_else_does():
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_exact_without_noise(estimator):
-    model = load_model("three-mass")
-    periods = average(simulate_record(model), FUNDAMENTAL, harmonics=HARMONICS)
-    estimate = identify(model, periods, ESTIMATORS[estimator])
-    found = [estimate.value(name) for name in model.base.names]
-    truth = model.base_values(model.values(model.nominal))
-    np.testing.assert_allclose(found, truth, rtol=1e-9)
+    periods = average(simulate_record(MODEL), FUNDAMENTAL, harmonics=HARMONICS)
+    estimate = identify(MODEL, periods, ESTIMATORS[estimator])
+    found = [estimate.value(name) for name in TRUTH]
+    np.testing.assert_allclose(found, [*TRUTH.values()], rtol=1e-9)
 
 
 def test_forces_are_those_of_the_paper():
-    model = load_model("three-mass")
     t = np.arange(250) / 5000.0
     turns = [2 * np.pi * (20 + 40 * i) * t for i in range(6)]
     wave = sum(10 * np.sin(turn) + 10 * np.cos(turn) for turn in turns)
-    record = simulate_record(model)
+    record = simulate_record(MODEL)
     forces = dict(zip(record.names, record.samples[:250].T, strict=True))
     for name, factor in (("F_x3", 1), ("F_y1", 1), ("F_x1", 2), ("F_y3", -2)):
         np.testing.assert_allclose(factor * forces[name], wave, atol=1e-10)
@@ -120,9 +119,7 @@ def test_forces_are_those_of_the_paper():
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.base)
 def test_printed_truth_is_that_of_the_model(row):
-    model = load_model("three-mass")
-    truth = model.base_values(model.values(model.nominal))[model.base.names.index(row.base)]
-    assert truth * SPEED**row.speed_power == pytest.approx(row.true, rel=1e-4)
+    assert TRUTH[row.base] * SPEED**row.speed_power == pytest.approx(row.true, rel=1e-4)
 
 
 def test_table_holds_every_base_parameter_once(demo):
@@ -177,17 +174,16 @@ def imagined(demo: DemoResult, runs: int = 400, **spread: tuple[float, float]) -
     return replace(demo, values=values, deviations=deviations)
 
 
+SHARES = "Bias is 90 % of the mean square error of ls, and 0 % of that of batch-100"
+
+
 @pytest.mark.parametrize(
     ("spread", "said", "unsaid"),
     [
         ({"batch_100": (0, 0.2)}, "the ranking is reproduced", "reversed"),
         ({"batch_10": (0.2, 0.2)}, "the ranking is reversed", "reproduced"),
         ({}, "the ranking is not significant", "reproduced"),
-        (
-            {"ls": (-1.2, 0.4)},
-            "Bias is 90 % of the mean square error of ls, and 0 % of that of batch-100",
-            "no bias",
-        ),
+        ({"ls": (-1.2, 0.4)}, SHARES, "no bias"),
         ({"ls": (-1.2, 0.4)}, "14 of 14 parameters come out too small", "no bias"),
         ({"ls": (0, 0.2)}, "Bias is 0 % of", "too small"),
         ({"sequential": (0, 4)}, "alike; here the ratio of their rms errors is 9.", "one record"),

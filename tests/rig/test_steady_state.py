@@ -12,6 +12,7 @@ from rotorid import InputError, ModelError, load_model, parse_model, simulate, s
 JEFFCOTT = load_model("jeffcott")
 VALUES = JEFFCOTT.values({"m": 2.0, "c": 150.0, "k": 2e5, "xi": 2e-4, "zeta": -1e-4})
 GRID = Grid(200, 4000.0, turns=3, phase=0.6)
+TURNING = {"sample_rate": GRID.sample_rate, "speed": GRID.speed, "phase": GRID.phase}
 
 
 def multisine(grid, harmonics, inputs):
@@ -35,8 +36,7 @@ def test_unbalance_alone_in_closed_form():
     """A circle: z = m Omega^2 (xi + i zeta) exp(i phi) / (k - m Omega^2 + i c Omega)."""
     m, c, k, xi, zeta = VALUES
     W = GRID.speed
-    turning = {"sample_rate": GRID.sample_rate, "speed": W, "phase": GRID.phase}
-    found = steady_state(JEFFCOTT, VALUES, np.zeros((GRID.samples, 2)), **turning)
+    found = steady_state(JEFFCOTT, VALUES, np.zeros((GRID.samples, 2)), **TURNING)
     answer = m * W**2 * (xi + 1j * zeta) / (k - m * W**2 + 1j * c * W) * np.exp(1j * GRID.angle)
     np.testing.assert_allclose(found[:, 0] + 1j * found[:, 1], answer, rtol=1e-12)
 
@@ -98,11 +98,9 @@ def test_resonance_without_damping_is_refused():
 def test_loads_that_the_lines_of_a_period_do_not_hold(load, speed, message):
     equation = f"m*x'' + k*x = F + {load}"
     model = parse_model(model_text("small", [equation], "x m", "F N", "m kg, k N/m, h N"))
+    when = {"sample_rate": 4000.0, "speed": speed}
     with nullcontext() if message is None else pytest.raises(InputError, match=message):
-        found = steady_state(
-            model, [1.0, 5e3, 2.0], np.zeros((200, 1)), sample_rate=4000.0, speed=speed
-        )
-        assert np.abs(found).max() > 0
+        assert np.abs(steady_state(model, [1.0, 5e3, 2.0], np.zeros((200, 1)), **when)).max() > 0
 
 
 @pytest.mark.parametrize(
@@ -136,8 +134,7 @@ def test_models_that_are_not_linear_or_not_complete():
 
 def test_record_of_a_simulation():
     forces = multisine(GRID, (1, 2), 2)
-    turning = {"sample_rate": GRID.sample_rate, "speed": GRID.speed, "phase": GRID.phase}
-    record = simulate(JEFFCOTT, VALUES, forces, periods=3, **turning)
+    record = simulate(JEFFCOTT, VALUES, forces, periods=3, **TURNING)
     assert record.names == ("F_x", "F_y", "x", "y")
     assert [c.unit for c in record.channels] == ["N", "N", "m", "m"]
     assert record.samples.shape == (600, 4)
