@@ -7,6 +7,7 @@ import numpy as np
 from io_writers import write_table
 from model_text import model_text
 from scipy import signal
+from working_folder import load
 
 import rotorid as rid
 
@@ -91,11 +92,6 @@ def write_two(
     for name, trial in (("bare", 0.0), ("run", TRIAL)):
         parts = noise * rng.standard_normal((2, len(rpm), 2))
         write(folder / f"{name}.csv", *change(rpm, coast(rpm, trial) + parts[0] + 1j * parts[1]))
-
-
-def load(folder: Path, text: str = EXPERIMENT) -> rid.Experiment:
-    (folder / "experiment.toml").write_text(text)
-    return rid.load_experiment(folder / "experiment.toml")
 
 
 def identify(folder: Path, text: str = EXPERIMENT) -> rid.Estimate:

@@ -195,46 +195,37 @@ class Sample:
 
 
 @pytest.mark.parametrize(
-    ("first", "second"),
+    ("first", "second", "alike"),
     [
-        (1.0, 1.0),
-        (float("nan"), float("nan")),
-        (np.array([1.0, np.nan]), np.array([1.0, np.nan])),
-        (np.array([1j, np.nan]), np.array([1j, np.nan])),
-        (complex("nan"), complex("nan")),
-        (np.array([1, 2]), np.array([1, 2])),
-        (np.array(["a"]), np.array(["a"])),
-        ({"a": np.zeros(2)}, {"a": np.zeros(2)}),
-        ((1, [np.ones(1)]), (1, [np.ones(1)])),
-        (Sample(np.ones(3)), Sample(np.ones(3))),
-        (None, None),
+        (1.0, 1.0, True),
+        (float("nan"), float("nan"), True),
+        (np.array([1.0, np.nan]), np.array([1.0, np.nan]), True),
+        (np.array([1j, np.nan]), np.array([1j, np.nan]), True),
+        (complex("nan"), complex("nan"), True),
+        (np.array([1, 2]), np.array([1, 2]), True),
+        (np.array(["a"]), np.array(["a"]), True),
+        ({"a": np.zeros(2)}, {"a": np.zeros(2)}, True),
+        ((1, [np.ones(1)]), (1, [np.ones(1)]), True),
+        (Sample(np.ones(3)), Sample(np.ones(3)), True),
+        (None, None, True),
+        (1.0, 2.0, False),
+        (1.0, float("nan"), False),
+        (float("nan"), 1.0, False),
+        (np.array([1.0, 2.0]), np.array([1.0, 3.0]), False),
+        (np.zeros((2, 1)), np.zeros(2), False),
+        (np.zeros(2), np.zeros(3), False),
+        ({"a": 1}, {"b": 1}, False),
+        ({"a": 1}, {"a": 1, "b": 1}, False),
+        ((1, 2), (1,), False),
+        (np.array([1.0]), np.array(["a"]), False),
+        (Sample(np.ones(3)), Sample(np.zeros(3)), False),
+        (None, 0.0, False),
     ],
 )
-def test_alike(first, second):
-    assert same(first, second)
-    assert Sample(first) == Sample(second)
-
-
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [
-        (1.0, 2.0),
-        (1.0, float("nan")),
-        (float("nan"), 1.0),
-        (np.array([1.0, 2.0]), np.array([1.0, 3.0])),
-        (np.zeros((2, 1)), np.zeros(2)),
-        (np.zeros(2), np.zeros(3)),
-        ({"a": 1}, {"b": 1}),
-        ({"a": 1}, {"a": 1, "b": 1}),
-        ((1, 2), (1,)),
-        (np.array([1.0]), np.array(["a"])),
-        (Sample(np.ones(3)), Sample(np.zeros(3))),
-        (None, 0.0),
-    ],
-)
-def test_different(first, second):
-    assert not same(first, second)
-    assert Sample(first) != Sample(second)
+def test_values_are_alike_by_what_they_hold(first, second, alike):
+    assert same(first, second) == alike
+    assert (Sample(first) == Sample(second)) == alike
+    assert (Sample(first) != Sample(second)) != alike
 
 
 def test_what_does_not_count_is_not_compared():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from io_writers import write_table
 from source_trees import script
+from working_folder import load
 
 import rotorid as rid
 from rotorid import cli
@@ -138,10 +139,8 @@ def test_python_of_every_page_runs(page, tmp_path, monkeypatch, capsys):
 def test_experiment_files_of_the_pages_identify(page, file, tmp_path):
     (text,) = (t for t in blocks(ROOT / page, "toml") if "[[records]]" in t and "model =" in t)
     name = tomllib.loads(text)["model"]
-    (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
     write(simulated(name), tmp_path / file, tomllib.loads(text)["channels"])
-    estimate = rid.load_experiment(tmp_path / "experiment.toml").identify()
-    assert estimate.status == "ok"
+    assert load(tmp_path, text).identify().status == "ok"
 
 
 @pytest.mark.slow
@@ -165,8 +164,7 @@ def test_limits_of_the_models_page_are_those_of_the_code():
 
 def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path):
     (text,) = blocks(ROOT / "docs" / "maximum-likelihood.md", "toml")
-    (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
-    estimator = rid.load_experiment(tmp_path / "experiment.toml").estimator()
+    estimator = load(tmp_path, text).estimator()
     assert isinstance(estimator, rid.MaximumLikelihood)
     assert estimator.gains == ("ki", "ks")
     assert estimator.runout

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from io_writers import write_table
-from working_folder import shaken
+from working_folder import load, shaken
 
 import rotorid as rid
 from rotorid import InputError
@@ -57,12 +57,9 @@ def test_a_record_of_a_logger(tmp_path):
     }
     assert '# m = { start = "5 kg" }' in text
     assert "fixed" not in text  # nobody measures an eccentricity by a ruler
-    path = tmp_path / "experiment.toml"
-    path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r'0.speed: found "\?" in records.0.speed;.*comments'):
-        rid.load_experiment(path)
-    path.write_text(text.replace('speed = "?"', 'speed = "0 rpm"'), encoding="utf-8")
-    estimate = rid.load_experiment(path).identify()
+        load(tmp_path, text)
+    estimate = load(tmp_path, text.replace('speed = "?"', 'speed = "0 rpm"')).identify()
     assert estimate.value("m") == pytest.approx(MODEL.nominal["m"], rel=1e-3)
 
 
@@ -214,9 +211,8 @@ def test_a_sweep_for_each_axis_as_a_logger_writes_it(tmp_path):
         assert 165 < high < 195
         assert record["references"] == [f"ex_{axis}"]
         assert "fundamental" not in record
-    path = tmp_path / "experiment.toml"
-    path.write_text(text.replace('speed = "?"', 'speed = "0 rpm"'), encoding="utf-8")
-    assert rid.load_experiment(path).channels[0].sources["F_x"].column == "Fx"
+    experiment = load(tmp_path, text.replace('speed = "?"', 'speed = "0 rpm"'))
+    assert experiment.channels[0].sources["F_x"].column == "Fx"
 
 
 PLANES = ("A X", "A Y", "B X", "B Y")
@@ -264,9 +260,7 @@ def test_planes_of_a_logger_are_those_of_the_model_in_their_order(tmp_path):
     assert text.count("taken A for 1, B for 3, by their order: check") == 8
     assert 'add hold = "zero-order"' in text
     assert '# m1 = { start = "0.83339 kg" }' in text
-    path = tmp_path / "experiment.toml"
-    path.write_text(text, encoding="utf-8")
-    assert rid.load_experiment(path).channels[0].sources["F_x3"].column == "Force B X"
+    assert load(tmp_path, text).channels[0].sources["F_x3"].column == "Force B X"
     rigid = draft(files, "rigid", tmp_path)
     assert parse(rigid)["channels"]["F_yb"] == {"column": "Force B Y", "unit": "N"}
     assert "by their order" not in rigid  # it calls its planes a and b too

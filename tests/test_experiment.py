@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bank import recovered
 from io_writers import write_table
-from working_folder import shaken
+from working_folder import load, shaken
 
 import rotorid as rid
 from rotorid import InputError
@@ -55,11 +55,6 @@ def folder(tmp_path):
     return tmp_path
 
 
-def load(folder: Path, text: str = EXPERIMENT) -> rid.Experiment:
-    (folder / "experiment.toml").write_text(text)
-    return rid.load_experiment(folder / "experiment.toml")
-
-
 def estimate(experiment: rid.Experiment, method: str = "batch") -> rid.Estimate:
     asked = experiment.entry.estimator.method or method
     return rid.identify(experiment.model, experiment.records(asked), experiment.estimator(asked))
@@ -73,11 +68,11 @@ def check_truth(found: rid.Estimate, rtol: float = 1e-9) -> None:
 @pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
 def test_exact_record_gives_exact_parameters(folder, method):
     """Units, scale, columns of a 2-D dataset, speed, phase and skip, all at once."""
-    check_truth(estimate(load(folder), method))
+    check_truth(estimate(load(folder, EXPERIMENT), method))
 
 
 def test_what_the_file_says(folder):
-    experiment = load(folder)
+    experiment = load(folder, EXPERIMENT)
     (record,) = experiment.measured()
     (periods,) = experiment.records()
     assert record.names == ("F_x", "F_y", "x", "y")
@@ -109,7 +104,7 @@ def test_a_delay_is_corrected(folder):
     write(folder / "run.h5", delay_samples=3)
     late = EXPERIMENT.replace(" }", ', delay = "1.5 ms" }')
     check_truth(estimate(load(folder, late)), rtol=1e-8)
-    wrong = estimate(load(folder))
+    wrong = estimate(load(folder, EXPERIMENT))
     assert abs(wrong.value("m*xi") / (TRUTH["m"] * TRUTH["xi"]) - 1) > 0.01
 
 
@@ -170,7 +165,7 @@ def test_forces_of_zero_are_said(folder):
     with h5py.File(folder / "run.h5", "r+") as data:
         for name in ("force/x", "force/y"):
             data[name][:] = 0.0
-    found = estimate(load(folder))
+    found = estimate(load(folder, EXPERIMENT))
     assert found.prediction == {"F_x": None, "F_y": None}
 
 
@@ -394,7 +389,7 @@ def test_natural_frequencies_need_ml_and_no_record(tmp_path):
 
 def test_a_record_is_read_once_whatever_method_takes_it(folder):
     """Where the default falls to batch, nothing is read or averaged again."""
-    experiment = load(folder)
+    experiment = load(folder, EXPERIMENT)
     (first,) = experiment.records("ml")
     (second,) = experiment.records("batch")
     assert second is first

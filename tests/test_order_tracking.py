@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coast_down import KNOWN, MODEL, TRIAL, TRUTH, load, run_down
+from coast_down import KNOWN, MODEL, TRIAL, TRUTH, run_down
 from io_writers import write_table
+from working_folder import load
 
 import rotorid as rid
 from rotorid import InputError

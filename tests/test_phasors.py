@@ -100,7 +100,7 @@ def test_only_unbalance_over_mass_is_known_of_a_free_scale(folder):
 
 def test_a_table_has_no_samples_to_inspect(folder):
     with pytest.raises(InputError, match=r"records\.0\.kind: found a table of phasors"):
-        load(folder).measured()
+        load(folder, EXPERIMENT).measured()
 
 
 def test_a_table_is_inspected(folder, capsys):

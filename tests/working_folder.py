@@ -65,6 +65,12 @@ def make(folder: Path, scale: float = 1.0) -> Path:
     return folder
 
 
+def load(folder: Path, text: str) -> rid.Experiment:
+    """Write an experiment file into a folder, and read it."""
+    (folder / "experiment.toml").write_text(text, encoding="utf-8")
+    return rid.load_experiment(folder / "experiment.toml")
+
+
 def simulated(folder: Path, rig: str) -> Path:
     """Write rig.toml and its record, run.h5; return the experiment file that comes with it."""
     (folder / "rig.toml").write_text(rig)

@@ -116,9 +116,8 @@ def test_asammdf_converts_nothing(version, monkeypatch):
     """Whatever a channel is read for: its samples, its times, its unit, or another channel."""
     linear = {"conversion_type": 1 if version >= "4" else 0, "a": 2.0, "b": 1.0}
     path = write(version, dict.fromkeys(("time", "fx"), block(version, **linear)))
-    monkeypatch.setattr(
-        type(block(version, **linear)), "convert", lambda *_, **__: Path("RAN").touch()
-    )
+    converting = type(block(version, **linear))
+    monkeypatch.setattr(converting, "convert", lambda *_, **__: Path("RAN").touch())
     opened = open_table(path)
     for column in opened.read([f"0/{name}" for name in opened.names]).values():
         assert column.rate.hertz == pytest.approx(500)
@@ -139,6 +138,7 @@ def pairs(count: str, number: int) -> dict[str, float]:
 SIX = {"P1": 0.3, "P2": -2.0, "P3": 7.0, "P4": 0.1, "P5": 0.7, "P6": 30.0}
 INVERSE = SIX | {"P1": 40.0, "P4": 2.0}
 RATIO = dict.fromkeys(SIX, 0.0) | {"P2": 3.0, "P6": 7.0}
+HYPERBOLIC = dict.fromkeys(SIX, 0.0) | {"P1": 3.0, "P4": 2.0}
 CANCELLED = dict.fromkeys(SIX, 0.0) | {"P1": 3.0, "P5": 7.0}
 GROWING = dict.fromkeys(SIX, 0.0) | {"P1": 4.0, "P2": 3.0, "P3": 1.0, "P6": 1.0, "P7": 0.5}
 FALLING = dict.fromkeys(SIX, 0.0) | {"P3": 1.0, "P4": 4.0, "P5": 2.0, "P6": 0.5, "P7": -9.0}
@@ -151,9 +151,7 @@ KNOWN: dict[str, dict[str, Any]] = {
         "interpolated": {"conversion_type": 1} | pairs("ref_param_nr", 4),
         "nearest": {"conversion_type": 2} | pairs("ref_param_nr", 4),
         "hyperbolic": {"conversion_type": 6} | INVERSE,
-        "ratio-hyperbolic": {"conversion_type": 6}
-        | RATIO
-        | {"P1": 3.0, "P2": 0, "P4": 2.0, "P6": 0},
+        "ratio-hyperbolic": {"conversion_type": 6} | HYPERBOLIC,
         "exponential": {"conversion_type": 7} | GROWING,
         "exponential-inverse": {"conversion_type": 7} | FALLING,
         "logarithmic": {"conversion_type": 8} | GROWING | {"P7": -30.0},
@@ -188,9 +186,8 @@ def test_numbers_are_those_of_asammdf(version, samples):
         expected["0/ranges"] = np.select(inside, [3.0, 9.0], -7.0)
     digits = 2e-5 if samples.dtype == np.float32 else 1e-13
     for name, column in found.items():
-        np.testing.assert_allclose(
-            column.values, expected[name], rtol=digits, atol=digits, err_msg=name
-        )
+        within = {"rtol": digits, "atol": digits, "err_msg": name}
+        np.testing.assert_allclose(column.values, expected[name], **within)
         assert column.values.dtype == np.float64
         assert column.unit == ("N" if version >= "4" else None)
 

@@ -28,6 +28,7 @@ from rotorid.report.estimate_report import validation_table, verdict_of
 # What a user reads after a fit.
 
 
+REMARK = "the rotation is not <synchronous> [bold]with[/bold] the excitation"
 ESTIMATE = Estimate(
     "three-mass",
     "ml",
@@ -46,11 +47,7 @@ ESTIMATE = Estimate(
     misfit=Misfit(1053.2, 84.2, 82, 1e-9),
     notes=(
         *causes(Suspect("damping k1", 96000.0), Suspect("x/y asymmetry of k1", 8319.0)),
-        Note(
-            "record",
-            "remarks",
-            "the rotation is not <synchronous> [bold]with[/bold] the excitation",
-        ),
+        Note("record", "remarks", REMARK),
     ),
     prediction={"F_x1": Prediction(0.00412), "F_y1": None},
     lines_hz=(20.0, 60.0, 220.0),
@@ -83,7 +80,7 @@ def test_what_there_is_to_say():
         "260 periods, 3 lines from 20 to 220 Hz",
         "condition number 25.99",
         "inflated: std as if all of the misfit were noise",
-        "warning: the rotation is not <synchronous> [bold]with[/bold] the excitation",
+        f"warning: {REMARK}",
     ):
         assert note in text.splitlines()
     assert text.count("m1 ") == 1  # derived from itself: said once

@@ -75,11 +75,12 @@ def test_rigid_rig_holds_every_kind_of_key():
     assert rig.excitation.crest_factor.max() < 1.5
 
 
+TF = 'kind = "transfer-function"\n'
 PID = re.search(r"stiffness.*\n.*\n.*\n.*\n", TEXT).group()
 
 
 def test_a_transfer_function_on_every_axis():
-    keys = 'kind = "transfer-function"\nnumerator = [-9e3, 8.7e3]\ndenominator = [1.0, -0.2]\n'
+    keys = TF + "numerator = [-9e3, 8.7e3]\ndenominator = [1.0, -0.2]\n"
     controller = parse_rig(changed(PID, keys)).rig.controller
     z = np.exp(2j * np.pi * 100.0 * 1e-4)
     expected = (-9e3 * z + 8.7e3) / (z - 0.2)
@@ -167,12 +168,8 @@ BAD = [
     ('F_x1 = "2 N"', 'theta_x = "2 N"', "process_noise.theta_x: found unit 'N'"),
     ('model = "three-mass"', 'model = "emps"', "sensors: found 'x1'; expected one of q"),
     ('stiffness = "2e5 N/m"', "", "controller: found no stiffness; expected stiffness and damping"),
-    (PID, 'kind = "transfer-function"\n', "controller: found no numerator"),
-    (
-        PID,
-        'kind = "transfer-function"\nnumerator = [1.0, 2.0]\ndenominator = [1.0]\n',
-        "a controller cannot look ahead",
-    ),
+    (PID, TF, "controller: found no numerator"),
+    (PID, TF + "numerator = [1.0, 2.0]\ndenominator = [1.0]\n", "a controller cannot look ahead"),
     (PID, 'kind = "state-space"\nD = [[1.0]]\n', "a controller from 1 positions to 1 commands"),
     (PID, 'kind = "state-space"\n', "controller: found no D"),
     ('sample_rate = "10 kHz"', 'sample_rate = "10001 Hz"', "a ratio of whole numbers"),

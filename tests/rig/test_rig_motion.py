@@ -5,6 +5,7 @@ import re
 import runpy
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -285,6 +286,7 @@ def test_axes_side_by_side_do_not_know_of_one_another():
     assert axes[0].on_each(4).commands == 4
 
 
+GAIN = partial(Controller, [], [], [])
 NUMERATOR, DENOMINATOR = [-2e4, 1.9e4], [1.0, -0.6, 0.05]
 SPACE = ([[0.5, 0.1], [0.0, 0.2]], [[1.0], [0.5]], [[-1e4, 2.0]], [[-3e3]])
 SYSTEMS = {
@@ -317,17 +319,11 @@ def test_systems_of_other_packages(kind):
         (lambda: as_controller(signal.dlti([1.0], [1.0, 0.5], dt=2e-4), T), "every 0.0002 s"),
         (lambda: as_controller("pid", T), "'pid'; expected a discrete system"),
         (lambda: Controller([[1.0]], [[1.0, 2.0]], [[1.0]], [[1.0]], T), r"B of shape \(1, 2\)"),
-        (lambda: Controller([], [], [], [[np.nan]], T), "not finite"),
-        (lambda: Controller([], [], [], [[1.0]], 0.0), "a period of 0.0 s"),
+        (lambda: GAIN([[np.nan]], T), "not finite"),
+        (lambda: GAIN([[1.0]], 0.0), "a period of 0.0 s"),
         (lambda: pid(1.0, 0.0, 1.0, 0.0, T), "filter_frequency: found 0.0 Hz"),
-        (
-            lambda: Controller([], [], [], np.eye(2), T).on_each(2),
-            "2 positions, 2 commands; expected one of each",
-        ),
-        (
-            lambda: side_by_side([Controller([], [], [], [[1.0]], t) for t in (T, 2 * T)]),
-            "expected one period",
-        ),
+        (lambda: GAIN(np.eye(2), T).on_each(2), "2 positions, 2 commands; expected one of each"),
+        (lambda: side_by_side([GAIN([[1.0]], t) for t in (T, 2 * T)]), "expected one period"),
     ],
 )
 def test_bad_controllers_are_refused(build, message):
