@@ -28,6 +28,8 @@ MEMBER = 1e-5
 """Least part in a direction, relative to the largest, that counts."""
 OFF = 1e-3
 """Lines by which the rotation may miss one that is its own: as it leaks there all the same."""
+LARGEST = 6.5
+"""What powers of a factor are below, the least being 1: more is no change of unit or of scale."""
 SHRINKS = 1e-7
 """Least relative effect of a cure on a direction that counts as determining it."""
 
@@ -68,8 +70,7 @@ def open_combinations(fit: Fit) -> list[Combination]:
     for row, pivot in _reduced(linear.null.T, np.array([u.nuisance for u in unknowns])):
         members = np.flatnonzero(np.abs(row) > MEMBER * np.abs(row).max())
         change, first = row[members] * linear.scale[members], members.tolist().index(pivot)
-        scaling = not additive[members].any() and (values[members] != 0).all()
-        exponents = _exponents(change / values[members]) if scaling else []
+        exponents = [] if additive[members].any() else _exponents(change, values[members])
         if 1 in exponents:  # measured by a member of power one
             first = exponents.index(Fraction(1))
         order = [first, *(k for k in range(len(members)) if k != first)]
@@ -118,18 +119,19 @@ def _independent(columns: Floats) -> bool:
     return len(values) == columns.shape[1] and bool(values[-1] > 1e-4 * values[0])
 
 
-def _exponents(relative: Floats) -> list[Fraction]:
+def _exponents(change: Floats, values: Floats) -> list[Fraction]:
+    with np.errstate(all="ignore"):  # a value that does nothing may be 0, or as good as 0
+        relative = change / values
     size = np.abs(relative)
+    if not 0 < size.max() < LARGEST * size.min() < np.inf:
+        return []
     for reference in (relative[size.argmin()], relative[size.argmax()]):
-        if size.min() == 0:  # what does not move is no power of the others' factor
-            break
         ratios: list[float] = (relative / reference).tolist()
         powers = [Fraction(r).limit_denominator(4) for r in ratios]
-        smallest = min(map(abs, powers))
-        if not smallest or any(abs(p - r) > 1e-4 for p, r in zip(powers, ratios, strict=True)):
+        if any(abs(p - r) > 1e-4 for p, r in zip(powers, ratios, strict=True)):
             continue
-        whole = [p / smallest for p in powers]
-        if max(map(abs, whole)) <= 6 and all(p.denominator == 1 for p in whole):
+        whole = [p / min(map(abs, powers)) for p in powers]
+        if all(p.denominator == 1 for p in whole):
             return whole if whole[0] > 0 else [-p for p in whole]
     return []
 

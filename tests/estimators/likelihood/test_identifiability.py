@@ -189,7 +189,35 @@ def test_noise_free_records_tell_the_same(demo, bearings):
         ([1.0, 0.0], []),  # one that does not move is no power of the other's factor
         ([1.0, 1e-9], []),
         ([1.0, 0.7071], []),
+        ([1.0, 6.0], [1, 6]),
+        ([1.0, 7.0], []),
     ],
 )
 def test_members_scale_together_only_as_whole_powers_of_one_factor(relative, powers):
-    assert _exponents(np.array(relative)) == powers
+    change = np.array(relative)
+    assert _exponents(change, np.ones(len(change))) == powers
+
+
+@pytest.mark.parametrize("value", [0.0, 5e-324, 1e-313, -1e-310])
+def test_a_value_that_does_nothing_may_be_next_to_0(value):
+    """An unbalance that acts on no line: its search leaves it anywhere, also below what 1 / x is."""
+    assert _exponents(np.ones(1), np.array([value])) == []
+    assert _exponents(np.ones(2), np.array([1.0, value])) == []
+    assert _exponents(np.ones(2), np.full(2, value)) == []
+    assert _exponents(np.ones(1), np.array([1e-300])) == [1]
+
+
+def test_gains_without_the_line_of_the_rotation(levitated, rng):
+    """The search takes an unbalance that acts on nothing towards 0, past the least number."""
+    every = levitated.record(140.0)
+    kept = every.harmonics != 7
+    without = replace(every, harmonics=every.harmonics[kept], spectra=every.spectra[:, kept])
+    seen = levitated.noisy(without, rng)
+    estimate = levitated.machine.identified(
+        seen, constraints=(levitated.weighed,), gains=("ki", "ks")
+    )
+    assert estimate.status == "not_identifiable"
+    assert lines_of(estimate, "not identifiable: ") == [
+        f"{name} is not determined" for name in ("xi", "zeta", "mu", "eta")
+    ]
+    assert any(cure.endswith("add 7 to harmonics") for cure in lines_of(estimate, "cure: "))
