@@ -91,7 +91,58 @@ def test_a_peak_that_the_band_leaves_out_is_in_no_zone():
     small = curve([0.001, 0.004, 0.001], 0.003, 0.005)
     assert small.zone == "A or worse"
     assert "not in one unit" in small.verdict
-    assert curve([0.5, 0.99, 0.7], 0.97, 1.001).zone == "A"
+
+
+@pytest.mark.parametrize(
+    ("mean", "end", "zone"),
+    [(-0.11, 0.79, "A or worse"), (-0.09, 0.79, "A"), (-0.11, 0.81, "A")],
+)
+def test_no_loop_is_below_1_on_average(mean, end, zone):
+    """Unless it is above 1 beyond the band, of which the end tells: by two deviations of 0.1."""
+    size = np.array([1.2, 2.0, 1.0, 1.0, 1.0, end])
+    size[2:5] = np.exp((6 * mean - np.log(1.2) - np.log(2.0) - np.log(end)) / 3)
+    axis = curve(list(size), 1.95, 2.05)
+    assert axis.zone == zone
+    assert ("no loop does (Bode)" in axis.verdict) == (zone != "A")
+
+
+@pytest.mark.parametrize(("gain", "zone"), [(1.0, "A"), (2.0, "A or worse")])
+def test_a_reference_twice_too_large_while_the_loop_still_has_gain(gain, zone):
+    """S of a mass under a controller with a delay: 1.2 at the end of the band, or half of it."""
+    lines = np.arange(5.0, 600.0, 4.0)
+    s = 2j * np.pi * lines
+    control = (4e5 + 900 * s) * np.exp(-3e-4 * s)
+    axis = played_back(lines, 1 / (1 + control / (2 * s**2 - 2e5)) / gain)
+    assert axis.peak == pytest.approx(2.0 / gain, rel=0.2)
+    assert axis.zone == zone
+    assert ("not in one unit or gain" in axis.verdict) == (gain > 1)
+
+
+def played_back(lines: np.ndarray, values: np.ndarray) -> AxisSensitivity:
+    rng = np.random.default_rng(0)
+    drawn = 1e-3 * rng.standard_normal((2, 8, len(lines)))
+    spectra = np.stack([values + drawn[0] + 1j * drawn[1], np.ones((8, len(lines)))], axis=-1)
+    names = ("e", "r")
+    record = SimpleNamespace(
+        names=names, spectra=spectra, frequency=lines, periods=8, fundamental=1.0, turns=0.0
+    )
+    raw = sensitivity._of_periods([record], {"e": "r"})
+    return sensitivity._single(sensitivity._settled(sensitivity._axis("e", *raw[0])))
+
+
+@pytest.mark.parametrize(("height", "alone"), [(4.9, False), (5.1, True)])
+def test_a_peak_of_one_line_alone_is_no_loop_s(height, alone):
+    """The lines beside are 2 high."""
+    axis = played_back(np.arange(10.0, 30.0), np.r_[np.ones(8), 2, height, 2, np.ones(9)])
+    assert ("on the line of 19 Hz alone: the rotation" in axis.verdict) == alone
+
+
+@pytest.mark.parametrize(("off", "told"), [(0.0, False), (2e-9, True)])
+def test_a_command_is_not_its_own_reference(off, told):
+    ones = np.ones(10)
+    axis = AxisSensitivity("x", np.arange(10.0), ones + off + 0j, 0 * ones, 1.0, 2.0, (1.0, 1.0))
+    with nullcontext() if told else pytest.raises(InputError, match="x and its reference the same"):
+        assert sensitivity._settled(axis) == axis
 
 
 def test_how_many_lines_a_peak_is_fitted_to_and_what_they_leave():
@@ -201,7 +252,7 @@ def test_whole_records_of_which_no_sensitivity_can_be_told(pairs, band, message)
     [
         (80.0, 1.0, "zone A or worse: nothing tells it from"),
         (5.0, 1.0, "zone C"),
-        (80.0, 1e3, "zone A or worse: it stays below 1, as no loop does"),
+        (80.0, 1e3, "zone A or worse: on average it stays below 1, as no loop does"),
     ],
 )
 def test_a_peak_where_nothing_was_excited_is_no_peak_that_is_not_there(first, factor, said):
@@ -497,16 +548,32 @@ def periods(*excitation: float) -> SimpleNamespace:
     )
 
 
-@pytest.mark.parametrize(("records", "alone"), [(1, 0.9e-6), (1, 1.1e-6), (2, 0.9e-6), (2, 1.1e-6)])
-def test_a_millionth_of_another_axis_is_an_axis_own(records, alone):
-    """Of one record the share of the other axis; of two, how far their directions are apart."""
+@pytest.mark.parametrize("unit", [1.0, 1e3])
+@pytest.mark.parametrize(("records", "alone"), [(1, 0.9e-4), (1, 1.1e-4), (2, 0.9e-6), (2, 1.1e-6)])
+def test_what_counts_as_an_axis_own(records, alone, unit):
+    """Of one record the share of the other axis, which is silent below a ten-thousandth of its
+    loudest line; of two, how far their directions are apart. The unit of one axis is no matter."""
     if records == 1:
-        made, told = [periods(1.0, alone), periods(0.0, 1.0)], alone < 1e-6
+        made, told = [periods(1.0, alone), periods(0.0, 1.0)], alone < 1e-4
         made[1].frequency = np.array([20.0])
     else:
         made, told = [periods(1.0, 1.0), periods(1.0, 1.0 + 4 * alone)], alone > 1e-6
+    for record in made:
+        record.spectra[..., 3] *= unit
     with nullcontext() if told else pytest.raises(InputError, match="no line on which"):
         assert len(sensitivity._of_periods(made, {"e1": "r1", "e2": "r2"})) == 2
+
+
+@pytest.mark.parametrize(("times", "lines"), [(4.9, 1), (5.1, 2)])
+def test_a_reference_within_its_own_noise_is_none(times, lines):
+    """Its second line scatters by 0.01 to both sides, so that its mean is known to 0.005."""
+    scatter = 0.01 * np.array([1, -1, 1, -1])
+    r = np.stack([np.ones(4), times * 0.005 + scatter], axis=1)
+    record = periods(1.0, 0.0)
+    record.names, record.frequency = ("e", "r"), np.array([10.0, 20.0])
+    record.spectra = np.stack([2 * r + 0j, r + 0j], axis=-1)
+    ((found, *_),) = sensitivity._of_periods([record], {"e": "r"})
+    assert len(found) == lines
 
 
 # Poles of a loop counted on the right, against eigenvalues.

@@ -50,6 +50,9 @@ FEWEST = 4
 """Windows of an axis, at the least, of what is called excited."""
 LEAST_SETTLED = 5
 """Lines of the last third, at the least, that tell what S comes to."""
+LEVEL = -0.1
+"""Mean of ln |S| over a band that ends below 1, under which it is that of no loop: over all
+frequencies, that of a loop is 0 or more (Bode), so that it has to be above 1 beyond the band."""
 UNIT = 0.03
 """Distance from 1 that is still called 1: a quarter of a dB."""
 FLAT = 0.25
@@ -67,6 +70,14 @@ ORDERS = 3
 """Multiples of the rotation whose lines are left out: unbalance and runout answer no excitation."""
 ALONE = 1e-6
 """Share of another axis' excitation in a direction that is still called an axis' own."""
+SILENT, TOLD = 1e-4, 5.0
+"""Share of its own loudest line, and deviations of its own noise, below which r is none: what the
+digits of its column leave on lines of other axes, or beyond the excitation."""
+SAME = 1e-9
+"""Distance of S from 1 on every line below which e is r: rounding."""
+SINGLE = 0.4
+"""Height of a line beside the highest, over that, below which no loop is that has a line spacing
+of half the width of its peak: there it is 0.7."""
 
 
 @frozen
@@ -89,14 +100,15 @@ class AxisSensitivity:
         """Why the peak may be higher than what was measured; empty where it is not."""
         if self.caveat:
             return self.caveat
-        if self.interval[1] < 1:
-            return (
-                "it stays below 1, as no loop does (Bode): e and r are not in one unit, or the "
-                "band leaves the peak out"
-            )
         size = np.abs(self.sensitivity)
         if len(size) > 1:
             unsure = AT_END * self.std[[0, -1]]
+            level = np.average(np.log(size.clip(1e-9)), weights=np.gradient(self.frequency_hz))
+            if level < LEVEL and size[-1] + unsure[1] < 1:
+                return (
+                    "on average it stays below 1, as no loop does (Bode): e and r are not in one "
+                    "unit or gain, or are exchanged, or the band leaves the peak out"
+                )
             as_high = size[[0, -1]] + unsure >= size.max()
             settled = np.abs(size[[0, -1]] - 1) <= unsure  # S is 1 where the loop has no gain
             if size.argmax() in (0, len(size) - 1) or (as_high & ~settled).any():
@@ -230,21 +242,40 @@ def sensitivity(
         require_names([*pairs, *pairs.values()], names, "no channel {}", file=record.source)
     if all(isinstance(record, PeriodicRecord) for record in data):
         raw = _of_periods([r for r in data if isinstance(r, PeriodicRecord)], pairs)
-        axes = [_axis(name, *each) for name, each in zip(pairs, raw, strict=True)]
-    else:
-        if band is None:
-            raise InputError("a whole record without a band", "a band", "give it in Hz")
-        ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
-        first = quantity(skip, "s", place="skip")
-        whole = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
-        axes = [_located(name, each) for name, each in whole.items()]
-    return [_settled(axis) for axis in axes]
+        named = zip(pairs, raw, strict=True)
+        return [_single(_settled(_axis(name, *each))) for name, each in named]
+    if band is None:
+        raise InputError("a whole record without a band", "a band", "give it in Hz")
+    ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
+    first = quantity(skip, "s", place="skip")
+    whole = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
+    return [_settled(_located(name, each)) for name, each in whole.items()]
 
 
 def _settled(axis: AxisSensitivity) -> AxisSensitivity:
+    if (np.abs(axis.sensitivity - 1) < SAME).all():
+        raise InputError(
+            f"{axis.axis} and its reference the same",
+            "e, the command behind the sum, and r, which was added to it",
+            "name another column for one of them; of an open loop there is no sensitivity",
+            place="pair",
+        )
     if axis.caveat or axis.interval[1] < 1:
         return axis
     why = settles_elsewhere(axis.frequency_hz, axis.sensitivity, axis.std)
+    return replace(axis, caveat=why)
+
+
+def _single(axis: AxisSensitivity) -> AxisSensitivity:
+    size = np.abs(axis.sensitivity)
+    at = int(size.argmax())
+    beside = np.delete(size, at)[max(at - 1, 0) : at + 1].max(initial=0.0)
+    if axis.doubt or len(size) < 3 or beside > SINGLE * size[at]:
+        return axis
+    why = (
+        f"it is that high on the line of {axis.frequency_hz[at]:.6g} Hz alone: the rotation, if "
+        "its speed is missing, another disturbance, or a peak that takes lines closer together"
+    )
     return replace(axis, caveat=why)
 
 
@@ -274,10 +305,9 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
     lines = grouped(
         (round(hertz, 9), (r, k)) for r in records for k, hertz in enumerate(r.frequency.tolist())
     )
-    loudest = max(
-        float(np.abs(r.spectra[..., [r.names.index(n) for n in pairs.values()]].mean(axis=0)).max())
-        for r in records
-    )
+    added = [r.spectra[..., [r.names.index(n) for n in pairs.values()]] for r in records]
+    loud = np.max([np.abs(r.mean(axis=0)).max(axis=0) for r in added], axis=0)  # of each axis
+    loud[loud == 0] = 1.0
     found: list[list[tuple[float, complex, float, float]]] = [[] for _ in pairs]
     for hertz, places in sorted(lines.items()):
         if any(_rotates(record, hertz) for record, _ in places):
@@ -289,10 +319,11 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
             ).swapaxes(1, 2)
             for names in (pairs, pairs.values())
         )
-        excitation = r.mean(axis=1)
-        excitation[np.abs(excitation) < 1e-9 * loudest] = 0.0
+        excitation, noise = r.mean(axis=1) / loud, r.std(axis=1) / loud / np.sqrt(count)
+        excitation[np.abs(excitation) < np.maximum(SILENT, TOLD * noise)] = 0.0
         inverse = np.linalg.pinv(excitation, rcond=ALONE)
         alone = np.abs(inverse @ excitation - np.eye(len(pairs))).max(axis=1) <= ALONE
+        inverse = inverse / loud[:, None]
         for j in np.flatnonzero(alone).tolist():
             row = inverse @ e[:, :, j].mean(axis=1)  # of S: e_j = S_j r
             # What the other records say of the noise: e less what S makes of r, period by period.

@@ -200,7 +200,7 @@ def test_members_scale_together_only_as_whole_powers_of_one_factor(relative, pow
 
 @pytest.mark.parametrize("value", [0.0, 5e-324, 1e-313, -1e-310])
 def test_a_value_that_does_nothing_may_be_next_to_0(value):
-    """An unbalance that acts on no line: its search leaves it anywhere, also below what 1 / x is."""
+    """An unbalance that acts on no line: the search leaves it anywhere."""
     assert _exponents(np.ones(1), np.array([value])) == []
     assert _exponents(np.ones(2), np.array([1.0, value])) == []
     assert _exponents(np.ones(2), np.full(2, value)) == []
