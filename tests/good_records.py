@@ -138,8 +138,7 @@ def levitated(kind: str, seed: int) -> Good:
         record = rig.run(seconds, rng)
         return (rid.average(record, 20.0, harmonics=[1, 3, 5, 7, 9, 11]),)
 
-    truth = rig.values
-    return Good(f"{seconds:g} s", rig.model, truth, records, rid.MaximumLikelihood())
+    return Good(f"{seconds:g} s", rig.model, rig.values, records, rid.MaximumLikelihood())
 
 
 MACHINES: dict[str, Callable[[str, int], Good]] = {

@@ -40,8 +40,7 @@ def coloured(
 ) -> np.ndarray:
     """Return noise that remembers itself for so many seconds."""
     memory = np.exp(-1 / (seconds * rate))
-    white = rng.standard_normal(count)
-    return std * lfilter([np.sqrt(1 - memory**2)], [1, -memory], white)
+    return std * lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(count))
 
 
 def measured(force: np.ndarray, position: np.ndarray, names: tuple[str, str], rate: float):

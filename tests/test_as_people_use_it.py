@@ -45,8 +45,7 @@ def test_texts_stand_wherever_numbers_may(record):
         constraints=(rid.Constraint(mass, 12.98878, 0.01),),
         bounds={"m2": (10.0, None)},
     )
-    found = [rid.identify(model, by_text, chosen) for chosen in (texts, numbers)]
-    assert same_answer(*found)
+    assert same_answer(*[rid.identify(model, by_text, chosen) for chosen in (texts, numbers)])
     as_forces = rid.average(forces(record, period=500), "20 Hz", harmonics=LINES)
     batch = [
         rid.identify(model, as_forces, rid.Batch(constraints=(rid.Constraint(mass, value),)))
@@ -108,8 +107,7 @@ def test_an_experiment_file_runs_from_python(tmp_path):
     estimate = experiment.identify()
     assert (estimate.method, estimate.status) == ("ml", "ok")
     assert experiment.identify("batch").method == "batch"
-    by_hand = rid.identify(experiment.model, experiment.records(), "ml")
-    assert by_hand == estimate
+    assert rid.identify(experiment.model, experiment.records(), "ml") == estimate
     frame = estimate.to_frame()
     assert frame.loc["m2", "unit"] == "kg"
     assert abs(frame.loc["m2", "value"] - 11.322) < 4 * frame.loc["m2", "std"]

@@ -118,7 +118,7 @@ CASES = {
     # missing columns
     "column": told('"f"', '"force"', "channels.F.column", "no column 'force'; .* t, f, x", **RUN),
     "time column": told(FIXED, 'time = "time"', "time", "no column 'time'", **RUN),
-    "channel": told(F, "", "", "no channel of the input F", **RUN),
+    "channel": told(F, "", "", r"no channel of the input F;.*\[channels\]", **RUN),
     "hidden coordinate": told(X, "", "", "no sensor of any coord.*name a channel after it", **RUN),
     # units that do not convert
     "unit": told('"mm"', '"N"', "channels.x.unit", "unit 'N'; expected .* converts to m", **RUN),

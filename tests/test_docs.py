@@ -177,8 +177,7 @@ def test_the_drawing_is_that_of_its_script_and_of_the_models():
     assert "x_a = x - L_a θ_y,  y_a = y + L_a θ_x" in shown
     assert "F_x = k_i i + k_s x" in shown
     rigid = rid.load_model("rigid")
-    values = rigid.values(rigid.nominal)
-    work = rigid.require_linear().matrices(values).B
+    work = rigid.require_linear().matrices(rigid.values(rigid.nominal)).B
     length = rigid.nominal["L_a"]
     # The displacement that does work with F_xa and F_ya, over x, y, theta_x, theta_y.
     assert work[:, 0].tolist() == [1.0, 0.0, 0.0, -length]

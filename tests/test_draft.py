@@ -87,8 +87,7 @@ def test_files_of_one_clock_are_one_record(tmp_path, output):
 
 
 def test_what_is_left_open_is_told_in_one_line(tmp_path, output, refusal):
-    rng = np.random.default_rng(1)
-    np.savetxt(tmp_path / "run.txt", rng.normal(size=(300, 3)))
+    np.savetxt(tmp_path / "run.txt", np.random.default_rng(1).normal(size=(300, 3)))
     out = tmp_path / "experiment.toml"
     new = ("new", tmp_path / "run.txt", "--out", out)
     output(*new)
@@ -172,8 +171,7 @@ def of_unit(unit: str | None, *names: str) -> list[Found]:
 def test_units_decide_between_names():
     columns = [*of_unit("N", "x"), *of_unit("um", "px")]
     assert assign(MODEL, columns)["x"].name == "px"
-    undecided = of_unit(None, "qm", "qg")
-    assert assign(rid.load_model("emps"), undecided) == {}
+    assert assign(rid.load_model("emps"), of_unit(None, "qm", "qg")) == {}
     assert role_of("t", "N") == "channel"
     assert role_of("Time (s)", None) == "time"
     assert {role_of(name, None) for name in ("t/ms", "time_ms", "t [ms]", "run1/T_us")} == {"time"}
@@ -204,8 +202,7 @@ def test_a_sweep_for_each_axis_as_a_logger_writes_it(tmp_path):
         header = "t [s],ex_x [N],ex_y [N],Fx [N],Fy [N],x [um],y [um]"
         write_table(tmp_path / f"{axis}.csv", header, time, columns)
     text = draft([tmp_path / "0.csv", tmp_path / "1.csv"], "jeffcott", tmp_path)
-    found = parse(text)
-    for record, axis in zip(found["records"], "xy", strict=True):
+    for record, axis in zip(parse(text)["records"], "xy", strict=True):
         low, high = (float(end.removesuffix(" Hz")) for end in record["band"])
         assert 10 < low < 30
         assert 165 < high < 195
@@ -315,13 +312,11 @@ def test_probes_at_right_angles_are_the_axes_of_the_model(names, assumed):
     gaps = of_unit("mm", *(f"gap {name}" for name in names))
     coils = of_unit("A", *(f"coil_{name}" for name in names))
     told = by_planes(model, [*gaps, *coils], {})
-    want = {"x1": gaps[x1], "y1": gaps[y1], "x3": gaps[2 + x1], "y3": gaps[2 + y1]}
-    assert told == want
+    assert told == {"x1": gaps[x1], "y1": gaps[y1], "x3": gaps[2 + x1], "y3": gaps[2 + y1]}
     assert {column.assumed for column in told.values()} == {
         f"taken {assumed}, by their order: check"
     }
-    flows = currents(model, [*gaps, *coils], {})
-    assert flows["F_y3"] == coils[2 + y1]
+    assert currents(model, [*gaps, *coils], {})["F_y3"] == coils[2 + y1]
     rigid = sensors_at_inputs(rid.load_model("rigid"), gaps)
     assert rigid["F_xb"] == gaps[2 + x1]
     assert by_planes(model, gaps[:3], {}) == {}

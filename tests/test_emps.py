@@ -57,8 +57,7 @@ def test_parameters(result):
     assert result.periods == 2
     for name, (value, tolerance) in EXPECTED.items():
         assert result.value(name) == pytest.approx(value, abs=tolerance), name
-    error = result.prediction["F"]
-    assert error.relative_error < 0.041
+    assert result.prediction["F"].relative_error < 0.041
 
 
 def test_published_values_lie_within_two_deviations(result):
@@ -69,8 +68,7 @@ def test_published_values_lie_within_two_deviations(result):
 def test_deviations_inflated_by_the_misfit_are_those_published(result):
     """Two periods repeat within 1 %; the model misses 4 %: only the inflated ones say so."""
     for name in ("M", "Fv", "Fc"):
-        inflated = result[name].std_inflated
-        assert 1 < inflated / PUBLISHED[name][1] < 5, name
+        assert 1 < result[name].std_inflated / PUBLISHED[name][1] < 5, name
 
 
 def test_record_with_pulses(folder, result, output):
@@ -102,8 +100,7 @@ def test_without_periods(folder, output):
         assert found.value(name) == pytest.approx(value, rel=0.005), name
         assert abs(found.value(name) - PUBLISHED[name][0]) < found.std(name)
     assert {"low-pass", "left out", "blocks"} <= {c.about for c in found.checks}
-    error = found.prediction["F"]
-    assert error.relative_error == pytest.approx(0.0394, abs=0.0005)
+    assert found.prediction["F"].relative_error == pytest.approx(0.0394, abs=0.0005)
 
 
 @pytest.mark.parametrize("method", ["batch", "sequential"])

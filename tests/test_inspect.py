@@ -28,8 +28,7 @@ def test_a_good_record_is_ok(rig, output):
     assert found["speed_rad_s"] == pytest.approx(942.478, rel=1e-6)
     assert {check["verdict"] for check in found["checks"]} == {"ok"}
     assert set(found["checks"][0]) == {"check", "channel", "found", "verdict"}
-    names = [channel["name"] for channel in found["channels"]]
-    assert names[:1] == ["F_xa"]
+    assert [channel["name"] for channel in found["channels"]][:1] == ["F_xa"]
     assert all(channel["snr_db"] > 30 for channel in found["channels"])
 
 

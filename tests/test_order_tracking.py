@@ -140,8 +140,7 @@ def test_samples_left_out_leave_their_segments_out():
 
 
 def test_what_is_skipped():
-    table = rid.phasors(turning(2.0, noise=0.01), 8, skip=10.0)
-    assert table.frequency.min() > 30.0
+    assert rid.phasors(turning(2.0, noise=0.01), 8, skip=10.0).frequency.min() > 30.0
     with pytest.raises(InputError, match="found skip = 100 s"):
         rid.phasors(turning(1.0), skip=100.0)
 
@@ -231,8 +230,7 @@ def test_samples_per_revolution(rate, refused):
 @pytest.mark.slow
 def test_a_table_has_twenty_speeds_at_least():
     """597 turns: nine segments of 64, eighteen of 32, 37 of 16."""
-    table = rid.phasors(turning(2.0, noise=0.1))
-    assert len(table.speed) == 37
+    assert len(rid.phasors(turning(2.0, noise=0.1)).speed) == 37
     assert len(rid.phasors(turning(2.0, noise=0.1, seconds=23.0)).speed) == 21
 
 

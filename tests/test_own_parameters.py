@@ -24,8 +24,7 @@ TRUE = rid.parse_model(MODEL)
 
 
 def table(trial: complex = 0.0, noise: float = 0.0, seed: int = 1) -> rid.Lines:
-    rng = np.random.default_rng(seed)
-    parts = rng.standard_normal((2, len(RPM), 2)) * noise
+    parts = np.random.default_rng(seed).standard_normal((2, len(RPM), 2)) * noise
     channels = [rid.Channel("x", "m"), rid.Channel("y", "m")]
     values = coast(RPM, trial) + parts[0] + 1j * parts[1]
     return phasor_lines(channels, RPM * np.pi / 30, values, 1e-6)
@@ -105,10 +104,8 @@ def test_prediction_takes_what_each_record_has(folder):
     records = [table(), table(TRIAL)]
     chosen = rid.MaximumLikelihood(fixed={**KNOWN, "m": 5.0}, each=("u_x", "u_y"))
     estimate = rid.identify(TRUE, records, chosen)
-    both = rid.predict(TRUE, estimate, records)
-    assert both["x"].relative_error < 1e-6
-    swapped = rid.predict(TRUE, estimate, records[::-1])
-    assert swapped["x"].relative_error > 0.1
+    assert rid.predict(TRUE, estimate, records)["x"].relative_error < 1e-6
+    assert rid.predict(TRUE, estimate, records[::-1])["x"].relative_error > 0.1
     stated = records[1].with_parameters(u_x=1.5e-4, u_y=-3e-5)
     assert rid.predict(TRUE, estimate, stated)["x"].relative_error < 1e-6
     with pytest.raises(InputError, match="without 'u_x'"):

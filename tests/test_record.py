@@ -208,8 +208,7 @@ def test_sensors_that_read_the_same_hide_a_coordinate_from_every_method():
         rid.identify(MODEL, same, "ml")
     estimate = by_name("ml").estimate(MODEL, [same])
     assert estimate.value("m") == pytest.approx(MODEL.nominal["m"], rel=0.01)
-    apart = periods({"a": {"x": 1.0}, "b": {"x": 1.0, "y": 1e-3}})
-    assert bind(MODEL, apart).hidden == ()
+    assert bind(MODEL, periods({"a": {"x": 1.0}, "b": {"x": 1.0, "y": 1e-3}})).hidden == ()
 
 
 def test_the_tolerance_of_sensors():

@@ -53,8 +53,7 @@ def shaken(
 
 def write_record(folder: Path, scale: float = 1.0) -> None:
     """Write run.csv, a noisy record; all columns times `scale`."""
-    samples = shaken().samples * scale
-    write_table(folder / "run.csv", "fx,fy,x,y", samples)
+    write_table(folder / "run.csv", "fx,fy,x,y", shaken().samples * scale)
 
 
 def make(folder: Path, scale: float = 1.0) -> Path:
@@ -74,8 +73,7 @@ def load(folder: Path, text: str) -> rid.Experiment:
 def simulated(folder: Path, rig: str) -> Path:
     """Write rig.toml and its record, run.h5; return the experiment file that comes with it."""
     (folder / "rig.toml").write_text(rig)
-    command = ["simulate", str(folder / "rig.toml"), "--out", str(folder / "run.h5")]
-    assert cli.run(command) == 0
+    assert cli.run(["simulate", str(folder / "rig.toml"), "--out", str(folder / "run.h5")]) == 0
     return folder / "run.toml"
 
 

@@ -90,8 +90,7 @@ def test_deviation_of_the_force_is_that_of_drawn_constants(law, at):
 
 
 def test_deviation_of_the_slopes():
-    law = replace(MAGNET, std={"gap": 4e-6})
-    slope = law.linearize()
+    slope = replace(MAGNET, std={"gap": 4e-6}).linearize()
     assert slope.std["ki"] == pytest.approx(2 * 0.01 * slope.ki, rel=1e-12)
     assert slope.std["ks"] == pytest.approx(3 * 0.01 * slope.ks, rel=1e-12)
 

@@ -95,15 +95,13 @@ def table(folder: Path, text: str | bytes) -> Path:
 )
 def test_preambles(text, time, units, tmp_path):
     path = table(tmp_path, text)
-    opened = open_delimited(path)
-    columns = opened.read(["x1", "Fx1"])
+    columns = open_delimited(path).read(["x1", "Fx1"])
     assert columns["x1"].values.tolist() == [1.5, 2.0, 2.5]
     assert columns["Fx1"].values.tolist() == [2.0, 3.0, 4.0]
     assert (columns["x1"].unit, columns["Fx1"].unit) == units
     assert columns["x1"].rate.hertz == 5000.0
     for asked in ({"columns": ["x1", "Fx1"], "time": time}, {"columns": ["x1"]}):
-        record = rid.read_record(path, **asked)
-        assert record.sample_rate == pytest.approx(5000.0, rel=1e-7)
+        assert rid.read_record(path, **asked).sample_rate == pytest.approx(5000.0, rel=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -132,8 +130,7 @@ def test_names_as_numpy_writes_them(header, mark, tmp_path):
 
 
 def test_header_row(tmp_path):
-    text = "names,in,line 1\n1,2,3\n4,5,6\n7,8,9\n"
-    path = table(tmp_path, text)
+    path = table(tmp_path, "names,in,line 1\n1,2,3\n4,5,6\n7,8,9\n")
     assert open_delimited(path, header_row=1).names == ("names", "in", "line 1")
     numbered = table(tmp_path, "1,2,3\n10,20,30\n11,21,31\n")
     assert open_delimited(numbered).names == ("0", "1", "2")
@@ -159,8 +156,7 @@ def test_header_row(tmp_path):
 )
 def test_clocks(stamps, seconds, tmp_path):
     rows = "".join(f"{stamp},{i}\n" for i, stamp in enumerate(stamps))
-    opened = open_delimited(table(tmp_path, "clock,x\n" + rows))
-    column = opened.read(["clock"])["clock"]
+    column = open_delimited(table(tmp_path, "clock,x\n" + rows)).read(["clock"])["clock"]
     np.testing.assert_allclose(column.values, seconds, atol=1e-9)
     assert column.unit == "s"
 
@@ -255,8 +251,7 @@ def test_a_mark_between_thousands_further_on(rows, last, tmp_path):
     ],
 )
 def test_names_that_hold_the_delimiter(header, row, names):
-    dialect = find_dialect([header, *[row] * 4])
-    assert dialect.names == names
+    assert find_dialect([header, *[row] * 4]).names == names
 
 
 @pytest.mark.parametrize(
@@ -378,8 +373,7 @@ ROW = st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max
 @given(st.lists(ROW, min_size=1, max_size=20), st.sampled_from([",", ";", "\t"]))
 def test_written_then_read(tmp_path_factory, rows, mark):
     text = mark.join("abc") + "\n" + "".join(mark.join(map(repr, row)) + "\n" for row in rows)
-    opened = open_delimited(table(tmp_path_factory.mktemp("csv"), text))
-    read = opened.read(["a", "b", "c"])
+    read = open_delimited(table(tmp_path_factory.mktemp("csv"), text)).read(["a", "b", "c"])
     np.testing.assert_array_equal(np.column_stack([read[n].values for n in "abc"]), rows)
 
 

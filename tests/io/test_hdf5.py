@@ -111,8 +111,7 @@ def test_packed_numbers(shape, tmp_path):
         data["plain"] = stored
         counts = data.create_dataset("counts", data=stored)
         counts.attrs["_Unsigned"] = "true"
-        scale = data.create_dataset("scale", data=np.int16(3))
-        scale.attrs["scale_factor"] = 0.1
+        data.create_dataset("scale", data=np.int16(3)).attrs["scale_factor"] = 0.1
     name = "x[0]" if shape == (5, 2) else "x"
     opened = open_table(path)
     raw = (stored[:, 0] if shape == (5, 2) else stored.ravel()).astype(float)
@@ -313,8 +312,7 @@ def test_virtual_data_sets_that_are_whole(file, tmp_path):
     write_parts(tmp_path)
     virtual(file, *PARTS)
     assert column(file) == VALUES.tolist()
-    opened = open_table(file)
-    blocks = [block["x"].values for block in opened.blocks(["x"], 100)]
+    blocks = [block["x"].values for block in open_table(file).blocks(["x"], 100)]
     assert np.concatenate(blocks).tolist() == VALUES.tolist()
     nested = part(tmp_path / "nested.h5", VALUES, "raw")  # of another file, and of its own
     for name, (source, inside) in {"x": (file.name, "x"), "own": (".", "raw")}.items():
@@ -457,10 +455,8 @@ def test_samples_that_nobody_wrote(file):
     with h5py.File(file, "w") as data:
         data.create_dataset("x", shape=(10**8,), dtype="f8")
         data.create_dataset("y", shape=(10**8,), dtype="i1", chunks=(10**6,))
-        half = data.create_dataset("half", shape=(600,), dtype="f8", chunks=(100,))
-        half[:350] = 1.0
-        told = data.create_dataset("told", (600,), "f8", chunks=(100,), fillvalue=np.nan)
-        told[:350] = 1.0
+        data.create_dataset("half", shape=(600,), dtype="f8", chunks=(100,))[:350] = 1.0
+        data.create_dataset("told", (600,), "f8", chunks=(100,), fillvalue=np.nan)[:350] = 1.0
         data.create_dataset("one", shape=(), dtype="f8")
         data.create_dataset("none", shape=(0,), dtype="f8")
     with cheap(1.0, 50):

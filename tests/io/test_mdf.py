@@ -230,8 +230,7 @@ def test_a_group_of_many_channels_is_unpacked_once(tmp_path, monkeypatch):
     from asammdf import MDF, Signal
     from asammdf.blocks.mdf_v4 import MDF4
 
-    rng = np.random.default_rng(3)
-    samples = rng.standard_normal((50, 400))
+    samples = np.random.default_rng(3).standard_normal((50, 400))
     with MDF(version="4.10") as made:
         made.append([Signal(samples[k], np.arange(400) / 1e3, name=f"c{k}") for k in range(50)])
         made.save(tmp_path / "run.mf4", compression=2)

@@ -128,8 +128,7 @@ def test_internal_external_and_structural_damping_are_told_apart():
 
 
 def test_structural_damping_is_half_the_loss_factor_of_each_mode():
-    text = uniform(more="[damping]\nstructural = 0.02")
-    linear = rid.parse_model(text).require_linear()
+    linear = rid.parse_model(uniform(more="[damping]\nstructural = 0.02")).require_linear()
     m = linear.matrices([], 0.0)
     assert np.allclose(m.H, 0.02 * m.K)
     modes = eigenmodes(m.M, m.D, m.K + 1j * m.H)
@@ -328,8 +327,7 @@ def test_a_wrong_drawing_is_refused_in_one_line(one, other, told):
 
 
 def test_a_rotor_is_drawn_with_what_stands_on_it():
-    rotor = rid.load_model("flexible").rotor
-    panel = drawing(rotor)
+    panel = drawing(rid.load_model("flexible").rotor)
     above, below, *marks = panel.curves
     assert above.x[-1] == pytest.approx(530)
     assert above.y.max() == -below.base.min() == 16.0

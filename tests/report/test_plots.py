@@ -180,8 +180,7 @@ def test_every_panel_is_what_plotly_takes(record, periods, evidence):
     for panel in panels:
         spec = interactive.spec(panel)
         json.dumps(spec, allow_nan=False)
-        figure = plotly.graph_objects.Figure(spec)
-        assert figure.layout.height >= 100
+        assert plotly.graph_objects.Figure(spec).layout.height >= 100
 
 
 def test_names_are_no_markup_in_a_page():
@@ -330,8 +329,7 @@ def test_coordinates_without_a_partner_are_shown_as_they_stand(names):
     assert panels
     for panel in panels:
         assert max(np.abs(c.y).max() for c in panel.curves) == pytest.approx(1.0)
-    page = Page(machines.modes_report(renamed, found, None, []))
-    assert titles(page) == ["Mode shapes"]
+    assert titles(Page(machines.modes_report(renamed, found, None, []))) == ["Mode shapes"]
 
 
 def test_a_response_is_drawn_with_its_band(estimate):
@@ -375,8 +373,7 @@ def test_the_page_of_a_balance(estimate):
 
 
 def test_planes_that_do_not_reach_are_said(estimate):
-    found = rid.balance(estimate, ["x1,y1"], SPEED)
-    page = Page(machines.balance_report(found, [], MODEL))
+    page = Page(machines.balance_report(rid.balance(estimate, ["x1,y1"], SPEED), [], MODEL))
     assert "These planes cannot do away with the unbalance: " in page.words
 
 

@@ -108,8 +108,7 @@ def test_notebook():
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e-300, -1e300, 0.0])
 @pytest.mark.parametrize("std", [None, 0.0, np.nan, np.inf, 1e-300, 1e300])
 def test_any_number_can_be_shown(value, std):
-    estimate = Estimate("one", "ls", "not_identifiable", (Value("m", "kg", value, std, std),))
-    assert str(estimate)
+    assert str(Estimate("one", "ls", "not_identifiable", (Value("m", "kg", value, std, std),)))
 
 
 def test_predictions():
@@ -357,7 +356,6 @@ def test_a_page_with_too_much_is_thinned_until_it_fits():
         Panel("", Axis("t"), Axis("y"), (Curve(np.arange(4000.0), rng.standard_normal(4000), ""),))
         for _ in range(60)
     ]
-    text = html.plots_text(many)
-    assert 200_000 < len(text) <= html.MOST_DATA
+    assert 200_000 < len(html.plots_text(many)) <= html.MOST_DATA
     same = [replace(many[0], title=str(i)) for i in range(50)]
     assert len(html.plots_text(same)) < 3 * len(html.plots_text(many[:1]))  # a list stands once

@@ -301,9 +301,8 @@ def test_pulses_of_a_logic_level_backward_missing_and_double():
     assert set(np.diff(rises)) <= {99, 100, 101}  # pulses that begin just at a sample
     assert np.count_nonzero(np.diff(pulses(missing=2)) == 1) == len(rises) - 2
     assert np.count_nonzero(np.diff(pulses(double=3)) == 1) == len(rises) + 3
-    backward = pulses(Rotation(speed=-2 * np.pi * 100.0))
     # The mark's far edge comes first: the pulse ends where phi is a whole number of turns.
-    falls = np.flatnonzero(np.diff(backward) == -1)
+    falls = np.flatnonzero(np.diff(pulses(Rotation(speed=-2 * np.pi * 100.0))) == -1)
     assert set(falls % 100) <= {0, 98, 99}
 
 

@@ -83,8 +83,7 @@ def test_integration_against_the_reference(quiet, kind):
 
 
 def test_changing_speed_of_a_linear_law_against_the_reference(quiet):
-    rig = replace(quiet, rotation=CHANGING, settling=0.002, delay=33e-6)
-    as_the_reference(rig, 0.02, 1e-7)
+    as_the_reference(replace(quiet, rotation=CHANGING, settling=0.002, delay=33e-6), 0.02, 1e-7)
 
 
 def test_a_tighter_tolerance_converges(quiet):

@@ -215,8 +215,7 @@ def errors(parameters: list[dict]) -> dict[str, float]:
 
 def identify(experiment: Path) -> dict:
     result = experiment.with_suffix(".json")
-    arguments = ["identify", str(experiment), "--method", "batch", "--json", str(result)]
-    code = command(arguments)
+    code = command(["identify", str(experiment), "--method", "batch", "--json", str(result)])
     found = json.loads(result.read_text())
     assert code == (3 if found["status"] == "rejected" else 0)
     return found
@@ -303,8 +302,7 @@ def test_nonlinear_law_recovers_the_forces_and_the_linear_one_does_not():
     plan = parse_rig(magnets())
     record = recorded(plan.rig, 3.0)
     truth, law = record.truth, plan.rig.parts[0].law
-    B = MODEL.input_matrix
-    motion = truth.position @ B
+    motion = truth.position @ MODEL.input_matrix
     assert 90e-6 < np.abs(motion).max() < 160e-6
     peak = np.abs(truth.force).max(axis=0)
     current = np.stack([c.samples for c in record.columns[:4]], axis=1)  # held from 50 us later

@@ -61,8 +61,7 @@ def test_skip_is_rounded_up_to_samples(skip, first):
 
 
 def test_the_angle_counts_from_the_first_sample_of_the_file():
-    rotating = record_of(RANDOM, speed=3.0)
-    periodic = average(rotating, 10.0, harmonics=[1], skip=0.25)
+    periodic = average(record_of(RANDOM, speed=3.0), 10.0, harmonics=[1], skip=0.25)
     np.testing.assert_allclose(periodic.angle, 3.0 * periodic.time)
     assert periodic.time[0, 0] == pytest.approx(0.25)
     angle = np.linspace(5, 9, 103)
@@ -139,8 +138,7 @@ def test_refusals(options, message):
 
 
 def test_the_nyquist_line_cannot_be_corrected():
-    channels = [Channel("u", hold=True), Channel("x")]
-    record = record_of(RANDOM, channels=channels)
+    record = record_of(RANDOM, channels=[Channel("u", hold=True), Channel("x")])
     with pytest.raises(InputError, match="the Nyquist line with the hold or delay of u"):
         average(record, 10.0, harmonics=[1, 5])
     average(record, 10.0, harmonics=[1, 4])

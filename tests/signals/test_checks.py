@@ -38,8 +38,7 @@ def machine(
     waves = np.exp(2j * np.pi * F0 * np.multiply.outer(time, LINES))
     white = rng.normal(size=(len(time) + 500, 4))
     rough = lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], white, axis=0)[500:]
-    samples = (waves @ lines).real + noise * SCALE * rough
-    return Record(CHANNELS, samples, RATE, speed=speed)
+    return Record(CHANNELS, (waves @ lines).real + noise * SCALE * rough, RATE, speed=speed)
 
 
 def cut(record: Record, fundamental: float = F0, lines: object = LINES) -> PeriodicRecord:
@@ -309,8 +308,7 @@ def test_what_changes_the_line_of_the_rotation_alone(grows, name):
 def test_a_transient_is_found_with_few_periods_too(periods):
     fading = np.exp(-np.arange(periods * SIZE) / 60.0)[:, None]
     record = damaged(machine(periods, noise=0.01), lambda s: s + 3 * SCALE * fading)
-    found = only(told(record), "settled")
-    assert "skip" in found.found
+    assert "skip" in only(told(record), "settled").found
     (two,) = of_check(told(machine(2)), "settled")
     assert (two.verdict, "2 periods cannot show a transient" in two.found) == ("note", True)
 
@@ -367,8 +365,7 @@ def test_a_rotation_half_way_between_the_lines_is_no_longer_period():
     for given, expected in ((90.0, 0), (93.37, 1)):
         record = turning(90.0, given)
         force = 20.0 * np.cos(2 * np.pi * 90.0 * np.arange(len(record.samples)) / RATE)
-        samples = record.samples + force[:, None] * [1, 1, 0, 0]
-        found = told(replace(record, samples=samples))
+        found = told(replace(record, samples=record.samples + force[:, None] * [1, 1, 0, 0]))
         assert len([c for c in found if c.about == "multiple period"]) == expected
 
 
@@ -390,8 +387,7 @@ def test_a_speed_that_wanders_scatters_the_line_of_the_rotation(swing, told):
     motion = 1e-5 * np.cos(phase) + 1e-6 * np.cos(2 * np.pi * 30 * time)
     samples = motion + 1e-8 * rng.standard_normal(len(time))
     record = Record([Channel("x", "m")], samples[:, None], 5000.0, speed=2 * np.pi * 70)
-    periods = average(record, 10.0, harmonics=[1, 2, 3, 5, 7])
-    found = checks_rotation.check_wander(periods)
+    found = checks_rotation.check_wander(average(record, 10.0, harmonics=[1, 2, 3, 5, 7]))
     assert [c.verdict for c in found] == (["warning"] if told else [])
 
 
@@ -521,8 +517,7 @@ def test_a_transient_is_found_and_twice_its_length_dropped():
 
 
 def test_without_noise_the_transient_is_followed_far_down():
-    found = detect_settling(noisy(1.0, 0.0, 0))
-    assert np.exp(-8.0 * found.periods / SLOW_F0) < 1e-7
+    assert np.exp(-8.0 * detect_settling(noisy(1.0, 0.0, 0)).periods / SLOW_F0) < 1e-7
     assert detect_settling(noisy(0.0, 0.0, 0)).periods == 0
 
 
@@ -617,8 +612,7 @@ def verdict(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> st
 @pytest.mark.parametrize("play", [0.0, PLAY])
 def test_a_sensor_stops_out_of_full_motion(play):
     """What comes to rest by and by may rest, where nothing has to repeat."""
-    found = [verdict(stopped(slanted(steps), play)) for steps in (9, 12)]
-    assert found == ["note", "refused"]
+    assert [verdict(stopped(slanted(steps), play)) for steps in (9, 12)] == ["note", "refused"]
     assert verdict(stopped(slanted(9)), steady=True) == "refused"
 
 
@@ -699,8 +693,7 @@ def test_it_takes_half_of_the_positions_and_two():
     assert not found(resting(90.0, (1,)))
     assert found(resting(90.0, (1, 2)))
     more = [*PROBES, Channel("x4", "m")]
-    samples = np.column_stack([resting(90.0, (1, 2)), resting(0.0)[:, 1]])
-    assert not found(samples, more)
+    assert not found(np.column_stack([resting(90.0, (1, 2)), resting(0.0)[:, 1]]), more)
     two = [Channel("x", "m"), Channel("y", "m")]
     assert not found(resting(90.0, (1,))[:, :2], two)
     assert not found(resting(90.0), [Channel(c.name, "N") for c in PROBES])
@@ -745,8 +738,7 @@ DEAD, SILENT = [("dead", "refused")], [("silent", "warning")]
 def test_a_probe_that_reads_nothing_or_the_same_or_not_above_its_noise(phasors, std, told):
     column = np.array(phasors, dtype=np.complex128)[:, None]
     deviation = None if std is None else np.full(column.shape, std)
-    found = check_probes(["x"], column, deviation)
-    assert [(c.about, c.verdict) for c in found] == told
+    assert [(c.about, c.verdict) for c in check_probes(["x"], column, deviation)] == told
 
 
 @pytest.mark.parametrize(
@@ -763,8 +755,7 @@ def test_a_probe_that_reads_nothing_or_the_same_or_not_above_its_noise(phasors, 
     ],
 )
 def test_phases_that_are_hardly_in_their_unit(phases, degrees, verdicts):
-    checks = check_phases("x", np.array(phases), degrees=degrees)
-    assert [c.verdict for c in checks] == verdicts
+    assert [c.verdict for c in check_phases("x", np.array(phases), degrees=degrees)] == verdicts
 
 
 # What is added to a command moves the machine later, never earlier.

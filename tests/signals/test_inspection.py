@@ -128,8 +128,7 @@ def test_multisines(noise, harmonics):
 
 
 def test_three_long_periods_with_a_start_and_periods_of_no_whole_samples():
-    rng = np.random.default_rng(2)
-    one = np.cumsum(rng.normal(size=624))
+    one = np.cumsum(np.random.default_rng(2).normal(size=624))
     one -= np.linspace(one[0], one[-1], 624)
     found = find_period(np.concatenate([one[:400] * np.linspace(0, 1, 400), np.tile(one, 3)]))
     assert found.samples == pytest.approx(624, abs=0.6)
@@ -205,8 +204,7 @@ def test_a_signal_of_two_levels_is_not_clipped(share, flat):
 def test_a_tone_on_the_grid_is_in_the_mean(turns, size):
     wave = np.cos(2 * np.pi * 10 * np.arange(5000) / 1000)
     record = Record([Channel("x", "m")], wave[:, None], 1000.0)
-    periods = average(record, 1.0, harmonics=[10])
-    found = checks_rotation._amplitude(record, periods, 0, turns)
+    found = checks_rotation._amplitude(record, average(record, 1.0, harmonics=[10]), 0, turns)
     assert abs(found) == pytest.approx(size, abs=0.01)
 
 
@@ -341,8 +339,7 @@ def test_a_slow_variation_of_the_speed_is_followed():
     """0.1 % at 0.5 Hz, 10 degrees a sample: the angle moves by 16 degrees."""
     time = np.arange(25_000) / 5000.0
     angle = 0.3 + SPEED * time + 1e-3 * SPEED / np.pi * np.sin(np.pi * time)
-    logic = (angle % (2 * np.pi) < 0.6).astype(float)
-    times, half = pulse_edges(logic, 5000.0)
+    times, half = pulse_edges((angle % (2 * np.pi) < 0.6).astype(float), 5000.0)
     found = keyphasor_angle(times, len(time), 5000.0, half=half)
     error = off(found, angle)
     assert np.degrees(error.std()) < 0.25
@@ -375,8 +372,7 @@ def test_a_coarse_encoder_with_more_jitter_than_lines():
 
 @pytest.mark.parametrize(("scale", "turn"), [(1.0, 2 * np.pi), (180 / np.pi, 360.0)])
 def test_an_angle_column_is_unwrapped(scale, turn):
-    wrapped = (STEADY * scale) % turn
-    found = encoder_angle(wrapped, FAST_RATE, per_revolution=turn)
+    found = encoder_angle((STEADY * scale) % turn, FAST_RATE, per_revolution=turn)
     np.testing.assert_allclose(found.angle, STEADY, atol=1e-9)
 
 

@@ -204,8 +204,7 @@ def test_the_quantity_is_found_again(name, periods):
 @pytest.mark.parametrize("name", DYNAMICS)
 def test_a_record_that_begins_and_ends_somewhere_is_right_inside(name):
     true, column = (np.tile(part, 5)[: 4 * SIZE + 77] for part in columns(DYNAMICS[name], 37e-6))
-    channel = Channel("x", "m", delay=37e-6, dynamics=DYNAMICS[name])
-    found = quantity(column, channel, RATE)
+    found = quantity(column, Channel("x", "m", delay=37e-6, dynamics=DYNAMICS[name]), RATE)
     inside = slice(SIZE, 3 * SIZE)
     np.testing.assert_allclose(found[inside], true[inside], atol=2e-3 * np.abs(true).max())
 
@@ -214,8 +213,7 @@ def test_what_hardly_passes_is_not_made_any_larger():
     """Noise of a logger behind a sensor of 100 Hz: at most tenfold, where 1 / H is fifty."""
     slow = SecondOrder(bandwidth=HERTZ(100.0), damping=DAMPING)
     noise = np.random.default_rng(3).standard_normal(5 * SIZE)
-    found = quantity(noise, Channel("x", "m", dynamics=slow), RATE)
-    assert 8 < found.std() / noise.std() < 10
+    assert 8 < quantity(noise, Channel("x", "m", dynamics=slow), RATE).std() / noise.std() < 10
 
 
 def test_a_table_goes_on_as_it_ends():
