@@ -38,6 +38,13 @@ def _compile_once() -> None:
 
 
 @pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a module's tests, in which they work."""
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture
 def output(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """Run a command that gives an answer, silent on stderr, and return what it prints."""
 

@@ -25,7 +25,6 @@ SEED = 2128108498
 
 
 def seed_of_commit() -> int:
-    """Return a number that follows from the commit."""
     asked = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
     try:
         commit = subprocess.run(asked, capture_output=True, text=True, check=True).stdout

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Mapping, Sequence
 
+from rotorid import Model, parse_model
+
 Units = str | Mapping[str, str]
 PARAMETER = re.compile(r"(?P<plus>\+)?(?:(?P<nominal>-?[\d.]+(?:e-?\d+)?) )?(?P<unit>.+)")
 
@@ -19,6 +21,13 @@ def model_text(title: str, equations: Sequence[str], *units: Units) -> str:
         entries = ", ".join(f'{_key(key)} = "{unit}"' for key, unit in table.items())
         lines.append(f"{name} = {{ {entries} }}")
     return "\n".join([*lines, "[parameters]", *map(_entry, parameters.items()), ""])
+
+
+def model_of(equations: Sequence[str], *units: Mapping[str, str]) -> Model:
+    """Return a model of equations, with the coordinates, inputs and parameters that they hold."""
+    words = set(re.findall(r"\b[A-Za-z_]\w*", " ".join(equations)))
+    held = ({name: unit for name, unit in each.items() if name in words} for each in units)
+    return parse_model(model_text("of its equations", equations, *held))
 
 
 def _by_name(units: Units) -> Mapping[str, str]:

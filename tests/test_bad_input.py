@@ -67,7 +67,6 @@ def told(old: str, new: str, place: str | None, message: str, **more: str) -> Ca
 
 
 def model(old: str, new: str, place: str | None, message: str, file: str = "model.toml") -> Case:
-    """Return a case of another text in the model file."""
     return Case(file, place, message, model=MODEL.replace(old, new))
 
 
@@ -76,7 +75,6 @@ def equation(text: str, message: str, place: str | None = "equation 1") -> Case:
 
 
 def read(data: str | bytes, message: str, place: str = "", name: str = "run.csv") -> Case:
-    """Return a case of other data."""
     return Case(name, place, message, data=data, name=name)
 
 

@@ -30,13 +30,13 @@ from rotorid.signals.period_search import Period
 
 MODEL = rid.load_model("jeffcott")
 RATE = 2000.0
+SHAKEN = shaken(periods=12, speed=0.0, noise=1e-3)
+TIME = 1e3 * np.arange(len(SHAKEN.samples)) / RATE
 
 
 def write_csv(path: Path) -> Path:
-    record = shaken(periods=12, speed=0.0, noise=1e-3)
-    time = 1e3 * np.arange(len(record.samples)) / RATE
     names = "Time [ms],Fx [N],Fy [N],px [um],py [um]"
-    write_table(path, names, time, record.samples * [1, 1, 1e6, 1e6], fmt="%.10g")
+    write_table(path, names, TIME, SHAKEN.samples * [1, 1, 1e6, 1e6], fmt="%.10g")
     return path
 
 
@@ -64,21 +64,21 @@ def test_a_record_of_a_logger(tmp_path):
 
 
 def test_files_of_one_clock_are_one_record(tmp_path, output):
-    record = shaken(periods=12, speed=0.0, noise=1e-3)
     for name, columns in (("forces", (0, 1)), ("positions", (2, 3))):
         with h5py.File(tmp_path / f"{name}.h5", "w") as data:
             for column in columns:
-                data[record.names[column]] = record.samples[:, column]
-    text = draft([tmp_path / "forces.h5", tmp_path / "positions.h5"], "jeffcott", tmp_path)
+                data[SHAKEN.names[column]] = SHAKEN.samples[:, column]
+    files = [tmp_path / "forces.h5", tmp_path / "positions.h5"]
+    text = draft(files, "jeffcott", tmp_path)
     (entry,) = parse(text)["records"]
     assert entry["files"] == ["forces.h5", "positions.h5"]
     assert entry["sample_rate"] == "?"
     assert entry["period_samples"] == 200
     assert parse(text)["channels"]["F_x"] == {"column": "F_x", "unit": "?"}
-    for name in ("forces", "positions"):
-        with h5py.File(tmp_path / f"{name}.h5", "a") as data:
-            data["time_s"] = np.arange(len(record.samples)) / record.sample_rate
-    text = draft([tmp_path / "forces.h5", tmp_path / "positions.h5"], "jeffcott", tmp_path)
+    for file in files:
+        with h5py.File(file, "a") as data:
+            data["time_s"] = np.arange(len(TIME)) / RATE
+    text = draft(files, "jeffcott", tmp_path)
     (entry,) = parse(text)["records"]
     assert entry["time"] == {"column": "forces.h5:time_s", "unit": "s"}
     path = tmp_path / "experiment.toml"
@@ -103,10 +103,8 @@ def test_what_is_left_open_is_told_in_one_line(tmp_path, output, refusal):
 
 
 def test_currents_need_a_law(tmp_path):
-    names = "t [ms],i_x [A],i_y [A],x [um],y [um],n_rpm"
-    record = shaken(periods=12, speed=0.0, noise=1e-3)
-    time = 1e3 * np.arange(len(record.samples)) / RATE
-    write_table(tmp_path / "run.csv", names, time, record.samples, np.full(len(time), 1800.0))
+    names, speed = "t [ms],i_x [A],i_y [A],x [um],y [um],n_rpm", np.full(len(TIME), 1800.0)
+    write_table(tmp_path / "run.csv", names, TIME, SHAKEN.samples, speed)
     found = parse(draft([tmp_path / "run.csv"], "jeffcott", tmp_path))
     law = {"law": "linear", "current": {"column": "i_x", "unit": "A"}}
     assert found["channels"]["F_x"] == law | {"position": "x", "ki": "?", "ks": "?"}

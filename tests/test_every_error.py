@@ -71,12 +71,6 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def here(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    return folder
-
-
 def raiser(error: Exception):
     def fail(*_: object, **__: object) -> None:
         raise error

@@ -51,12 +51,6 @@ def folder(tmp_path_factory):
     return make(tmp_path_factory.mktemp("machine"))
 
 
-@pytest.fixture
-def here(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    return folder
-
-
 def run(
     *arguments: str,
     limit: Callable[[], None] | None = None,

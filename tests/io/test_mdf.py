@@ -126,7 +126,6 @@ def test_asammdf_converts_nothing(version, monkeypatch):
 
 
 def pairs(count: str, number: int) -> dict[str, float]:
-    """Return a table from values to values."""
     raw, physical = (-2.0, 0.0, 1.5, 6.0), (5.0, -1.0, 4.0, 2.0)
     return {count: number} | {
         f"{name}_{i}": value

@@ -11,27 +11,18 @@ import pytest
 from bank import BANK, THREE_MASS, combination, names
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from model_text import model_text
+from model_text import model_of
 
-from rotorid import InputError, load_model, parse_model
+from rotorid import InputError, load_model
 from rotorid.models.base import _relations, independent_signals
 from rotorid.models.equations import split_equations
 from rotorid.models.expressions import evaluate, expression
 from rotorid.models.parser import read
 
 
-def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):
-    """Return a model with the names among these that the equations hold."""
-    words = set(re.findall(r"\w+", " ".join(equations)))
-    return parse_model(
-        model_text(
-            "test",
-            equations,
-            {q: "m" for q in coordinates if q in words},
-            {u: "N" for u in inputs if u in words},
-            {p: "kg" for p in parameters if p in words},
-        )
-    )
+def of_letters(*equations, parameters="abcd"):
+    kinds = (("xyz", "m"), ("F", "N"), (parameters, "kg"))
+    return model_of(equations, *(dict.fromkeys(held, unit) for held, unit in kinds))
 
 
 def rewritten(model, texts):
@@ -96,7 +87,7 @@ def test_fixed_values_of_the_seed_s_rotor(fixed, names):
     ],
 )
 def test_names_of_combinations(equations, names):
-    model = model_of(*equations)
+    model = of_letters(*equations)
     assert list(model.base.names) == names
     values = np.random.default_rng(1).uniform(1, 2, len(model.parameters))
     truth = dict(zip(model.parameter_names, values, strict=True))
@@ -135,7 +126,7 @@ def test_names_of_combinations(equations, names):
     ],
 )
 def test_identities_between_functions(equation, names):
-    assert list(model_of(equation).base.names) == names
+    assert list(of_letters(equation).base.names) == names
 
 
 @pytest.mark.slow
@@ -189,7 +180,7 @@ def test_jacobians_agree_with_differences(problem):
             step = 1e-5 * abs(value) * np.eye(len(values))[j]
             difference = (function(values + step) - function(values - step)) / (2e-5 * abs(value))
             np.testing.assert_allclose(jacobian[:, j], difference, rtol=1e-7, atol=1e-9)
-    at_zero = model_of("a^2*x'' + a*b*x + b^3*x^3 = F").base_jacobian([0.0, 2.0])
+    at_zero = of_letters("a^2*x'' + a*b*x + b^3*x^3 = F").base_jacobian([0.0, 2.0])
     np.testing.assert_array_equal(at_zero, [[0, 0], [2, 0], [0, 12]])
 
 
@@ -287,5 +278,5 @@ def test_loads_at_many_angles_are_two(loads):
     angles = [0.01 + 0.057 * k for k in range(loads)]
     text = " + ".join(f"u{k}*Omega^2*cos(phi + {a:.4f})" for k, a in enumerate(angles))
     held = ["a", "b", "c", *(f"u{k}" for k in range(loads))]
-    model = model_of(f"a*x'' + b*x' + c*x = F + {text}", parameters=held)
+    model = of_letters(f"a*x'' + b*x' + c*x = F + {text}", parameters=held)
     assert len(model.base.names) == 3 + 2

@@ -1,23 +1,12 @@
 """Equations at random, from their text to an estimate: an answer, or an `InputError`."""
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from model_text import model_text
+from model_text import model_of
 
-from rotorid import (
-    Batch,
-    Channel,
-    InputError,
-    LeastSquares,
-    Record,
-    Sequential,
-    average,
-    parse_model,
-)
+from rotorid import Batch, Channel, InputError, LeastSquares, Record, Sequential, average
 
 ATOMS = st.sampled_from(
     ["x", "x'", "x''", "y", "y'", "y''", *"abcabc", "2", "0.5", "pi", "Omega", "phi", "t", "1e-3"]
@@ -43,17 +32,11 @@ EQUATIONS = st.lists(
 @settings(max_examples=150, deadline=None)
 @given(EQUATIONS, st.integers(0, 2), st.integers(0, 100))
 def test_an_answer_or_an_input_error(equations, turns, seed):
-    words = set(re.findall("[A-Za-z]+", " ".join(equations)))
+    units = (
+        dict.fromkeys(names, unit) for names, unit in (("xy", "m"), ("FG", "N"), ("abc", "kg"))
+    )
     try:
-        model = parse_model(
-            model_text(
-                "random",
-                equations,
-                {q: "m" for q in "xy" if q in words},
-                {u: "N" for u in "FG" if u in words},
-                {p: "kg" for p in "abc" if p in words},
-            )
-        )
+        model = model_of(equations, *units)
     except InputError:
         return
     assert model.unit_faults is not None

@@ -1,6 +1,5 @@
 """Linear models: matrices, modal coordinates, forces in balance, turned about."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ from bank import BANK, HOIST, TABLE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linear_machines import estimate_of
-from model_text import model_text
+from model_text import model_of, model_text
 from rotor_bank import jeffcott_rotor, rigid_rotor, three_mass_rotor
 
 import rotorid as rid
@@ -412,17 +411,11 @@ def test_what_an_input_does_needs_no_coordinate():
     assert amount == pytest.approx(answers(plain)["masses"][0], rel=1e-6)
 
 
-UNITS = {"F": "N", "i": "A", "m": "kg", "k": "N/m", "ki": "N/A", "u": "kg m"}
-UNITS |= {"w": "1/s^2", "b": "1/kg", "e": "m"}
+UNITS = {"m": "kg", "k": "N/m", "ki": "N/A", "u": "kg m", "w": "1/s^2", "b": "1/kg", "e": "m"}
 
 
 def one_of(*equations: str) -> rid.Model:
-    """Return a model of what stands in some equations."""
-    held = {name for text in equations for name in re.findall(r"\b[a-zA-Z]+", text)}
-    units = {name: unit for name, unit in UNITS.items() if name in held}
-    inputs = {name: units.pop(name) for name in ("F", "i") if name in held}
-    places = dict.fromkeys((name for name in ("x", "y") if name in held), "m")
-    return parse_model(model_text("one", equations, places, inputs, units))
+    return model_of(equations, {"x": "m", "y": "m"}, {"F": "N", "i": "A"}, UNITS)
 
 
 TURNING = "Omega^2*cos(phi)"
