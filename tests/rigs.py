@@ -93,9 +93,8 @@ def reference_positions(rig: Rig, duration: float) -> np.ndarray:
     while events:
         t, kind, k, command = heapq.heappop(events)
         if t - now > 1e-12:
-            z = solve_ivp(
-                slope, (now, t), z, method="DOP853", rtol=1e-10, atol=1e-15, args=(held,)
-            ).y[:, -1]
+            fine = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-15}
+            z = solve_ivp(slope, (now, t), z, args=(held,), **fine).y[:, -1]
             now = t
         if kind == 0:
             y = reads @ z[:n]

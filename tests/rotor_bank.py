@@ -72,10 +72,8 @@ def _unbalance(p: Mapping[str, float], mass: str) -> Complexes:
 
 def jeffcott_rotor(p: Mapping[str, float]) -> Rotor:
     """A disc on an elastic shaft: x, y."""
-    two, load = np.eye(2), p["m"] * (p["xi"] + 1j * p["zeta"])
-    return Rotor(
-        p["m"] * two, p["c"] * two, 0 * two, p["k"] * two, two, np.array([load, -1j * load])
-    )
+    two, load = np.eye(2), p["m"] * (p["xi"] + 1j * p["zeta"]) * np.array([1, -1j])
+    return Rotor(p["m"] * two, p["c"] * two, 0 * two, p["k"] * two, two, load)
 
 
 def rigid_rotor(p: Mapping[str, float]) -> Rotor:
@@ -294,9 +292,8 @@ def structure_case(structure: Structure, seed: int) -> Case:
     noise = size * structure.noise * np.array([0.1] + [1.0] * len(sensors))
     model = structure.model()
     channels = [Channel("F", "N"), *(Channel(f"q{i}", "m") for i in sensors)]
-    record = noisy_record(
-        channels, mean, noise, harmonics, rng, 0.0, 30, samples, fundamental * samples
-    )
+    drawn = (rng, 0.0, 30, samples, fundamental * samples)
+    record = noisy_record(channels, mean, noise, harmonics, *drawn)
     common = (1 + structure.off * rng.choice([-1, 1])) ** 2
     start = {k: v * (1 + 0.05 * rng.uniform(-1, 1)) for k, v in truth.items()}
     start |= {f"k{i}": common * start[f"k{i}"] for i in range(1, n + 1)}
@@ -315,10 +312,9 @@ def modal_case(structure: Structure, seed: int) -> Case:
     equations = [
         f"m{i}*q{i}'' + c{i}*q{i}' + k{i}*q{i} = {shapes[0, i - 1]:.17g}*F" for i in range(1, n + 1)
     ]
-    units = {"m": "kg", "k": "N/m", "c": "N s/m"}
-    model = model_of(
-        equations, names, {f"{kind}{i}": u for kind, u in units.items() for i in range(1, n + 1)}
-    )
+    kinds = {"m": "kg", "k": "N/m", "c": "N s/m"}.items()
+    units = {f"{kind}{i}": unit for kind, unit in kinds for i in range(1, n + 1)}
+    model = model_of(equations, names, units)
     w = 2 * np.pi * hertz
     truth = {f"m{i + 1}": mass[i] for i in range(n)}
     truth |= {f"k{i + 1}": mass[i] * w[i] ** 2 for i in range(n)}
@@ -335,9 +331,8 @@ def modal_case(structure: Structure, seed: int) -> Case:
     for j, row in enumerate(shapes):
         channels.append(Channel(f"s{j}", "m", reads=dict(zip(names, row.tolist(), strict=True))))
     noise = noise * np.array([0.1, 1, 1, 1])
-    record = noisy_record(
-        channels, mean, noise, harmonics, rng, 0.0, 30, samples, fundamental * samples
-    )
+    drawn = (rng, 0.0, 30, samples, fundamental * samples)
+    record = noisy_record(channels, mean, noise, harmonics, *drawn)
     start = {k: v * (1 + 0.05 * rng.uniform(-1, 1)) for k, v in truth.items()}
     for i in range(1, n + 1):
         start[f"k{i}"] *= (1 + structure.off * rng.choice([-1, 1])) ** 2

@@ -5,7 +5,7 @@ from base64 import b64decode
 
 import numpy as np
 import pytest
-from working_folder import simulated
+from working_folder import load, simulated
 
 import rotorid as rid
 from rotorid import load_rig
@@ -21,9 +21,8 @@ def record():
 
 
 def same_answer(one: rid.Estimate, other: rid.Estimate) -> bool:
-    return [(v.name, v.value, v.std) for v in one.parameters] == [
-        (v.name, v.value, v.std) for v in other.parameters
-    ]
+    first, second = ([(v.name, v.value, v.std) for v in e.parameters] for e in (one, other))
+    return first == second
 
 
 def test_texts_stand_wherever_numbers_may(record):
@@ -114,11 +113,9 @@ def test_an_experiment_file_runs_from_python(tmp_path):
 
 
 def test_what_refuses_an_experiment_names_its_file(tmp_path):
-    (tmp_path / "run.toml").write_text(
-        'model = "jeffcott"\n[[modes]]\nfrequency = "70 Hz"\nstd = "0.1 Hz"\n'
-    )
-    experiment = rid.load_experiment(tmp_path / "run.toml")
-    with pytest.raises(rid.InputError, match=r"run\.toml"):
+    text = 'model = "jeffcott"\n[[modes]]\nfrequency = "70 Hz"\nstd = "0.1 Hz"\n'
+    experiment = load(tmp_path, text)
+    with pytest.raises(rid.InputError, match=r"experiment\.toml"):
         experiment.identify("batch")
 
 

@@ -311,9 +311,8 @@ def test_probes_at_right_angles_are_the_axes_of_the_model(names, assumed):
     coils = of_unit("A", *(f"coil_{name}" for name in names))
     told = by_planes(model, [*gaps, *coils], {})
     assert told == {"x1": gaps[x1], "y1": gaps[y1], "x3": gaps[2 + x1], "y3": gaps[2 + y1]}
-    assert {column.assumed for column in told.values()} == {
-        f"taken {assumed}, by their order: check"
-    }
+    taken = f"taken {assumed}, by their order: check"
+    assert {column.assumed for column in told.values()} == {taken}
     assert currents(model, [*gaps, *coils], {})["F_y3"] == coils[2 + y1]
     rigid = sensors_at_inputs(rid.load_model("rigid"), gaps)
     assert rigid["F_xb"] == gaps[2 + x1]

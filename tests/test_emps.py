@@ -87,9 +87,8 @@ def test_without_periods(folder, output):
     """The published recipe: zero-phase low-pass at 100 Hz, every tenth sample."""
     text = (folder / "experiment.toml").read_text()
     kept = [line for line in text.splitlines() if line.split(" ")[0] not in PERIODIC]
-    whole = "\n".join(kept).replace(
-        "[[records]]", '[[records]]\ncutoff = "100 Hz"\ndecimate = 10\n', 1
-    )
+    filtered = '[[records]]\ncutoff = "100 Hz"\ndecimate = 10\n'
+    whole = "\n".join(kept).replace("[[records]]", filtered, 1)
     target = folder / "filtered.json"
     (folder / "filtered.toml").write_text(whole)
     output("identify", folder / "filtered.toml", "--method", "ls", "--json", target)

@@ -110,9 +110,8 @@ def test_a_report_that_fails_spares_the_answer(error, here, monkeypatch, capsys)
 
 
 def test_figures_that_cannot_be_written_are_shown(here, monkeypatch, capsys):
-    monkeypatch.setattr(
-        "rotorid.core.files.os.fsync", raiser(OSError(28, "No space left on device"))
-    )
+    full = raiser(OSError(28, "No space left on device"))
+    monkeypatch.setattr("rotorid.core.files.os.fsync", full)
     before = sorted(here.iterdir())
     assert cli.run(["identify", "run.toml", *OUTPUTS]) == WRONG_INPUT
     printed = capsys.readouterr()

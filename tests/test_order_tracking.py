@@ -89,9 +89,8 @@ def test_segments_are_as_long_as_the_phasors_let_them():
 def test_a_run_down_gives_the_rotor():
     rng = np.random.default_rng(2)
     bare = rid.phasors(run_down(rng, 3e-4))
-    weighed = rid.phasors(run_down(rng, 3e-4, trial=TRIAL)).with_parameters(
-        t_x=TRIAL.real, t_y=TRIAL.imag
-    )
+    trial = {"t_x": TRIAL.real, "t_y": TRIAL.imag}
+    weighed = rid.phasors(run_down(rng, 3e-4, trial=TRIAL)).with_parameters(**trial)
     estimate = rid.identify(JEFFCOTT, [bare, weighed], rid.MaximumLikelihood(fixed=KNOWN))
     assert estimate.status == "ok"
     assert not [w for w in estimate.warnings if "settle" in w]
@@ -121,9 +120,8 @@ def test_error_bars_of_run_downs():
         runs = [tables[0], tables[1].with_parameters(t_x=TRIAL.real, t_y=TRIAL.imag)]
         estimate = rid.identify(JEFFCOTT, runs, method)
         assert estimate.status == "ok"
-        ratios.append(
-            [(estimate.value(n) - v) / (estimate.std(n) or np.nan) for n, v in SLOWER.items()]
-        )
+        errors = [(n, estimate.value(n) - v) for n, v in SLOWER.items()]
+        ratios.append([error / (estimate.std(n) or np.nan) for n, error in errors])
     # 70 numbers each, and of five that belong together: within two of their deviations.
     rms = np.sqrt((np.array(ratios) ** 2).mean(axis=0))
     assert (rms > 0.8).all()

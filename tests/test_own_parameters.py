@@ -64,9 +64,8 @@ def test_a_trial_mass_that_is_known_with_a_deviation_sets_the_deviation_of_the_s
 
 
 def test_every_record_has_an_unbalance_of_its_own(folder):
-    records = EXPERIMENT.replace(
-        "[channels]", '[records.parameters]\nc = { fixed = "60 N s/m" }\n[channels]'
-    )
+    damped = '[records.parameters]\nc = { fixed = "60 N s/m" }\n'
+    records = EXPERIMENT.replace("[channels]", f"{damped}[channels]")
     each = records + "u_x = { each = true }\nu_y = { each = true }\n"
     estimate = identify(folder, of_two(each))
     assert estimate.status == "ok"

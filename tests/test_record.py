@@ -86,9 +86,8 @@ def test_what_a_channel_reads():
 @given(st.integers(2, 30), st.integers(2, 9))
 def test_frequencies_and_weights_of_lines(samples, periods):
     data = np.random.default_rng(samples).standard_normal((samples * periods, 2))
-    periodic = average(
-        Record(TWO, data, 50.0), period_samples=samples, harmonics=range(samples // 2 + 1)
-    )
+    every = range(samples // 2 + 1)
+    periodic = average(Record(TWO, data, 50.0), period_samples=samples, harmonics=every)
     assert isinstance(periodic, PeriodicRecord)
     assert periodic.fundamental == 50.0 / samples
     np.testing.assert_allclose(periodic.frequency, np.fft.rfftfreq(samples, 1 / 50.0))
@@ -109,9 +108,8 @@ def _twice() -> tuple[rid.Record, rid.Record]:
 def test_values_compare_by_content_are_read_only_and_fit_a_screen(kind):
     one, two = _twice()
     if kind != "record":
-        one, two = (
-            rid.average(r, "2 Hz", band=("2 Hz", "20 Hz"), skip="0.5 s") for r in (one, two)
-        )
+        cut = {"band": ("2 Hz", "20 Hz"), "skip": "0.5 s"}
+        one, two = (rid.average(r, "2 Hz", **cut) for r in (one, two))
     if kind == "lines":
         one, two = (rid.Lines.of_periods(p) for p in (one, two))
     assert one == two

@@ -176,9 +176,8 @@ def test_coils_in_series(load, tmp_path):
     """One current may drive two force laws; that is told, for it may be a slip."""
     write(tmp_path / "run.csv", columns())
     law = '{ law = "linear", ki = "20 N/A", ks = "0 N/m", position = "x", current = '
-    channels = "[channels]\n" + "".join(
-        f'{name} = {law} {{ column = "fx", unit = "A" }} }}\n' for name in "FG"
-    )
+    coils = (f'{name} = {law} {{ column = "fx", unit = "A" }} }}\n' for name in "FG")
+    channels = "[channels]\n" + "".join(coils)
     last = 'x = { column = "px", unit = "um" }\n'
     (record,) = load(("run.csv", LINES), channels=channels + last).records("ml")
     assert "the current 'fx' drives F and G: right for coils in series only" in record.warnings

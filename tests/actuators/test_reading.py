@@ -146,10 +146,8 @@ def test_flux_and_current_laws_agree():
     rng = np.random.default_rng(1)
     current, position = rng.uniform(-2, 2, 50), rng.uniform(-3e-4, 3e-4, 50)
     law = Flux(area=2e-4, poles=2, angle=MAGNET.angle)
-    densities = law.densities(MAGNET, current, position)
-    np.testing.assert_allclose(
-        law.force(*densities), MAGNET.force(current, position), rtol=1e-12, atol=1e-10
-    )
+    found = law.force(*law.densities(MAGNET, current, position))
+    np.testing.assert_allclose(found, MAGNET.force(current, position), rtol=1e-12, atol=1e-10)
 
 
 # Constants of force laws as they stand in files.
@@ -253,11 +251,9 @@ def recorded(hold: bool, late_current: float, late_position: float, unit: str = 
 def test_lines_of_a_held_current(law, delay):
     """A command leads: it flows -delay after its sample, for one sample period."""
     record = recorded(True, delay, 20e-6)
-    found = average(forces(record, through(law), period=SIZE), F0, harmonics=LINES)
-    truth = lines_of_truth(law, held_from=-delay)
-    np.testing.assert_allclose(
-        found.spectra[..., found.index("F")], [truth] * PERIODS, atol=2e-6 * np.abs(truth).max()
-    )
+    read = average(forces(record, through(law), period=SIZE), F0, harmonics=LINES)
+    truth, found = lines_of_truth(law, held_from=-delay), read.spectra[..., read.index("F")]
+    np.testing.assert_allclose(found, [truth] * PERIODS, atol=2e-6 * np.abs(truth).max())
 
 
 @pytest.mark.parametrize("law", [LINEAR, BIASED])

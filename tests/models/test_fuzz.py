@@ -32,9 +32,7 @@ EQUATIONS = st.lists(
 @settings(max_examples=150, deadline=None)
 @given(EQUATIONS, st.integers(0, 2), st.integers(0, 100))
 def test_an_answer_or_an_input_error(equations, turns, seed):
-    units = (
-        dict.fromkeys(names, unit) for names, unit in (("xy", "m"), ("FG", "N"), ("abc", "kg"))
-    )
+    units = [dict.fromkeys("xy", "m"), dict.fromkeys("FG", "N"), dict.fromkeys("abc", "kg")]
     try:
         model = model_of(equations, *units)
     except InputError:

@@ -46,9 +46,8 @@ def test_the_file_itself_is_good():
 
 
 def test_units_are_converted_to_si():
-    model = parse_model(
-        edited(('"kg" }', '"g", nominal = 250, positive = true }'), ('x = "m"', 'x = "mm"'))
-    )
+    grams = ('"kg" }', '"g", nominal = 250, positive = true }')
+    model = parse_model(edited(grams, ('x = "m"', 'x = "mm"')))
     assert model.nominal == {"m": pytest.approx(0.25)}
     assert model.parameters[0].unit == "kg"
     assert model.parameters[0].positive

@@ -142,9 +142,8 @@ def test_hostile_names_are_text(estimate, periods):
     )
     (shown,) = estimate.evidence.records
     channels = tuple(replace(c, name=HOSTILE + c.name, unit=HOSTILE) for c in shown.channels)
-    evidence = Evidence(
-        (replace(shown, source=HOSTILE, channels=channels),), (Prior(named[0].name, 1.0, 0.1),)
-    )
+    record = replace(shown, source=HOSTILE, channels=channels)
+    evidence = Evidence((record,), (Prior(named[0].name, 1.0, 0.1),))
     hostile = estimate.with_(
         model=HOSTILE,
         method=HOSTILE,

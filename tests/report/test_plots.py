@@ -109,18 +109,16 @@ def test_correlation_names_rows_and_columns():
 
 
 def test_misfit_is_drawn_over_its_expectation():
-    panel = drawn.misfit(
-        map(rid.LineMisfit, [0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0] * 3)
-    )
+    lines = ([0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0] * 3)
+    panel = drawn.misfit(map(rid.LineMisfit, *lines))
     first, second = curve(panel, "record 1"), curve(panel, "record 2")
     np.testing.assert_allclose([first.x, first.y], [[10, 20], [1, 7.5]])
     np.testing.assert_allclose([second.x, second.y], [[10], [1]])
 
 
 def test_misfit_of_phasors_is_drawn_over_the_speed_with_ticks_to_read():
-    panel = drawn.misfit(
-        map(rid.LineMisfit, [0, 0], [10.0, 20.0], [12.0, 2.0], [12.0] * 2), turning=True
-    )
+    lines = ([0, 0], [10.0, 20.0], [12.0, 2.0], [12.0] * 2)
+    panel = drawn.misfit(map(rid.LineMisfit, *lines), turning=True)
     assert panel.x.title == "speed in rpm"
     np.testing.assert_allclose(panel.curves[0].x, [600, 1200])
     axis = interactive.spec(panel)["layout"]["yaxis"]
@@ -185,9 +183,8 @@ def test_every_panel_is_what_plotly_takes(record, periods, evidence):
 
 def test_names_are_no_markup_in_a_page():
     bad = '<a href="https://example.org">x</a>'
-    panel = drawn.Panel(
-        bad, drawn.Axis(bad), drawn.Axis(names=(bad,)), (drawn.Curve(np.ones(1), np.zeros(1), bad),)
-    )
+    curve = drawn.Curve(np.ones(1), np.zeros(1), bad)
+    panel = drawn.Panel(bad, drawn.Axis(bad), drawn.Axis(names=(bad,)), (curve,))
     assert "<" not in json.dumps(interactive.spec(panel))
 
 
@@ -242,9 +239,8 @@ def test_a_diagram_shows_what_was_computed(diagram):
     (marks,) = [c for c in panel.curves if c.look == "diamonds"]
     np.testing.assert_allclose(marks.x, [30 / np.pi * c.speed_rad_s for c in found.critical])
     np.testing.assert_allclose(marks.y, marks.x / 60)  # where a mode meets the rotation
-    np.testing.assert_allclose(
-        marks.error, [1.96 * 30 / np.pi * c.std for c in found.critical if c.std], rtol=1e-4
-    )
+    half = [1.96 * 30 / np.pi * c.std for c in found.critical if c.std]
+    np.testing.assert_allclose(marks.error, half, rtol=1e-4)
     band = next(c for c in panel.curves if c.look == "band")
     np.testing.assert_allclose((band.y - band.base) / 2, 1.96 * found.std_hz[:, 0], rtol=1e-4)
 
@@ -365,10 +361,8 @@ def test_the_page_of_a_balance(estimate):
         np.testing.assert_allclose([arrow["x"][1], arrow["y"][1]], [tip.real, tip.imag], rtol=1e-4)
         away = np.hypot(np.array(ring["x"]) - tip.real, np.array(ring["y"]) - tip.imag)
         np.testing.assert_allclose(away, 1e6 * left.unbalance_kg_m, atol=0.01)
-        angles = np.arctan2(masses["y"], masses["x"])
-        np.testing.assert_allclose(
-            np.exp(1j * angles), np.exp(1j * np.array(one.masses)[:, 1]), 1e-4
-        )
+        off = np.arctan2(masses["y"], masses["x"]) - np.array(one.masses)[:, 1]
+        np.testing.assert_allclose(np.exp(1j * off), 1.0, 1e-4)
         assert plot["layout"]["yaxis"]["scaleanchor"] == "x"  # type: ignore[index]
 
 

@@ -258,9 +258,8 @@ def channel(name: str, away: float, noise: float, unit: str = "N") -> ChannelEvi
 
 
 def shown(*channels: ChannelEvidence) -> Evidence:
-    return Evidence(
-        (RecordEvidence("run.h5", "periods", frequency_hz=(10.0, 20.0), channels=channels),)
-    )
+    record = RecordEvidence("run.h5", "periods", frequency_hz=(10.0, 20.0), channels=channels)
+    return Evidence((record,))
 
 
 @pytest.mark.parametrize(

@@ -148,9 +148,8 @@ def test_a_current_loop_without_motion_is_a_lag_of_first_order():
         expected = np.eye(inputs) / (1 + 1j * w / (2 * np.pi * 800.0))
         np.testing.assert_allclose(found, expected, atol=1e-12)
     # L i' loses k_i x': what the force gains.
-    np.testing.assert_allclose(
-        motion[::2, len(plant.force) :], -120.0 / 0.03 * plant.displacement, atol=1e-6
-    )
+    gained = -120.0 / 0.03 * plant.displacement
+    np.testing.assert_allclose(motion[::2, len(plant.force) :], gained, atol=1e-6)
 
 
 def test_eddy_currents_are_the_half_order_lag():
@@ -209,10 +208,8 @@ def test_base_motion_accelerates_the_rotor_as_seen_from_the_housing():
     rig = replace(short(rig_of("rigid")), excitation=None)
     size = 5e-6
     shaken = with_faults(rig, [(FAULTS["base-motion"], size)])
-    part = shaken.disturbances[0]
-    np.testing.assert_allclose(
-        part.size(np.array([0.0, 1 / 140.0])), size * (2 * np.pi * 70) ** 2 * np.array([1, -1])
-    )
+    found = shaken.disturbances[0].size(np.array([0.0, 1 / 140.0]))
+    np.testing.assert_allclose(found, size * (2 * np.pi * 70) ** 2 * np.array([1, -1]))
     matrix = noise_matrix(shaken, shaken.plant(1.0))
     np.testing.assert_allclose(matrix[:, -1], [1.0, 0.0, 0.0, 0.0], atol=1e-12)
 
@@ -233,9 +230,8 @@ def test_gaps_that_grow_change_the_linear_law_as_the_magnets():
     rig = rig_of("three-mass")
     hot = replace(rig, actuators=dict.fromkeys(rig.actuators, part))
     table = bearing_table(hot, hot.plant(1.0))
-    np.testing.assert_allclose(
-        table.heating[0, :2] * step, [later.ki - slope.ki, later.ks - slope.ks], rtol=1e-5
-    )
+    gained = [later.ki - slope.ki, later.ks - slope.ks]
+    np.testing.assert_allclose(table.heating[0, :2] * step, gained, rtol=1e-5)
 
 
 def test_a_seal_drives_the_forward_whirl():
@@ -342,9 +338,8 @@ def rows() -> dict[str, tuple[str, str]]:
 def test_every_fault_is_on_the_page():
     """Of those that matter none `ok` and wrong, two dozen called by name."""
     page = rows()
-    assert {name: wanted for name, (wanted, _) in page.items()} == {
-        name: fault.wanted for name, fault in FAULTS.items()
-    }
+    wanted = {name: fault.wanted for name, fault in FAULTS.items()}
+    assert {name: told for name, (told, _) in page.items()} == wanted
     kinds = [kind for _, kind in page.values()]
     assert {*kinds} <= {"right", "said", "named", "not named"}
     assert kinds.count("named") >= 24

@@ -129,9 +129,8 @@ def single(tmp_path):
     """Return a function that makes a rig of one coordinate."""
 
     def made(equation: str, parameters: str, more: str) -> Rig:
-        (tmp_path / "model.toml").write_text(
-            model_text("one mass", [equation], "x m", "F_x N", parameters)
-        )
+        model = model_text("one mass", [equation], "x m", "F_x N", parameters)
+        (tmp_path / "model.toml").write_text(model)
         text = f'model = "model.toml"\nduration = "1 s"\nsensors = {{ x = {{}} }}\n{more}'
         (tmp_path / "rig.toml").write_text(text)
         return load_rig(tmp_path / "rig.toml").rig
@@ -272,9 +271,8 @@ def test_pid_is_its_transfer_function():
     omega = 2 * np.pi * np.array([1.0, 10.0, 200.0, 4000.0])
     z, a = np.exp(1j * omega * T), np.exp(-2 * np.pi * f * T)
     expected = -(gain + reset * T / (z - 1) + rate * (1 - a) / T * (z - 1) / (z - a))
-    np.testing.assert_allclose(
-        pid(gain, reset, rate, f, T).response(omega)[:, 0, 0], expected, rtol=1e-10
-    )
+    found = pid(gain, reset, rate, f, T).response(omega)[:, 0, 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
 def test_axes_side_by_side_do_not_know_of_one_another():
@@ -349,13 +347,11 @@ def test_the_example_of_a_centralised_controller_holds_the_rotor_by_all_axes():
 LIBRARY = files("rotorid.rig") / "library"
 RIGID = (LIBRARY / "rigid.toml").read_text("utf-8").replace('"10 s"', '"5 s"')
 LINEAR = (LIBRARY / "three-mass.toml").read_text("utf-8").replace('"13 s"', '"5 s"')
+LAG = 'bandwidth = "1.5 kHz"'
 FILES = {
     "magnets, measured": RIGID,
     "magnets, commanded": RIGID.replace('current = "measured"', 'current = "command"'),
-    "flux": RIGID.replace(
-        'bandwidth = "1.5 kHz"',
-        'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "1 mT" }',
-    ),
+    "flux": RIGID.replace(LAG, f'{LAG}\nflux = {{ area = "4 cm^2", noise = "1 mT" }}'),
 }
 
 

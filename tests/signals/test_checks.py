@@ -286,9 +286,8 @@ def test_a_slow_change_is_a_drift_with_its_size(turning, size):
     cold = machine(noise=0.02)
     warmer = cold.samples * (1 + ramp) + turning * np.roll(cold.samples, 3, axis=0) * ramp
     found = told(replace(cold, samples=warmer))
-    assert [(c.about, c.on, c.verdict) for c in found] == [
-        ("drift", (name,), "warning") for name in "xy"
-    ]
+    drifts = [("drift", (name,), "warning") for name in "xy"]
+    assert [(c.about, c.on, c.verdict) for c in found] == drifts
     assert re.search(f" changes by ({size})", found[0].found)
 
 
@@ -868,10 +867,7 @@ def test_the_references_of_a_loop():
     assert not [check for check in right.checks if check.about == "reference"]
     assert wrong.status == "ok"  # it makes deviations wider, and none wrong
     told = [check for check in wrong.checks if check.about == "reference"]
-    assert [(*check.on, check.verdict) for check in told] == [
-        ("r_x", "warning"),
-        ("r_y", "warning"),
-    ]
+    assert [(*c.on, c.verdict) for c in told] == [("r_x", "warning"), ("r_y", "warning")]
     assert all(re.search(" (9|10|11) samples: it is late by as much", c.found) for c in told)
 
 
