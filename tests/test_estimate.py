@@ -106,11 +106,12 @@ def test_keys_of_the_result_file(tmp_path):
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     contract = (
         "schema version model method status parameters nuisance derived covariance misfit "
-        "suspects prediction lines_hz periods warnings alternatives checks provenance"
+        "suspects prediction lines_hz periods warnings alternatives checks provenance verdict "
+        "assumptions notes"
     )
     assert {*contract.split()} <= set(data)
     assert data["schema"] == "rotorid-estimate/2"
-    keys = {"name", "unit", "value", "std", "std_inflated", "fixed"}
+    keys = {"name", "unit", "value", "std", "std_inflated", "std_assumed", "fixed"}
     assert all(set(row) == keys for row in data["parameters"])
     assert all(set(row) == {"name", "unit", "value", "std"} for row in data["derived"])
     assert [row["name"] for row in data["parameters"]] == ["m", "m*xi", "m*zeta", "c", "k"]

@@ -164,7 +164,9 @@ def inspect() -> None:
     help="Extent of the search; quick ends at the first minimum.",
 )
 @_flag("--intervals", help="Show 95 % intervals instead of standard deviations.")
-@_flag("--strict", help="Exit with status 3 also if the result is doubtful.")
+@_flag(
+    "--strict", help="Exit with status 3 also if the result is doubtful or rests on assumptions."
+)
 @_answers
 def identify() -> None:
     """Estimate machine parameters from the records of an experiment.

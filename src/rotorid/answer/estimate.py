@@ -68,6 +68,9 @@ class Value:
         As if all of the misfit were noise.
     fixed : bool
         Known beforehand and not estimated.
+    std_assumed : float or None
+        How far the value may move if what is assumed is wrong by a plausible size: the root of the
+        sum of squares over `Estimate.assumptions`. ``None`` where nobody asked.
     """
 
     name: Annotated[str, AfterValidator(_name)]
@@ -76,10 +79,14 @@ class Value:
     std: Optional = None
     std_inflated: Optional = None
     fixed: Flag = False
+    std_assumed: Optional = None
 
 
 DOUBTFUL = 1e-3
 """The p-value from which on a misfit is what noise leaves; below it the model is doubtful."""
+UNDER = "ok under assumptions"
+"""The verdict of an answer that what it assumes may move by more than `FAR` of its deviations."""
+FAR = 10.0
 EXPLAINS = 0.2
 """Least share of the excess misfit with which a suspect is a lead."""
 
@@ -102,6 +109,31 @@ class LineMisfit:
     frequency_hz: Number
     cost: Number
     expected: Number
+
+
+@frozen
+class Assumption:
+    """What was taken as exact and would move the answer unseen.
+
+    Parameters
+    ----------
+    assumed : str
+        ``force scale``, ``L1``, ``ground``, ``rotor angle``, ...
+    size : str
+        The error that is plausible.
+    parameter : str
+        What it would move most.
+    moves : float
+        By so many standard deviations.
+    cure : str
+        What would settle it, or say better how well it is known.
+    """
+
+    assumed: str
+    size: str
+    parameter: str
+    moves: Number
+    cure: str
 
 
 @frozen
@@ -350,10 +382,13 @@ def _square(rows: Any) -> Floats:
     return np.array(rows, dtype=float).reshape(len(rows), len(rows))
 
 
+_SPARSE = ("drop", "share", "size")
+
+
 def _told(notes: Sequence[Note]) -> list[dict[str, Any]]:
-    """Return notes as a file holds them: drop and share only where there is one."""
+    """Return notes as a file holds them: drop, share and size only where there is one."""
     return [
-        {k: v for k, v in vars(note).items() if v is not None or k not in ("drop", "share")}
+        {k: v for k, v in vars(note).items() if k not in _SPARSE or v not in (None, "")}
         for note in notes
     ]
 
@@ -476,6 +511,23 @@ class Estimate:
             for note in self.notes
             if note.drop is not None
         )
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """What was taken as exact and would move the answer unseen, the largest first."""
+        return tuple(
+            Assumption(note.about, note.size, ", ".join(note.on), note.value or 0.0, note.cure)
+            for note in self.notes
+            if note.severity == "assumes"
+        )
+
+    @property
+    def verdict(self) -> str:
+        """What the first line says: ok, ok under assumptions, doubtful, or the status."""
+        if self.doubt:
+            return "doubtful"
+        far = self.status == "ok" and any(one.moves > FAR for one in self.assumptions)
+        return UNDER if far else self.status
 
     @property
     def doubt(self) -> str:
@@ -603,7 +655,7 @@ class Estimate:
             for kind, values in self.quantities.items()
             for value in values
         ]
-        columns = ["name", "kind", "unit", "value", "std", "std_inflated", "fixed"]
+        columns = ["name", "kind", "unit", "value", "std", "std_inflated", "std_assumed", "fixed"]
         return pd.DataFrame(rows, columns=columns).set_index("name")
 
     def to_dict(self) -> dict[str, Any]:
@@ -614,7 +666,8 @@ class Estimate:
         data["warnings"] = list(self.warnings)
         data["suspects"] = [vars(suspect) for suspect in self.suspects]
         data["checks"] = [check.as_check for check in self.checks]
-        return {"schema": SCHEMA, "version": __version__, **data}
+        data["assumptions"] = [vars(one) for one in self.assumptions]
+        return {"schema": SCHEMA, "version": __version__, "verdict": self.verdict, **data}
 
     def save(self, path: str | Path) -> None:
         """Write the result file (JSON).
@@ -678,7 +731,7 @@ def _encodable(data: Any) -> Any:
     return data.encode("utf-8", "backslashreplace").decode() if is_text else data
 
 
-_EVERY = {"__all__": {"fixed", "std_inflated"}}
+_EVERY = {"__all__": {"fixed", "std_inflated", "std_assumed"}}
 _LEFT_OUT: Any = {"nuisance": _EVERY, "derived": _EVERY}
 
 

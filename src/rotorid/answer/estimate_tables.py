@@ -18,6 +18,8 @@ SPOILT = 0.3  # relative error of an accepted prediction from which on its reaso
 FAR = 10.0  # deviations in a value, from which on it is not shown in percent
 ROUNDING = 0.005  # deviations below which a value is zero: half the last digit of two
 ANYWHERE = 90.0  # deg, deviation of an angle from which on it may be any
+NAMED_ASSUMPTIONS = 3  # of what is assumed: what moves the answer most
+_GRAVE = ("refuses", "warns", "says")
 NAMED = 1e-3  # share of the misfit below which a suspect explains nothing, and is not listed
 MANY = 4  # pairs of one group of parameters, from which on its names are told once
 TOGETHER = 0.95  # correlation from which two parameters are named as known together
@@ -26,9 +28,19 @@ _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which 
 
 
 def page(estimate: Estimate, *, intervals: bool = False) -> Page:
-    doubt = f", but doubtful ({estimate.doubt})" if estimate.doubt else ""
-    head = f"{estimate.model}, {estimate.method}: {estimate.status}{doubt}"
+    head = f"{estimate.model}, {estimate.method}: {verdict(estimate)}"
     return [head, *tables(estimate, intervals=intervals), *sentences(estimate)]
+
+
+def verdict(estimate: Estimate) -> str:
+    """Return the verdict, and what it rests on."""
+    if estimate.doubt:
+        return f"{estimate.status}, but doubtful ({estimate.doubt})"
+    if estimate.verdict == estimate.status:
+        return estimate.status
+    first = estimate.assumptions[0]
+    more = f"{first.assumed}: {first.size} would shift {first.parameter} by {first.moves:.2g} std"
+    return f"{estimate.verdict} ({more})"
 
 
 def value_tables(estimate: Estimate, *, intervals: bool = False) -> dict[str, Table]:
@@ -60,9 +72,17 @@ def tables(estimate: Estimate, *, intervals: bool = False) -> list[Table]:
 def sentences(estimate: Estimate) -> list[str]:
     return [
         *on_fit(estimate),
-        *(f"{c.verdict}, {on_data(c)}" for c in estimate.checks if c.severity != "passes"),
+        *(f"{c.verdict}, {on_data(c)}" for c in estimate.checks if c.severity in _GRAVE),
+        *_assumed(estimate),
         *(f"warning: {warning}" for warning in estimate.warnings),
     ]
+
+
+def _assumed(estimate: Estimate) -> list[str]:
+    notes = [check for check in estimate.checks if check.severity == "assumes"]
+    told = [f"note, {note.about}: {note.text}" for note in notes[:NAMED_ASSUMPTIONS]]
+    more = len(notes) - len(told)
+    return [*told, f"note, {more} more assumptions shift something by less"] if more else told
 
 
 def on_data(check: Note) -> str:
@@ -91,6 +111,8 @@ def on_fit(estimate: Estimate) -> list[str]:
         told.append(f"condition number {estimate.condition_number:.4g}")
     if _inflated((*estimate.parameters, *estimate.nuisance)):
         told.append("inflated: std as if all of the misfit were noise")
+    if _assuming(estimate.parameters):
+        told.append("if assumptions err: std of what errors of the assumptions below may shift")
     return [*told, *_together(estimate)]
 
 
@@ -131,10 +153,13 @@ def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> T
     if intervals:
         ends = [(value.name, *_ends(value), _row(value)[-1]) for value in values]
         return table((title, "value", "95 % from", "to", "unit"), ends)
-    if _inflated(values):
-        return table((title, "value", "std", "std %", "inflated", "unit"), map(_row, values))
-    rows = [(*cells[:4], cells[5]) for cells in map(_row, values)]
-    return table((title, "value", "std", "std %", "unit"), rows)
+    shown = ["value", "std", "std %", *(["inflated"] if _inflated(values) else [])]
+    shown += ["if assumptions err"] if _assuming(values) else []
+    rows = [
+        [cells[0], *(cells[_COLUMNS.index(head)] for head in (*shown, "unit"))]
+        for cells in map(_row, values)
+    ]
+    return table((title, *shown, "unit"), rows)
 
 
 def _alternative_table(estimate: Estimate) -> Table | None:
@@ -225,23 +250,32 @@ def _inflated(values: Sequence[Value]) -> bool:
     return any(v.std and v.std_inflated and v.std_inflated > 1.05 * v.std for v in values)
 
 
+def _assuming(values: Sequence[Value]) -> bool:
+    return any(v.std and v.std_assumed and v.std_assumed > 0.1 * v.std for v in values)
+
+
+_COLUMNS = ("", "value", "std", "std %", "inflated", "if assumptions err", "unit")
+
+
 def as_zero(value: float, spread: float) -> float:
     """Return a value, and 0 for one that the two digits of its spread do not show."""
     return 0.0 if abs(value) < ROUNDING * spread else value
 
 
 def _row(value: Value) -> tuple[str, ...]:
+    """Return the cells of `_COLUMNS`."""
     unit = "" if value.unit == "1" else value.unit
     inflated = "" if value.std_inflated is None else two_digits(value.std_inflated)
+    assumed = "" if value.std_assumed is None else two_digits(value.std_assumed)
+    rest = inflated, assumed, unit
     if value.std and as_zero(value.value, value.std) == 0:
-        return value.name, "0", two_digits(value.std), "", inflated, unit
+        return value.name, "0", two_digits(value.std), "", *rest
     if value.fixed or value.std is None or not value.std > 0:
         std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"
-        return value.name, f"{value.value:.6g}", std, "", "", unit
+        return value.name, f"{value.value:.6g}", std, "", "", "", unit
     far = value.std > FAR * abs(value.value)  # a percentage of what may as well be zero
     percent = "" if far else two_digits(100 * value.std / abs(value.value))
-    number = figures(value.value, value.std)
-    return value.name, number, two_digits(value.std), percent, inflated, unit
+    return value.name, figures(value.value, value.std), two_digits(value.std), percent, *rest
 
 
 def _ends(value: Value) -> tuple[str, ...]:

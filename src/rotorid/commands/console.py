@@ -48,7 +48,7 @@ _COLOURS = {  # others are yellow
 _COLOURED = re.compile(
     r"^warning[:,] .*(?:\n  .*)*"
     r"|(?<=: )(?:ok|rejected|not_identifiable|not_converged|predicts|fails)$"
-    r"|(?<=: )ok, but doubtful\b.*$",
+    r"|(?<=: )ok(?:, but doubtful| under assumptions)\b.*$",
     re.M,
 )
 

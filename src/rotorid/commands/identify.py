@@ -57,7 +57,7 @@ def run(
 
     page = estimate.summary(intervals=intervals)
     answer.give(page, estimate.to_json, html)
-    if estimate.status == "rejected" or (strict and estimate.doubt):
+    if estimate.status == "rejected" or (strict and estimate.verdict != "ok"):
         return REJECTED
     return OK if estimate.status == "ok" else NO_ANSWER
 

@@ -8,11 +8,21 @@ from typing import Literal
 from rotorid.core.frozen import frozen
 
 Severity = Literal[
-    "refuses", "unfinished", "open", "rejects", "doubts", "remarks", "warns", "says", "passes"
+    "refuses",
+    "unfinished",
+    "open",
+    "rejects",
+    "doubts",
+    "remarks",
+    "warns",
+    "assumes",
+    "says",
+    "passes",
 ]
 VERDICTS: dict[Severity, str] = {
     "refuses": "refused",
     "warns": "warning",
+    "assumes": "note",
     "says": "note",
     "passes": "ok",
 }
@@ -33,7 +43,8 @@ class Note:
         undetermined. "rejects": the answer is wrong. "doubts": it may be wrong by more than its
         standard deviations. "remarks": to be read with it.
         Of the data, and of what is taken as exact: "refuses": no answer can come of it. "warns":
-        an answer may be wrong by more than its standard deviations. "says": worth knowing.
+        an answer may be wrong by more than its standard deviations. "assumes": it was taken as
+        exact, and an error of a plausible size would move the answer. "says": worth knowing.
         "passes": looked at and in order.
     found : str
         What was found, with figures.
@@ -49,6 +60,9 @@ class Note:
         Of a possible cause of a misfit: how far the misfit falls with it.
     share : float, optional
         Share of the excess misfit that the possible cause explains.
+    size : str
+        Of what is assumed: the error that is plausible; `value` is what that would move the
+        parameter in `on` by, in standard deviations.
 
     Examples
     --------
@@ -68,6 +82,7 @@ class Note:
     unit: str = ""
     drop: float | None = None
     share: float | None = None
+    size: str = ""
 
     @property
     def text(self) -> str:

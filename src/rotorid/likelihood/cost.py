@@ -452,6 +452,14 @@ class Evaluation:
             jacobian[:, : p.rows, phase] += turned @ self.load_factors
         return jacobian
 
+    def readings_of(self, motion: Complexes) -> Complexes:
+        """Return what the sensors read of a motion, (line, coordinate), scaled: (line, sensor)."""
+        p, equations, forces = self.problem, self.equations, self.forces
+        indirect = -(self.stiffness[:, equations : p.rows] @ motion[:, :, None])[:, :, 0]
+        own = np.arange(p.rows - equations)  # the equation of a reading is scaled, as all are
+        indirect /= self.inputs[:, equations + own, forces + own]
+        return np.concatenate([indirect, motion @ p.sensing.reads.T], axis=1)
+
     def whiten(self, rows: Complexes) -> Floats:
         """Project and whiten columns of rows, (line, row, column) -> (real equation, column)."""
         whitened = self.stacked(self._white(rows))

@@ -1,19 +1,15 @@
-"""Doubts about an answer: a catalogue of functions that yield notes.
-
-What errors of what is taken as exact do to the residual says how far they may move a parameter
-before the warning of a doubtful model tells (docs/maximum-likelihood.md, section 6).
-"""
+"""Doubts about an answer: a catalogue of functions that yield notes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from rotorid.answer import machine_checks
 from rotorid.answer.derived import deviation
-from rotorid.answer.estimate import DOUBTFUL, Estimate
+from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import Status
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
@@ -22,13 +18,12 @@ from rotorid.core.values import Floats
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.assumptions import assumed
 from rotorid.likelihood.doubts_angle import ANGLE, against_angle, told
-from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.mode_rows import pencil_at
-from rotorid.likelihood.rivals_model import parts_between
 from rotorid.likelihood.rivals_read import SPEEDS, is_response, is_table
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Scalar, force_scale
+from rotorid.likelihood.unknowns import Scalar
 from rotorid.models import Model
 from rotorid.models.modal import eigenmodes
 from rotorid.signals.covariance import lag_one_correlation
@@ -64,131 +59,14 @@ def doubted(model: Model, estimate: Estimate, fit: Fit, *, speed: bool = False) 
         if (not when or estimate.status in when) and not (speed and cast is straying):
             notes += cast(fit)
     estimate = estimate.with_notes(*notes)
+    if estimate.status == "ok":
+        return assumed(estimate, fit)
     # What the others have made of the answer may call for it.
     return estimate.with_notes(*blocks_scatter(fit)) if estimate.status == "rejected" else estimate
 
 
 def _determined(fit: Fit) -> bool:
     return fit.solution.converged and not fit.inference.linear.null.shape[1]
-
-
-MATTERS = 1.0
-"""Deviations by which an unseen error moves a parameter, above which it is told."""
-TAKEN_OVER = 1e-6
-"""What is left of the scale's column when the parameters have taken their share, over its square,
-below which they take it over: exactly so at the corrected lines, but for rounding."""
-LED = 0.9
-"""Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
-FOLLOWS = 0.5
-"""Relative change of a parameter, over that of the scale, from which it is said to follow."""
-
-
-PART = 0.01
-"""Share of the mass that weighing the parts and sharing out the shaft may well miss."""
-BEYOND = 5.0
-"""Deviations by which it moves a parameter unseen, above which it is told: beyond chance."""
-
-
-@doubt("ok")
-def taken_as_exact(fit: Fit) -> Iterator[Note]:
-    """Say what is taken as exact, where a plausible error of it is beyond deviations and unseen."""
-    records, model, structure = fit.records, fit.case.model, fit.case.structure
-    scales = force_scale(records, None)
-    exact = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
-    units = [model.units[name] for name in model.coordinates]
-    parts = parts_between(structure, units) if structure is not None and records else []
-    every = (unknown for _, unknowns in exact for unknown in unknowns)
-    point = fit.case.beside([*scales, *every, *parts])
-    scale = list(_scale_notes(fit, point.by(*(u.term for u in scales))[:, 0]))
-    yield from [*scale, *_angle_notes(fit)]
-    for plausible, unknowns in exact:
-        names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
-        effect = point.by(*names) * plausible.size
-        if scale and plausible.in_scale:  # beside a scale common to all inputs, or to all sensors
-            inputs = {c.name for record in records for c in record.inputs}
-            driven = np.array([bool(inputs & gain.on) for gain in unknowns])
-            for group in (driven, ~driven):
-                effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
-        name, size = moved_unseen(fit, effect)
-        if size > MATTERS:
-            text = f"assumed {plausible.text} would shift {name} by {_figure(size)} std unseen"
-            yield Note(plausible.about, "says", text, plausible.cure, value=size, unit="1")
-    if parts and structure is not None:
-        columns = {part.term: point.by(part.term) for part in parts}
-        yield from _part_left_out(fit, structure.mass(units), columns)
-
-
-def _part_left_out(fit: Fit, whole: float, columns: Mapping[str, Floats]) -> Iterator[Note]:
-    """Say how far a part in the shaft may move the answer unseen; `columns`: of 1 kg of each.
-
-    Where masses stand at a few places, what lies between them was shared out by hand.
-    """
-    mass = PART * whole
-    moved = [(*moved_unseen(fit, mass * column), name) for name, column in columns.items()]
-    worst, size, name = max(moved, key=lambda each: each[1])
-    if size > BEYOND:
-        text = (
-            f"assumed complete: a missing {name} of 1 % of all ({mass:.2g} kg) would shift {worst} "
-            f"by {_figure(size)} std unseen; lines about higher modes or a sensor there show it"
-        )
-        yield Note("model", "says", text)
-
-
-def _figure(size: float) -> str:
-    return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
-
-
-def _angle_notes(fit: Fit) -> Iterator[Note]:
-    layout, free = fit.layout, fit.layout.free
-    turning = {int(i) for _, _, at in layout.wherever(Turns) for i in at}
-    turned = [k for k, i in enumerate(free) if i in turning and layout.unknowns[i].std]
-    std = fit.inference.std
-    unit = np.where((std > 0) & np.isfinite(std), std, np.inf)
-    share = np.abs(fit.inference.covariance / unit / unit[:, None])[:, turned]
-    most = (free < layout.named) & (share.max(axis=1, initial=0.0) > LED)
-    if led := ", ".join(layout.names(most)):
-        worst = np.degrees(max(layout.unknowns[free[k]].std or 0.0 for k in turned))
-        text = (
-            f"known to {worst:.2g} deg, which is most of the deviations of {led}: "
-            "the delay between mark and columns is not stated, and one sample at most is taken: "
-            "angle_lag_std states it better"
-        )
-        yield Note("rotor angle", "says", text)
-
-
-def _scale_notes(fit: Fit, column: Floats) -> Iterator[Note]:
-    """Say what follows a scale unseen; `column`, (row,): the derivative of the residual by it."""
-    layout, point = fit.layout, fit.solution.point
-    channels = [c for record in fit.records for c in record.inputs]
-    read = [c.name for c in channels if c.law is not None or c.drive is not None]
-    if not read or any(effect.part == "force" for effect, _ in layout.acting(Drives)):
-        return
-    found, left = point.linear.taken(column), point.linear.rest(column)
-    if not np.isfinite(found).all() or left @ left > TAKEN_OVER * (column @ column):
-        return
-    value = point.unknowns[layout.free]
-    share = np.abs(found) / np.where(value != 0, np.abs(value), np.inf)
-    follows = (layout.free < layout.named) & (share > FOLLOWS)
-    if named := ", ".join(layout.names(follows)):
-        text = (
-            f"assumed exact: 1 % of error shifts {named} by 1 %, more than their "
-            "std, without raising the misfit; set force_scale_std, or weigh the rotor"
-        )
-        yield Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))
-
-
-def moved_unseen(fit: Fit, effect: Floats) -> tuple[str, float]:
-    """Return which parameter errors of an effect (row, error) move most unseen, and how far."""
-    if not effect.any():
-        return "", 0.0
-    std, layout = fit.inference.std, fit.layout
-    named = np.array([i < layout.named and i not in layout.idle for i in layout.free])
-    std = np.where(named & (std > 0), std, np.inf)
-    expected = fit.inference.expectation
-    excess = expected.exceeded(DOUBTFUL) - expected.mean  # may be added before a warning tells
-    moved = fit.solution.point.linear.unseen(effect, std, excess)
-    worst = int(np.argmax(moved))
-    return fit.layout.names()[worst], float(moved[worst])
 
 
 TELLING = 1e-6

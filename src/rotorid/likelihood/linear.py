@@ -169,13 +169,16 @@ class Linearized:
         change = -right[kept].T @ (along / values[kept])
         return float(along @ along), change / unit
 
-    def unseen(self, columns: Floats, std: Floats, excess: float) -> Floats:
+    def unseen(
+        self, columns: Floats, std: Floats, excess: float, step: Floats | float = 0.0
+    ) -> Floats:
         """Return the deviations by which unseen errors may move each unknown, (free,).
 
         `columns` are what errors of a plausible size do to the residual; `std` is infinite for
-        unknowns that nobody asks for; `excess` is what may be added to the cost.
+        unknowns that nobody asks for; `excess` is what may be added to the cost; `step`, (free,
+        error), is what the errors do to the unknowns by themselves.
         """
-        moved = self.taken(columns) / std[:, None]
+        moved = (step - self.taken(columns)) / std[:, None]
         _, sizes, ways = np.linalg.svd(triangle(self.rest(columns)))
         weight = np.ones(len(ways))
         weight[: len(sizes)] /= np.sqrt(1 + sizes**2 / excess)

@@ -48,12 +48,7 @@ def _pushed(at: Evaluation) -> Complexes:
 
 
 def _readings(at: Evaluation, motion: Complexes) -> Complexes:
-    p, equations, forces = at.problem, at.equations, at.forces
-    indirect = -(at.stiffness[:, equations : p.rows] @ motion[:, :, None])[:, :, 0]
-    own = np.arange(p.rows - equations)  # the equation of a reading is scaled, as all are
-    indirect /= at.inputs[:, equations + own, forces + own]
-    reads = np.concatenate([indirect, motion @ p.sensing.reads.T], axis=1)
-    return np.asarray(reads + at.state.readings[:, forces:])
+    return np.asarray(at.readings_of(motion) + at.state.readings[:, at.forces :])
 
 
 def _motion(stiffness: Complexes, right: Complexes) -> Complexes:

@@ -648,22 +648,24 @@ class Plausible:
     about: str
     unit: str  # of the scalars meant
     size: float  # SI
-    # how it is taken, with the size as one would write it; what answers it
-    text: str
+    written: str  # the size as one would write it
     cure: str
+    taken: str = "exact"  # how it is taken, and what its size is of
+    error: str = "error"
     in_scale: bool = False  # one of all forces, or of all sensors, is the scale, told by itself
 
 
 _SAYS, _ANGLE = "says how well it is known", "unbalance angles refer to the stated rotor angle"
 _DELAY = f'delay = {{ std = ".." }} {_SAYS}'
+_RUNOUT = "runout = true estimates it"
 TAKEN_AS_EXACT = (
     # Runout of a ground journal; balancing standards allow the probes several times it.
-    Plausible(runouts, "runout", "m", 1e-6, "zero: 1 um of it", "runout = true estimates it"),
+    Plausible(runouts, "runout", "m", 1e-6, "1 um", _RUNOUT, "zero", "it"),
     # A mark is glued on, and a filter of 9 kHz turns 9000 rpm by as much.
-    Plausible(phases, "rotor angle", "rad", np.pi / 180, "exact: 1 deg of error", _ANGLE),
+    Plausible(phases, "rotor angle", "rad", np.pi / 180, "1 deg", _ANGLE),
     # What calibrating by hand reaches.
-    Plausible(gains, "gain", "1", 0.01, "exact: 1 % of error", f"gain_std {_SAYS}", True),
+    Plausible(gains, "gain", "1", 0.01, "1 %", f"gain_std {_SAYS}", in_scale=True),
     # A tenth of the sample time of many loggers, and the lag of a filter of 16 kHz.
-    Plausible(delays, "delay", "s", 1e-5, "exact: 10 us of error", _DELAY),
+    Plausible(delays, "delay", "s", 1e-5, "10 us", _DELAY),
 )
 """Kinds that are taken as exact where nobody asks for them, in the order in which they are told."""

@@ -245,8 +245,20 @@ class Structure:
 
     def mass(self, units: Sequence[str]) -> float:
         """Return the mass that moves in x; `units`: of the coordinates."""
-        moved = [pair[0] for pair in self.pairs if units[pair[0]] == "m"]
-        return float(sum(matrix[moved, moved].sum() for _, matrix in self.masses))
+        along = next(iter(self.translations(units)), np.zeros(len(units)))
+        return float(along @ self.inertia() @ along)
+
+    def inertia(self) -> Floats:
+        """Return M, shape (coordinate, coordinate)."""
+        none = np.zeros((len(self.coordinates), len(self.coordinates)))
+        return np.asarray(sum((matrix for _, matrix in self.masses), none))
+
+    def translations(self, units: Sequence[str]) -> list[Floats]:
+        """Return what moves all places alike, in x and in y, or in the one direction there is."""
+        planes = list(zip(*self.pairs, strict=True)) or [self.lone]
+        shares = [np.isin(np.arange(len(units)), plane) for plane in planes]
+        moved = [share * (np.array(units) == "m").astype(float) for share in shares]
+        return [along for along in moved if along.any()]
 
     def turn(self) -> Floats:
         """Return J, the turn by a right angle in the sense of the rotation."""

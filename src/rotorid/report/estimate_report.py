@@ -14,6 +14,7 @@ from markupsafe import Markup
 from rotorid.answer.estimate import (
     DOUBTFUL,
     EXPLAINS,
+    UNDER,
     ChannelEvidence,
     Estimate,
     Prior,
@@ -58,8 +59,8 @@ METHODS = {
     "sequential": "sequential least squares",
     "ls": "least squares",
 }
-MOODS: dict[str, Mood] = {"ok": "good", "rejected": "doubt"}
-"""How a status is coloured; all others are bad."""
+MOODS: dict[str, Mood] = {"ok": "good", UNDER: "good", "doubtful": "doubt", "rejected": "doubt"}
+"""How a verdict is coloured; all others are bad."""
 
 
 Named = TypeVar("Named", ChannelEvidence, ChannelError)
@@ -78,7 +79,15 @@ def verdict_of(estimate: Estimate) -> Verdict:
         free = sum(not value.fixed for value in estimate.parameters)
         few = "this parameter explains" if free == 1 else f"these {free} parameters explain"
         text = f"Accepted: {few} {_explained(estimate) or 'the records'}"
-        return Verdict(f"{text}{_misfit_against_noise(estimate)}.", warnings)
+        text = f"{text}{_misfit_against_noise(estimate)}."
+        if estimate.verdict == UNDER:
+            first = estimate.assumptions[0]
+            text += (
+                f" This rests on assumptions that no record tests. {first.assumed}: an error of "
+                f"{first.size} would shift {first.parameter} by {first.moves:.2g} standard "
+                f"deviations; {first.cure}."
+            )
+        return Verdict(text, warnings)
     if estimate.status == "rejected":
         return Verdict(_rejected(estimate), warnings)
     if estimate.status == "not_identifiable":
@@ -333,14 +342,16 @@ def estimate_report(estimate: Estimate) -> str:
     verdict, fastest = verdict_of(estimate), max(speeds, key=abs, default=0.0)
     graver = [check for check in estimate.checks if check.severity in ("warns", "refuses")]
     warned = [f"{check.verdict}, {on_data(check)}" for check in graver]
-    exact = tuple(on_data(check) for check in estimate.checks if check.severity == "says")
-    status = estimate.status.replace("_", " ")
+    exact = tuple(
+        on_data(check) for check in estimate.checks if check.severity in ("assumes", "says")
+    )
+    status = estimate.verdict.replace("_", " ")
     page = Passage(
         model.title if model is not None and model.title else estimate.model,
         lead=marked("Model <code>{}</code>, identified by {}", estimate.model, _method(estimate)),
         badge=status,
         verdict=verdict.sentence,
-        mood=MOODS.get(estimate.status, "bad"),
+        mood=MOODS.get(estimate.verdict, "bad"),
         urge="To mind:" if estimate.status == "ok" else "What to do next:",
         steps=verdict.steps,
         said=remarks,

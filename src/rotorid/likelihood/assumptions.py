@@ -1,0 +1,329 @@
+"""What is assumed: whatever was taken as exact, how wrong it plausibly is, and what that moves.
+
+With J the Jacobian of the whitened residual and D its derivative by an error of plausible size, the
+unknowns move by ``-J^+ D``, and ``(1 - J J^+) D`` is left in the residual: what raises the cost by
+less than the warning of a doubtful model needs is unseen (docs/maximum-likelihood.md, section 6).
+Nothing is fitted: an assumption is a column, and a product with the factorization at the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from rotorid.answer.estimate import DOUBTFUL, Estimate
+from rotorid.core.notes import Note
+from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.likelihood.effects import Drives, Turns
+from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.problem import Point
+from rotorid.likelihood.rivals_model import parts_between
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, force_scale
+from rotorid.models.structure import Structure
+
+MATTERS = 1.0
+"""Deviations by which an unseen error moves a parameter, above which it is told."""
+SHARE = 0.01
+"""Share by which a value that is held, or a scale, is plausibly wrong: a ruler, a data sheet, a
+calibration by hand."""
+TURNED = np.radians(0.1)
+"""Angle by which a sensor or a magnet is turned out of its axis: what mounting by eye reaches."""
+CROSSTALK = 0.001
+"""Share of one sensor's reading in another's: of neighbouring channels of one amplifier."""
+CASING = 50.0
+"""Mass of what the bearings stand on, over that of the rotor: a casing that one person can lift."""
+MOUNTS = (("free", 0.0), ("on mounts of 8 Hz", 2 * np.pi * 8.0))
+"""How such a casing stands, and its natural frequency in rad/s: on a bench, and on rubber."""
+MOUNT_DAMPING = 0.05
+"""Damping ratio of mounts: of rubber. It only keeps a line beside their frequency finite."""
+PART = 0.01
+"""Share of the mass that weighing the parts and sharing out the shaft may well miss."""
+BEYOND = 5.0
+"""Deviations by which such a part moves a parameter unseen, above which it is told: beyond
+chance."""
+TAKEN_OVER = 1e-6
+"""What is left of a column when the unknowns have taken their share, over its square, below which
+they take it over: exactly so at the corrected lines, but for rounding."""
+LED = 0.9
+"""Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
+
+
+@frozen
+class Assumed:
+    """Something that was taken as exact, and what errors of a plausible size do."""
+
+    about: str  # "rotor angle"; what is wrong together, in one way or another, has one name
+    size: str  # as one would write it: "1 deg"
+    text: str  # how it is taken: "exact: 1 deg of error"
+    cure: str  # what settles it, or says better how well it is known
+    effect: Floats  # (row, error): what errors of that size do to the residual
+    step: Floats | float = 0.0  # (free, error): what they do to the unknowns by themselves
+    least: float = MATTERS  # deviations from which on it is told
+
+    def moved(self, fit: Fit) -> Floats:
+        """Return the deviations by which it may move each unknown unseen, (free,), 0 of others."""
+        if not self.effect.any():
+            return np.zeros(len(fit.layout.free))
+        std, layout = fit.inference.std, fit.layout
+        named = np.array([i < layout.named and i not in layout.idle for i in layout.free])
+        std = np.where(named & (std > 0), std, np.inf)
+        expected = fit.inference.expectation
+        excess = expected.exceeded(DOUBTFUL) - expected.mean  # may be added before a warning tells
+        return fit.solution.point.linear.unseen(self.effect, std, excess, self.step)
+
+
+def assumed(estimate: Estimate, fit: Fit) -> Estimate:
+    """Return an accepted answer with what it assumes, the largest first, and how far that goes.
+
+    Of what is wrong in one way or another the worst counts.
+    """
+    names, told = fit.layout.names(), dict[str, Note]()
+    worst: dict[str, Floats] = {}
+    for one in assumptions(fit):
+        moved = one.moved(fit)
+        most = int(np.argmax(moved))
+        size, name = float(moved[most]), one.about
+        if size > max(one.least, told[name].value or 0.0 if name in told else 0.0):
+            text = f"assumed {one.text} would shift {names[most]} by {_figure(size)} std unseen"
+            told[name] = Note(
+                name, "assumes", text, one.cure, (names[most],), size, "1", size=one.size
+            )
+        worst[name] = np.maximum(worst.get(name, 0.0), moved)
+    if worst:
+        total = np.sqrt(sum(moved**2 for moved in worst.values()))
+        of = dict(zip(names, total.tolist(), strict=True))
+        parameters = tuple(
+            v if v.fixed or not v.std else replace(v, std_assumed=v.std * of.get(v.name, 0.0))
+            for v in estimate.parameters
+        )
+        estimate = estimate.with_(parameters=parameters)
+    notes = sorted(told.values(), key=lambda note: -(note.value or 0.0))
+    return estimate.with_notes(*notes, *_led_by_the_angle(fit))
+
+
+def _figure(size: float) -> str:
+    return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
+
+
+def assumptions(fit: Fit) -> Iterator[Assumed]:
+    """Yield all that is assumed, each with its columns: one evaluation serves them all."""
+    records, structure = fit.records, fit.case.structure
+    scales = force_scale(records, None)
+    exact = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
+    units = [fit.case.model.units[name] for name in fit.case.model.coordinates]
+    parts = parts_between(structure, units) if structure is not None and records else []
+    every = (unknown for _, unknowns in exact for unknown in unknowns)
+    point = fit.case.beside([*scales, *every, *parts])
+    common = list(_scale(fit, point.by(*(u.term for u in scales))))
+    yield from common
+    for plausible, unknowns in exact:
+        names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
+        effect = point.by(*names) * plausible.size
+        if common and plausible.in_scale:  # beside one common to all inputs, or to all sensors
+            inputs = {c.name for record in records for c in record.inputs}
+            driven = np.array([bool(inputs & gain.on) for gain in unknowns])
+            for group in (driven, ~driven):
+                effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
+        text = f"{plausible.taken}: {plausible.written} of {plausible.error}"
+        yield Assumed(plausible.about, plausible.written, text, plausible.cure, effect)
+    yield from _held(fit, point)
+    yield from _constrained(fit)
+    if structure is not None and records:
+        yield from _parts(structure.mass(units), {p.term: point.by(p.term) for p in parts})
+        if not structure.balance.faults:
+            yield from _geometry(fit, structure, units)
+    yield from _crosstalk(fit)
+
+
+def _scale(fit: Fit, columns: Floats) -> Iterator[Assumed]:
+    """Yield the scale of forces that laws make, where the parameters take it over unseen."""
+    column, linear = columns.sum(axis=1), fit.solution.point.linear
+    if not column.any():
+        return
+    channels = [c for record in fit.records for c in record.inputs]
+    made = any(channel.law is not None or channel.drive is not None for channel in channels)
+    if not made or any(e.part == "force" for e, _ in fit.layout.acting(Drives)):
+        return
+    left = linear.rest(column)
+    if np.isfinite(linear.taken(column)).all() and left @ left <= TAKEN_OVER * (column @ column):
+        cure = "set force_scale_std, or weigh the rotor"
+        yield _share("force scale", SHARE * column[:, None], cure)
+
+
+def _share(about: str, effect: Floats, cure: str, step: Floats | float = 0.0) -> Assumed:
+    return Assumed(about, "1 %", "exact: 1 % of error", cure, effect, step)
+
+
+def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
+    """Yield each value that is fixed, of one record or of all, and all lengths among them."""
+    layout, values = fit.layout, fit.solution.point.unknowns
+    held = [
+        unknown
+        for i, unknown in enumerate(layout.unknowns[: layout.named])
+        if unknown.fixed and values[i] != 0 and i not in layout.idle
+    ]
+    size = {u.name: SHARE * abs(values[layout.index[u.name]]) for u in held}
+    lengths = [unknown for unknown in held if unknown.unit == "m"]
+    groups = [(u.name, [u]) for u in held]
+    if len(lengths) > 1:  # one ruler
+        groups.append(("all lengths", lengths))
+    for about, members in groups:
+        effect = point.by(*(u.name for u in members)) @ [size[u.name] for u in members]
+        stated = 'value = "..", std = ".."'
+        yield _share(about, effect[:, None], f"state how well it is known ({stated}), or free it")
+
+
+def _constrained(fit: Fit) -> Iterator[Assumed]:
+    """Yield each relation that holds exactly, off by a share of its terms."""
+    point, exact, free = fit.solution.point, fit.problem.exact, fit.layout.free
+    if not len(exact):
+        return
+    size = point.sizes[free]
+    scale = np.where(size > 0, size, 1.0)
+    ways = np.linalg.pinv(exact.jacobian(point.unknowns)[:, free] * scale)
+    stated, sizes = exact.texts, exact.sizes(point.unknowns) / 2  # both sides of it
+    for row, text in enumerate(stated):
+        step = (scale * ways[:, row] * SHARE * sizes[row])[:, None]
+        cure = "give the constraint a std"
+        yield _share(text, point.jacobian @ step, cure, step)
+
+
+def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:
+    """Yield a part of the shaft that the model leaves out; `columns`: of 1 kg of each.
+
+    Where masses stand at a few places, what lies between them was shared out by hand.
+    """
+    mass = PART * whole
+    for name, column in columns.items():
+        text = f"complete: a missing {name} of 1 % of all ({mass:.2g} kg)"
+        cure = "lines about higher modes or a sensor there show it"
+        yield Assumed("model", "1 %", text, cure, mass * column, least=BEYOND)
+
+
+def _geometry(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[Assumed]:
+    """Yield the ground at rest, and the axes of sensors and magnets."""
+    evaluations = fit.solution.point.records
+    weigh = "read the casing with an accelerometer, or weigh the rotor"
+    for standing, natural in MOUNTS:
+        loads = [_recoil(fit, k, structure, units, natural) for k in range(len(evaluations))]
+        text = f"at rest: a casing of {CASING:g} times the rotor's mass, {standing},"
+        size = f"{CASING:g} rotor masses, {standing}"
+        columns = [at.whitened_loads(load) for at, load in zip(evaluations, loads, strict=True)]
+        effect = _over(fit, columns)[:, None]
+        yield Assumed("ground", size, text, weigh, effect)
+    if structure.pairs:
+        text, cure = "aligned: axes turned by 0.1 deg", "measure the directions of the axes"
+        effect = _joined(fit, [_turned(fit, k, structure) for k in range(len(evaluations))])
+        yield Assumed("axes", "0.1 deg", text, cure, effect)
+
+
+def _over(fit: Fit, columns: Sequence[Floats]) -> Floats:
+    """Return columns over all records, and over the rows of what is known, which they leave."""
+    none = np.zeros((len(fit.solution.point.known), *columns[0].shape[1:]))
+    return np.concatenate([*columns, none])
+
+
+Rows = Mapping[tuple[str, ...], Complexes]
+"""What errors do to the equations of a record, (line, row), by the channels that have them."""
+
+
+def _joined(fit: Fit, found: Sequence[Rows]) -> Floats:
+    """Return what errors do to the residual, (row, error): a channel has one in all records."""
+    every = list(dict.fromkeys(name for rows in found for name in rows))
+    columns = []
+    for at, rows in zip(fit.solution.point.records, found, strict=True):
+        none = np.zeros((at.problem.lines, at.problem.all_rows), dtype=np.complex128)
+        stacked = [rows.get(name, none) for name in every]
+        columns.append(at.whiten(np.stack(stacked, axis=2)) if every else np.zeros((0, 0)))
+    return _over(fit, columns)
+
+
+def _recoil(
+    fit: Fit, number: int, structure: Structure, units: Sequence[str], natural: float
+) -> Complexes:
+    """Return what a casing that gives way does to the equations, (line, row), scaled.
+
+    The rotor pushes it by ``-t'(M q" - g)``, t a translation and g the unbalance; it moves by
+    ``x_c = h t'(M q" - g)``, and in its frame each mass has the inertial force ``-M t x_c"``.
+    """
+    at, record = fit.solution.point.records[number], fit.records[number]
+    omega = record.lines.omega[:, None]
+    motion = at.corrected()[1] * at.problem.scales.coordinates
+    rows = at.problem.scales.rows[: at.equations]
+    unbalance = structure.balance.forces((at.loads[:, : at.equations] * rows).T).T
+    mass = structure.inertia()
+    held = natural**2 + 2j * MOUNT_DAMPING * natural * omega
+    give = omega**2 / (held - omega**2) if natural else np.full(omega.shape, -1.0)
+    weight = CASING * structure.mass(units)
+    loads = np.zeros((len(omega), at.equations), dtype=np.complex128)
+    for along in structure.translations(units):
+        pushed = (-(omega**2) * (motion @ mass) - unbalance) @ along
+        column = structure.in_rows((mass @ along)[:, None])[:, 0] / rows
+        loads += give * pushed[:, None] / max(weight, 1e-300) * column
+    return loads
+
+
+def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
+    """Return what each sensor and each magnet does that is turned in its plane."""
+    at = fit.solution.point.records[number]
+    scale, turn = at.problem.scales.coordinates, structure.turn() * TURNED
+    equations, forces, names = at.equations, at.forces, _names(fit, number)
+    data, motion = at.corrected()
+    read = at.readings_of((motion * scale) @ turn.T / scale)
+    found: dict[tuple[str, ...], Complexes]
+    found = {(n,): -at.plain[:, :, k] * read[:, [k - forces]] for k, n in names if k >= forces}
+    true = at.state.factors * data - at.state.readings
+    rows = at.problem.scales.rows[:equations]
+    for k, name in names[:forces]:
+        along = structure.balance.forces((at.inputs[:, :equations, k] * rows).T)
+        force = np.zeros((len(true), at.problem.all_rows), dtype=np.complex128)
+        force[:, :equations] = structure.in_rows(turn @ along).T / rows
+        found[name,] = force * true[:, [k]]
+    return found
+
+
+def _names(fit: Fit, number: int) -> list[tuple[int, str]]:
+    """Return the channels of a record with their numbers: the inputs of the machine, sensors."""
+    at, channels = fit.solution.point.records[number], fit.records[number].lines.channels
+    return [(k, channels[column].name) for k, column in enumerate(at.problem.order)]
+
+
+def _crosstalk(fit: Fit) -> Iterator[Assumed]:
+    """Yield a share of each sensor's reading in the next one of its unit, and back."""
+    found = list[Rows]()
+    for number, at in enumerate(fit.solution.point.records):
+        true = CROSSTALK * at.state.factors * at.corrected()[0]
+        units = {c.name: c.unit for c in fit.records[number].lines.channels}
+        sensors = _names(fit, number)[at.forces :]
+        pairs = [pair for a, b in pairwise(sensors) for pair in ((a, b), (b, a))]
+        found.append(
+            {
+                (of, other): -at.plain[:, :, k] * true[:, [j]]
+                for (k, of), (j, other) in pairs
+                if units[of] == units[other]
+            }
+        )
+    if any(found):
+        text, cure = "apart: 0.1 % of a reading in the next", "measure it with one sensor moved"
+        yield Assumed("cross-talk", "0.1 %", text, cure, _joined(fit, found))
+
+
+def _led_by_the_angle(fit: Fit) -> Iterator[Note]:
+    layout, free = fit.layout, fit.layout.free
+    turning = {int(i) for _, _, at in layout.wherever(Turns) for i in at}
+    turned = [k for k, i in enumerate(free) if i in turning and layout.unknowns[i].std]
+    std = fit.inference.std
+    unit = np.where((std > 0) & np.isfinite(std), std, np.inf)
+    share = np.abs(fit.inference.covariance / unit / unit[:, None])[:, turned]
+    most = (free < layout.named) & (share.max(axis=1, initial=0.0) > LED)
+    if led := ", ".join(layout.names(most)):
+        worst = np.degrees(max(layout.unknowns[free[k]].std or 0.0 for k in turned))
+        text = (
+            f"known to {worst:.2g} deg, which is most of the deviations of {led}: "
+            "the delay between mark and columns is not stated, and one sample at most is taken: "
+            "angle_lag_std states it better"
+        )
+        yield Note("rotor angle", "says", text)

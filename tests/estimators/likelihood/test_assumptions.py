@@ -1,0 +1,197 @@
+"""What is assumed: each entry against a record in which it is wrong, and how it is told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid import Estimate, MaximumLikelihood, Note, identify, load_model
+from rotorid.demo import demo_plan
+from rotorid.likelihood import assumptions, doubts
+from rotorid.testing import add_noise, line_record
+
+MODEL = load_model("three-mass")
+PLAN = demo_plan(MODEL)
+TRUTH = MODEL.nominal
+SENSORS = ("x1", "y1", "x3", "y3")
+MASS = sum(TRUTH[name] for name in ("m1", "m2", "m3"))
+CONSTRAINED = rid.Constraint("m1 + m2 + m3", MASS)
+
+
+def measured(forces=PLAN.forces, sensors=SENSORS):
+    return line_record(
+        MODEL,
+        MODEL.values(TRUTH),
+        forces,
+        harmonics=PLAN.harmonics,
+        fundamental=PLAN.fundamental,
+        sample_rate=PLAN.sample_rate,
+        periods=PLAN.periods,
+        speed=PLAN.speed,
+        sensors=sensors,
+    )
+
+
+RECORD = add_noise(measured(), PLAN.noise, np.random.default_rng(7))
+LINES = dict(zip(RECORD.names, np.asarray(RECORD.spectra).mean(axis=0).T, strict=True))
+
+
+def answer(record=RECORD, **given) -> Estimate:
+    given = {"fixed": {"L1": TRUTH["L1"]}, **given}
+    start = {name: value for name, value in TRUTH.items() if name not in given["fixed"]}
+    return identify(MODEL, record, MaximumLikelihood(start=start, **given))
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Return the answer of the record as it is, what is assumed of it, and the fit."""
+    kept = []
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(doubts, "assumed", lambda found, fit: kept.append(fit) or found)
+        found = answer(constraints=(CONSTRAINED,))
+    return found, list(assumptions.assumptions(kept[0])), kept[0]
+
+
+def with_errors(errors: dict[str, np.ndarray]):
+    """Return the record with errors on the lines of some channels."""
+    added = np.stack([errors.get(n, 0.0 * LINES[n]) for n in RECORD.names], axis=1)
+    return replace(RECORD, spectra=np.asarray(RECORD.spectra) + added)
+
+
+def turned(forces, angle):
+    """Return what the sensors read besides, with the magnet of F_x1 turned toward y."""
+    shares = np.asarray(forces).astype(complex)
+    more = np.zeros_like(shares)
+    more[:, MODEL.inputs.index("F_y1")] = angle * shares[:, MODEL.inputs.index("F_x1")]
+    there, here = (np.asarray(measured(f).spectra).mean(axis=0) for f in (shares + more, shares))
+    return {n: (there - here)[:, RECORD.names.index(n)] for n in SENSORS}
+
+
+def casing(natural):
+    """Return what the sensors read besides on a casing of 50 rotors' mass, by its own motion."""
+    omega, found = 2 * np.pi * np.asarray(RECORD.frequency), {}
+    give = 1 / (natural**2 - omega**2 + 0.1j * natural * omega)
+    for axis in "xy":
+        moved = -give * (LINES[f"F_{axis}1"] + LINES[f"F_{axis}3"]) / (50 * MASS)
+        found |= {f"{axis}{place}": -moved for place in (1, 3)}
+    return found
+
+
+def small(errors, by=0.05):
+    return {name: by * lines for name, lines in errors.items()}
+
+
+@pytest.mark.parametrize(
+    ("about", "size", "error", "errors"),
+    [
+        ("cross-talk", "0.1 %", 0, {"x1": 1e-3 * LINES["y1"]}),
+        ("cross-talk", "0.1 %", 2, {"y1": 1e-3 * LINES["x3"]}),
+        ("axes", "0.1 deg", 1, {"y1": np.radians(0.1) * LINES["x1"]}),
+        ("axes", "0.1 deg", 4, turned(PLAN.forces, np.radians(0.1))),
+        ("ground", "50 rotor masses, free", 0, casing(0.0)),
+        ("ground", "50 rotor masses, on mounts of 8 Hz", 0, casing(2 * np.pi * 8)),
+    ],
+)
+def test_an_error_moves_the_answer_as_its_column_says(fitted, about, size, error, errors):
+    found, every, fit = fitted
+    (one,) = (each for each in every if (each.about, each.size) == (about, size))
+    said = -fit.solution.point.linear.taken(one.effect[:, error])
+    other = answer(with_errors(small(errors)), constraints=(CONSTRAINED,))
+    names = fit.layout.names()
+    moved = np.array([other.value(n) - found.value(n) for n in names]) / 0.05
+    std = fit.inference.std
+    sign = np.sign(said @ (moved / std**2))  # a turn may be to either side
+    np.testing.assert_allclose(sign * said / std, moved / std, atol=0.02, rtol=0.02)
+    assert np.abs(moved / std).max() > 0.2
+
+
+def test_a_value_that_is_held_and_a_relation_move_the_answer_as_their_columns_say(fitted):
+    found, every, fit = fitted
+    by = {one.about: one for one in every}
+    names, linear, std = fit.layout.names(), fit.solution.point.linear, fit.inference.std
+    longer = answer(fixed={"L1": 1.0005 * TRUTH["L1"]}, constraints=(CONSTRAINED,))
+    heavier = answer(constraints=(rid.Constraint("m1 + m2 + m3", 1.0005 * MASS),))
+    for about, other in (("L1", longer), ("m1 + m2 + m3", heavier)):
+        one = next(one for name, one in by.items() if name.startswith(about))
+        said = (one.step - linear.taken(one.effect))[:, 0]
+        moved = np.array([other.value(n) - found.value(n) for n in names]) / 0.05
+        np.testing.assert_allclose(said / std, moved / std, atol=0.02, rtol=0.02)
+        assert np.abs(moved / std).max() > 5
+
+
+def test_what_is_zero_or_free_or_stated_with_a_deviation_is_not_held():
+    def about(found):
+        return {one.assumed for one in found.assumptions}
+
+    assert "L1" in about(answer())
+    known = answer(fixed={}, known={"L1": (TRUTH["L1"], 1e-4)})
+    assert "L1" not in about(known)
+    # A deviation of its own holds the error: the interval is as wide as the assumption said.
+    assert known.std("L2") == pytest.approx(np.hypot(answer().std("L2"), 1e-4), rel=0.02)
+
+
+def test_what_errors_may_do_is_the_root_of_the_sum_of_their_squares(fitted):
+    _, every, fit = fitted
+    found = answer(constraints=(CONSTRAINED,))
+    worst = {}
+    for one in every:
+        worst[one.about] = np.maximum(worst.get(one.about, 0.0), one.moved(fit))
+    total = np.sqrt(sum(np.square(list(worst.values()))))
+    for name, expected in zip(fit.layout.names(), total, strict=True):
+        assert found[name].std_assumed == pytest.approx(expected * found.std(name), rel=1e-6)
+    assert [one.moves for one in found.assumptions] == sorted(
+        (one.moves for one in found.assumptions), reverse=True
+    )
+
+
+@pytest.mark.parametrize(
+    ("about", "moves", "told"),
+    [("model", 4.9, False), ("model", 5.1, True), ("gain", 0.9, False), ("gain", 1.1, True)],
+)
+def test_from_how_many_deviations_on_an_assumption_is_told(fitted, monkeypatch, about, moves, told):
+    found, every, fit = fitted
+    one = next(one for one in every if one.about == about)
+    # What the parameters take over whole is unseen, whatever its size.
+    stiffness = fit.layout.names().index("k1")
+    effect = moves * fit.inference.std[stiffness] * fit.solution.point.jacobian[:, [stiffness]]
+    monkeypatch.setattr(assumptions, "assumptions", lambda _: [replace(one, effect=effect)])
+    said = assumptions.assumed(found, fit).assumptions
+    assert [each.parameter for each in said] == ["k1"] * told
+
+
+def noted(moves: float, *, doubtful: bool = False) -> Estimate:
+    mass = rid.Value("m", "kg", 2.0, std=0.01, std_assumed=0.01 * moves)
+    note = Note("gain", "assumes", "exact", "weigh it", ("m",), moves, "1", size="1 %")
+    misfit = rid.Misfit(40.0, 10.0, 10, 1e-5 if doubtful else 0.5)
+    return Estimate(
+        "one", "ml", "ok", (mass,), covariance=np.array([[1e-4]]), misfit=misfit, notes=(note,)
+    )
+
+
+def test_the_verdict_rests_on_ten_deviations():
+    assert noted(9.9).verdict == "ok"
+    assert noted(10.1).verdict == "ok under assumptions"
+    assert noted(10.1, doubtful=True).verdict == "doubtful"
+    assert str(noted(9.9)).startswith("one, ml: ok\n")
+    first = "one, ml: ok under assumptions (gain: 1 % would shift m by 10 std)\n"
+    assert str(noted(10.1)).startswith(first)
+    assert noted(10.1).to_dict()["verdict"] == "ok under assumptions"
+    (told,) = noted(10.1).to_dict()["assumptions"]
+    expected = {"assumed": "gain", "size": "1 %", "parameter": "m", "moves": 10.1}
+    assert told == {**expected, "cure": "weigh it"}
+
+
+def test_the_table_tells_what_errors_may_do_and_the_text_the_three_largest(tmp_path):
+    shown = str(noted(10.1))
+    assert "m           2.000  0.010   0.50                0.10  kg" in shown
+    found = answer()
+    text = str(found)
+    assert len(found.assumptions) > 3
+    assert sum("std unseen" in line for line in text.splitlines()) == 3
+    assert f"note, {len(found.assumptions) - 3} more assumptions" in text
+    found.save(tmp_path / "run.json")
+    again = rid.load_estimate(tmp_path / "run.json")
+    assert again == found
+    assert again.assumptions == found.assumptions
+    assert str(again) == text
