@@ -14,7 +14,6 @@ from working_folder import shaken
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.cli import run
 from rotorid.testing import phasor_lines
 
 
@@ -103,13 +102,11 @@ def test_a_table_has_no_samples_to_inspect(folder):
         load(folder, EXPERIMENT).measured()
 
 
-def test_a_table_is_inspected(folder, capsys):
+def test_a_table_is_inspected(folder, output):
     """What each probe reads, where it is largest, and how clearly; a probe that is dead."""
     (folder / "run.toml").write_text(EXPERIMENT)
     page, json = folder / "page.html", folder / "found.json"
-    command = ["inspect", str(folder / "run.toml"), "--json", str(json), "--report", str(page)]
-    assert run(command) == 0
-    told = capsys.readouterr().out
+    told = output("inspect", folder / "run.toml", "--json", json, "--report", page)
     assert f"{len(RPM)} rows of 1x phasors, from {RPM.min():.6g} to {RPM.max():.6g} rpm" in told
     size = np.abs(coast(RPM)[:, 0])
     assert f"{1e6 * size.max():.4g}" in told
@@ -120,8 +117,7 @@ def test_a_table_is_inspected(folder, capsys):
     assert found["channels"][0]["high"] == pytest.approx(size.max())
     assert "rows of 1x phasors" in page.read_text()
     write(folder / "run.csv", RPM, coast(RPM) * [1, 0])
-    assert run(["inspect", str(folder / "run.toml")]) == 0
-    assert "refused" in capsys.readouterr().out
+    assert "refused" in output("inspect", folder / "run.toml")
 
 
 CHANNELS = [rid.Channel("x", "m"), rid.Channel("y", "m")]
@@ -271,15 +267,12 @@ def test_repeated_readings_must_be_enough():
         ("", 'phase = "px"', 'phase = "qx"', "no column 'qx'|'qx'"),
     ],
 )
-def test_bad_input_is_one_line(folder, row, old, new, message, capsys):
+def test_bad_input_is_one_line(folder, row, old, new, message, refusal):
     with (folder / "run.csv").open("a") as stream:
         stream.write(row + "\n" if row else "")
     text = EXPERIMENT.replace(old, new, 1) if old else EXPERIMENT
     (folder / "experiment.toml").write_text(text)
-    assert run(["identify", str(folder / "experiment.toml")]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert re.search(message, said)
+    assert re.search(message, refusal("identify", folder / "experiment.toml"))
 
 
 WHIRLING = model_text(

@@ -462,12 +462,10 @@ def test_a_record_without_periods_is_identified(folder, noise):
         ('references = ["none"]', "none"),
     ],
 )
-def test_what_does_not_go_together_is_refused(folder, noise, message, capsys):
-    text = EXPERIMENT.format(noise=noise, rpm=3000)
-    (folder / "wrong.toml").write_text(text, encoding="utf-8")
-    assert cli.run(["identify", str(folder / "wrong.toml")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
+def test_what_does_not_go_together_is_refused(folder, noise, message, refusal):
+    path = folder / "wrong.toml"
+    path.write_text(EXPERIMENT.format(noise=noise, rpm=3000), encoding="utf-8")
+    assert message in refusal("identify", path)
 
 
 def of_two(turning: str, second: str) -> str:

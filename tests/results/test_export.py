@@ -13,9 +13,8 @@ from model_text import model_text
 from scipy.io import loadmat
 
 import rotorid as rid
-from rotorid import Estimate, InputError, Value, cli, export, load_model
+from rotorid import Estimate, InputError, Value, export, load_model
 from rotorid.answer.estimate import SourceFile
-from rotorid.cli import run
 from rotorid.results.machine import machine_of
 
 # Estimates for other programs, read back with readers of their own.
@@ -89,19 +88,18 @@ def test_a_covariance_of_other_size_is_left_out(tmp_path, size):
 
 
 @pytest.mark.parametrize("ending", ["csv", "mat", "tex", "json"])
-def test_a_table_that_a_user_edited_is_kept(ending, tmp_path, capsys):
+def test_a_table_that_a_user_edited_is_kept(ending, tmp_path, output, refusal):
     result, table = tmp_path / "run.json", tmp_path / f"table.{ending}"
     estimate_of(load_model("jeffcott")).save(result)
-    order = ["export", str(result), "--to", str(table)]
-    assert run(order) == 0
-    assert run(order) == 0  # nobody edited it
+    order = ("export", result, "--to", table)
+    output(*order)
+    output(*order)  # nobody edited it
     edited = table.read_bytes().replace(b"0", b"1", 1)
     assert edited != table.read_bytes()
     table.write_bytes(edited)
-    assert run(order) == 2
-    assert "edited since" in capsys.readouterr().err
+    assert "edited since" in refusal(*order)
     assert table.read_bytes() == edited
-    assert run([*order, "--force"]) == 0
+    output(*order, "--force")
 
 
 def test_a_name_is_no_formula_of_a_spreadsheet(tmp_path):
@@ -178,22 +176,20 @@ def test_massless_coordinates():
     assert plant.D[1, 1] == pytest.approx(1 / 1e6)  # the joint gives way at once
 
 
-def test_files(tmp_path, capsys):
+def test_files(tmp_path, output):
     path = tmp_path / "run.json"
     estimate = estimate_of(rid.load_model("three-mass"))
     estimate.save(path)
-    to = str(tmp_path / "plant.json")
-    assert cli.run(["export", str(path), "--to", to, "--speed", "8400 rpm"]) == 0
-    assert "16 states at 8400 rpm" in capsys.readouterr().out
+    order = ("export", path, "--speed", "8400 rpm", "--to")
+    assert "16 states at 8400 rpm" in output(*order, tmp_path / "plant.json")
     data = json.loads((tmp_path / "plant.json").read_text())
     plant = rid.state_space(estimate, speed="8400 rpm")
     assert data["schema"] == "rotorid-state-space/1"
     assert data["inputs"][0] == {"name": "F_x1", "unit": "N"}
     for name in "ABCD":
         assert (np.array(data[name]) == getattr(plant, name)).all()
-    mat = str(tmp_path / "plant.mat")
-    assert cli.run(["export", str(path), "--to", mat, "--speed", "8400 rpm"]) == 0
-    struct = loadmat(mat, squeeze_me=True)["plant"]
+    output(*order, tmp_path / "plant.mat")
+    struct = loadmat(tmp_path / "plant.mat", squeeze_me=True)["plant"]
     system = control.ss(*(np.atleast_2d(struct[name].item()) for name in "ABCD"))
     expected = direct(estimate, plant.speed)
     found = np.moveaxis(system(1j * OMEGA), 2, 0)
@@ -202,13 +198,13 @@ def test_files(tmp_path, capsys):
     assert struct["speed"].item() == plant.speed
 
 
-def test_what_has_no_state_space(tmp_path, capsys):
+def test_what_has_no_state_space(tmp_path, refusal):
     friction = rid.Estimate("emps", "ls", "ok", (rid.Value("M", "kg", 95.0, 1.0),))
     rid.export(friction, tmp_path / "a.mat")
     assert "plant" not in loadmat(tmp_path / "a.mat")
     friction.save(tmp_path / "a.json")
-    assert cli.run(["export", str(tmp_path / "a.json"), "--to", str(tmp_path / "b.json")]) == 2
-    assert "leave that term out" in capsys.readouterr().err
+    told = refusal("export", tmp_path / "a.json", "--to", tmp_path / "b.json")
+    assert "leave that term out" in told
     assert not (tmp_path / "b.json").exists()
     with pytest.raises(rid.InputError, match="the output 'z'"):
         rid.state_space(model_of(SUPPORTED), outputs=["z"])

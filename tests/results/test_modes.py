@@ -10,7 +10,6 @@ from linear_machines import SUPPORTED, estimate_of, lost, model_of
 from model_text import model_text
 
 import rotorid as rid
-from rotorid import cli
 from rotorid.results import modes
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import Campbell, critical_speeds, partners, whirl_of
@@ -419,11 +418,10 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_result_alone_gives_modes_and_critical_speeds(folder, capsys):
+def test_a_result_alone_gives_modes_and_critical_speeds(folder, output):
     (folder / "machine.toml").unlink()
-    arguments = ["modes", "result.json", "--speed", "3000 rpm", "--to", "12000 rpm"]
-    assert cli.run([*arguments, "--json", "modes.json"]) == 0
-    shown = capsys.readouterr().out
+    speeds = ("--speed", "3000 rpm", "--to", "12000 rpm")
+    shown = output("modes", "result.json", *speeds, "--json", "modes.json")
     for word in ("without forces at its inputs (T)", "critical speed", "forward", "unbalance"):
         assert word in shown
     found = json.loads((folder / "modes.json").read_text())
@@ -440,20 +438,18 @@ def test_a_result_alone_gives_modes_and_critical_speeds(folder, capsys):
     assert set(first["shape"]) == {"x", "y", "theta_x", "theta_y"}
 
 
-def test_a_model_file_and_a_shipped_model_have_no_deviations(folder, capsys):
-    assert cli.run(["modes", "machine.toml", "--json", "modes.json"]) == 0
+def test_a_model_file_and_a_shipped_model_have_no_deviations(folder, output):
+    output("modes", "machine.toml", "--json", "modes.json")
     found = json.loads((folder / "modes.json").read_text())
     assert {mode["std_hz"] for mode in found["modes"]} == {None}
     assert found["critical_speeds"] == []
-    assert cli.run(["modes", "three-mass", "--speed", "-140 Hz"]) == 0
-    assert "6 poles at zero" in capsys.readouterr().out
+    assert "6 poles at zero" in output("modes", "three-mass", "--speed", "-140 Hz")
 
 
-def test_a_result_that_is_not_identifiable_shows_and_ends_with_1(folder, capsys):
-    assert cli.run(["modes", "result.json", "--record", "3"]) == 0  # nothing is a record's own
+def test_a_result_that_is_not_identifiable_shows_and_ends_with_1(folder, output):
+    output("modes", "result.json", "--record", "3")  # nothing is a record's own
     estimate_of(MACHINE, status="not_identifiable").save("open.json")
-    assert cli.run(["modes", "open.json"]) == 1
-    assert "others fit as well" in capsys.readouterr().out
+    assert "others fit as well" in output("modes", "open.json", code=1)
 
 
 @pytest.mark.parametrize(
@@ -468,12 +464,8 @@ def test_a_result_that_is_not_identifiable_shows_and_ends_with_1(folder, capsys)
         (["machine.toml", "--json", "machine.toml"], "machine.toml"),
     ],
 )
-def test_what_cannot_be_is_one_line(folder, capsys, arguments, said):
-    assert cli.run(["modes", *arguments]) == 2
-    shown = capsys.readouterr()
-    assert shown.out == ""
-    assert len(shown.err.splitlines()) == 1
-    assert said in shown.err
+def test_what_cannot_be_is_one_line(folder, refusal, arguments, said):
+    assert said in refusal("modes", *arguments)
 
 
 @pytest.mark.parametrize("fixed", [False, True])

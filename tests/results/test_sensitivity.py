@@ -26,7 +26,7 @@ from result_cases import (
 )
 
 import rotorid as rid
-from rotorid import InputError, cli, load_rig
+from rotorid import InputError, load_rig
 from rotorid.models.modal import poles_of
 from rotorid.results import sensitivity
 from rotorid.results import sensitivity_peak as peak
@@ -364,14 +364,14 @@ band = ["20 Hz", "300 Hz"]
 
 
 @pytest.mark.slow
-def test_the_command_of_a_whole_record(tmp_path, monkeypatch, capsys):
+def test_the_command_of_a_whole_record(tmp_path, monkeypatch, output, refusal):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(5)
     samples, peaks = filtered(rng)
     write_table("run.csv", HEADER, samples, rng.standard_normal((len(samples), 2)))
     (tmp_path / "run.toml").write_text(EXPERIMENT)
-    assert cli.run(["sensitivity", "run.toml", "--json", "s.json", "--report", "s.html"]) == 0
-    assert capsys.readouterr().out.startswith("Zone B: the largest sensitivity is ")
+    said = output("sensitivity", "run.toml", "--json", "s.json", "--report", "s.html")
+    assert said.startswith("Zone B: the largest sensitivity is ")
     page = Page((tmp_path / "s.html").read_text())
     check_self_contained(page)
     assert "rotorid sensitivity run.toml --json s.json --report s.html" in page.words
@@ -383,14 +383,11 @@ def test_the_command_of_a_whole_record(tmp_path, monkeypatch, capsys):
         assert axis["peak"] == pytest.approx(size, rel=0.02)
         assert axis["interval"][0] < size < axis["interval"][1]
     (tmp_path / "bare.toml").write_text(EXPERIMENT.replace(REFERENCES, ""))
-    assert cli.run(["sensitivity", "bare.toml"]) == 2
-    said = capsys.readouterr().err
+    said = refusal("sensitivity", "bare.toml")
     assert "no columns of what was added to the commands" in said
     assert "rid.loop_sensitivity takes an identified plant" in said
-    assert cli.run(["sensitivity", "bare.toml", "--pair", "F_y=r2"]) == 0  # a pair is enough
-    assert "F_x" not in capsys.readouterr().out
-    assert cli.run(["sensitivity", "bare.toml", "--pair", "F_y"]) == 2
-    assert "write --pair F_x1=r_x1" in capsys.readouterr().err
+    assert "F_x" not in output("sensitivity", "bare.toml", "--pair", "F_y=r2")  # enough
+    assert "write --pair F_x1=r_x1" in refusal("sensitivity", "bare.toml", "--pair", "F_y")
 
 
 RECORD = """
@@ -404,31 +401,27 @@ OTHER = RECORD.replace("plus", "minus")
 PERIODS = 'model = "jeffcott"' + RECORD + OTHER + CHANNELS
 
 
-def test_the_command_of_periods_with_their_references(tmp_path, monkeypatch, capsys):
+def test_the_command_of_periods_with_their_references(tmp_path, monkeypatch, output, refusal):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(6)
     for name, signs in (("plus", (1.0, 1.0)), ("minus", (1.0, -1.0))):
         samples = two_loops(rng, np.array(signs))
         write_table(f"{name}.csv", HEADER, samples, rng.standard_normal((len(samples), 2)))
     (tmp_path / "run.toml").write_text(PERIODS)
-    options = ["--pair", "F_x=r1", "--pair", "F_y=r2", "--json", "s.json"]
-    assert cli.run(["sensitivity", "run.toml", *options]) == 0
-    assert "Zone B" in capsys.readouterr().out
+    both = ("--pair", "F_x=r1", "--pair", "F_y=r2")
+    assert "Zone B" in output("sensitivity", "run.toml", *both, "--json", "s.json")
     first, second = json.loads((tmp_path / "s.json").read_text())["axes"]
     assert first["peak"] == pytest.approx(2.5, abs=0.01)  # mN over mN, though channels are in N
     assert second["peak"] == pytest.approx(3.5, abs=0.01)
     # A column beside the channels stands for itself.
-    assert cli.run(["sensitivity", "run.toml", "--pair", "e1=r1", "--pair", "F_y=r2"]) == 0
-    assert "e1" in capsys.readouterr().out
-    assert cli.run(["sensitivity", "run.toml", "--pair", "F_x=r9"]) == 2
-    assert "r9" in capsys.readouterr().err
+    assert "e1" in output("sensitivity", "run.toml", "--pair", "e1=r1", "--pair", "F_y=r2")
+    assert "r9" in refusal("sensitivity", "run.toml", "--pair", "F_x=r9")
     (tmp_path / "one.toml").write_text(PERIODS.replace(OTHER, ""))
-    assert cli.run(["sensitivity", "one.toml", "--pair", "F_x=r1", "--pair", "F_y=r2"]) == 2
-    assert "repeat with other signs: + +, + -" in capsys.readouterr().err
+    assert "repeat with other signs: + +, + -" in refusal("sensitivity", "one.toml", *both)
     mixed = PERIODS.replace('fundamental = "10 Hz"\nharmonics = [1, 2, 3, 4, 5]', "X", 1)
     (tmp_path / "mixed.toml").write_text(mixed.replace("X", 'band = ["8 Hz", "60 Hz"]'))
-    assert cli.run(["sensitivity", "mixed.toml", "--pair", "F_x=r1"]) == 2
-    assert "an experiment file for each" in capsys.readouterr().err
+    said = refusal("sensitivity", "mixed.toml", "--pair", "F_x=r1")
+    assert "an experiment file for each" in said
 
 
 # Where a sensitivity turns over: what is a peak, what is an axis' own, what lines tell nothing.
