@@ -1,6 +1,6 @@
 """Machines with known modes, and estimates of them with a covariance."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from model_text import model_text
@@ -20,6 +20,11 @@ SUPPORTED = model_text(
     "m 8.0 kg, I_t 0.2 kg m^2, I_p 0.15 kg m^2, k_x 4e5 N/m, k_y 5e5 N/m, c 60.0 N s/m, "
     "d 1.5 N m s, L 0.25 m, xi 2e-5 m, zeta -1e-5 m",
 )
+
+
+def written(title: str, equations: Sequence[str], *units: str) -> rid.Model:
+    """Return a model of what stands in its file."""
+    return rid.parse_model(model_text(title, equations, *units))
 
 
 def model_of(text: str, name: str = "machine") -> rid.Model:

@@ -15,6 +15,7 @@ import scipy.linalg
 import scipy.signal
 from linear_machines import SUPPORTED, estimate_of
 from rotor_bank import RATE, noisy_record, rigid_rotor
+from scipy.optimize import brentq
 
 import rotorid as rid
 from rotorid import Drive, Model, load_rig
@@ -165,17 +166,16 @@ def true_modes(p: Mapping[str, float], speed: float) -> Complexes:
 
 def true_criticals(p: Mapping[str, float]) -> Floats:
     """Return the speeds at which a frequency is that of the rotation, by a fine grid."""
+
+    def ahead(speed: float, mode: int) -> float:
+        return true_modes(p, speed).imag[mode] - speed
+
     grid = np.linspace(50.0, TO, 66)
     over = np.array([true_modes(p, s).imag - s for s in grid])
     found = []
     for j in range(over.shape[1]):
         for k in np.flatnonzero(np.diff(np.sign(over[:, j]))):
-            low, high = grid[k], grid[k + 1]
-            for _ in range(45):
-                middle = (low + high) / 2
-                same = (true_modes(p, middle).imag[j] - middle) * over[k, j] > 0
-                low, high = (middle, high) if same else (low, middle)
-            found.append(low)
+            found.append(brentq(ahead, grid[k], grid[k + 1], args=(j,)))
     return np.sort(found)
 
 

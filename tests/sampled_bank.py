@@ -4,21 +4,17 @@ The motion is chosen, the force follows from the equations: no solver, no start-
 """
 
 import numpy as np
-from model_text import model_text
+from linear_machines import written
 from scipy.signal import lfilter
 
 import rotorid as rid
 
 AXIS = rid.load_model("emps")
 AXIS_TRUE = {"M": 95.0, "Fv": 200.0, "Fc": 20.0, "offset": -3.0}
-DUFFING = rid.parse_model(
-    model_text(
-        "a hardening spring",
-        ["m*x'' + d*x' + k*x + h*x^3 = F"],
-        "x m",
-        "F N",
-        "m kg, d N s/m, k N/m, h N/m^3",
-    )
+DUFFING = written(
+    "a hardening spring",
+    ["m*x'' + d*x' + k*x + h*x^3 = F"],
+    *("x m", "F N", "m kg, d N s/m, k N/m, h N/m^3"),
 )
 DUFFING_TRUE = {"m": 2.0, "d": 8.0, "k": 800.0, "h": 4e5}
 

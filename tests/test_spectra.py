@@ -19,7 +19,7 @@ from levitated import (
     levitated_together,
     lines_of,
 )
-from model_text import model_text
+from linear_machines import written
 from scipy.linalg import expm
 
 import rotorid as rid
@@ -350,14 +350,10 @@ def test_references_that_never_move_are_told(record, names, value, verdict):
 # Halves of whole records are held against each other: what changed meanwhile shows.
 
 
-HELD = rid.parse_model(
-    model_text(
-        "a mass on a spring, held by a loop",
-        ["m*x'' + c*x' + k*x = F"],
-        "x m",
-        "F N",
-        "m 2.0 kg, c 60.0 N s/m, k 2e5 N/m",
-    )
+HELD = written(
+    "a mass on a spring, held by a loop",
+    ["m*x'' + c*x' + k*x = F"],
+    *("x m", "F N", "m 2.0 kg, c 60.0 N s/m, k 2e5 N/m"),
 )
 SAMPLED, COUNT = 2000.0, 12000
 

@@ -6,12 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bank import steady
-from linear_machines import estimate_of
-from model_text import model_text
+from linear_machines import estimate_of, written
 from severities import doubting, rejecting
 
 import rotorid as rid
-from rotorid import Estimate, load_model, parse_model
+from rotorid import Estimate, load_model
 from rotorid.answer import machine_checks as gate
 from rotorid.answer.judge import CONTRADICTING, of_data
 from rotorid.core.distributions import Expectation
@@ -84,14 +83,12 @@ def test_one_factor_in_all_values_is_a_unit(inertia, stiffness, doubted):
         assert "look the units up" in doubting(found)[0]
 
 
-TILTING = parse_model(
-    model_text(
-        "a tilting disc",
-        ["It*a'' + Ip*Omega*b' + k*a = Ma", "It*b'' - Ip*Omega*a' + k*b = Mb"],
-        "a rad, b rad",
-        "Ma N m, Mb N m",
-        "It 0.01 kg m^2, Ip 0.01 kg m^2, k 1e3 N m/rad",
-    )
+TILTING = written(
+    "a tilting disc",
+    ["It*a'' + Ip*Omega*b' + k*a = Ma", "It*b'' - Ip*Omega*a' + k*b = Mb"],
+    "a rad, b rad",
+    "Ma N m, Mb N m",
+    "It 0.01 kg m^2, Ip 0.01 kg m^2, k 1e3 N m/rad",
 )
 
 
@@ -119,14 +116,11 @@ SEAL, PLANES = ("cq", "cq 0.8 kg"), ("16*I_p", "I_p 0.05 kg m^2")  # over the sq
 def test_a_seal_is_no_polar_inertia(coupling, size, faults):
     """Of displacements only what is in kg m^2 is one: 2 m = 4 kg bounds 16 I_p."""
     name, parameter = coupling
-    text = model_text(
+    model = written(
         "a mass between two planes, coupled by the speed",
         [f"m*x'' + {name}*Omega*y' + k*x = F", f"m*y'' - {name}*Omega*x' + k*y = G"],
-        "x m, y m",
-        "F N, G N",
-        f"m 2.0 kg, k 1e5 N/m, {parameter}",
+        *("x m, y m", "F N, G N", f"m 2.0 kg, k 1e5 N/m, {parameter}"),
     )
-    model = parse_model(text)
     estimate = estimate_of(model, {"cq": size, "I_p": size}, std=1e-4)
     assert len(rejecting(gate.physical(model, estimate))) == faults
 
@@ -136,7 +130,7 @@ IN_X, IN_Y = "m*x'' + k*x", "n*y'' + k*y"
 
 def in_planes(*equations: str) -> rid.Model:
     parameters = "m 2.0 kg, n 3.0 kg, k 1e5 N/m"
-    return parse_model(model_text("two planes", equations, "x m, y m", "F N, G N", parameters))
+    return written("two planes", equations, "x m, y m", "F N, G N", parameters)
 
 
 @pytest.mark.parametrize(
@@ -171,14 +165,10 @@ def test_a_mass_that_is_rounding_of_the_forces_is_not_judged(mass, hertz, faults
     assert len(rejecting(gate.physical(model, estimate))) == faults
 
 
-TOWER = parse_model(
-    model_text(
-        "two storeys, nothing declared",
-        ["m1*x1'' + k*(x1 - x2) = F", "m2*x2'' + k*(x2 - x1) + g*x2 = 0"],
-        "x1 m, x2 m",
-        "F N",
-        "m1 kg, m2 kg, k N/m, g N/m",
-    )
+TOWER = written(
+    "two storeys, nothing declared",
+    ["m1*x1'' + k*(x1 - x2) = F", "m2*x2'' + k*(x2 - x1) + g*x2 = 0"],
+    *("x1 m, x2 m", "F N", "m1 kg, m2 kg, k N/m, g N/m"),
 )
 STOREYS = {"m1": 3.0, "m2": 2.0, "k": 900.0, "g": 2500.0}
 
