@@ -2,13 +2,14 @@
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from bank import recovered
 from chain_of_masses import MODEL, TEXT, TRUTH, matrices, wrong
 from io_writers import write_responses, write_table
-from model_text import model_text
+from linear_machines import written
 
 import rotorid as rid
 from rotorid import InputError
@@ -28,25 +29,34 @@ def response(force: int = 0) -> np.ndarray:
     return np.linalg.inv(s**2 * mass + s * damping + stiffness)[:, :, force]
 
 
-def averaged(rng: np.random.Generator, averages: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return H1 and coherence of x1 and x3 from averages of a random force of 1 N."""
-    shape = (averages, len(HERTZ))
+def told_by(force: np.ndarray, read: np.ndarray, averages: int, every: int) -> dict[str, Any]:
+    """Return H1 of averages, its coherence and how many there are, of every so many lines."""
+    auto = (np.abs(force) ** 2).sum(axis=0)[:, None]
+    cross = (read * force.conj()[:, :, None]).sum(axis=0)
+    told = {
+        "frequency": HERTZ,
+        "responses": cross / auto,
+        "coherence": np.abs(cross) ** 2 / (auto * (np.abs(read) ** 2).sum(axis=0)),
+    }
+    return {"averages": averages} | {key: values[::every] for key, values in told.items()}
+
+
+def measured(seed: int, averages: int = 20, every: int = 1) -> dict[str, Any]:
+    """Return what averages of a random force of 1 N tell of x1 and x3."""
+    rng, shape = np.random.default_rng(seed), (averages, len(HERTZ))
     force = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
     wide = (*shape, 2)
     noise = NOISE * (rng.standard_normal(wide) + 1j * rng.standard_normal(wide)) / np.sqrt(2)
     read = force[:, :, None] * response()[:, [0, 2]] + noise
-    auto = (np.abs(force) ** 2).sum(axis=0)[:, None]
-    cross = (read * force.conj()[:, :, None]).sum(axis=0)
-    return cross / auto, np.abs(cross) ** 2 / (auto * (np.abs(read) ** 2).sum(axis=0))
+    return told_by(force, read, averages, every)
 
 
-def lines_of(found: np.ndarray, coherence: np.ndarray, averages: int = 40) -> rid.Lines:
-    return rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=averages)
+def lines_of(sensors=(X1, X3), **told: Any) -> rid.Lines:
+    return rid.response_lines(F, sensors, **{"frequency": HERTZ, **told})
 
 
-def estimate(found: np.ndarray, sensors=(X1, X3), *, effort="full", **told) -> rid.Estimate:
-    lines = rid.response_lines(F, sensors, told.pop("frequency", HERTZ), found, **told)
-    return rid.identify(MODEL, lines, rid.MaximumLikelihood(effort=effort))
+def estimate(sensors=(X1, X3), effort: str = "full", **told: Any) -> rid.Estimate:
+    return rid.identify(MODEL, lines_of(sensors, **told), rid.MaximumLikelihood(effort=effort))
 
 
 def check_truth(found: rid.Estimate) -> None:
@@ -56,12 +66,12 @@ def check_truth(found: rid.Estimate) -> None:
 
 class TestExact:
     def test_receptances(self):
-        check_truth(estimate(response()[:, [0, 2]], std=1e-12))
+        check_truth(estimate(responses=response()[:, [0, 2]], std=1e-12))
 
     def test_accelerances(self):
         sensors = [rid.Channel(f"a{k}", "m/s^2", {f"x{k}''": 1.0}) for k in (1, 3)]
         found = -(OMEGA[:, None] ** 2) * response()[:, [0, 2]]
-        check_truth(estimate(found, sensors, std=1e-7))
+        check_truth(estimate(sensors, responses=found, std=1e-7))
 
     def test_responses_to_two_forces(self):
         g = rid.Channel("G", "N")
@@ -74,10 +84,10 @@ class TestExact:
     def test_order_of_lines_and_the_line_at_zero_do_not_matter(self):
         frequency = np.append(HERTZ[::-1], 0.0)
         found = np.vstack([response()[::-1, [0, 2]], [[1.0, 1.0]]])
-        check_truth(estimate(found, frequency=frequency, std=1e-12))
+        check_truth(estimate(frequency=frequency, responses=found, std=1e-12))
 
     def test_what_turns_with_the_rotor_is_no_part_of_a_response(self):
-        lines = rid.response_lines(F, [X1], HERTZ, response()[:, :1], std=1.0)
+        lines = lines_of([X1], responses=response()[:, :1], std=1.0)
         assert isinstance(lines.clock, SilentClock)
         unbalance = lines.clock.lines(lambda t, phi, speed: np.stack([np.cos(phi)], -1))
         assert unbalance.shape == (len(HERTZ), 1)
@@ -87,7 +97,7 @@ class TestExact:
 
 class TestNoise:
     def test_deviations_are_those_of_the_averages(self):
-        lines = lines_of(*averaged(np.random.default_rng(5), 40))
+        lines = lines_of(**measured(5, 40))
         assert (lines.covariance.kind, lines.covariance.dof) == ("coherence", 39)
         # E |dH|^2 = noise^2 / (averages |F|^2); 1 / |F|^2 of 40 averages: 40 / 39 in the mean
         variance = np.einsum("kii->ki", lines.covariance.matrices).real[:, 1:].mean()
@@ -95,27 +105,24 @@ class TestNoise:
 
     def test_few_averages_are_pooled_over_neighbouring_lines(self):
         for averages, dof in ((21, 20), (20, 57), (5, 20), (3, 22)):
-            measured = averaged(np.random.default_rng(5), averages)
-            assert lines_of(*measured, averages).covariance.dof == dof
+            assert lines_of(**measured(5, averages)).covariance.dof == dof
 
     def test_lines_of_noise_alone_are_left_out_and_told(self):
-        found, coherence = averaged(np.random.default_rng(5), 40)
-        coherence[[3, 4], 0] = 0.9 * FAINT
-        coherence[7, 1] = 0.0
-        lines = lines_of(found, coherence)
+        told = measured(5, 40)
+        told["coherence"][[3, 4], 0] = 0.9 * FAINT
+        told["coherence"][7, 1] = 0.0
+        lines = lines_of(**told)
         assert len(lines.frequency) == len(HERTZ) - 3
         assert lines.warnings == ("3 lines with a coherence below 0.01 left out: noise alone",)
 
     def test_a_coherence_printed_as_one_is_not_one(self):
-        found, coherence = averaged(np.random.default_rng(5), 40)
-        short = np.round(coherence, 3)
-        assert (short == 1).any()
-        lines = lines_of(found, short)
-        at = np.argwhere(short == 1)[0]
-        variance = lines.covariance.matrices[at[0], 1 + at[1], 1 + at[1]].real
-        size = np.abs(found[tuple(at)]) ** 2
+        told = measured(5, 40)
+        told["coherence"] = np.round(told["coherence"], 3)
+        line, sensor = np.argwhere(told["coherence"] == 1)[0]
+        variance = lines_of(**told).covariance.matrices[line, 1 + sensor, 1 + sensor].real
+        size = np.abs(told["responses"][line, sensor]) ** 2
         assert variance == pytest.approx(size * 5e-4 / (1 - 5e-4) / 39)
-        assert wrong(estimate(found, coherence=short, averages=40)) < 5
+        assert wrong(estimate(**told)) < 5
 
 
 class TestRefused:
@@ -140,37 +147,36 @@ class TestRefused:
         if "coherence" in told:
             told["coherence"] = np.full((len(HERTZ), 2), told["coherence"])
         with pytest.raises(InputError, match=said):
-            estimate(response()[:, [0, 2]], **told)
+            estimate(responses=response()[:, [0, 2]], **told)
 
     def test_shapes_and_numbers(self):
         found = response()[:, [0, 2]]
         with pytest.raises(InputError, match=r"responses of shape \(118, 2\)"):
-            estimate(found, [X1], std=1.0)
+            estimate([X1], responses=found, std=1.0)
         with pytest.raises(InputError, match="coherence of shape"):
-            estimate(found, coherence=np.full(3, 0.5), averages=3)
+            estimate(responses=found, coherence=np.full(3, 0.5), averages=3)
         with pytest.raises(InputError, match="a frequency that stands there twice"):
-            estimate(found, frequency=np.full(len(HERTZ), 5.0), std=1.0)
+            estimate(responses=found, frequency=np.full(len(HERTZ), 5.0), std=1.0)
         with pytest.raises(InputError, match="a frequency of 10 in row 3"):
-            estimate(np.where(HERTZ[:, None] == 10, np.nan, found), std=1.0)
+            estimate(responses=np.where(HERTZ[:, None] == 10, np.nan, found), std=1.0)
         with pytest.raises(InputError, match="one frequency"):
-            estimate(found[:1], frequency=HERTZ[:1], std=1.0)
+            estimate(responses=found[:1], frequency=HERTZ[:1], std=1.0)
 
 
-THIN = HERTZ[::4]
+def thinned(**changed: Any) -> rid.Estimate:
+    """Return an estimate of every fourth line, over which a failed search takes less time.
 
-
-def thinned() -> tuple[np.ndarray, np.ndarray]:
-    """Return every fourth line of a measurement, which a failed search takes less time over."""
-    found, coherence = averaged(np.random.default_rng(1), 20)
-    return found[::4], coherence[::4]
+    What is said of them is changed by functions.
+    """
+    told = measured(1, every=4)
+    return estimate(**told | {key: change(told[key]) for key, change in changed.items()})
 
 
 class TestMistakes:
     """Mistakes that the data can show: none is ok and far off, each is said in one line."""
 
     def test_phases_that_count_the_other_way(self):
-        found, coherence = thinned()
-        result = estimate(found.conj(), frequency=THIN, coherence=coherence, averages=20)
+        result = thinned(responses=np.conj)
         assert result.status == "rejected"
         assert any("set lag = true in the channels" in w for w in result.warnings)
 
@@ -185,19 +191,15 @@ class TestMistakes:
         exact = np.linalg.inv(mass * s**2 + damping * s + stiffness)[:, :, 0]
         noise = np.random.default_rng(3).standard_normal((*exact.shape, 2)) @ [1, 1j]
         found = exact * (1 + 3e-3 * noise)
-        lines = rid.response_lines(
-            rid.Channel("F", "N"), [rid.Channel(name, "m") for name in ("x1", "x2")], hertz,
-            changed(found), std=3e-3 * np.abs(exact),
-        )  # fmt: skip
-        result = rid.identify(rid.parse_model(TWO_MASSES), lines, "ml")
+        told = {"frequency": hertz, "responses": changed(found), "std": 3e-3 * np.abs(exact)}
+        lines = lines_of([X1, rid.Channel("x2", "m")], **told)
+        result = rid.identify(TWO_MASSES, lines, "ml")
         assert result.status != "ok"
         assert result.suspects[0].term == term
 
     @pytest.mark.slow
     def test_accelerances_taken_for_receptances(self):
-        found, coherence = thinned()
-        driven = -((2 * np.pi * THIN[:, None]) ** 2) * found
-        result = estimate(driven, frequency=THIN, coherence=coherence, averages=20)
+        result = thinned(responses=lambda found: -(OMEGA[::4, None] ** 2) * found)
         assert result.status != "ok"
         assert result.suspects[0].term == "derivative"
         assert "responses of accelerations, where positions are said" in result.warnings[0]
@@ -205,8 +207,7 @@ class TestMistakes:
     @pytest.mark.slow
     def test_frequencies_in_another_unit_are_doubted(self):
         """No response tells: all masses are 39 times less, and the start is all there is."""
-        found, coherence = thinned()
-        result = estimate(found, frequency=2 * np.pi * THIN, coherence=coherence, averages=20)
+        result = thinned(frequency=lambda hertz: 2 * np.pi * hertz)
         told = [w for w in result.warnings if "the frequencies of the responses" in w]
         assert "rad/s taken for Hz" in told[0]
 
@@ -215,16 +216,15 @@ class TestBesideModes:
     @pytest.mark.slow
     def test_one_that_contradicts_the_responses_is_named(self):
         """The records lead the search: a frequency that is 100 deviations off does not."""
-        lines = lines_of(*averaged(np.random.default_rng(1), 20), 20)
-        free = {"k0": 0.0}
-        given = [rid.Mode(hz, 0.1, parameters=free) for hz in (129.95, 244.265)]
-        result = rid.identify(MODEL, lines, rid.MaximumLikelihood(modes=given))
+        given = [rid.Mode(hz, 0.1, parameters={"k0": 0.0}) for hz in (129.95, 244.265)]
+        known = rid.MaximumLikelihood(modes=given)
+        result = rid.identify(MODEL, lines_of(**measured(1)), known)
         assert result.status == "rejected"
         assert result.suspects[0].term == "mode 2, 244.265 Hz, k0 = 0"
         assert result.suspects[0].value == pytest.approx(234.265, abs=0.1)
 
 
-TWO_MASSES = model_text(
+TWO_MASSES = written(
     "two masses, the first on a spring",
     [
         "m1*x1'' + c*x1' - c*x2' + k1*x1 + k2*x1 - k2*x2 = F",
@@ -253,7 +253,8 @@ PARTS = 'x1 = { input = "F", real = "re", imag = "im", '
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("responses")
     (folder / "chain.toml").write_text(TEXT)
-    found, coherence = averaged(np.random.default_rng(1), 20)
+    told = measured(1)
+    found, coherence = told["responses"], told["coherence"]
     polar = [1e6 * np.abs(found[:, 0]), np.degrees(np.angle(found[:, 0])), coherence[:, 0]]
     driven = -(OMEGA**2) * found[:, 1]
     header = "f,a1,p1,c1,re,im,c3"
@@ -280,10 +281,9 @@ def load(folder: Path, channels: str, file: str = "tap.csv", more: str = "") -> 
 
 @cache
 def expected() -> rid.Estimate:
-    found, coherence = averaged(np.random.default_rng(1), 20)
-    both = np.column_stack([found[:, 0], -(OMEGA**2) * found[:, 1]])
-    sensors = [X1, rid.Channel("a3", "m/s^2", {"x3''": 1.0})]
-    return estimate(both, sensors, coherence=coherence, averages=20)
+    told = measured(1)
+    told["responses"][:, 1] *= -(OMEGA**2)
+    return estimate([X1, rid.Channel("a3", "m/s^2", {"x3''": 1.0})], **told)
 
 
 def check_alike(found: rid.Estimate) -> None:
@@ -349,14 +349,14 @@ class TestFiles:
 
     def test_refused_of_universal_files(self, folder):
         pytest.importorskip("pyuff")
-        with pytest.raises(InputError, match=r"no response '2\+X/1\+X'.* 1\+X/1\+X, 3-Z/1\+X"):
-            load(folder, 'x1 = { input = "F", column = "2+X/1+X" }', "tap0.uff").records("ml")
-        wrong = 'x3 = { input = "F", column = "3-Z/1+X", unit = "m/N" }'
-        with pytest.raises(InputError, match=r"an acceleration in the file.*reads = \"x3''\""):
-            load(folder, wrong, "tap0.uff").records("ml")
-        unit = 'x1 = { input = "F", column = "1+X/1+X", unit = "um/N" }'
-        with pytest.raises(InputError, match="where the file says"):
-            load(folder, unit, "tap0.uff").records("ml")
+        for name, column, told in (
+            ("x1", '"2+X/1+X"', r"no response '2\+X/1\+X'.* 1\+X/1\+X, 3-Z/1\+X"),
+            ("x3", '"3-Z/1+X", unit = "m/N"', r"an acceleration in the file.*reads = \"x3''\""),
+            ("x1", '"1+X/1+X", unit = "um/N"', "where the file says"),
+        ):
+            channel = f'{name} = {{ input = "F", column = {column} }}'
+            with pytest.raises(InputError, match=told):
+                load(folder, channel, "tap0.uff").records("ml")
 
     def test_keys_of_responses_are_none_of_samples(self, folder):
         load(folder, TABLE)
@@ -372,8 +372,7 @@ def test_deviations_hold(averages):
     """100 tests each: errors over stated deviations, cover, and a 5 % test."""
     errors, stated, rejected = [], [], []
     for seed in range(100):
-        found, coherence = averaged(np.random.default_rng(seed), averages)
-        result = estimate(found, coherence=coherence, averages=averages, effort="quick")
+        result = estimate(effort="quick", **measured(seed, averages))
         assert result.status == "ok"
         errors.append([v.value - TRUTH[v.name] for v in result.parameters])
         stated.append([v.std for v in result.parameters])
@@ -390,8 +389,9 @@ class TestWindow:
     """Lines of a Hann window hold the noise of their neighbours."""
 
     @staticmethod
-    def averaged(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Return H1 and coherence of x1 from 40 averages of force and noise through the window."""
+    def judged(lines: int | None = None, every: int = 1) -> str:
+        """Return what is said of x1 by 40 averages of force and noise through the window."""
+        rng = np.random.default_rng(3)
 
         def windowed() -> np.ndarray:
             draw = rng.standard_normal((2, 40, len(HERTZ) + 2))
@@ -400,31 +400,21 @@ class TestWindow:
 
         force = windowed()
         read = force * response()[:, 0] + NOISE * windowed()
-        auto = (np.abs(force) ** 2).sum(axis=0)
-        cross = (read * force.conj()).sum(axis=0)
-        found = (cross / auto)[:, None]
-        return found, (np.abs(cross) ** 2 / (auto * (np.abs(read) ** 2).sum(axis=0)))[:, None]
+        told = told_by(force, read[:, :, None], 40, every)
+        cut = {key: told[key][:lines] for key in ("frequency", "responses", "coherence")}
+        return " ".join(estimate([X1], "quick", **told | cut).warnings)
 
     def test_it_is_said_and_every_second_line_cures_it(self):
-        found, coherence = self.averaged(np.random.default_rng(3))
-        quick = {"effort": "quick", "averages": 40}
-        result = estimate(found, [X1], coherence=coherence, **quick)
-        assert any("keep every second line (every = 2)" in w for w in result.warnings)
-        thin = {"frequency": HERTZ[::2], "coherence": coherence[::2], **quick}
-        result = estimate(found[::2], [X1], **thin)
-        assert not any("neighbouring lines" in w for w in result.warnings)
+        assert "keep every second line (every = 2)" in self.judged()
+        assert "neighbouring lines" not in self.judged(every=2)
 
     @pytest.mark.slow
     def test_fewer_than_fifty_lines_are_not_judged(self):
-        found, coherence = self.averaged(np.random.default_rng(3))
         for lines, told in ((50, True), (49, False)):
-            cut = {"frequency": HERTZ[:lines], "coherence": coherence[:lines], "averages": 40}
-            result = estimate(found[:lines], [X1], effort="quick", **cut)
-            assert any("neighbouring lines" in w for w in result.warnings) == told
+            assert ("neighbouring lines" in self.judged(lines)) == told
 
     def test_independent_lines_are_not_suspected(self):
-        found, coherence = averaged(np.random.default_rng(3), 40)
-        result = estimate(found, effort="quick", coherence=coherence, averages=40)
+        result = estimate(effort="quick", **measured(3, 40))
         assert not any("neighbouring lines" in w for w in result.warnings)
 
     def test_every_second_line_of_a_file(self, folder):
@@ -440,7 +430,7 @@ def measured_twice(order: int, own: float) -> rid.Lines:
     second = 1.02 * first * (1j * OMEGA) ** order
     second = second + own * 1e-9 * OMEGA**order * rng.standard_normal(len(HERTZ))
     std = 1e-9 * np.column_stack([np.ones(len(HERTZ)), OMEGA**order])
-    return rid.response_lines(F, [X1, X3], HERTZ, np.column_stack([first, second]), std=std)
+    return lines_of(responses=np.column_stack([first, second]), std=std)
 
 
 @pytest.mark.parametrize("order", [-2, -1, 0, 1, 2])
