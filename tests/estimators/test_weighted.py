@@ -25,20 +25,9 @@ from scipy.stats import t as student
 
 import rotorid as rid
 from rotorid import Batch, Constraint, InputError, LeastSquares, ModelError, Plan, Sequential
+from rotorid.linear import solve as weighted
 from rotorid.linear.family import LeastSquaresProblem, sandwich, scatter_of_answers
-from rotorid.linear.solve import (
-    ALONE,
-    BLOCKS,
-    CHANCE,
-    FEWEST,
-    TINY,
-    Block,
-    Scatter,
-    block_numbers,
-    pooled,
-    scatter_of_blocks,
-    solve,
-)
+from rotorid.linear.solve import Block, Scatter, block_numbers, pooled, scatter_of_blocks, solve
 from rotorid.models.knowledge import constraint_polynomial, eliminate
 from rotorid.testing import bind_all
 
@@ -184,18 +173,18 @@ def test_blocks_cross_no_runs():
     assert numbers.tolist() == sorted(numbers.tolist())
     assert numbers[299] < numbers[300]
     assert np.bincount(numbers).tolist() == [50] * 8
-    assert block_numbers([3000, 1], BLOCKS)[-1] == BLOCKS == 32
+    assert block_numbers([3000, 1], weighted.BLOCKS)[-1] == weighted.BLOCKS == 32
 
 
 def test_blocks_that_remember_one_another_are_merged():
     """A level, and noise with a memory: merged while neighbours resemble, never below eight."""
     count, level = 3200, np.ones((3200, 1))
-    numbers = block_numbers([count], BLOCKS)
+    numbers = block_numbers([count], weighted.BLOCKS)
     found = {}
     for memory in (1e-3, 0.06, 100.0):  # a block is .1 s long
         noise = coloured(np.random.default_rng(0), count, 1.0, memory, 1000.0)
         found[memory] = fit(level, noise, numbers)
-    assert [found[m].blocks for m in (1e-3, 0.06, 100.0)] == [32, 16, FEWEST]
+    assert [found[m].blocks for m in (1e-3, 0.06, 100.0)] == [32, 16, weighted.FEWEST]
     assert [found[m].memory for m in (1e-3, 0.06, 100.0)] == [False, False, True]
 
 
@@ -220,7 +209,7 @@ def test_how_much_neighbours_may_resemble(share, merged):
 def test_what_one_block_tells_alone():
     """A column that is large in one block only: `ALONE` of what tells it must lie elsewhere."""
     numbers = block_numbers([320], 16)
-    for share, alone in ((0.8 * ALONE, True), (1.2 * ALONE, False)):
+    for share, alone in ((0.8 * weighted.ALONE, True), (1.2 * weighted.ALONE, False)):
         column = np.zeros(320)
         column[:20] = np.sqrt((1 - share) / 20)
         column[20:] = np.sqrt(share / 300) * np.tile([1.0, -1.0], 150)
@@ -242,7 +231,7 @@ def test_which_parameters_are_of_a_combination_that_one_block_tells(share, both)
         direction = np.array([multiple, 1.0]) / lengths
         return matrix, float(direction[0] / np.linalg.norm(direction))
 
-    multiple = brentq(lambda m: posed(m)[1] - share * TINY, 0.0, 5.0)
+    multiple = brentq(lambda m: posed(m)[1] - share * weighted.TINY, 0.0, 5.0)
     found = fit(posed(multiple)[0], RNG.standard_normal(320), numbers)
     assert found.alone.tolist() == [both, True]
 
@@ -258,7 +247,7 @@ def test_halves_differ_by_what_lies_between_them_alone():
     assert std == pytest.approx(same)
     assert (apart[0] - apart[1] - (calm[0] - calm[1])) == pytest.approx(2 * 32 * 5)
     within = np.concatenate([half - half.mean() for half in np.split(quiet[:, 0], 2)])
-    wider = student.isf(student.sf(CHANCE, 1e9), 30) / CHANCE
+    wider = student.isf(student.sf(weighted.CHANCE, 1e9), 30) / weighted.CHANCE
     assert std == pytest.approx(wider * np.sqrt((within**2).sum() * 32 / 30), rel=1e-3)
 
 

@@ -31,25 +31,8 @@ from rotorid.models.modal import poles_of
 from rotorid.results import sensitivity
 from rotorid.results import sensitivity_peak as peak
 from rotorid.results.loops import _from_above, poles_on_the_right
-from rotorid.results.sensitivity import (
-    LIMITS,
-    AxisSensitivity,
-    settles_elsewhere,
-    worst_of,
-    zone_of,
-)
-from rotorid.results.sensitivity_peak import (
-    LineWindow,
-    LoopLines,
-    Peak,
-    RationalCurve,
-    best_curve,
-    fitted,
-    judged,
-    least_lines,
-    peak_near,
-    peak_of,
-)
+from rotorid.results.sensitivity import AxisSensitivity, settles_elsewhere, worst_of, zone_of
+from rotorid.results.sensitivity_peak import LineWindow, LoopLines, Peak, RationalCurve, peak_of
 
 # Sensitivity after ISO 14839-3, held against the loop in closed form.
 
@@ -65,7 +48,7 @@ def test_zones_and_what_is_undecided():
     def of(low: float, high: float) -> AxisSensitivity:
         return curve([1.0], low, high, (low + high) / 2)
 
-    assert LIMITS == {"A": 3.0, "B": 4.0, "C": 5.0}
+    assert sensitivity.LIMITS == {"A": 3.0, "B": 4.0, "C": 5.0}
     assert [zone_of(p) for p in (2.999, 3.0, 4.0, 5.0)] == ["A", "B", "C", "D"]
     assert of(2.4, 2.6).verdict == "zone A"
     assert of(2.7, 3.1).verdict == "undecided between A and B"
@@ -798,14 +781,14 @@ def made(size: int, noise: float, rng: np.random.Generator, coloured: bool = Fal
 
 def test_curves_have_the_poles_that_their_lines_tell():
     rng = np.random.default_rng(1)
-    exact = best_curve(made(60, 1e-6, rng))
+    exact = peak.best_curve(made(60, 1e-6, rng))
     assert exact.poles == 1
     assert exact.roots[0] == pytest.approx(0.05j, rel=1e-3)
     assert np.abs(exact.at(np.zeros(1))[0]) == pytest.approx(3.0, rel=1e-5)
     # Without poles the same lines are missed, which is seen.
-    assert judged(exact, -0.6, 0.6).chance > 1e-3
-    assert judged(fitted(exact.part, 0), -0.6, 0.6).chance < 1e-2
-    assert [least_lines(2, 2, poles) for poles in peak.POLES] == [28, 29, 33, 37]
+    assert peak.judged(exact, -0.6, 0.6).chance > 1e-3
+    assert peak.judged(peak.fitted(exact.part, 0), -0.6, 0.6).chance < 1e-2
+    assert [peak.least_lines(2, 2, poles) for poles in peak.POLES] == [28, 29, 33, 37]
 
 
 @pytest.mark.slow
@@ -815,7 +798,7 @@ def test_deviations_of_peaks_hold_with_noise_on_all_lines_and_with_that_of_the_l
         rng = np.random.default_rng(2)
         held = []
         for _ in range(60):
-            found = judged(best_curve(made(60, 0.1, rng, coloured)), -0.6, 0.6)
+            found = peak.judged(peak.best_curve(made(60, 0.1, rng, coloured)), -0.6, 0.6)
             low, high = found.interval(0.95)
             held.append(low < 3.0 < high)
             assert high / low < 2
@@ -825,7 +808,7 @@ def test_deviations_of_peaks_hold_with_noise_on_all_lines_and_with_that_of_the_l
 def test_lines_that_tell_no_peak():
     part = made(200, 50.0, np.random.default_rng(5))
     band = LoopLines(np.arange(200.0), part.e, part.r, part.rotation, 0)
-    assert peak_near(band, 100.0) is None
+    assert peak.peak_near(band, 100.0) is None
 
 
 # The decisions of a peak's fit, each at its edge.
@@ -858,7 +841,7 @@ def test_a_pole_more_has_to_gain(monkeypatch, chance, poles):
     further = RationalCurve(part, 3, np.zeros(2) + 0j, np.zeros(8) + 0j, 1.0)
     curves = {0: replace(none, loss=1 + ratio * more / rest), 1: one, 2: further}
     monkeypatch.setattr(peak, "fitted", lambda _, poles: curves[poles])
-    assert best_curve(part).poles == poles
+    assert peak.best_curve(part).poles == poles
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.8, 0.95, 0.99, 1.0])
@@ -924,7 +907,7 @@ def near(monkeypatch, peaks: list[tuple[float, float]]) -> tuple[Peak | None, in
 
     monkeypatch.setattr(LoopLines, "climbed", climbed)
     lines = np.arange(100_000.0)
-    found = peak_near(LoopLines(lines, lines, lines[:, None], NOTHING, 0), 500.0)
+    found = peak.peak_near(LoopLines(lines, lines, lines[:, None], NOTHING, 0), 500.0)
     assert sizes == [sizes[0] * 2**k for k in range(len(sizes))]
     return found, len(sizes)
 
