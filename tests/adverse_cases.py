@@ -31,6 +31,11 @@ def said(**values: Any) -> Edit:
     return edit
 
 
+def times(name: str, factor: float) -> Edit:
+    """Say something, or have something, so many times as large as it is."""
+    return said(**{name: lambda trial: getattr(trial, name) * factor})
+
+
 def told(kind: str, name: str, make: Callable[[float], Any]) -> Edit:
     """Say something of a parameter, made of its true value: of the first that the machine has."""
 
@@ -246,19 +251,6 @@ def one_line(trial: Trial) -> None:
     trial.forces[1:] = 0
 
 
-def weak(factor: float) -> Edit:
-    return said(forces=lambda trial: trial.forces * factor)
-
-
-def turning(factor: float) -> Edit:
-    """Turn at another speed than is said."""
-    return said(rotation=lambda trial: trial.rotation * factor)
-
-
-def noisier(factor: float) -> Edit:
-    return said(noise=lambda trial: trial.noise * factor)
-
-
 def at_rest(trial: Trial) -> None:
     """Stand still; what turns is known."""
     trial.rotation = trial.speed = 0.0
@@ -310,7 +302,7 @@ SWAPPED, DOWN = swapped("sensors", (0, 1)), scaled("sensors", -1)
 FASTER = said(rate=2 * RATE, fundamental=2 * FUNDAMENTAL)
 IN_FORCES = both(column(lost(1), -1, "i"), column(lost(0), -1))
 BELOW = "lines below noise"
-BACKWARD = said(speed=lambda t: -t.speed)
+BACKWARD = times("speed", -1)
 LOST = "lost samples"
 CASES = (
     Case("nothing at all", "jeffcott rigid three eight", "ok"),
@@ -355,11 +347,13 @@ CASES = (
     bad("rad/s given as rpm", SMALL, "speed", data=said(speed=lambda t: t.speed * TURN / 60)),
     bad("Hz given as rpm", SMALL, "speed", data=said(speed=lambda t: t.speed / 60)),
     bad("no speed", SMALL, "speed", data=said(speed=0.0)),
-    bad("twice the speed", SMALL, "speed", data=said(speed=lambda t: 2 * t.speed)),
-    bad("half the speed", SMALL, "speed", data=said(speed=lambda t: t.speed / 2)),
-    other("a speed off by .06 %", SMALL, "speed", "wander", "drift", plant=turning(0.9994)),
-    free("628.3 rad/s for 6000 rpm", SMALL, turning(1 - 3e-5)),
-    other("a speed off by a tenth", SMALL, "speed", "wander", plant=turning(1.1)),
+    bad("twice the speed", SMALL, "speed", data=times("speed", 2)),
+    bad("half the speed", SMALL, "speed", data=times("speed", 0.5)),
+    other(
+        "a speed off by .06 %", SMALL, "speed", "wander", "drift", plant=times("rotation", 0.9994)
+    ),
+    free("628.3 rad/s for 6000 rpm", SMALL, times("rotation", 1 - 3e-5)),
+    other("a speed off by a tenth", SMALL, "speed", "wander", plant=times("rotation", 1.1)),
     # rate, period, order
     bad("twice the rate and the fundamental", SMALL, data=FASTER),
     bad("twice the rate", SMALL, data=said(rate=2 * RATE)),
@@ -441,10 +435,10 @@ CASES = (
     free("nearly equal forces", "rigid three", equal(0.95)),
     free("one axis driven", ALL, one_axis),
     free("one line driven", ALL, one_line),
-    free("a twentieth of the excitation", ALL, weak(0.05)),
-    other("no excitation", SMALL, plant=weak(0.0)),
-    free("ten times the noise", ALL, noisier(10.0)),
-    free("a hundred times the noise", ALL, noisier(100.0)),
+    free("a twentieth of the excitation", ALL, times("forces", 0.05)),
+    other("no excitation", SMALL, plant=times("forces", 0.0)),
+    free("ten times the noise", ALL, times("noise", 10.0)),
+    free("a hundred times the noise", ALL, times("noise", 100.0)),
     free("at rest, equal forces", AT_REST, both(at_rest, equal(1.0))),
     free("at rest, one axis", AT_REST, both(at_rest, one_axis)),
     # other methods

@@ -26,8 +26,6 @@ class Machine:
     shares: Sequence[float] = (0.5, 1.0, 1.0, -0.5)
     force_noise: float = 1.0
     position_noise: float = 22e-6
-    harmonics: Sequence[int] = HARMONICS
-    fundamental: float = 20.0
 
     @property
     def values(self) -> Floats:
@@ -45,16 +43,15 @@ class Machine:
         periods: int = 260,
         amplitude: float = 1.0,
         phase: float = 0.0,
-        harmonics: Sequence[int] | None = None,
+        harmonics: Sequence[int] = HARMONICS,
     ) -> PeriodicRecord:
         """Return the record without noise."""
-        lines = self.harmonics if harmonics is None else harmonics
         return line_record(
             self.model,
             self.values,
-            amplitude * self.forces(lines),
-            harmonics=lines,
-            fundamental=self.fundamental,
+            amplitude * self.forces(harmonics),
+            harmonics=harmonics,
+            fundamental=20.0,
             sample_rate=5000.0,
             periods=periods,
             speed=2 * np.pi * hertz,
@@ -67,11 +64,7 @@ class Machine:
         read = self.model.coordinates if sensors is None else sensors
         names = [s if isinstance(s, str) else s.name for s in read]
         return Plan(
-            self.forces(self.harmonics),
-            self.harmonics,
-            self.fundamental,
-            5000.0,
-            260,
+            *(self.forces(HARMONICS), HARMONICS, 20.0, 5000.0, 260),
             self.noise((*self.model.inputs, *names)),
             2 * np.pi * hertz,
             sensors,
@@ -110,6 +103,9 @@ class Machine:
         }
 
 
+Draw = Callable[[np.random.Generator], tuple[Sequence[PeriodicRecord], MaximumLikelihood]]
+
+
 @dataclass
 class Statistics:
     names: list[str] = field(default_factory=list)
@@ -120,6 +116,17 @@ class Statistics:
     distances: list[float] = field(default_factory=list)
     misfits: list[Misfit] = field(default_factory=list)
     statuses: list[str] = field(default_factory=list)
+
+    @classmethod
+    def over_seeds(
+        cls, model: Model, truth: Mapping[str, float], draw: Draw, seeds: int, seed: int
+    ) -> "Statistics":
+        """Run an estimator over seeds; every generator follows from one number."""
+        found = cls()
+        for sequence in np.random.SeedSequence(seed).spawn(seeds):
+            records, estimator = draw(np.random.default_rng(sequence))
+            found.add(rid.identify(model, records, estimator), truth)
+        return found
 
     def add(self, estimate: Estimate, truth: Mapping[str, float]) -> None:
         # One good record in two thousand shows a creep of its angle, which is unknown then.
@@ -212,14 +219,11 @@ class Levitated:
         """The mass of the rotor, known exactly."""
         return rid.Constraint("m1 + m2 + m3", sum(self.truth[name] for name in ("m1", "m2", "m3")))
 
-    def slope(self, where: Mapping[str, str]) -> Model:
-        return with_force_slope(self.machine.model, where)
-
     def record(self, hertz: float, *, drives: bool = True) -> PeriodicRecord:
         """Return a record of currents (or, without drives, of forces) and bearing sensors."""
         model = self.machine.model
         inputs, where = model.inputs, dict(zip(model.inputs, BEARINGS, strict=True))
-        stiff = self.slope(where) if drives else model
+        stiff = with_force_slope(model, where) if drives else model
         truth = {**self.machine.truth, "ks": self.ks}
         free = replace(self.machine, model=stiff, truth=truth).record(BEARINGS, hertz=hertz)
         spectra, channels = free.spectra.copy(), list(free.channels)
@@ -228,7 +232,7 @@ class Levitated:
                 spectra[:, :, j] /= self.ki[name]
                 drive = Drive(self.ki[name], self.ks, {where[name]: 1.0})
                 channels[j] = replace(channels[j], unit="A", drive=drive)
-        once = list(free.harmonics).index(round(hertz / self.machine.fundamental))
+        once = list(free.harmonics).index(round(hertz / 20.0))
         for sensor, (cos, sin) in self.runout.items():
             spectra[:, once, free.index(sensor)] += (cos - 1j * sin) / 2
         return replace(free, spectra=spectra, channels=tuple(channels))
@@ -267,25 +271,6 @@ def demo():
 @pytest.fixture(scope="session")
 def bearings():
     return BEARINGS
-
-
-Draw = Callable[[np.random.Generator], tuple[Sequence[PeriodicRecord], MaximumLikelihood]]
-
-
-@pytest.fixture(scope="session")
-def monte_carlo():
-    """Return what runs an estimator over seeds; every generator follows from one number."""
-
-    def over_seeds(
-        model: Model, truth: Mapping[str, float], draw: Draw, seeds: int, seed: int
-    ) -> Statistics:
-        found = Statistics()
-        for sequence in np.random.SeedSequence(seed).spawn(seeds):
-            records, estimator = draw(np.random.default_rng(sequence))
-            found.add(rid.identify(model, records, estimator), truth)
-        return found
-
-    return over_seeds
 
 
 @pytest.fixture(scope="session")

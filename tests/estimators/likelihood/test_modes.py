@@ -272,7 +272,7 @@ def test_they_add_what_they_know_beside_records(demo, bearings):
 
 
 @pytest.mark.slow
-def test_deviations_hold(monte_carlo):
+def test_deviations_hold(statistics):
     """80 tests of the chain, frequencies to 0.1 %, from a start 10 to 20 % off.
 
     A scatter is known to 8 %: of one deviation that is stated 25 % too small 19 in 20 are found.
@@ -281,7 +281,7 @@ def test_deviations_hold(monte_carlo):
     def draw(rng):
         return [], rid.MaximumLikelihood(fixed={"m1": 2.0}, modes=modes(rng), effort="quick")
 
-    found = monte_carlo(MODEL, TRUTH, draw, 80, seed=501)
+    found = statistics.over_seeds(MODEL, TRUTH, draw, 80, seed=501)
     assert found.statuses.count("ok") == 80
     assert (np.abs(found.rms / found.stated - 1) < 0.15).all()
     assert abs(found.coverage.mean() - 0.95) < 0.03

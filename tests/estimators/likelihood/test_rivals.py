@@ -98,10 +98,8 @@ def test_which_mistakes_are_followed_after_the_screening(catalogue, best, follow
     """One that leaves a hundredth, at once; where it explains the data the others stay. Else 5."""
     gone: list[str] = []
     costs = (500.0, 200.0, 100.0, 300.0, 600.0, best, 400.0)
-    catalogue(
-        "single",
-        *(rival(str(c), "mistake", screened=c, left=100.0, gone=gone) for c in costs),
-    )
+    told = {"left": 100.0, "gone": gone}
+    catalogue("single", *(rival(str(c), "mistake", screened=c, **told) for c in costs))
     named(case_of(1e6))
     assert gone == [str(cost) for cost in followed]
 
@@ -150,9 +148,8 @@ def test_rivals_that_the_data_cannot_tell_apart(left, alike):
 def test_rivals_that_are_even_have_an_order_of_their_own(costs, order, turned):
     names = ("force", "position")
     found = [finding(name, cost) for name, cost in zip(names, costs, strict=True)]
-    ordered = rivals.ranked(
-        found[::-1] if turned else found, 292.0, {("force",): 4, ("position",): 7}
-    )
+    columns = {("force",): 4, ("position",): 7}
+    ordered = rivals.ranked(found[::-1] if turned else found, 292.0, columns)
     assert tuple(f.rival.term for f in ordered) == order
     assert "the data cannot tell it from" in rivals.sentence(case_of(1e6, 292.0), ordered)
 
@@ -205,6 +202,7 @@ def test_speeds_that_fit_alike_are_no_speed(apart, value):
     assert said == ("rotorid inspect" in first.rival.cure) == (value is None)
 
 
+PREPARED = SimpleNamespace(layout=SimpleNamespace(index={}))
 PLACES = ("left_end", "A", "a", "wheel", "B", "b", "right_end")
 
 
@@ -220,8 +218,7 @@ def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch):
         "later_phases",
         lambda records, starts: [(1, channels.phase(1, start=s)) for s in starts],
     )
-    prepared = SimpleNamespace(layout=SimpleNamespace(index={}))
-    case = SimpleNamespace(records=later, prepared=prepared)
+    case = SimpleNamespace(records=later, prepared=PREPARED)
     found = [*entered("angle", case), *entered("angle far", case)]
     asked = np.exp(1j * np.array([r.added.scalars[0].start for r in found]))
     every = np.exp(1j * np.deg2rad(np.arange(360.0)))
@@ -260,9 +257,8 @@ def jeffcott(speeds=(100.0,), sizes=(1.0, 1.0, 1.0, 1.0), frequency=(10.0, 20.0,
         )
         record = SimpleNamespace(lines=lines, model=model, inputs=[], direct=[], indirect=[])
         made.append(record)
-    case = SimpleNamespace(records=made, model=model, values=None, structure=None)
-    case.prepared = SimpleNamespace(layout=SimpleNamespace(index={}))
-    return case
+    known = {"model": model, "values": None, "structure": None}
+    return SimpleNamespace(records=made, prepared=PREPARED, **known)
 
 
 def speeds_of(case) -> list[Rival]:
@@ -323,11 +319,9 @@ def test_speeds_are_asked_of_the_four_records_that_fit_worst():
 def with_sensors(case, names):
     """Return the case with so many sensors of one unit, and no input."""
     term = SimpleNamespace(coordinate=0)
+    channels = [SimpleNamespace(name=name, unit="m") for name in names]
     case.records[0].lines.names = names
-    case.records[0].direct = [
-        SimpleNamespace(channel=SimpleNamespace(name=name, unit="m"), order=0, terms=[term])
-        for name in names
-    ]
+    case.records[0].direct = [SimpleNamespace(channel=c, order=0, terms=[term]) for c in channels]
     return case
 
 
@@ -368,9 +362,7 @@ def test_runout_is_suspected_where_a_line_holds_it(demo, harmonics, held):
     assert lines.speed[0] == pytest.approx(2 * np.pi * 140)  # seven times 20 Hz
     clock = replace(lines.clock, harmonics=np.array(harmonics))
     record = bind(demo.model, replace(lines, clock=clock))
-    case = SimpleNamespace(
-        records=(record,), prepared=SimpleNamespace(layout=SimpleNamespace(index={}))
-    )
+    case = SimpleNamespace(records=(record,), prepared=PREPARED)
     found = {r.term for r in entered("channel", case) if "order" in r.term}
     assert {term[-2] for term in found} == set(held)
 

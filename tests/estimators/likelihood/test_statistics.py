@@ -56,7 +56,7 @@ def near(machine, rng, held, spread=0.1):
     return {name: value for name, value in start.items() if name not in held}
 
 
-def test_all_coordinates_base_parameters(demo, monte_carlo):
+def test_all_coordinates_base_parameters(demo, statistics):
     model = demo.model
     truth = dict(zip(model.base.names, model.base_values(demo.values), strict=True))
     clean = demo.record()
@@ -68,7 +68,7 @@ def test_all_coordinates_base_parameters(demo, monte_carlo):
         }
         return [demo.noisy(clean, rng)], quick(base=True, start=start)
 
-    found = monte_carlo(model, truth, draw, SEEDS, seed=101)
+    found = statistics.over_seeds(model, truth, draw, SEEDS, seed=101)
     check(found, bounds_of(demo, found, base=True))
     assert np.mean(found.expected) == pytest.approx(84.2, abs=0.2)
 
@@ -76,7 +76,7 @@ def test_all_coordinates_base_parameters(demo, monte_carlo):
 OTHER = {"L1": 0.25, "L2": 0.4, "k1": 5e5, "k2": 1.2e6}
 
 
-def test_physical_parameters_by_the_bearing_sensors(demo, bearings, monte_carlo):
+def test_physical_parameters_by_the_bearing_sensors(demo, bearings, statistics):
     """All but L1 by four sensors, of an asymmetric rotor: nothing was made for the paper's.
 
     Its dynamic unbalance is known to 8 %, near a resonance: each interval holds, the joint one is
@@ -92,12 +92,12 @@ def test_physical_parameters_by_the_bearing_sensors(demo, bearings, monte_carlo)
         start = near(machine, rng, fixed)
         return [machine.noisy(clean, rng)], quick(fixed=fixed, start=start)
 
-    found = monte_carlo(machine.model, machine.truth, draw, SEEDS, seed=104)
+    found = statistics.over_seeds(machine.model, machine.truth, draw, SEEDS, seed=104)
     check(found, bounds_of(machine, found, bearings, fixed=fixed), joint=False)
 
 
 @pytest.mark.parametrize("amplitude", [1.0, 1000.0])
-def test_bearing_sensors_from_far_away(demo, bearings, monte_carlo, amplitude):
+def test_bearing_sensors_from_far_away(demo, bearings, statistics, amplitude):
     """All from +-40 %, unbalance from zero.
 
     With 20 of `test_headline` there are 140: a search that loses 2.1 % passes with 5 %.
@@ -108,7 +108,7 @@ def test_bearing_sensors_from_far_away(demo, bearings, monte_carlo, amplitude):
         start = near(demo, rng, {"L1"}, 0.4)
         return [demo.noisy(clean, rng)], MaximumLikelihood(fixed={"L1": 0.3}, start=start)
 
-    found = monte_carlo(demo.model, demo.truth, draw, 60, seed=102)
+    found = statistics.over_seeds(demo.model, demo.truth, draw, 60, seed=102)
     # Not one lies at another minimum: the cost is what noise leaves, and no estimate is far off.
     assert found.statuses.count("ok") == 60
     assert np.abs(np.array(found.errors) / np.array(found.stds)).max() < 5.5
@@ -120,7 +120,7 @@ HEADLINE = np.array([0.42, 0.05, 3.0, 0.79, 0.45, 0.25, 0.44, 0.30, 28, 12])
 """Standard deviations in percent of TABLE, from theory.md."""
 
 
-def test_headline(levitated, monte_carlo):
+def test_headline(levitated, statistics):
     """Bearing sensors with unknown runout, coil currents, one scale, one ruler: everything.
 
     Over 60 records a scatter is known to 9 %, and all of them to 2.5 %; the deviations are those of
@@ -140,7 +140,7 @@ def test_headline(levitated, monte_carlo):
         estimator = MaximumLikelihood(fixed={"L1": 0.3}, start=start, **options)
         return records, replace(estimator, effort=next(efforts))
 
-    found = monte_carlo(machine.model, truth, draw, 60, seed=103)
+    found = statistics.over_seeds(machine.model, truth, draw, 60, seed=103)
     assert found.statuses.count("ok") == 60
     assert np.abs(np.array(found.errors) / np.array(found.stds)).max() < 5
     assert abs(found.cost_deviation) < 3
@@ -152,7 +152,7 @@ def test_headline(levitated, monte_carlo):
     assert (np.abs(stated / HEADLINE - 1) < 0.15 + rounding).all()
 
 
-def test_few_periods(demo, monte_carlo):
+def test_few_periods(demo, statistics):
     """theory.md: intervals cover 95 to 97 % at 20 periods, and the test of the misfit holds."""
     clean = demo.record(periods=20)
 
@@ -160,10 +160,10 @@ def test_few_periods(demo, monte_carlo):
         estimator = quick(start=demo.start(rng, 0.1), covariance="white")
         return [demo.noisy(clean, rng)], estimator
 
-    check(monte_carlo(demo.model, demo.truth, draw, SEEDS, seed=105), joint=False)
+    check(statistics.over_seeds(demo.model, demo.truth, draw, SEEDS, seed=105), joint=False)
 
 
-def test_gains_with_priors_cover(demo, bearings, monte_carlo):
+def test_gains_with_priors_cover(demo, bearings, statistics):
     """1 % on each of four sensors, drawn anew for every record."""
     sensors = [Channel(name, "m", gain_std=0.01) for name in bearings]
     clean = demo.record(sensors)
@@ -176,11 +176,11 @@ def test_gains_with_priors_cover(demo, bearings, monte_carlo):
 
     # The errors of the gains themselves are left out: they differ from record to record.
     truth = {**demo.truth, **{f"gain[{name}]": np.nan for name in bearings}}
-    found = monte_carlo(demo.model, truth, draw, SEEDS, seed=106)
+    found = statistics.over_seeds(demo.model, truth, draw, SEEDS, seed=106)
     check(found, joint=False, asked=slice(12))
 
 
-def test_declared_delay_covers(demo, bearings, monte_carlo):
+def test_declared_delay_covers(demo, bearings, statistics):
     """The paper's rotor, with 5 us between forces and positions."""
     clean = demo.record(bearings)
     late = times(clean, bearings, np.exp(-5e-6j * clean.omega))
@@ -191,5 +191,5 @@ def test_declared_delay_covers(demo, bearings, monte_carlo):
         return [demo.noisy(late, rng)], quick(start=start, **told)
 
     truth = {**demo.truth, "delay[position]": 5e-6}
-    found = monte_carlo(demo.model, truth, draw, SEEDS, seed=107)
+    found = statistics.over_seeds(demo.model, truth, draw, SEEDS, seed=107)
     check(found, bounds_of(demo, found, bearings, **told))
