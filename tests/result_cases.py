@@ -432,38 +432,27 @@ def by_the_rig(seed: int, periods: int = 20) -> Graded:
     """Grade an axis of the shipped rig by a record of its simulation."""
     rng = np.random.default_rng([seed, 14841])
     axis = int(rng.integers(4))
-    record = measured(excited(axis, FUNDAMENTAL, LAST, 3.0), periods, rng)
-    cut = rid.average(record, FUNDAMENTAL, harmonics=list(range(1, LAST + 1)))
-    return Graded(exact_peak(axis), rid.sensitivity(cut, pair(axis))[0])
+    found = rid.sensitivity(measured(axis, periods, rng), pair(axis))[0]
+    return Graded(exact_peak(axis), found)
 
 
-def excited(axis: int, fundamental: float, count: int, amplitude: float) -> Rig:
-    """Return the rig with a multisine on one axis."""
-    rig = rig_of()
-    harmonics = np.arange(1, count + 1)
-    phases = np.exp(1j * np.pi * harmonics * (harmonics - 1) / count)  # Schroeder
-    lines = np.zeros((count, len(rig.model.inputs)), dtype=complex)
-    lines[:, axis] = amplitude * phases
-    played = Multisine(fundamental, harmonics, lines, rig.model.inputs)
-    return replace(rig, excitation=played)
+def measured(axis: int, periods: int, rng: np.random.Generator) -> rid.PeriodicRecord:
+    """Return what a logger has with a multisine on one axis.
 
-
-def measured(rig: Rig, periods: int, rng: np.random.Generator) -> rid.Record:
-    """Return what a logger has: commands behind the sum, and what was added to them."""
-    assert rig.excitation is not None
-    count = round(rig.logger.sample_rate / rig.excitation.fundamental)
-    found = rig.run(periods * count / rig.logger.sample_rate, rng)
-    names = list(rig.model.inputs)
+    These are commands behind the sum, and what was added to them.
+    """
+    rig, harmonics = rig_of(), np.arange(1, LAST + 1)
+    names = rig.model.inputs
+    lines = np.zeros((LAST, len(names)), dtype=complex)
+    lines[:, axis] = 3.0 * np.exp(1j * np.pi * harmonics * (harmonics - 1) / LAST)  # Schroeder
+    played = replace(rig, excitation=Multisine(FUNDAMENTAL, harmonics, lines, names))
+    found = played.run(periods / FUNDAMENTAL, rng)
     commands = found.samples[:, [found.names.index(name) for name in names]]
-    table = excitation_table(rig)
-    added = np.tile(table, (periods, 1))[: len(commands)]
-    channels = [*(rid.Channel(f"e_{n}") for n in names), *(rid.Channel(f"r_{n}") for n in names)]
-    return rid.Record(
-        channels,
-        np.column_stack([commands, added]),
-        sample_rate=rig.logger.sample_rate,
-        speed=found.speed,
-    )
+    added = np.tile(excitation_table(played), (periods, 1))[: len(commands)]
+    channels = [rid.Channel(f"{kind}_{name}") for kind in "er" for name in names]
+    samples, rate = np.hstack([commands, added]), rig.logger.sample_rate
+    record = rid.Record(channels, samples, sample_rate=rate, speed=found.speed)
+    return rid.average(record, FUNDAMENTAL, harmonics=harmonics)
 
 
 def pair(axis: int) -> dict[str, str]:
