@@ -154,7 +154,6 @@ def test_signals_are_what_the_phasors_say(folder):
     channel = 'x = { amplitude = "a", phase = "p", unit = "m", lag = true, std = "1 mm" }'
     text = f'model = "model.toml"{RECORD}[channels]\n{channel}\n'
     (lines,) = load(folder, text).records()
-    assert isinstance(lines, rid.Lines)
     sine = lines.clock.lines(lambda t, phi, speed: 2 * np.sin(phi)[..., None])
     np.testing.assert_allclose(lines.mean, sine, atol=1e-12)
     np.testing.assert_allclose(lines.speed, [20 * np.pi, 40 * np.pi])

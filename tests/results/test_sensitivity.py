@@ -483,7 +483,6 @@ def test_a_window_has_two_poles_where_noise_alone_does_not_explain_them(poles, n
     e = (2 + offset) * r / below + noise * drawn
     window = LineWindow(offset, e, r[:, None], np.zeros((19, 0)) + 0j, 0, np.ones(19))
     found = sensitivity._middle(window, float(np.abs(r).max()), 1e-3)
-    assert found is not None
     value, _, freedom, _, _ = found
     assert freedom == 13 - poles
     exact = 2 / ((1 - 1.2j) * (1 + 2.5j)) if poles else 2.0
@@ -888,7 +887,6 @@ def test_lines_are_moved_on_to_the_highest_point(climbing):
     assert climbing(middle + inner - 0.4)[1] == 1
     assert climbing(middle + inner + 0.4)[1] == 2
     found, times = climbing(612.0)
-    assert found is not None
     assert (found.hertz, times) == (pytest.approx(612.0), 4)
     assert climbing(630.0) == (None, 4)
 

@@ -140,7 +140,6 @@ class Statistics:
         self.truth = [truth[name] for name in self.names]
         self.statuses.append(estimate.status)
         error = np.array([value.value for value in free]) - self.truth
-        assert estimate.misfit is not None
         self.append(error, estimate.covariance[np.ix_(asked, asked)], estimate.misfit)
 
     def append(self, error: Floats, covariance: Floats, misfit: Misfit) -> None:

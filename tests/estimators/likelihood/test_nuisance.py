@@ -552,7 +552,6 @@ def test_records_without_periods_keep_their_samples_for_it():
     law = replace(MAGNET, gap=4.1e-4, std={"gap": np.inf})
     record = recorded(law, {"gap": "magnets"})
     lines = spectra(record, (5.0, 250.0), inputs=("F_x", "F_y"))
-    assert lines.samples is not None
     assert np.shares_memory(lines.samples.values, record.samples)
     plain = replace(record, channels=tuple(replace(c, law=None) for c in record.channels))
     assert spectra(plain, (5.0, 250.0), inputs=("F_x", "F_y")).samples is None
@@ -675,7 +674,6 @@ def test_what_is_undone_of_a_late_sensor_is_the_record_without_the_mistake():
 def test_no_magnet_reads_a_displacement_beyond_its_gap(share, read_again):
     """There forces fall to nothing, and records of nothing would agree with any machine."""
     record = bind(MODEL, periods(MAGNET))
-    assert record.lines.samples is not None
     largest = np.abs(record.lines.samples.column(2, record.lines.channels[2])).max()
     found = multiplied(record, {"x": share * MAGNET.gap / largest})
     assert found.lines.names.index("F_x") == 0
