@@ -28,13 +28,10 @@ from rotorid.results.evidence import record_evidence
 # What a result keeps of its records: true to them, small, and the same when it is read again.
 
 
-@pytest.fixture(scope="module")
-def model():
-    return rid.load_model("jeffcott")
+MODEL = rid.load_model("jeffcott")
 
 
 def shaken(
-    model: rid.Model,
     harmonics: list[int],
     rng: np.random.Generator,
     phase: float = 0.0,
@@ -44,37 +41,37 @@ def shaken(
     forces = 100.0 * np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)])
     noise = {"F_x": 1.0, "F_y": 1.0, "x": 1e-6, "y": 1e-6}
     more = {"speed": TURN * 20, "phase": phase, "noise": noise, "rng": rng}
-    values = model.values(model.nominal)
-    return rid.simulate(model, values, forces, sample_rate=1000.0, periods=periods, **more)
+    values = MODEL.values(MODEL.nominal)
+    return rid.simulate(MODEL, values, forces, sample_rate=1000.0, periods=periods, **more)
 
 
-def periods_of(model: rid.Model, harmonics: list[int], seed: int = 4) -> rid.PeriodicRecord:
-    record = shaken(model, harmonics, np.random.default_rng(seed))
+def periods_of(harmonics: list[int], seed: int = 4) -> rid.PeriodicRecord:
+    record = shaken(harmonics, np.random.default_rng(seed))
     return rid.average(record, 1.0, harmonics=harmonics)
 
 
 @pytest.fixture(scope="module")
-def few(model):
-    return periods_of(model, [3, 20, 50])
+def few():
+    return periods_of([3, 20, 50])
 
 
 @pytest.fixture(scope="module")
-def by_ls(model, few):
-    return with_evidence(rid.identify(model, few, "ls"), model, few)
+def by_ls(few):
+    return with_evidence(rid.identify(MODEL, few, "ls"), MODEL, few)
 
 
 @pytest.fixture(scope="module")
-def by_ml(model, few):
-    return rid.identify(model, few, "ml")
+def by_ml(few):
+    return rid.identify(MODEL, few, "ml")
 
 
-def test_lines_and_waves_are_those_of_the_record(model, few, by_ml):
-    (shown,) = record_evidence(by_ml, model, [few])
+def test_lines_and_waves_are_those_of_the_record(few, by_ml):
+    (shown,) = record_evidence(by_ml, MODEL, [few])
     assert (shown.kind, shown.lines, shown.lines_per_point) == ("periods", 3, 1)
     assert (shown.periods, shown.samples_per_period, shown.sample_rate_hz) == (20, 1000, 1000.0)
     assert shown.frequency_hz == (3.0, 20.0, 50.0)
     assert shown.speed_rad_s == pytest.approx([TURN * 20] * 2, rel=1e-5)
-    stated = rid.predict(model, by_ml, few)
+    stated = rid.predict(MODEL, by_ml, few)
     for channel in shown.channels:
         lines = few.mean_spectrum[:, few.index(channel.name)]
         np.testing.assert_allclose(channel.measured, 2 * np.abs(lines), rtol=1e-5)
@@ -91,15 +88,15 @@ def test_lines_and_waves_are_those_of_the_record(model, few, by_ml):
 
 
 @pytest.mark.slow
-def test_the_noise_is_that_of_the_difference(model):
+def test_the_noise_is_that_of_the_difference():
     """Over many records predicted - measured scatters by what is stated, motion included."""
     ratios = []
     for seed in range(12):
-        record = periods_of(model, [3, 20, 50], seed)
-        estimate = rid.identify(model, record, "ml")
-        truth = zip(estimate.parameters, model.values(model.nominal), strict=True)
+        record = periods_of([3, 20, 50], seed)
+        estimate = rid.identify(MODEL, record, "ml")
+        truth = zip(estimate.parameters, MODEL.values(MODEL.nominal), strict=True)
         exact = estimate.with_(parameters=tuple(replace(v, value=float(x)) for v, x in truth))
-        (shown,) = record_evidence(exact, model, [record])
+        (shown,) = record_evidence(exact, MODEL, [record])
         for channel in shown.channels[:2]:
             ratios += [d / n for d, n in zip(channel.difference, channel.noise, strict=True)]
             wave = np.sqrt(np.square(channel.noise).sum() / 2)
@@ -107,9 +104,9 @@ def test_the_noise_is_that_of_the_difference(model):
     assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.35)
 
 
-def test_many_lines_are_thinned_to_their_root_mean_square(model):
-    many = periods_of(model, list(range(1, 451)))
-    (shown,) = record_evidence(rid.identify(model, many, "ls"), model, [many])
+def test_many_lines_are_thinned_to_their_root_mean_square():
+    many = periods_of(list(range(1, 451)))
+    (shown,) = record_evidence(rid.identify(MODEL, many, "ls"), MODEL, [many])
     assert (shown.lines, shown.lines_per_point, len(shown.frequency_hz)) == (450, 2, 225)
     assert shown.frequency_hz[:2] == (1.5, 3.5)
     (force,) = [c for c in shown.channels if c.name == "F_x"]
@@ -117,14 +114,14 @@ def test_many_lines_are_thinned_to_their_root_mean_square(model):
     assert force.measured[0] == pytest.approx(np.sqrt(np.mean(size**2)), rel=1e-5)
 
 
-def test_many_records_share_the_room(model, few, by_ls, monkeypatch):
+def test_many_records_share_the_room(few, by_ls, monkeypatch):
     for room, points in ((60_000, 60_000 // (6 * 4 * 6)), (60_000 // 7, 60)):  # 60 at least
         monkeypatch.setattr(gathering, "MOST_NUMBERS", room)
-        shown = record_evidence(by_ls, model, [few] * 6)
+        shown = record_evidence(by_ls, MODEL, [few] * 6)
         assert {len(one.time_s) for one in shown} == {points}
 
 
-def test_a_whole_record_shows_an_excerpt(model):
+def test_a_whole_record_shows_an_excerpt():
     rng = np.random.default_rng(1)
     count, rate = 4000, 1000.0
     spectrum = np.fft.rfft(rng.standard_normal((count, 2)), axis=0)
@@ -132,14 +129,14 @@ def test_a_whole_record_shows_an_excerpt(model):
     forces = np.fft.irfft(spectrum, n=count, axis=0)
     noise = {"x": 1e-7, "y": 1e-7, "F_x": 0.1, "F_y": 0.1}
     known = {"periods": 1, "speed": TURN * 20, "noise": noise, "rng": rng}
-    values = model.values(model.nominal)
+    values = MODEL.values(MODEL.nominal)
     record, quiet = (
-        rid.simulate(model, values, size * forces, sample_rate=rate, **known)
+        rid.simulate(MODEL, values, size * forces, sample_rate=rate, **known)
         for size in (100.0, 0.0)
     )
     lines = rid.spectra(record, (2.0, 100.0), quiet=quiet)
-    estimate = rid.identify(model, lines, "ml")
-    (shown,) = record_evidence(estimate, model, [lines])
+    estimate = rid.identify(MODEL, lines, "ml")
+    (shown,) = record_evidence(estimate, MODEL, [lines])
     assert shown.kind == "lines"
     assert shown.time_s[0] == pytest.approx(2.0, abs=0.03)
     assert np.diff(shown.time_s) == pytest.approx(1 / (10 * shown.frequency_hz[-1]), rel=0.02)
@@ -149,44 +146,44 @@ def test_a_whole_record_shows_an_excerpt(model):
         assert 0.5 < ratio < 1.5  # the loose ends of the record take no noise away
         away = np.subtract(channel.wave_predicted, channel.wave_measured)
         assert np.std(away) == pytest.approx(channel.wave_noise, rel=0.6)
-    for error in channel_errors(model, estimate, lines):
+    for error in channel_errors(MODEL, estimate, lines):
         assert error.noise is not None
         assert error.p_value > 1e-4
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("whole", [False, True])
-def test_a_record_whose_rotor_angle_was_found_is_predicted(model, whole):
+def test_a_record_whose_rotor_angle_was_found_is_predicted(whole):
     """Of another record with the same number nothing is known: it is shown as measured."""
     rng, harmonics = np.random.default_rng(3), [3, 20, 50]
     data: list[rid.PeriodicRecord | rid.Lines] = []
     for phase in (0.0, 2.0):
-        record = shaken(model, harmonics, rng, phase, 8 if whole else 20)
+        record = shaken(harmonics, rng, phase, 8 if whole else 20)
         record = replace(record, angle=None, phase_known=not phase)
         if whole:
-            data.append(rid.spectra(record, (2.0, 60.0), inputs=model.inputs))
+            data.append(rid.spectra(record, (2.0, 60.0), inputs=MODEL.inputs))
         else:
             data.append(rid.average(record, 1.0, harmonics=harmonics))
-    estimate = rid.identify(model, data, rid.MaximumLikelihood(effort="quick"))
+    estimate = rid.identify(MODEL, data, rid.MaximumLikelihood(effort="quick"))
     assert estimate.value("phase[1]") == pytest.approx(2.0, abs=0.03)
-    for shown in record_evidence(estimate, model, data):
-        assert all(c.error < 0.05 for c in shown.channels if c.name in model.inputs)
-    _, unknown = record_evidence(estimate, model, data, another=True)
+    for shown in record_evidence(estimate, MODEL, data):
+        assert all(c.error < 0.05 for c in shown.channels if c.name in MODEL.inputs)
+    _, unknown = record_evidence(estimate, MODEL, data, another=True)
     assert not any(channel.predicted for channel in unknown.channels)
-    placed, found = at_best_phase(model, estimate, data[1], 1)
+    placed, found = at_best_phase(MODEL, estimate, data[1], 1)
     assert found == pytest.approx(2.0, abs=0.03)
-    assert all(e.relative_error < 0.05 for e in channel_errors(model, estimate, placed, 1))
-    assert at_best_phase(model, estimate, data[0]) == (data[0], None)
+    assert all(e.relative_error < 0.05 for e in channel_errors(MODEL, estimate, placed, 1))
+    assert at_best_phase(MODEL, estimate, data[0]) == (data[0], None)
 
 
-def test_what_was_known_beforehand(model, few):
+def test_what_was_known_beforehand(few):
     method = rid.MaximumLikelihood(
         fixed={"m": 5.0},
         known={"k": ("1 kN/mm", "10 N/mm")},
         constraints=[rid.Constraint("c + 0.001*k", 1060.0, 5.0)],
         force_scale_std=0.01,
     )
-    found = with_evidence(rid.identify(model, few, method), model, few, method)
+    found = with_evidence(rid.identify(MODEL, few, method), MODEL, few, method)
     assert found.evidence.known == (
         Prior("m", 5.0, 0.0),
         Prior("k", 1e6, 1e4),
@@ -205,8 +202,8 @@ def test_it_is_read_again_and_stays_small(by_ls, tmp_path):
     assert by_ls.evidence != Evidence()
 
 
-def test_an_answer_left_open_shows_what_was_measured(model, few, by_ls):
-    (shown,) = record_evidence(lost(by_ls, "m"), model, [few])
+def test_an_answer_left_open_shows_what_was_measured(few, by_ls):
+    (shown,) = record_evidence(lost(by_ls, "m"), MODEL, [few])
     assert not any(channel.predicted for channel in shown.channels)
     assert all(channel.measured and channel.noise for channel in shown.channels)
 
@@ -225,14 +222,14 @@ def test_what_does_not_fit_together_is_refused(by_ls, tmp_path, key):
     assert "run" in estimate_report(rid.load_estimate(path))
 
 
-def test_lines_that_only_noise_moves_are_left_out_over_time(model, few, by_ml):
+def test_lines_that_only_noise_moves_are_left_out_over_time(few, by_ml):
     """Beside a resonance noise moves a prediction further than the machine moved: not shown."""
     variance = np.array([1.0, 4.1, 0.0])
     told = gathering._telling(np.array([2.0 + 0j, 2.0j, 0.1]), variance)
     assert told.tolist() == [True, False, True]
     assert gathering._telling(np.ones(2, dtype=complex), None).all()
     assert gathering._telling(np.ones(2, dtype=complex), np.full(2, 9.0)).all()  # nothing to show
-    (shown,) = record_evidence(by_ml, model, [few])
+    (shown,) = record_evidence(by_ml, MODEL, [few])
     assert {channel.left_out for channel in shown.channels} == {0}
 
 
@@ -242,15 +239,13 @@ def test_lines_that_only_noise_moves_are_left_out_over_time(model, few, by_ml):
 HARMONICS = (1, 3, 5, 7, 9, 11)
 
 
-@pytest.fixture(scope="module")
-def three_mass():
-    return rid.load_model("three-mass")
+THREE_MASS = rid.load_model("three-mass")
 
 
 @pytest.fixture(scope="module")
-def recorded(three_mass):
+def recorded():
     """The record of the demonstration."""
-    return simulate_record(three_mass, np.random.default_rng(20))
+    return simulate_record(THREE_MASS, np.random.default_rng(20))
 
 
 @pytest.fixture(scope="module")
@@ -259,9 +254,9 @@ def periods(recorded):
 
 
 @pytest.mark.parametrize("method", [rid.LeastSquares(), rid.Batch(), rid.Sequential()])
-def test_the_figure_is_that_of_the_residual_of_the_rows_with_forces(three_mass, method, periods):
-    estimate = rid.identify(three_mass, periods, method)
-    found = predict(three_mass, estimate, periods)
+def test_the_figure_is_that_of_the_residual_of_the_rows_with_forces(method, periods):
+    estimate = rid.identify(THREE_MASS, periods, method)
+    found = predict(THREE_MASS, estimate, periods)
     values = {p.name: p.value for p in estimate.parameters}
     lines = dict(zip(periods.names, periods.mean_spectrum.T, strict=True))
     # Row 1 by hand: m1 x1'' + k1 (x1 - x2) + k1 L1 theta_y.
@@ -272,71 +267,67 @@ def test_the_figure_is_that_of_the_residual_of_the_rows_with_forces(three_mass, 
     )
     wanted = np.linalg.norm(predicted - lines["F_x1"]) / np.linalg.norm(lines["F_x1"])
     assert found["F_x1"].relative_error == pytest.approx(wanted, rel=1e-12)
-    for fixed in (estimate, rid.identify(three_mass, periods, rid.Batch(fixed={"L1": 0.3}))):
-        again = predict(three_mass, fixed, periods)
+    for fixed in (estimate, rid.identify(THREE_MASS, periods, rid.Batch(fixed={"L1": 0.3}))):
+        again = predict(THREE_MASS, fixed, periods)
         assert again.keys() == fixed.prediction.keys()
         for name, prediction in fixed.prediction.items():
             assert again[name].relative_error == pytest.approx(prediction.relative_error, rel=1e-10)
 
 
 @pytest.mark.parametrize("fixed", [{"L1": 0.3}, {"L1": 0.3, "m1": 0.83339}])
-def test_outputs_are_predicted_where_coordinates_are_hidden(three_mass, fixed, recorded, periods):
-    columns = [recorded.names.index(n) for n in (*three_mass.inputs, "x1", "y1", "x3", "y3")]
+def test_outputs_are_predicted_where_coordinates_are_hidden(fixed, recorded, periods):
+    columns = [recorded.names.index(n) for n in (*THREE_MASS.inputs, "x1", "y1", "x3", "y3")]
     channels = tuple(recorded.channels[column] for column in columns)
     kept = replace(recorded, channels=channels, samples=recorded.samples[:, columns])
     seen = rid.average(kept, 20.0, harmonics=HARMONICS)
-    estimate = rid.identify(three_mass, seen, rid.MaximumLikelihood(fixed=fixed))
-    found = predict(three_mass, estimate, seen)
+    estimate = rid.identify(THREE_MASS, seen, rid.MaximumLikelihood(fixed=fixed))
+    found = predict(THREE_MASS, estimate, seen)
     assert list(found) == ["x1", "y1", "x3", "y3"]
     for name, prediction in estimate.prediction.items():
         assert found[name].relative_error == pytest.approx(prediction.relative_error, rel=1e-9)
     # By a result of batch too: the outputs follow from its derived physical parameters.
-    batch = rid.identify(three_mass, periods, rid.Batch())
-    assert max(p.relative_error for p in predict(three_mass, batch, periods).values()) < 0.1
+    batch = rid.identify(THREE_MASS, periods, rid.Batch())
+    assert max(p.relative_error for p in predict(THREE_MASS, batch, periods).values()) < 0.1
 
 
-def test_nuisances_take_part_in_the_prediction(three_mass, rng):
+def test_nuisances_take_part_in_the_prediction():
     forces = np.full((6, 1), 5 - 5j) * np.array([0.5, 1.0, 1.0, -0.5])
-    lines = steady(three_mass, {}, forces, HARMONICS, 20.0, 5000.0, 60, hertz=140.0)
-    shifted = times(lines, three_mass.coordinates, np.exp(-1j * lines.omega * 80e-6)).spectra
-    noise = rng.standard_normal((2, *shifted.shape)) * 1e-4 * np.abs(shifted)
+    lines = steady(THREE_MASS, {}, forces, HARMONICS, 20.0, 5000.0, 60, hertz=140.0)
+    shifted = times(lines, THREE_MASS.coordinates, np.exp(-1j * lines.omega * 80e-6)).spectra
+    noise = np.random.default_rng(20).standard_normal((2, *shifted.shape)) * 1e-4 * np.abs(shifted)
     late = replace(lines, spectra=shifted + noise[0] + 1j * noise[1])
-    estimate = rid.identify(three_mass, late, rid.MaximumLikelihood(delays=("position",)))
+    estimate = rid.identify(THREE_MASS, late, rid.MaximumLikelihood(delays=("position",)))
     assert estimate.value("delay[position]") == pytest.approx(80e-6, rel=0.05)
-    found = predict(three_mass, estimate, late)
+    found = predict(THREE_MASS, estimate, late)
     error = max(p.relative_error for p in found.values())
     blind = estimate.with_(nuisance=(), covariance=estimate.covariance[:-1, :-1])
-    assert max(p.relative_error for p in predict(three_mass, blind, late).values()) > 5 * error
+    assert max(p.relative_error for p in predict(THREE_MASS, blind, late).values()) > 5 * error
 
 
-def test_a_result_of_another_model_is_refused(three_mass, periods):
-    estimate = rid.identify(three_mass, periods, rid.Batch())
+def test_a_result_of_another_model_is_refused(periods):
+    estimate = rid.identify(THREE_MASS, periods, rid.Batch())
     with pytest.raises(InputError, match="without 'm'; expected the parameters of 'jeffcott'"):
         predict(rid.load_model("jeffcott"), estimate, periods)
 
 
-def test_information_grows_with_the_square_of_the_forces(three_mass, periods):
+def test_information_grows_with_the_square_of_the_forces(periods):
     plain = Estimate("three-mass", "batch", "ok", ())
     lines = periods.spectra + 9 * periods.spectra.mean(axis=0)
     louder = replace(periods, spectra=lines, mean=10 * periods.mean)
-    weak, strong = (information_of(three_mass, plain, one) for one in (periods, louder))
+    weak, strong = (information_of(THREE_MASS, plain, one) for one in (periods, louder))
     masses = [weak.names.index("m1"), weak.names.index("k1")]
     ratio = np.diag(strong.matrix)[masses] / np.diag(weak.matrix)[masses]
     assert ratio == pytest.approx([100.0, 100.0], rel=0.2)
     assert weak.scaled_condition_number < weak.condition_number
 
 
-@pytest.fixture
-def rng():
-    return np.random.default_rng(20)
-
-
-def test_currents_are_told_in_amperes(three_mass, rng):
+def test_currents_are_told_in_amperes():
     """What a law makes a force of is compared as it was measured."""
-    periods = rid.average(load_rig("three-mass").rig.run(1.0, rng), "20 Hz", harmonics=HARMONICS)
-    shown = with_evidence(rid.identify(three_mass, periods, "ml"), three_mass, periods)
+    record = load_rig("three-mass").rig.run(1.0, np.random.default_rng(20))
+    periods = rid.average(record, "20 Hz", harmonics=HARMONICS)
+    shown = with_evidence(rid.identify(THREE_MASS, periods, "ml"), THREE_MASS, periods)
     channels = shown.evidence.records[0].channels
-    assert {c.unit for c in channels if c.name in three_mass.inputs} == {"A"}
+    assert {c.unit for c in channels if c.name in THREE_MASS.inputs} == {"A"}
     size = np.abs(periods.mean_spectrum[0, periods.names.index("F_x1")])
     assert channels[0].measured[0] == pytest.approx(2 * size, rel=1e-5)
     assert "explain 4 currents to" in shown_verdict(shown).sentence

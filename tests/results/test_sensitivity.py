@@ -34,6 +34,20 @@ from rotorid.results.loops import _from_above, poles_on_the_right
 from rotorid.results.sensitivity import AxisSensitivity, settles_elsewhere, worst_of, zone_of
 from rotorid.results.sensitivity_peak import LineWindow, LoopLines, Peak, RationalCurve, peak_of
 
+
+def loop_lines(e: np.ndarray, r: np.ndarray | None = None) -> LoopLines:
+    """Return e and r, 1 unless told otherwise, on lines of 0, 1, 2 ... Hz without a rotation."""
+    added = np.ones(len(e)) if r is None else r
+    none = np.zeros((len(e), 0)) + 0j
+    return LoopLines(np.arange(float(len(e))), e + 0j, added[:, None] + 0j, none, 0)
+
+
+def window(e: np.ndarray, r: np.ndarray | None = None) -> LineWindow:
+    lines = loop_lines(e, r)
+    place, weight = np.linspace(-1.0, 1.0, len(e)), np.ones(len(e))
+    return LineWindow(place, lines.e, lines.r, lines.rotation, 0, weight)
+
+
 # Sensitivity after ISO 14839-3, held against the loop in closed form.
 
 
@@ -288,7 +302,7 @@ def test_four_windows_that_do_not_tell_may_hold_a_peak(
     raw = frequency, values, np.full(30, 2e-4), np.full(30, 10.0)
     gap = 25.0 + np.arange(1, between + 1) / 10
     windows = np.sort([*np.arange(below), *frequency, *gap, *(40.0 + np.arange(above))])
-    found = sensitivity.Windowed(equal_lines(1), windows, raw, [(2.0, 20.0)])
+    found = sensitivity.Windowed(loop_lines(np.ones(1)), windows, raw, [(2.0, 20.0)])
     assert sensitivity._located("x", found).zone == zone
 
 
@@ -447,15 +461,10 @@ def window_of(monkeypatch, deviation: float = 0.1) -> tuple[int, list[float]]:
         return 1 + 0j, deviation**2, 10.0, 1.0, 0.0
 
     monkeypatch.setattr(sensitivity, "_middle", middle)
-    found = sensitivity._windows(equal_lines(190))
+    found = sensitivity._windows(loop_lines(np.ones(190)))
     assert len(found.middles) == len(chances)
     assert len(found.raw[0]) == len(found.candidates)
     return len(found.candidates), chances
-
-
-def equal_lines(count: int) -> LoopLines:
-    lines = np.ones((count, 1)) + 0j
-    return LoopLines(np.arange(float(count)), lines[:, 0], lines, lines[:, :0], 0)
 
 
 @pytest.mark.parametrize(("deviation", "told"), [(0.29, True), (0.31, False)])
@@ -471,7 +480,7 @@ def test_noise_alone_gives_poles_to_one_of_a_hundred_records(monkeypatch):
 def test_what_a_window_asks_for():
     """S and the transient have 6 unknowns; a dozen degrees of freedom are left for the noise."""
     with pytest.raises(InputError, match=r"18 lines in the band; expected 19 or more"):
-        sensitivity._windows(equal_lines(18))
+        sensitivity._windows(loop_lines(np.ones(18)))
 
 
 @pytest.mark.parametrize(("poles", "noise"), [(2, 1e-9), (0, 0.1)])
@@ -481,8 +490,7 @@ def test_a_window_has_two_poles_where_noise_alone_does_not_explain_them(poles, n
     r, drawn = rng.standard_normal((2, 19, 2)) @ np.array([1.0, 1j])
     below = (1 + 6j * (offset - 0.2)) * (1 + 5j * (offset + 0.5)) if poles else 1.0
     e = (2 + offset) * r / below + noise * drawn
-    window = LineWindow(offset, e, r[:, None], np.zeros((19, 0)) + 0j, 0, np.ones(19))
-    found = sensitivity._middle(window, float(np.abs(r).max()), 1e-3)
+    found = sensitivity._middle(window(e, r), float(np.abs(r).max()), 1e-3)
     value, _, freedom, _, _ = found
     assert freedom == 13 - poles
     exact = 2 / ((1 - 1.2j) * (1 + 2.5j)) if poles else 2.0
@@ -495,7 +503,7 @@ def test_three_peaks_of_an_axis_are_looked_at(monkeypatch, unsure, peak):
     asked = looked_at(monkeypatch, unsure)
     raw = (np.array([5.0]), np.ones(1) + 0j, np.ones(1), np.ones(1))
     candidates = [(9.0 - k, 10.0 * k) for k in range(1, 6)]
-    found = sensitivity.Windowed(equal_lines(1), raw[0], raw, candidates)
+    found = sensitivity.Windowed(loop_lines(np.ones(1)), raw[0], raw, candidates)
     assert sensitivity._located("x", found).peak == peak
     assert asked == [10.0, 20.0, 30.0][: 2 + (peak == 3.0)]
 
@@ -772,7 +780,7 @@ def made(size: int, noise: float, rng: np.random.Generator, coloured: bool = Fal
     drawn = noise * (rng.standard_normal((size, 2)) @ np.array([1.0, 1j])) / np.sqrt(2)
     drawn = drawn / below * 3 if coloured else drawn
     e = (1 + 2 / below) * r + 0.5 / below + drawn
-    return LineWindow(place, e, r[:, None], np.zeros((size, 0)) + 0j, 0, np.ones(size))
+    return window(e, r)
 
 
 def test_curves_have_the_poles_that_their_lines_tell():
@@ -803,21 +811,10 @@ def test_deviations_of_peaks_hold_with_noise_on_all_lines_and_with_that_of_the_l
 
 def test_lines_that_tell_no_peak():
     part = made(200, 50.0, np.random.default_rng(5))
-    band = LoopLines(np.arange(200.0), part.e, part.r, part.rotation, 0)
-    assert peak.peak_near(band, 100.0) is None
+    assert peak.peak_near(loop_lines(part.e, part.r[:, 0]), 100.0) is None
 
 
 # The decisions of a peak's fit, each at its edge.
-
-
-NOTHING = np.zeros((100, 0), dtype=np.complex128)
-
-
-def part_of(e: np.ndarray) -> LineWindow:
-    size = len(e)
-    place = np.linspace(-1.0, 1.0, size)
-    ones = np.ones(size)
-    return LineWindow(place, e + 0j, ones[:, None] + 0j, NOTHING[:size], 0, ones)
 
 
 def curve_of(part: LineWindow, pole: complex, loss: float = 1.0) -> RationalCurve:
@@ -829,7 +826,7 @@ def curve_of(part: LineWindow, pole: complex, loss: float = 1.0) -> RationalCurv
 
 @pytest.mark.parametrize(("chance", "poles"), [(0.0095, 1), (0.0105, 0)])
 def test_a_pole_more_has_to_gain(monkeypatch, chance, poles):
-    part = part_of(np.ones(100))
+    part = window(np.ones(100))
     one, none = curve_of(part, 0.1 + 0.2j), curve_of(part, 0.0)
     more = len(one.linear) + 1 - len(none.linear)
     rest = len(part.e) - len(one.linear) - 1
@@ -843,7 +840,7 @@ def test_a_pole_more_has_to_gain(monkeypatch, chance, poles):
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.8, 0.95, 0.99, 1.0])
 def test_noise_has_the_poles_of_the_loop_by_a_share(share):
     """What is left has exactly that share's size on each line: no other weighs it as well."""
-    part = part_of(np.ones(100))
+    part = window(np.ones(100))
     poles = 1 / np.abs(1 - part.place / (0.1 + 0.05j)) ** 2
     size = 1 - share + share * poles / poles.mean()
     weighed = peak._weighed(curve_of(replace(part, e=np.sqrt(size) + 0j), 0.1 + 0.05j))
@@ -853,7 +850,7 @@ def test_noise_has_the_poles_of_the_loop_by_a_share(share):
 @pytest.mark.parametrize(("lines", "decays"), [(0.48, False), (0.52, True)])
 def test_a_pole_that_does_not_decay_is_none(lines, decays):
     spacing = 2 / 99
-    assert curve_of(part_of(np.ones(100)), 0.1 + 1j * lines * spacing).decays == decays
+    assert curve_of(window(np.ones(100)), 0.1 + 1j * lines * spacing).decays == decays
 
 
 def at(place: float, **given: float | bool) -> Peak:
@@ -864,8 +861,7 @@ def at(place: float, **given: float | bool) -> Peak:
 @pytest.fixture
 def climbing(monkeypatch):
     """Climb to a frequency from 500 Hz by windows of 100 lines, 1 Hz apart; and count them."""
-    lines = np.arange(1000.0)
-    band = LoopLines(lines, lines + 0j, lines[:, None] + 0j, np.zeros((1000, 0)) + 0j, 0)
+    band = loop_lines(np.arange(1000.0), np.arange(1000.0))
 
     def climb(target: float) -> tuple[Peak | None, int]:
         seen = []
@@ -902,7 +898,7 @@ def near(monkeypatch, peaks: list[tuple[float, float]]) -> tuple[Peak | None, in
 
     monkeypatch.setattr(LoopLines, "climbed", climbed)
     lines = np.arange(100_000.0)
-    found = peak.peak_near(LoopLines(lines, lines, lines[:, None], NOTHING, 0), 500.0)
+    found = peak.peak_near(loop_lines(lines, lines), 500.0)
     assert sizes == [sizes[0] * 2**k for k in range(len(sizes))]
     return found, len(sizes)
 

@@ -236,6 +236,13 @@ class Levitated:
             spectra[:, once, free.index(sensor)] += (cos - 1j * sin) / 2
         return replace(free, spectra=spectra, channels=tuple(channels))
 
+    def seen(
+        self, rng: np.random.Generator | int, *speeds: float, drives: bool = True
+    ) -> list[PeriodicRecord]:
+        """Return records with noise at some speeds, in Hz."""
+        rng = np.random.default_rng(rng)
+        return [self.noisy(self.record(hertz, drives=drives), rng) for hertz in speeds]
+
     def noisy(self, record: PeriodicRecord, rng: np.random.Generator) -> PeriodicRecord:
         noise = self.machine.noise(record.names)
         drives = {c.name: c.drive.ki for c in record.channels if c.drive}

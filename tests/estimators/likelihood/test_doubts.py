@@ -48,11 +48,6 @@ def quieter(levitated, factor: float):
     return replace(levitated, machine=replace(old, **noise), runout={})
 
 
-def recorded(rig, *speeds: float, drives: bool = True) -> list[PeriodicRecord]:
-    rng = np.random.default_rng(36)
-    return [rig.noisy(rig.record(s, drives=drives), rng) for s in speeds]
-
-
 def disc() -> PeriodicRecord:
     forces = np.full((5, 1), 4 - 3j) * np.array([1.0, 0.6j])
     noise = {"F_x": 1.0, "F_y": 1.0, "x": 2e-6, "y": 2e-6}
@@ -67,7 +62,7 @@ def asked(levitated):
 
 @pytest.mark.slow
 def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(levitated, asked):
-    (record,) = recorded(quieter(levitated, 1.0), 140.0)
+    (record,) = quieter(levitated, 1.0).seen(36, 140.0)
     found = asked(record)
     name, size = notes(found)["rotor angle"]
     turned = asked(replace(record, angle=record.angle + np.pi / 180))
@@ -103,8 +98,8 @@ def test_what_no_block_tells_does_not_scatter():
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(("share", "told"), [(0.8, True), (1.25, False)])
 def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, asked, share, told):
-    _, size = notes(asked(recorded(quieter(levitated, 1.0), 140.0)))["rotor angle"]
-    louder = recorded(quieter(levitated, share * size), 140.0)
+    _, size = notes(asked(quieter(levitated, 1.0).seen(36, 140.0)))["rotor angle"]
+    louder = quieter(levitated, share * size).seen(36, 140.0)
     assert ("rotor angle" in notes(asked(louder))) is told
 
 
@@ -112,22 +107,22 @@ def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, asked, share, 
 def test_what_the_records_tell_is_not_unseen(levitated, asked):
     """Runout is unbalance at one speed, whatever the noise; at two it is a misfit."""
     rig = quieter(levitated, 0.01)
-    _, one = notes(asked(recorded(rig, 140.0)))["runout"]
-    _, two = notes(asked(recorded(rig, 140.0, 100.0)))["runout"]
+    _, one = notes(asked(rig.seen(36, 140.0)))["runout"]
+    _, two = notes(asked(rig.seen(36, 140.0, 100.0)))["runout"]
     assert one > 300
     assert two < one / 5
-    assert "runout" not in notes(asked(recorded(rig, 140.0, 100.0), runout=True))
+    assert "runout" not in notes(asked(rig.seen(36, 140.0, 100.0), runout=True))
 
 
 @pytest.mark.slow
 def test_gains_beside_a_scale_that_is_told_differ(levitated, asked):
     """Where the scale of all forces has a note of its own, the gains' is of what goes beyond it."""
     rig = quieter(levitated, 0.01)
-    driven = asked(recorded(rig, 140.0))
+    driven = asked(rig.seen(36, 140.0))
     assert len(scale_notes(driven)) == 1
     assert notes(driven)["gain"][1] < 20
     # Forces as such: a gain of all is the scale, and no misfit shows it.
-    measured = asked(recorded(rig, 140.0, drives=False))
+    measured = asked(rig.seen(36, 140.0, drives=False))
     assert not scale_notes(measured)
     name, size = notes(measured)["gain"]
     assert size > 0.4 * 0.01 * abs(measured.value(name)) / measured.std(name) > 100
@@ -157,7 +152,7 @@ FOLLOWING = "m1, m2, m3, I_t, I_p, k1, k2"
 
 @pytest.fixture
 def record(levitated):
-    return recorded(quieter(levitated, 1.0), 140.0)[0]
+    return quieter(levitated, 1.0).seen(36, 140.0)[0]
 
 
 def test_a_scale_is_in_masses_and_stiffnesses_and_not_in_lengths(asked, record):

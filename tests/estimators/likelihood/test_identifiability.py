@@ -61,7 +61,7 @@ def test_a_sensor_cures_the_unit_of_angle(demo, bearings, rng):
 def test_runout_at_one_speed(levitated, rng):
     """Four combinations of unbalance and runout; a second speed separates them."""
     truth, machine = levitated.truth, levitated.machine
-    one = levitated.noisy(levitated.record(140.0, drives=False), rng)
+    one, other = levitated.seen(rng, 140.0, 100.0, drives=False)
     estimate = machine.identified(one, runout=True)
     assert estimate.status == "not_identifiable"
     found = lines_of(estimate, "not identifiable: ")
@@ -74,7 +74,6 @@ def test_runout_at_one_speed(levitated, rng):
     # Masses and stiffnesses have their deviations all the same.
     for name in ("m1", "m2", "I_t", "I_p", "k1", "L2"):
         assert estimate.value(name) == pytest.approx(truth[name], abs=4 * estimate.std(name))
-    other = levitated.noisy(levitated.record(100.0, drives=False), rng)
     agrees(machine.identified([one, other], runout=True), truth)
     fixed = {name: truth[name] for name in ("L1", "xi", "zeta", "mu", "eta")}
     agrees(machine.identified(one, fixed=fixed, runout=True), truth)
@@ -83,7 +82,7 @@ def test_runout_at_one_speed(levitated, rng):
 @pytest.mark.slow
 def test_unknown_gains_and_no_mass(levitated, rng):
     truth, machine = levitated.truth, levitated.machine
-    records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
+    records = levitated.seen(rng, 140.0, 100.0)
     options = {"runout": True, "gains": ("ki", "ks")}
     estimate = machine.identified(records, **options)
     assert estimate.status == "not_identifiable"
@@ -114,7 +113,7 @@ def test_gains_of_force_channels_need_a_mass_too(demo, rng):
 @pytest.mark.slow
 def test_everything_open_at_once(levitated, rng):
     """No length, no mass, four force slopes: two scales, each named by itself."""
-    records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
+    records = levitated.seen(rng, 140.0, 100.0)
     estimate = levitated.machine.identified(records, fixed={}, runout=True, gains=("ki", "ks*"))
     first, second = lines_of(estimate, "not identifiable: ")
     assert first.startswith("m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1]")

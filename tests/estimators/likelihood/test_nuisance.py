@@ -68,8 +68,7 @@ def test_delay_of_one_channel_with_prior(demo, bearings):
 @pytest.fixture(scope="module")
 def driven(levitated):
     """Records of currents at two speeds, and what their identification takes."""
-    rng = np.random.default_rng(35)
-    records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
+    records = levitated.seen(35, 140.0, 100.0)
     return records, MaximumLikelihood(
         fixed={"L1": 0.3}, runout=True, constraints=(levitated.weighed,)
     )

@@ -37,18 +37,21 @@ from rotorid.testing import bind_all
 # Where an answer is doubted: noise that was taken for information, and other answers.
 
 
-def problem_of(*names: str) -> SimpleNamespace:
-    """Return a problem of some unknowns, all free and none of them a load."""
-    unknowns = [SimpleNamespace(name=name, nuisance=False) for name in names]
+def problem_of(*names: str, additive: bool = False) -> SimpleNamespace:
+    """Return a problem of some unknowns, all free and none of them a load: shifts, or sizes."""
+    unknowns = [SimpleNamespace(name=n, nuisance=False, additive=additive) for n in names]
     free = np.arange(len(names))
     layout = SimpleNamespace(free=free, unknowns=unknowns, start=np.ones(len(names)))
     layout.names = lambda which=slice(None): tuple(names[i] for i in free[which])
     return SimpleNamespace(layout=layout, affine=free[:0], rigid=free, exact=())
 
 
-def solution_at(unknowns, cost: float = 100.0, problem=None) -> SimpleNamespace:
-    point = SimpleNamespace(unknowns=np.array(unknowns), cost=cost, problem=problem)
-    return SimpleNamespace(point=point, converged=True)
+def point_at(unknowns, cost: float = 100.0, problem=None) -> SimpleNamespace:
+    return SimpleNamespace(unknowns=np.array(unknowns), cost=cost, problem=problem)
+
+
+def solution_at(*point) -> SimpleNamespace:
+    return SimpleNamespace(point=point_at(*point), converged=True)
 
 
 def minimum_of(
@@ -63,7 +66,7 @@ def minimum_of(
     )
     problem = problem_of("m")
     problem.layout.start = np.array([start])
-    solution = solution_at([at], problem=problem)
+    solution = solution_at([at], 100.0, problem)
     solution.inference = inference
     return information._Minimum(solution)
 
@@ -85,9 +88,8 @@ def doubts(
 
     `about`: a machine near would not tell it; `wider`: of its interval, over its deviation.
     """
-    monkeypatch.setattr(
-        information, "informed_by_noise", lambda at: (np.array([predicted]), np.zeros(1, bool))
-    )
+    told = np.array([predicted]), np.zeros(1, bool)
+    monkeypatch.setattr(information, "informed_by_noise", lambda at: told)
     monkeypatch.setattr(information._Minimum, "taken_about", lambda at: np.array([about]))
     monkeypatch.setattr(information, "explore", lambda *at: (np.array([wider]), None))
     expecting(monkeypatch, float(loose))
@@ -291,16 +293,6 @@ def test_a_lower_floor_is_found_and_followed():
     assert again.point.cost == pytest.approx(solution.point.cost, abs=1e-3)
 
 
-def minimum(cost: float = 100.0, *unknowns: float, additive: bool = True) -> SimpleNamespace:
-    """Return a point of a problem whose unknowns are shifts, or scale with themselves."""
-    count = len(unknowns)
-    layout = SimpleNamespace(
-        free=np.arange(count), unknowns=[SimpleNamespace(additive=additive)] * count
-    )
-    problem = SimpleNamespace(layout=layout, affine=np.zeros(0, dtype=int), exact=())
-    return SimpleNamespace(cost=cost, unknowns=np.array(unknowns), problem=problem)
-
-
 def floors(monkeypatch, rise: float | None, step: float = 1.0, at: float = 0.0) -> list[float]:
     """Return the steps that are tried along a valley; each rises so much, or meets a wall."""
     tried: list[float] = []
@@ -309,10 +301,10 @@ def floors(monkeypatch, rise: float | None, step: float = 1.0, at: float = 0.0) 
         tried.append(float(change[0]))
         if rise is None:
             return None
-        return minimum(point.cost + rise, point.unknowns[0] + change[0])
+        return point_at(point.unknowns + change, point.cost + rise, point.problem)
 
     monkeypatch.setattr(information, "beside", beside)
-    begin = minimum(100.0, at, additive=not at)
+    begin = point_at([at], 100.0, problem_of("m", additive=not at))
     list(information._floor(begin, np.array([step]), np.ones(1)))
     return tried
 
@@ -336,14 +328,15 @@ def walked(monkeypatch, *rises: float) -> tuple[list[np.ndarray], list[float], f
     def floor(point, change, unit):
         changes.append(change)
         for k, rise in enumerate(rises, 1):
-            yield minimum(100.0 + rise, *(2.0 * k * unit))
+            yield point_at(2.0 * k * unit, 100.0 + rise, point.problem)
 
     monkeypatch.setattr(information, "_floor", floor)
     monkeypatch.setattr(
         information, "_of_loads", lambda end, unit: ends.append(end.cost) or 0 * unit
     )
+    begin = point_at([0.0] * 3, 100.0, problem_of("m", "k", "c", additive=True))
     inference = SimpleNamespace(covariance=np.diag([1.0, 4.0, 9.0]), std=np.array([1.0, 2.0, 3.0]))
-    found = information.explore(minimum(100.0, 0.0, 0.0, 0.0), inference, np.ones(3, bool))
+    found = information.explore(begin, inference, np.ones(3, bool))
     return changes, ends, found[0][2]
 
 
