@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import SimpleNamespace
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from rotorid.testing import add_noise, line_record
 FAMILY = (LeastSquares, Batch, rid.Sequential)
 family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
 Columns = Mapping[str, np.ndarray]
+R = TypeVar("R", Record, PeriodicRecord)
 
 
 @dataclass(frozen=True)
@@ -545,6 +547,22 @@ def times(record: PeriodicRecord, names: Sequence[str], factor: ArrayLike) -> Pe
     spectra = record.spectra.copy()
     spectra[:, :, [record.index(name) for name in names]] *= np.reshape(factor, (-1, 1))
     return replace(record, spectra=spectra)
+
+
+def shaken(
+    record: PeriodicRecord, harmonic: int, names: Sequence[str], size: complex
+) -> PeriodicRecord:
+    """Return a record of which one line of some channels holds something more."""
+    spectra = record.spectra.copy()
+    line = list(record.harmonics).index(harmonic)
+    spectra[:, line, [record.index(name) for name in names]] += size
+    return replace(record, spectra=spectra)
+
+
+def stated(record: R, names: Sequence[str], **changes: object) -> R:
+    """Return a record of some of whose channels something else is said."""
+    told = [replace(c, **changes) if c.name in names else c for c in record.channels]
+    return replace(record, channels=tuple(told))
 
 
 def steady(

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bank import recovered
+from bank import recovered, stated
 from linear_machines import written
 from sampled_bank import (
     AXIS,
@@ -222,8 +222,8 @@ def test_forces_that_come_late_are_turned_away(late):
     lag, unit, way = told_of_it.partition("as if ")[2].split()[:3]
     assert float(lag) == pytest.approx(2.0, abs=0.4)
     assert (unit, way) == ("ms", "late" if late > 0 else "early")
-    channels = (replace(record.channels[0], delay=late * 1e-3), record.channels[1])
-    right = rid.identify(AXIS, rid.filtered(replace(moved, channels=channels), 40.0), "ls")
+    told = stated(moved, ["F"], delay=late * 1e-3)
+    right = rid.identify(AXIS, rid.filtered(told, 40.0), "ls")
     assert right.status == "ok"
     assert np.abs(pulls(right, AXIS_TRUE)).max() < 4
 

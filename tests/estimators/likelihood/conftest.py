@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bank import shaken, stated, times
 
 import rotorid as rid
 from rotorid import Channel, Drive, Estimate, MaximumLikelihood, Misfit, Model, PeriodicRecord, Plan
@@ -221,20 +222,16 @@ class Levitated:
     def record(self, hertz: float, *, drives: bool = True) -> PeriodicRecord:
         """Return a record of currents (or, without drives, of forces) and bearing sensors."""
         model = self.machine.model
-        inputs, where = model.inputs, dict(zip(model.inputs, BEARINGS, strict=True))
+        where = dict(zip(model.inputs, BEARINGS, strict=True))
         stiff = with_force_slope(model, where) if drives else model
         truth = {**self.machine.truth, "ks": self.ks}
-        free = replace(self.machine, model=stiff, truth=truth).record(BEARINGS, hertz=hertz)
-        spectra, channels = free.spectra.copy(), list(free.channels)
-        if drives:
-            for j, name in enumerate(inputs):
-                spectra[:, :, j] /= self.ki[name]
-                drive = Drive(self.ki[name], self.ks, {where[name]: 1.0})
-                channels[j] = replace(channels[j], unit="A", drive=drive)
-        once = list(free.harmonics).index(round(hertz / 20.0))
+        record = replace(self.machine, model=stiff, truth=truth).record(BEARINGS, hertz=hertz)
+        for name, place in where.items() if drives else ():
+            law = Drive(self.ki[name], self.ks, {place: 1.0})
+            record = stated(times(record, [name], 1 / law.ki), [name], unit="A", drive=law)
         for sensor, (cos, sin) in self.runout.items():
-            spectra[:, once, free.index(sensor)] += (cos - 1j * sin) / 2
-        return replace(free, spectra=spectra, channels=tuple(channels))
+            record = shaken(record, round(hertz / 20.0), [sensor], (cos - 1j * sin) / 2)
+        return record
 
     def seen(
         self, rng: np.random.Generator | int, *speeds: float, drives: bool = True

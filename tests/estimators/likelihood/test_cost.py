@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.linalg
-from bank import recovered, times
+from bank import recovered, stated, times
 from differences import gradient_holds
 from levitated import MODEL as QUIET_MODEL
 from levitated import QUICK, levitated, lines_of
@@ -221,11 +221,9 @@ def test_a_phase_turns_a_load_of_any_order(load):
 
 def derived(record: PeriodicRecord, name: str, order: int) -> PeriodicRecord:
     """Return the record with a sensor of a derivative in place of that of a position."""
-    reads = {name + "'" * order: 1.0}
-    channels = list(record.channels)
-    channels[record.index(name)] = Channel(f"d{order}_{name}", "m/s^2", reads=reads)
     moved = times(record, [name], (1j * record.omega) ** order)
-    return replace(moved, channels=tuple(channels))
+    reads = {name + "'" * order: 1.0}
+    return stated(moved, [name], name=f"d{order}_{name}", unit="m/s^2", reads=reads)
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -245,9 +243,7 @@ def exactly(demo, estimate: rid.Estimate) -> None:
 def test_a_parameter_may_be_a_coefficient_of_a_sensor(demo):
     leaning = Channel("leaning", "m", reads={"x1": 1.0, "theta_y": -0.3})
     record = demo.record([leaning, "y1", "x3", "y3"])
-    channels = list(record.channels)
-    channels[4] = replace(leaning, reads={"x1": 1.0, "L1*theta_y": -1.0})
-    record = replace(record, channels=tuple(channels))
+    record = stated(record, ["leaning"], reads={"x1": 1.0, "L1*theta_y": -1.0})
     start = demo.start(np.random.default_rng(3), 0.05)
     estimate = demo.identified(record, fixed={"L2": 0.3}, start=start)
     exactly(demo, estimate)
@@ -258,10 +254,8 @@ def test_a_parameter_may_be_a_coefficient_of_a_sensor(demo):
 def test_gradient_with_indirect_sensors_agrees_with_differences(demo, bearings, transient):
     rng = np.random.default_rng(5)
     record = derived(demo.seen(rng, [*bearings, "x2", "theta_y"], periods=40), "x2", 2)
-    theta = record.index("theta_y")
-    channels = list(record.channels)
-    channels[theta] = Channel("arm", "m", reads={"L1*theta_y": 1.0, "y3": 0.1})
-    record = replace(record, channels=tuple(channels))
+    arm = {"name": "arm", "unit": "m", "reads": {"L1*theta_y": 1.0, "y3": 0.1}}
+    record = stated(record, ["theta_y"], **arm)
     lines = replace(Lines.of_periods(record), transient=transient)
     kernel = assemble(Layout(MODEL, PARAMETERS), bind(MODEL, lines))
     x = demo.values * (1 + 0.1 * rng.uniform(-1, 1, 13))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bank import agrees, recovered, steady, times
+from bank import agrees, recovered, stated, steady, times
 from differences import gradient_holds
 
 import rotorid as rid
@@ -56,11 +56,8 @@ def test_delay_of_one_channel_with_prior(demo, bearings):
     clean = demo.record(bearings)
     # 12 of 20 us were corrected on reading: the channel says so, with its deviation.
     late = times(clean, ["y3"], np.exp(-1j * clean.omega * (20e-6 - 12e-6)))
-    channels = tuple(
-        replace(c, delay=12e-6, delay_std=10e-6) if c.name == "y3" else c for c in clean.channels
-    )
-    record = demo.noisy(replace(late, channels=channels), np.random.default_rng(34))
-    estimate = demo.identified(record)
+    late = stated(late, ["y3"], delay=12e-6, delay_std=10e-6)
+    estimate = demo.identified(demo.noisy(late, np.random.default_rng(34)))
     agrees(estimate, {**demo.truth, "delay[y3]": 20e-6})
     assert estimate.std("delay[y3]") < 5e-6
 
@@ -104,15 +101,11 @@ def test_what_is_said_of_a_wrong_force_slope(levitated, driven):
 
 def on_half(record, inputs):
     """State twice the slope at half the displacement: the same force by another law."""
-
-    def other(channel):
-        if channel.name not in inputs:
-            return channel
-        drive = channel.drive
-        halves = {name: 0.5 * share for name, share in drive.position.items()}
-        return replace(channel, drive=replace(drive, ks=2 * drive.ks, position=halves))
-
-    return replace(record, channels=tuple(other(c) for c in record.channels))
+    for name in inputs:
+        drive = record.channels[record.index(name)].drive
+        halves = {place: 0.5 * share for place, share in drive.position.items()}
+        record = stated(record, [name], drive=replace(drive, ks=2 * drive.ks, position=halves))
+    return record
 
 
 def test_nuisances_may_be_fixed_or_known(levitated, driven):
@@ -171,9 +164,7 @@ def test_redundant_sensors_count(demo, bearings):
     ("place", "told"), [("x9", "a force law at 'x9'"), ("x1'", "a force law at a velocity")]
 )
 def test_refuses_a_force_law_where_no_displacement_is(demo, bearings, place, told):
-    clean = demo.record(bearings)
-    driven = replace(clean.channels[0], drive=Drive(120.0, 2e5, {place: 1.0}))
-    record = replace(clean, channels=(driven, *clean.channels[1:]))
+    record = stated(demo.record(bearings), ["F_x1"], drive=Drive(120.0, 2e5, {place: 1.0}))
     with pytest.raises(InputError, match=f"F_x1: found {told}"):
         demo.identified(record)
 
@@ -284,8 +275,7 @@ def passed_through(record, truth, told, names):
     """Return a record whose channels went through dynamics, corrected by what is told of them."""
     gain = truth.response(record.omega, truth.values)
     factor = told.correction(record.omega) * (1 / gain if truth.actuator else gain)
-    channels = [replace(c, dynamics=told) if c.name in names else c for c in record.channels]
-    return replace(times(record, names, factor), channels=tuple(channels))
+    return stated(times(record, names, factor), names, dynamics=told)
 
 
 @pytest.mark.sampled(2)
@@ -550,7 +540,7 @@ def test_records_without_periods_keep_their_samples_for_it():
     record = recorded(law, {"gap": "magnets"})
     lines = spectra(record, (5.0, 250.0), inputs=("F_x", "F_y"))
     assert np.shares_memory(lines.samples.values, record.samples)
-    plain = replace(record, channels=tuple(replace(c, law=None) for c in record.channels))
+    plain = stated(record, record.names, law=None)
     assert spectra(plain, (5.0, 250.0), inputs=("F_x", "F_y")).samples is None
     known = MaximumLikelihood(fixed={**STILL, "m": TRUTH["m"]}, effort="quick")
     gap = identify(MODEL, lines, known)["gap[magnets]"]
@@ -559,9 +549,8 @@ def test_records_without_periods_keep_their_samples_for_it():
 
 def test_what_is_shared_is_stated_alike():
     record = recorded(replace(MAGNET, std={"gap": 1e-5}), {"gap": "magnets"})
-    channels = list(record.channels)
-    channels[1] = replace(channels[1], law=replace(channels[1].law, gap=5e-4))
-    mixed = rid.average(replace(record, channels=channels), F0, harmonics=LINES)
+    other = stated(record, ["F_x"], law=replace(record.channels[0].law, gap=5e-4))
+    mixed = rid.average(other, F0, harmonics=LINES)
     with pytest.raises(InputError, match=r"channels\.F_x\.gap: found gap of magnets as 0\.0004"):
         identify(MODEL, mixed, "ml")
 
@@ -570,8 +559,8 @@ def test_what_every_law_may_have_wrong():
     every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, periods(MAGNET))])}
     assert {"gap", "bias", "iron", "bias_difference", "saturation", "K"} <= every
     record = recorded(MAGNET)
-    flux = tuple(replace(c, law=None if c.law is None else Flux(2e-4)) for c in record.channels)
-    fluxes = rid.average(replace(record, channels=flux), F0, harmonics=LINES)
+    flux = stated(record, MODEL.inputs, law=Flux(2e-4))
+    fluxes = rid.average(flux, F0, harmonics=LINES)
     every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, fluxes)])}
     assert "area" in every
     assert not {"gap", "saturation"} & every

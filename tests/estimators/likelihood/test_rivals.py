@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bank import steady, times
+from bank import shaken, steady, times
 from result_cases import fit
 
 import rotorid as rid
@@ -433,14 +433,6 @@ def test_planes_of_sensors_that_read_combinations(demo):
 
 
 # A line that something else fills is named, and only where nothing else explains the data.
-
-
-def shaken(record, harmonic, names, size):
-    """Return a record of which a line of some channels holds something more."""
-    spectra = record.spectra.copy()
-    columns = [record.index(name) for name in names]
-    spectra[:, list(record.harmonics).index(harmonic), columns] += size
-    return replace(record, spectra=spectra)
 
 
 @pytest.mark.sampled(1)

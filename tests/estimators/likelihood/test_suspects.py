@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from bank import agrees, steady, times
+from bank import agrees, stated, steady, times
 from model_text import model_text
 from rotor_bank import COORDINATES, Rotor, three_mass_rotor
 from rotor_files import CORED
@@ -298,12 +298,9 @@ def test_what_a_drawing_lacks_is_named_first(what):
 
 def with_lag(record, start):
     """Return a record whose forces are declared to have a bandwidth that is to be found."""
-    lag = FirstOrder(
-        bandwidth=Constant("bandwidth", "Hz", start, UNKNOWN), actuator=True, shared="amplifiers"
-    )
-    channels = [replace(c, dynamics=lag) if c.unit == "N" else c for c in record.channels]
-    corrected = times(record, record.names[:4], lag.correction(record.omega))
-    return replace(corrected, channels=tuple(channels))
+    bandwidth, forces = Constant("bandwidth", "Hz", start, UNKNOWN), record.names[:4]
+    lag = FirstOrder(bandwidth=bandwidth, actuator=True, shared="amplifiers")
+    return stated(times(record, forces, lag.correction(record.omega)), forces, dynamics=lag)
 
 
 @pytest.mark.slow
