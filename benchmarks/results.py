@@ -120,8 +120,8 @@ def _by_noise(seed: int, samples: int = 20000) -> list[Graded]:
 def _identified(seed: int, speed: float = 800.0) -> Found:
     """Identify a random machine with two close modes, and hold its modes against the truth."""
     case = close_case(seed, speed)
-    estimator = rid.MaximumLikelihood(fixed=case.known, start=case.start)
-    estimate = rid.identify(case.model, [case.record], estimator)
+    estimator = rid.MaximumLikelihood(fixed=case.fixed, start=case.start)
+    estimate = rid.identify(case.model, case.records, estimator)
     return held(case, estimate, speed) if estimate.status == "ok" else Found(estimate.status)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 import scipy.signal
 from linear_machines import SUPPORTED, estimate_of
-from rotor_bank import RATE, noisy_record, rigid_rotor
+from rotor_bank import RATE, Case, noisy_record, rigid_rotor
 from scipy.optimize import brentq
 
 import rotorid as rid
@@ -24,6 +24,7 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.fit import CovarianceChoice, Fit, Fitting, answered
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.preparation import prepare
+from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import Solution, solve
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.knowledge import Knowledge
@@ -179,17 +180,6 @@ def true_criticals(p: Mapping[str, float]) -> Floats:
     return np.sort(found)
 
 
-@dataclass(frozen=True)
-class Case:
-    """A machine with two close modes, its record, and what is known of it and where to start."""
-
-    model: rid.Model
-    truth: Mapping[str, float]
-    record: rid.PeriodicRecord
-    known: Mapping[str, float]
-    start: Mapping[str, float]
-
-
 CLOSE_MODEL = rid.parse_model(CLOSE, name="close")
 
 
@@ -213,16 +203,13 @@ def close_case(seed: int, speed: float = 800.0, periods: int = PERIODS, stream: 
     record = noisy_record(channels, mean, noise, harmonics, rng, speed, periods, samples)
     known = {n: truth[n] for n in ("L",)} | {"xi": 0.0, "zeta": 0.0}
     start = {n: truth[n] * rng.uniform(0.9, 1.1) for n in model.parameter_names if n not in known}
-    return Case(model, truth, record, known, start)
+    return Case(model, truth, (record,), known, start)
 
 
 def minimum_from_the_truth(case: Case) -> tuple[Solution, Inference]:
     """Return the minimum without the search from afar: thousands of records take seconds."""
-    start = {name: case.truth[name] for name in case.start}
-    knowledge = rid.MaximumLikelihood(fixed=case.known, start=start).knowledge(case.model)
-    prepared = prepare(case.model, knowledge, (), base=False, guess=start)
-    problem = prepared.of(bind_all(case.model, [case.record]))
-    solution = solve(problem, prepared.layout.start, (0.0,))
+    problem = problem_of(case, {name: case.truth[name] for name in case.start})
+    solution = solve(problem, problem.layout.start, (0.0,))
     assert solution.converged
     return solution, solution.inference
 
@@ -247,9 +234,9 @@ def found_at_the_minimum(seed: int, speed: float = 800.0) -> Found:
     """Hold the modes at the minimum next to the truth against it: the same without the search."""
     case = close_case(seed, speed)
     values, covariance = values_at_the_minimum(case)
-    fixed = tuple(case.known)
+    fixed = tuple(case.fixed)
     assert [*values] == [name for name in case.model.parameter_names if name not in fixed]
-    at = {**case.known, **values}
+    at = {**case.fixed, **values}
     return held(case, estimate_of(case.model, at, fixed=fixed, covariance=covariance), speed)
 
 
@@ -499,7 +486,15 @@ def exact(frequency: np.ndarray, axis: int, of: Rig | None = None) -> np.ndarray
     return np.array(found)
 
 
-# A fit as a whole, without the steps on the way to it.
+# A problem, and a fit as a whole, without the steps on the way to it.
+
+
+def problem_of(
+    case: Case, start: Mapping[str, float], records: Sequence[rid.PeriodicRecord] = ()
+) -> Problem:
+    """Return the problem of a case without unknowns of the measurement, from a start."""
+    prepared = prepare(case.model, Knowledge(case.fixed, start=start), (), False, {})
+    return prepared.of(bind_all(case.model, records or case.records))
 
 
 def fit(

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bank import steady, times
-from result_cases import fit
+from result_cases import fit, problem_of
 from rotor_bank import (
     ADVERSE,
     BEARINGS,
@@ -26,7 +26,6 @@ from rotorid import InputError, MaximumLikelihood, identify, load_model, predict
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import solver
 from rotorid.likelihood.inference import infer
-from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.starts import searched
 from rotorid.likelihood.symmetric_answers import Mirrors
@@ -37,7 +36,7 @@ from rotorid.testing import bind_all
 # Where an answer is doubted: noise that was taken for information, and other answers.
 
 
-def problem_of(*names: str, additive: bool = False) -> SimpleNamespace:
+def unknowns_of(*names: str, additive: bool = False) -> SimpleNamespace:
     """Return a problem of some unknowns, all free and none of them a load: shifts, or sizes."""
     unknowns = [SimpleNamespace(name=n, nuisance=False, additive=additive) for n in names]
     free = np.arange(len(names))
@@ -64,7 +63,7 @@ def minimum_of(
         linear=SimpleNamespace(undetermined=np.zeros(1, bool)),
         expectation=SimpleNamespace(p_value=lambda cost: chance),
     )
-    problem = problem_of("m")
+    problem = unknowns_of("m")
     problem.layout.start = np.array([start])
     solution = solution_at([at], 100.0, problem)
     solution.inference = inference
@@ -179,7 +178,7 @@ def test_eight_machines_about_the_start_are_asked(monkeypatch, informed, taken):
     ("above", "distance", "answers"), [(14.9, 5.1, 1), (15.1, 5.1, 0), (14.9, 4.9, 0)]
 )
 def test_an_end_that_fits_as_well_and_lies_apart_is_another_answer(above, distance, answers):
-    problem = problem_of("m", "k")
+    problem = unknowns_of("m", "k")
     solution = solution_at([1.0, 1.0], 100.0, problem)
     other = solution_at([1.0, 1.0 + 0.1 * distance], 100.0 + above, problem)
     solution.inference = SimpleNamespace(
@@ -236,7 +235,7 @@ def test_a_minimum_is_lower_by_more_than_a_millionth(below, lower):
 
 @pytest.mark.parametrize(("after", "cure"), [(0.32, "drive F against"), (0.34, "excite what")])
 def test_an_excitation_that_tells_three_times_as_much_is_a_cure(monkeypatch, after, cure):
-    problem = problem_of("m")
+    problem = unknowns_of("m")
     problem.likelihoods = (SimpleNamespace(data=np.ones((1, 1))),)
     problem.layout.model = SimpleNamespace(inputs=("F",))
     told = iter([np.ones(1), np.array([after])])
@@ -248,14 +247,9 @@ def test_an_excitation_that_tells_three_times_as_much_is_a_cure(monkeypatch, aft
 # Deviations where the cost is no parabola: those of the interval, not of the curvature.
 
 
-def problem_of_case(case, start, record=None):
-    ready = prepare(case.model, Knowledge(case.fixed, start=start), (), False, {})
-    return ready.of(bind_all(case.model, case.records[:1] if record is None else [record]))
-
-
 def explored(name, seed):
     case = rotor_case(SETTINGS[name], seed)
-    problem = problem_of_case(case, case.start)
+    problem = problem_of(case, case.start)
     solution = searched(problem, problem.layout.start)
     known = ~solution.inference.linear.undetermined
     found = information.explore(solution.point, solution.inference, known)
@@ -279,7 +273,7 @@ def test_a_load_whose_factor_may_vanish_is_hardly_known():
 def test_a_lower_floor_is_found_and_followed():
     """From beside the minimum the valley leads to it, and the answer is the minimum."""
     case = rotor_case(SETTINGS["4 sensors, noise x 10"], 4)
-    problem = problem_of_case(case, case.start)
+    problem = problem_of(case, case.start)
     solution = searched(problem, problem.layout.start)
     scale = solution.inference.linear.scale
     size, along = np.linalg.eigh(solution.inference.covariance / np.outer(scale, scale))
@@ -304,7 +298,7 @@ def floors(monkeypatch, rise: float | None, step: float = 1.0, at: float = 0.0) 
         return point_at(point.unknowns + change, point.cost + rise, point.problem)
 
     monkeypatch.setattr(information, "beside", beside)
-    begin = point_at([at], 100.0, problem_of("m", additive=not at))
+    begin = point_at([at], 100.0, unknowns_of("m", additive=not at))
     list(information._floor(begin, np.array([step]), np.ones(1)))
     return tried
 
@@ -334,7 +328,7 @@ def walked(monkeypatch, *rises: float) -> tuple[list[np.ndarray], list[float], f
     monkeypatch.setattr(
         information, "_of_loads", lambda end, unit: ends.append(end.cost) or 0 * unit
     )
-    begin = point_at([0.0] * 3, 100.0, problem_of("m", "k", "c", additive=True))
+    begin = point_at([0.0] * 3, 100.0, unknowns_of("m", "k", "c", additive=True))
     inference = SimpleNamespace(covariance=np.diag([1.0, 4.0, 9.0]), std=np.array([1.0, 2.0, 3.0]))
     found = information.explore(begin, inference, np.ones(3, bool))
     return changes, ends, found[0][2]
@@ -435,7 +429,7 @@ def test_lightly_damped_from_ten_percent_off(make, modes):
 
 
 def problem_at(case, record):
-    problem = problem_of_case(case, case.truth, record)
+    problem = problem_of(case, case.truth, [record])
     return problem, np.array([case.truth[u.name] for u in problem.layout.unknowns])
 
 
@@ -496,7 +490,7 @@ def test_fewer_equations_than_unknowns_leave_something_open():
 def test_a_lower_minimum_becomes_the_answer():
     """A search that ended at the higher of two minima is set right by the further starts."""
     case = rotor_case(ADVERSE["standstill, equal forces"], 6)
-    problem = problem_of_case(case, case.start)
+    problem = problem_of(case, case.start)
     mirrors = Mirrors(problem.layout)
     found = searched(problem, problem.layout.start)
     lowest, _, others, _ = information.questioned(found, mirrors)

@@ -8,34 +8,29 @@ import numpy as np
 import pytest
 from bank import agrees, steady
 from model_text import model_text
-from result_cases import fit
+from result_cases import fit, problem_of
 from rotor_bank import SETTINGS, Case, rotor_case
 
 from rotorid import MaximumLikelihood, identify, parse_model
 from rotorid.likelihood import solver
 from rotorid.likelihood import starts as search
 from rotorid.likelihood.linear import Linearized
-from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, solve
-from rotorid.likelihood.unknowns import Nuisances, unknowns_of
+from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.knowledge import Knowledge
 from rotorid.testing import bind_all
 
 # The solver arrives: random rotors from far starts end where a start at the truth ends.
 
 
-def problem_of(case: Case) -> Problem:
-    start = {name: value for name, value in case.truth.items() if name not in case.fixed}
-    known = Knowledge(fixed=case.fixed, start=start)
-    records = bind_all(case.model, case.records)
-    prepared = prepare(case.model, known, unknowns_of(records, Nuisances()), False, {})
-    return prepared.of(records)
+def at_truth(case: Case) -> Problem:
+    return problem_of(case, {n: v for n, v in case.truth.items() if n not in case.fixed})
 
 
 def from_truth(case: Case) -> Solution:
-    problem = problem_of(case)
+    problem = at_truth(case)
     return solve(problem, problem.layout.start, (0.0,))
 
 
@@ -86,7 +81,7 @@ def test_arrives_always(setting):
 def test_two_ways_to_a_mass_of_nothing_do_not_agree(monkeypatch):
     """A cost to be believed for the time being is looked past: a further way finds the rotor."""
     case = rotor_case(SETTINGS["8 sensors, noise x 10"], 2)
-    problem, right = problem_of(case), from_truth(case)
+    problem, right = at_truth(case), from_truth(case)
     unknowns = right.point.unknowns.copy()
     unknowns[problem.layout.index["m2"]] *= 1e-10
     ways = iter([replace(right, point=right.point.problem.best_at(unknowns, 0.0))] * 3)
@@ -108,7 +103,7 @@ def test_rounding_may_hide_a_thirtieth_of_a_deviation(monkeypatch, gain, arrived
 def test_the_bank_agrees_with_the_model():
     """Made with numpy alone, its lines leave nothing but noise at the truth."""
     for setting in ("8 sensors, +-40 %", "4 sensors, standstill, one axis at a time"):
-        problem = problem_of(rotor_case(SETTINGS[setting], 3))
+        problem = at_truth(rotor_case(SETTINGS[setting], 3))
         point = problem.at(problem.layout.start)
         assert point.cost < 2 * problem.real_equations
 
@@ -237,7 +232,7 @@ def test_what_a_step_to_a_bound_of_zero_leaves_is_zero(effect, held):
     Of what moves them by more deviations of the noise the size counts, however small it is: with
     a scale that nothing tells, all masses and stiffnesses go towards zero together.
     """
-    problem = problem_of(rotor_case(SETTINGS["8 sensors, +-40 %"], 0))
+    problem = at_truth(rotor_case(SETTINGS["8 sensors, +-40 %"], 0))
     free, unknowns = problem.layout.free.tolist(), problem.layout.start.copy()
     mass = problem.layout.index["m2"]
     unknowns[mass] = 0.0
@@ -362,6 +357,13 @@ def test_unknowns_are_held_within_a_factor_of_ten(value, kept, start):
 # One factorization of the Jacobian, held against refits and brute force on random problems.
 
 
+def linear_of(jacobian, residual, relations: int = 0, shifts: bool | list[bool] = False):
+    """Return the linear form of a problem whose unknowns are of size one."""
+    free = jacobian.shape[1]
+    of = np.zeros((relations, free)), np.ones(free), np.full(free, shifts)
+    return Linearized.of(jacobian, np.array(residual, dtype=float), *of)
+
+
 ROWS, FREE = 60, 6
 KINDS = ("plain", "related", "open", "open and related", "few rows")
 
@@ -471,8 +473,7 @@ def test_columns_that_the_unknowns_take_over_lower_no_cost(made):
 
 @pytest.mark.parametrize(("share", "drop"), [(0.9e-5, 0.0), (1.1e-5, 4.0)])
 def test_a_column_that_is_taken_over_but_for_rounding_lowers_no_cost(share, drop):
-    jacobian, none = np.eye(3)[:, :1], np.zeros((0, 1))
-    linear = Linearized.of(jacobian, np.array([0.0, 2.0, 0.0]), none, np.ones(1), np.zeros(1, bool))
+    linear = linear_of(np.eye(3)[:, :1], [0, 2, 0])
     column = 7.0 * np.array([[np.sqrt(1 - share**2)], [share], [0.0]])
     assert linear.score(column)[0] == pytest.approx(drop)
 
@@ -499,9 +500,7 @@ def test_without_rows_is_the_cost_of_a_refit_without_them(kind):
 
 def test_a_row_that_alone_tells_an_unknown_fits_itself():
     jacobian = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2.0]])
-    residual = np.array([0.0, 2.0, -1.0])
-    none = np.zeros((0, 2))
-    linear = Linearized.of(jacobian, residual, none, np.ones(2), np.zeros(2, dtype=bool))
+    linear = linear_of(jacobian, [0, 2, -1])
     assert linear.without(np.array([0])) == 0.0
     assert linear.without(np.array([1])) == pytest.approx(5.0)  # the third row fits by itself
 
@@ -533,18 +532,15 @@ def test_weighted_rows_are_those_of_a_weighted_jacobian(made):
 def test_what_counts_as_rounding():
     """A column by which nothing moves is none, unless it belongs to a shift."""
     jacobian = np.array([[1.0, 1e-13, 1e-13], [2.0, 1e-13, -1e-13], [0.0, 1e-13, 0.0]])
-    shifts = np.array([False, False, True])
-    found = Linearized.of(jacobian, np.ones(3), np.zeros((0, 3)), np.ones(3), shifts)
+    found = linear_of(jacobian, [1, 1, 1], shifts=[False, False, True])
     assert found.undetermined.tolist() == [False, True, False]
     assert found.rank == 2
-    none, alike = np.zeros((0, 2)), np.array([[2.0, 1.0], [1.0, 2.0]])
-    coarse = Linearized.of(alike, np.ones(2), none, np.ones(2), np.zeros(2, dtype=bool))
+    coarse = linear_of(np.array([[2.0, 1.0], [1.0, 2.0]]), [1, 1])
     assert (coarse.rank, coarse.cut(0.5).rank) == (2, 1)
 
 
 def test_a_derivative_beyond_all_bounds_is_no_information():
-    one, two = np.ones(1), np.ones(2)
     with pytest.raises(np.linalg.LinAlgError, match="beyond all bounds"):
-        Linearized.of(np.full((2, 1), 1e200), two, np.zeros((0, 1)), one, one > 0)
+        linear_of(np.full((2, 1), 1e200), [1, 1], shifts=True)
     with pytest.raises(np.linalg.LinAlgError, match="without a free unknown"):
-        Linearized.of(np.ones((2, 1)), two, np.zeros((1, 1)), one, one > 0)
+        linear_of(np.ones((2, 1)), [1, 1], relations=1, shifts=True)
