@@ -91,10 +91,7 @@ def test_a_row_that_is_written_twice_counts_once(tmp_path):
     np.testing.assert_allclose(estimate.covariance, plain.covariance, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("factor", "status"),
-    [(5.2, "ok"), (20, "ok"), (60, "rejected")],
-)
+@pytest.mark.parametrize(("factor", "status"), [(5.2, "ok"), (20, "ok"), (60, "rejected")])
 def test_only_speeds_off_by_a_unit_are_doubted(tmp_path, factor, status):
     """A start that is far off is none of the speeds' business, but for the factors of units."""
     found = measured(tmp_path, lambda rpm, phasors: (rpm / factor, phasors))

@@ -73,10 +73,9 @@ def test_a_speed_otherwise_than_stated_is_named_before_anything_is_searched(
 ):
     """The lines show it by themselves; the model at that speed explains them."""
     monkeypatch.setattr(fit, "search", None)
-    stated = replace(record, speed=-1.01 * SPEED)
     still = levitated(2, excitation=0.0)
     more = {"quiet": replace(still, speed=-1.01 * SPEED)} if quiet else {}
-    lines = lines_of(stated, **more)
+    lines = lines_of(replace(record, speed=-1.01 * SPEED), **more)
     assert lines.shown == pytest.approx(-SPEED, rel=1e-5)
     lines = lines_of(replace(record, speed=1.01 * SPEED), **more)
     if quiet:  # of which another speed is stated: what it shows is its own
@@ -108,10 +107,8 @@ def test_a_speed_less_than_a_line_off_is_named(record, off):
 @pytest.mark.slow
 def test_hum_beside_the_rotation_is_not_taken_for_it(record):
     """At the speed of the hum nothing is explained: the answer stays that of the speed stated."""
-    time = np.arange(len(record.samples)) / RATE
-    hum = 3e-6 * np.sin(2 * np.pi * 59.8 * time)
-    samples = record.samples.copy()
-    samples[:, 2:4] += hum[:, None]
+    hum = 3e-6 * np.sin(2 * np.pi * 59.8 * np.arange(len(record.samples)) / RATE)
+    samples = record.samples + hum[:, None] * [0, 0, 1, 1, 0, 0]
     lines = lines_of(replace(record, samples=samples))
     assert lines.shown == pytest.approx(2 * np.pi * 59.8, rel=1e-4)
     estimate = identify(MODEL, lines, KNOWN)
@@ -191,14 +188,13 @@ def test_covariance_of_white_noise_beside_a_smooth_response():
     """C is that of the noise, though the signal is a thousand times larger."""
     rng = np.random.default_rng(3)
     count, channels = 4000, 3
-    reference = rng.standard_normal((count, 2)) @ np.array([1, 1j])
+    reference = rng.standard_normal((count, 1, 2)) @ np.array([1, 1j])
     omega = np.linspace(0.0, 1.0, count)[:, None]
     response = 1e3 / (1.5 + 1j * omega) * np.array([1.0, 2.0, -1j])
     mixing = np.array([[1.0, 0, 0], [0.6, 0.8, 0], [0, 0, 0.1]])
     noise = (rng.standard_normal((count, channels, 2)) @ np.array([1, 1j])) @ mixing.T / np.sqrt(2)
-    lines = response * reference[:, None] + noise
-    none = np.zeros((count, 0), dtype=complex)
-    found = local_covariance(lines, reference[:, None], none, np.arange(100, 3900))
+    lines = response * reference + noise
+    found = local_covariance(lines, reference, reference[:, :0], np.arange(100, 3900))
     assert found.order == 2
     assert found.dof == 2 * found.half + 1 - columns_of(1, False, 2) >= 5 * channels
     np.testing.assert_allclose(found.matrices.mean(axis=0), mixing @ mixing.T, atol=0.04)
@@ -463,11 +459,14 @@ def test_what_does_not_go_together_is_refused(folder, noise, message, refusal):
     assert message in refusal("identify", path)
 
 
-def of_two(turning: str, second: str) -> str:
+def turning_file(folder: Path, turning: str, second: str = "") -> Path:
+    """Write an experiment of two records, of which something more is said of the second."""
     text = EXPERIMENT.format(noise=REFERENCES, rpm=0).replace('speed = "0 rpm"', turning)
     head, record, rest = re.split(r"(?=\[\[records|\[channels)", text)
     both = "".join(record.replace("run.csv", f"{name}.csv") for name in ("first", "second"))
-    return head + both + second + "\n" + rest.partition("[parameters]")[0]
+    path = folder / "run.toml"
+    path.write_text(f"{head}{both}{second}\n{rest.partition('[parameters]')[0]}", "utf-8")
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -479,12 +478,6 @@ def turning(tmp_path_factory):
         record = levitated(seed, excitation=5.0)
         write_whole(folder / f"{name}.csv", replace(record, samples=record.samples[first:]))
     return folder
-
-
-def turning_file(folder: Path, turning: str, second: str = "") -> Path:
-    path = folder / "run.toml"
-    path.write_text(of_two(turning, second), encoding="utf-8")
-    return path
 
 
 @pytest.mark.slow
@@ -539,23 +532,23 @@ def test_a_record_in_another_unit_is_refused(turning):
         rid.load_experiment(turning_file(turning, told, scaled)).records()
 
 
-def test_a_wave_that_is_another_as_a_whole():
-    wave = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
+WAVE = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
 
+
+def test_a_wave_that_is_another_as_a_whole():
     def factor(phasors: np.ndarray, speed: float = 300.0) -> complex | None:
-        return Wave(1, speed, ("x", "y"), phasors).over(wave)
+        return replace(WAVE, number=1, speed=speed, phasors=phasors).over(WAVE)
 
     turn = np.exp(0.5j)
-    assert factor(wave.phasors * turn) == pytest.approx(turn)
-    assert factor(wave.phasors * turn, 301.0) is None
-    assert factor(wave.phasors * turn, 300.2) == pytest.approx(turn)
-    assert factor(wave.phasors * [turn, 1.0]) is None  # another machine
-    assert wave.over(Wave(1, 300.0, ("x", "y"), np.zeros(2) + 0j)) is None
+    assert factor(WAVE.phasors * turn) == pytest.approx(turn)
+    assert factor(WAVE.phasors * turn, 301.0) is None
+    assert factor(WAVE.phasors * turn, 300.2) == pytest.approx(turn)
+    assert factor(WAVE.phasors * [turn, 1.0]) is None  # another machine
+    assert WAVE.over(replace(WAVE, number=1, phasors=0 * WAVE.phasors)) is None
 
 
 @pytest.mark.parametrize("factor", [1.2 * np.exp(0.5j), 90.0, np.exp(0.15j)])
 def test_another_unbalance_is_no_mistake(factor):
-    wave = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
-    check_rotation(replace(wave, number=1, phasors=factor * wave.phasors), [wave], "run.toml")
-    turned = replace(wave, number=1, phasors=1j * wave.phasors, told=True)
-    check_rotation(turned, [wave], "run.toml")
+    check_rotation(replace(WAVE, number=1, phasors=factor * WAVE.phasors), [WAVE], "run.toml")
+    turned = replace(WAVE, number=1, phasors=1j * WAVE.phasors, told=True)
+    check_rotation(turned, [WAVE], "run.toml")

@@ -32,10 +32,7 @@ MODEL = rid.load_model("jeffcott")
 
 
 def shaken(
-    harmonics: list[int],
-    rng: np.random.Generator,
-    phase: float = 0.0,
-    periods: int = 20,
+    harmonics: list[int], rng: np.random.Generator, phase: float = 0.0, periods: int = 20
 ) -> rid.Record:
     angle = TURN * np.outer(np.arange(1000) / 1000.0, harmonics)
     forces = 100.0 * np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)])

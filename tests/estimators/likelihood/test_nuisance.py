@@ -286,8 +286,7 @@ def test_an_unknown_constant_that_channels_share_is_found(demo, bearings, name, 
     truth = replace(KINDS[name], actuator=actuator, shared="loop")
     names = demo.model.inputs if actuator else bearings
     guessed = replace(
-        truth,
-        **{c.name: replace(c, value=1.2 * c.value, std=UNKNOWN) for c in truth.constants},
+        truth, **{c.name: replace(c, value=1.2 * c.value, std=UNKNOWN) for c in truth.constants}
     )
     record = passed_through(demo.record(bearings), truth, guessed, names)
     estimate = demo.identified(record, start=demo.start(np.random.default_rng(3), 0.1))
@@ -588,10 +587,7 @@ def later(values: np.ndarray, samples: float = 2e-5 * RATE) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("change", "stated", "name", "true"),
-    [
-        (larger, {"gain_std": 0.05}, "gain[x]", 1.03),
-        (later, {"delay_std": 1e-4}, "delay[x]", 2e-5),
-    ],
+    [(larger, {"gain_std": 0.05}, "gain[x]", 1.03), (later, {"delay_std": 1e-4}, "delay[x]", 2e-5)],
 )
 def test_what_a_sensor_reads_wrong_goes_through_the_law(change, stated, name, true):
     """Its gain and its lag are in the force too, which was read with it."""
