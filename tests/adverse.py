@@ -283,8 +283,7 @@ class Case:
             return self._outcome(seed)
 
     def _outcome(self, seed: int) -> Outcome:
-        sequence = [seed, sum(map(ord, self.what)), len(self.what)]
-        rng = np.random.default_rng(sequence)
+        rng = np.random.default_rng([seed, sum(map(ord, self.what)), len(self.what)])
         kinds = self.machines.split()
         trial = new_trial(kinds[seed % len(kinds)], rng)
         truth = dict(trial.machine.truth)

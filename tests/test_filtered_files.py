@@ -106,8 +106,7 @@ def test_a_draft_for_a_nonlinear_model_gives_a_cutoff(folder, output):
     """From the logger's file to the answer; the motion goes up to 2.5 Hz."""
     record = axis(np.random.default_rng(0))
     time = np.arange(len(record.samples)) / 1000.0
-    header = "t [s],F [N],q [m]"
-    write_table(folder / "log.csv", header, time, record.samples, fmt="%.10g")
+    write_table(folder / "log.csv", "t [s],F [N],q [m]", time, record.samples, fmt="%.10g")
     out = folder / "draft.toml"
     output("new", folder / "log.csv", "--model", "emps", "--out", out)
     (entry,) = rid.load_experiment(out).entry.records

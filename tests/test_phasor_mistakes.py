@@ -94,8 +94,7 @@ def test_a_row_that_is_written_twice_counts_once(tmp_path):
 @pytest.mark.parametrize(("factor", "status"), [(5.2, "ok"), (20, "ok"), (60, "rejected")])
 def test_only_speeds_off_by_a_unit_are_doubted(tmp_path, factor, status):
     """A start that is far off is none of the speeds' business, but for the factors of units."""
-    found = measured(tmp_path, lambda rpm, phasors: (rpm / factor, phasors))
-    assert found.status == status
+    assert measured(tmp_path, lambda rpm, phasors: (rpm / factor, phasors)).status == status
 
 
 def test_a_start_that_is_off_in_one_parameter_says_nothing_of_the_speeds(tmp_path):

@@ -83,8 +83,7 @@ def test_minimum_distance_where_there_are_more_base_than_physical_parameters():
     information = np.linalg.inv(cov)
     spread = np.linalg.inv(jacobian.T @ information @ jacobian)
     step = spread @ jacobian.T @ information @ (noisy - exact)  # generalized least squares
-    found = physical_from_base(model, noisy, cov)
-    for i, value in enumerate(found):
+    for i, value in enumerate(physical_from_base(model, noisy, cov)):
         assert value.value - truth[i] == pytest.approx(step[i], rel=1e-2)
         assert value.std == pytest.approx(np.sqrt(spread[i, i]), rel=1e-3)
 

@@ -364,8 +364,7 @@ def drawn_equations(rng, dof):
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", range(3))
 def test_mean_and_variance_are_those_of_the_residual(number):
-    rng = np.random.default_rng([5, number])
-    draw = drawn_equations(rng, 10**12)
+    draw = drawn_equations(np.random.default_rng([5, number]), 10**12)
     found = [misfit([draw()]) for _ in range(2000)]
     costs, expected = np.array([cost for cost, _ in found]), found[0][1]
     assert costs.mean() == pytest.approx(expected.mean, rel=0.04)

@@ -475,8 +475,7 @@ def test_the_constrained_minimum_by_lagrange():
 @family
 def test_a_constraint_cures_what_one_line_leaves_open(method):
     one = replace(JEFFCOTT, harmonics=(4,))
-    plain = method().estimate(one.model, one.records)
-    assert plain.status == "not_identifiable"
+    assert method().estimate(one.model, one.records).status == "not_identifiable"
     cured = method(constraints=(Constraint("k - 225000*m", 0.0),))
     estimate = cured.estimate(one.model, one.records)
     assert estimate.status == "ok"

@@ -51,8 +51,7 @@ def test_a_rigid_rotor_in_two_planes_in_closed_form(planes, speed):
     assert found.rotor_mass == pytest.approx(10.0)
     if speed == "6000 rpm":
         for plane in found.residual:
-            grade = plane.unbalance_kg_m * 200 * np.pi / 10 * 1e3
-            assert plane.grade_mm_s == pytest.approx(grade)
+            assert plane.grade_mm_s == pytest.approx(plane.unbalance_kg_m * 200 * np.pi / 10 * 1e3)
         assert found.grade_mm_s == pytest.approx(sum(p.grade_mm_s for p in found.residual))
 
 
@@ -439,8 +438,7 @@ def test_a_trial_mass_is_the_scale_where_no_force_is_known(runs):
         assert abs(found.value(name) - value) < 4 * found.std(name) < 0.05 * value
     added, stated = balanced("--report", "b.html", "--radius", "40 mm")
     assert abs(added + RESIDUAL) < stated < 0.05 * abs(RESIDUAL)
-    page = (runs / "b.html").read_text()
-    assert "rotorid balance run.json" in page
+    assert "rotorid balance run.json" in (runs / "b.html").read_text()
     # With the trial mass left where it is, so much less is to be added.
     after, _ = balanced("--record", "1")
     assert after == pytest.approx(added - MOUNTED, abs=1e-9)

@@ -43,8 +43,7 @@ def test_the_rotor_of_the_paper_at_its_speed():
 
 @pytest.mark.parametrize("speed", [100.0, -100.0])
 def test_a_free_rigid_rotor_nods_with_the_ratio_of_its_inertias(speed):
-    found = rid.modes(rid.load_model("rigid"), speed=speed)
-    (mode,) = found.modes
+    (mode,) = rid.modes(rid.load_model("rigid"), speed=speed).modes
     assert mode.frequency_hz == pytest.approx(100.0 * 0.03 / 0.2 / (2 * np.pi))
     assert mode.whirl == "forward"
     still = rid.modes(rid.load_model("rigid"))
@@ -131,8 +130,7 @@ TWO = model_text(
 def test_modes_are_close_by_their_deviations(std, close):
     """Their distance is 100: certain, uncertain in order, and uncertain in shape."""
     estimate = estimate_of(model_of(TWO), covariance=np.diag(np.square(std)))
-    found = rid.modes(estimate)
-    assert [m.close for m in found.modes] == [close, close]
+    assert [m.close for m in rid.modes(estimate).modes] == [close, close]
 
 
 def test_close_modes_have_the_deviations_of_whole_draws():
@@ -159,8 +157,7 @@ def test_isotropic_pairs_that_move_together_are_not_close():
 
 
 def test_modes_that_coincide_by_chance_count_twice():
-    text = SYMMETRIC.replace("I_p*Omega", "0.001*I_p*Omega")
-    found = rid.modes(model_of(text))
+    found = rid.modes(model_of(SYMMETRIC.replace("I_p*Omega", "0.001*I_p*Omega")))
     assert [m.count for m in found.modes] == [1, 1, 1, 1]
 
 
@@ -334,8 +331,7 @@ def test_curves_follow_their_shapes_through_a_crossing():
     others = [c for c in found.frequency_hz.T if np.ptp(c) > 1]
     assert len(others) == 2
     for curve in others:
-        bends = np.abs(np.diff(curve, 2)).max()
-        assert bends < 0.05 * np.ptp(curve)
+        assert np.abs(np.diff(curve, 2)).max() < 0.05 * np.ptp(curve)
     rising = max(others, key=lambda c: c[-1])
     assert rising[0] < straight[0][0] < rising[-1]
     assert {w for w in found.whirl} == {"planar", "forward", "backward"}

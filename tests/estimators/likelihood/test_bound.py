@@ -74,8 +74,7 @@ def test_says_beforehand_what_stays_open(demo, bearings):
     assert any(w.startswith("not identifiable: L1, I_t, I_p") for w in estimate.warnings)
     assert "cure: a sensor of theta_x or theta_y" in estimate.warnings
     assert np.isnan(estimate.std("L1"))
-    sensors = [*bearings, "theta_x"]
-    assert predict_accuracy(demo.model, demo.plan(sensors)).status == "ok"
+    assert predict_accuracy(demo.model, demo.plan([*bearings, "theta_x"])).status == "ok"
 
 
 def test_accuracy_scales_as_it_should(demo, bearings):
@@ -117,5 +116,4 @@ def test_asks_for_values(demo):
     bare = replace(model, parameters=tuple(replace(p, nominal=None) for p in model.parameters))
     with pytest.raises(InputError, match="no value of m1"):
         predict_accuracy(bare, demo.plan())
-    estimate = predict_accuracy(bare, demo.plan(), values=demo.truth)
-    assert estimate.status == "ok"
+    assert predict_accuracy(bare, demo.plan(), values=demo.truth).status == "ok"

@@ -125,8 +125,7 @@ def test_headline_from_files(folders, levitated):
 def test_rejected_and_strict(folders):
     """A sensor that reads 2 % too much, not declared; then declared."""
     wrong = SENSORS.replace('"x1", unit = "m"', '"x1", unit = "m", scale = 1.02')
-    text = HEAD + one() + FORCES + wrong + LENGTH
-    code, data = identify(folders["plain"], text)
+    code, data = identify(folders["plain"], HEAD + one() + FORCES + wrong + LENGTH)
     assert (code, data["status"]) == (3, "rejected")
     assert data["misfit"]["p_value"] < 1e-6
     assert data["suspects"][0]["term"] == "gain[x1]"

@@ -409,8 +409,7 @@ def test_too_few_lines_and_no_noise_tell_nothing():
     few = slice(0, 20)
     short = Beside(near.columns[few], near.ordinary[few], near.centre[few], near.where[few])
     assert by_errors._sum_of(evaluated(complex_noise(rng, 20, 2)), short, [0, 1]) is None
-    nothing = evaluated(np.zeros((LINES, 2), dtype=complex))
-    assert by_errors._sum_of(nothing, near, [0, 1]) is None
+    assert by_errors._sum_of(evaluated(np.zeros((LINES, 2), dtype=complex)), near, [0, 1]) is None
 
 
 def test_loads_of_a_quiet_record_tell_no_noise():

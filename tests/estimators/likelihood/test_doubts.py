@@ -246,8 +246,7 @@ def test_how_many_lines_are_few(monkeypatch, count, closed, parts, told):
     inference = SimpleNamespace(linear=SimpleNamespace(null=np.zeros((3, 0))))
     solution = SimpleNamespace(point=point, converged=True)
     fit = SimpleNamespace(solution=solution, inference=inference, layout=layout, records=[record])
-    notes = doubts.told_by_few(fit)
-    assert [note.on for note in notes] == [("c",)] * told
+    assert [note.on for note in doubts.told_by_few(fit)] == [("c",)] * told
 
 
 # How few periods widen deviations, beside scipy's t and the weights of each line.

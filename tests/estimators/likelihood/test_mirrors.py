@@ -211,8 +211,7 @@ def test_natural_frequencies_do_not_tell_wings_apart():
 
 
 def test_a_sensor_of_a_wing_cures():
-    record = record_of(BODY, ["x2", "x1"])
-    assert identify(BODY, record, MaximumLikelihood()).status == "ok"
+    assert identify(BODY, record_of(BODY, ["x2", "x1"]), MaximumLikelihood()).status == "ok"
     # A sensor of both alike tells nothing.
     channel = rid.Channel("sum", "m", reads={"x1": 0.5, "x2": 1.0, "x3": 0.5})
     _, found = mirrors_of(BODY, [record_of(BODY, [channel])])
@@ -452,5 +451,4 @@ def test_coefficients_are_one_number_to_ten_digits():
     for off, same in ((0.9e-8, True), (1.2e-8, False)):
         web = wings_web(second=1 + off)
         (places,) = web.exchanges([0, 1, 2, 3])
-        known = dict.fromkeys(range(11), 1.0)
-        assert (web.followed(places, known) is not None) == same
+        assert (web.followed(places, dict.fromkeys(range(11), 1.0)) is not None) == same

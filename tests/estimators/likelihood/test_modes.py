@@ -46,8 +46,7 @@ def modes(rng: np.random.Generator | None = None, std: float = 1e-3) -> list[rid
 
 
 def alone(*given: rid.Mode, **known: float) -> rid.Estimate:
-    estimator = rid.MaximumLikelihood(fixed=known or {"m1": 2.0}, modes=given)
-    return rid.identify(MODEL, [], estimator)
+    return rid.identify(MODEL, [], rid.MaximumLikelihood(fixed=known or {"m1": 2.0}, modes=given))
 
 
 def rows(model: rid.Model, start: dict[str, float], given: list[rid.Mode]):

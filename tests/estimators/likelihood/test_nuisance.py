@@ -65,8 +65,7 @@ def test_delay_of_one_channel_with_prior(demo, bearings):
 @pytest.fixture(scope="module")
 def driven(levitated):
     """Records of currents at two speeds, and what their identification takes."""
-    records = levitated.seen(35, 140.0, 100.0)
-    return records, MaximumLikelihood(
+    return levitated.seen(35, 140.0, 100.0), MaximumLikelihood(
         fixed={"L1": 0.3}, runout=True, constraints=(levitated.weighed,)
     )
 
@@ -183,8 +182,7 @@ def test_levers_of_a_force_law_are_parameters():
             for p, (q, tilt, arm, sign) in levers.items()
         ]
         forces = 10 * np.exp(1j * np.outer(np.arange(1, 6), [1.0, 2.0, 4.0, 7.0]))
-        lines = (1, 3, 5, 7, 9)
-        return steady(model, {}, forces, lines, 20.0, 5e3, 4, hertz=100, sensors=there)
+        return steady(model, {}, forces, (1, 3, 5, 7, 9), 20.0, 5e3, 4, hertz=100, sensors=there)
 
     record = seen(out)
     spectra = record.spectra.copy()
@@ -557,8 +555,7 @@ def test_what_is_shared_is_stated_alike():
 def test_what_every_law_may_have_wrong():
     every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, periods(MAGNET))])}
     assert {"gap", "bias", "iron", "bias_difference", "saturation", "K"} <= every
-    record = recorded(MAGNET)
-    flux = stated(record, MODEL.inputs, law=Flux(2e-4))
+    flux = stated(recorded(MAGNET), MODEL.inputs, law=Flux(2e-4))
     fluxes = rid.average(flux, F0, harmonics=LINES)
     every = {n.scalars[0].name for n in unknowns_of([bind(MODEL, fluxes)])}
     assert "area" in every

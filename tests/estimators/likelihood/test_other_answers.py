@@ -132,8 +132,7 @@ def test_of_whom_the_noise_of_forces_makes_the_information(power, share, told):
     c, s = np.sqrt(share), np.sqrt(1 - share)
     root = np.array([[c, -s], [s, c]])
     noise = np.sqrt(power) * root[:, [0]].T[None]  # (input, row, free): along the first direction
-    found = information._owed([noise], root)
-    assert found.tolist() == told
+    assert information._owed([noise], root).tolist() == told
 
 
 @pytest.mark.parametrize(
@@ -383,8 +382,7 @@ def test_no_wrong_answer_is_called_ok(setting):
 
 @pytest.mark.slow
 def test_pitch_at_rest_has_other_answers_and_a_cure():
-    case = rotor_case(ADVERSE["standstill, equal forces"], 6)
-    estimate = estimated(case)
+    estimate = estimated(rotor_case(ADVERSE["standstill, equal forces"], 6))
     assert estimate.status == "not_identifiable"
     assert estimate.alternatives
     for told in ("not identifiable: other answers fit as well", "cure: "):

@@ -86,8 +86,7 @@ def test_how_many_small_changes_are_freed_before_mistakes_are_thought_of(
 def test_a_mistake_that_explains_the_data_leaves_small_changes_out(catalogue):
     catalogue("single", rival("swap", "mistake", left=100.0))
     catalogue("several", rival("sign", "mistake", left=90.0))
-    small = [rival(f"m {k}", left=9e3, drop=9.0) for k in range(4)]
-    catalogue("term", *small)
+    catalogue("term", *[rival(f"m {k}", left=9e3, drop=9.0) for k in range(4)])
     assert named(case_of(1e4)) == ["swap", "m 0", "m 1", "m 2"]
 
 

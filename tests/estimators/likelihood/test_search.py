@@ -230,8 +230,7 @@ def test_the_strongest_lines_lead_the_way(lines):
     mean = lines.mean.copy()
     strong = np.arange(3, 991, 6)
     mean[strong] *= 1e3
-    loud = replace(lines, mean=mean)
-    few = thinned([bind(MODEL, loud)])[0].lines
+    few = thinned([bind(MODEL, replace(lines, mean=mean))])[0].lines
     where = np.searchsorted(lines.frequency, few.frequency)
     np.testing.assert_array_equal(lines.frequency[where], few.frequency)
     assert set(strong) <= set(where)
@@ -349,8 +348,7 @@ def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(record, 
     searched = plain.searched
     monkeypatch.setattr(plain, "searched", counting)
     monkeypatch.setattr(plain.RivalSearch, "trials", lambda _: iter([plain.Tried()]))
-    estimate = rid.identify(MODEL, lines, KNOWN)
-    assert estimate.status in ("rejected", "not_converged")
+    assert rid.identify(MODEL, lines, KNOWN).status in ("rejected", "not_converged")
     assert len(asked) == 1
     assert asked[0] <= PLAIN_LINES == 100
 

@@ -73,8 +73,7 @@ def test_arrives_always(setting):
 
     `python benchmarks/solver.py 300` counts more of them.
     """
-    lost = [seed for seed in range(100, 103) if missed(rotor_case(SETTINGS[setting], seed))]
-    assert not lost
+    assert not [seed for seed in range(100, 103) if missed(rotor_case(SETTINGS[setting], seed))]
 
 
 @pytest.mark.slow
@@ -104,8 +103,7 @@ def test_the_bank_agrees_with_the_model():
     """Made with numpy alone, its lines leave nothing but noise at the truth."""
     for setting in ("8 sensors, +-40 %", "4 sensors, standstill, one axis at a time"):
         problem = at_truth(rotor_case(SETTINGS[setting], 3))
-        point = problem.at(problem.layout.start)
-        assert point.cost < 2 * problem.real_equations
+        assert problem.at(problem.layout.start).cost < 2 * problem.real_equations
 
 
 @pytest.mark.parametrize(

@@ -310,8 +310,7 @@ def test_amplifiers_slower_than_said():
     assert first.term == "bandwidth[force]"
     assert first.value == pytest.approx(800, rel=0.01)
     assert "cannot tell it from bandwidth[position])" in warnings
-    lagging = with_lag(record, 1500.0)
-    accepted(FLEXIBLE, lagging, **{"bandwidth[amplifiers]": 800.0})
+    accepted(FLEXIBLE, with_lag(record, 1500.0), **{"bandwidth[amplifiers]": 800.0})
 
 
 @pytest.mark.slow
@@ -354,8 +353,7 @@ def test_terms_of_the_shaft_are_the_derivatives_of_its_matrices():
 
 
 def test_the_ends_of_a_shaft_have_names():
-    model = rid.load_model("flexible")
-    assert {"x_left_end", "theta_y_right_end"} <= set(model.coordinates)
+    assert {"x_left_end", "theta_y_right_end"} <= set(rid.load_model("flexible").coordinates)
     taken = FLEXIBLE.replace("[discs]\n", "[discs]\n" + LIGHT.format(name="left_end", at="9 mm"))
     with pytest.raises(rid.ModelError, match="left_end and right_end the ends"):
         rid.parse_model(taken)
