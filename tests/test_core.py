@@ -68,6 +68,11 @@ def test_a_key_of_32_parts_is_read_and_of_33_is_not():
         ("title", "a key without a value in 'title'"),
         (r'title = "C:\data"', "a backslash in .*write paths with /"),
         ("rows = [1, 2", "end of document: found a list that is not closed.*close it with"),
+        (
+            "rows = [{ number = 3 mm }]",
+            "table .* not closed, or a value without quotes.*texts in q",
+        ),
+        ("rows = [3 mm]", "list .* not closed, or a value without quotes.*texts in quotes"),
         ("title = 'a' 'b'", "more behind the value"),
         (
             "rows = [{ nuber = 1 }]",
@@ -352,6 +357,22 @@ def test_a_limit_is_exceeded_with_its_chance(first, second, chance):
 )
 def test_quantities(text, unit, value):
     assert to_si(text, unit) == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "told"),
+    [
+        ("8400", "rad/s", "such as '8400 rpm' or '8400 rad/s';"),
+        ("300", "m", "such as '300 mm' or '300 m';"),
+        ("3", "kg", "such as '3 kg';"),
+        ("", "rad", "such as '1 deg' or '1 rad';"),
+        ("8400 1/min", "rad/s", "write 'rpm' or 'rad/s'"),
+        ("8400 U/min", "rad/s", r"\(U: write rev for a revolution, rpm for one in a minute\)"),
+    ],
+)
+def test_the_unit_that_people_use_is_named(text, unit, told):
+    with pytest.raises(InputError, match=told):
+        to_si(text, unit)
 
 
 @pytest.mark.parametrize(

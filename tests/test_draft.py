@@ -57,7 +57,7 @@ def test_a_record_of_a_logger(tmp_path):
     }
     assert '# m = { start = "5 kg" }' in text
     assert "fixed" not in text  # nobody measures an eccentricity by a ruler
-    with pytest.raises(InputError, match=r'0.speed: found "\?" in records.0.speed;.*comments'):
+    with pytest.raises(InputError, match=r'found "\?" for speed of records.0; .*comments'):
         load(tmp_path, text)
     estimate = load(tmp_path, text.replace('speed = "?"', 'speed = "0 rpm"')).identify()
     assert estimate.value("m") == pytest.approx(MODEL.nominal["m"], rel=1e-3)
@@ -95,11 +95,14 @@ def test_what_is_left_open_is_told_in_one_line(tmp_path, output, refusal):
     assert found["model"] == "?"
     assert found["records"][0]["band"] == ["?", "?"]
     assert "# not used: 2" in out.read_text()
-    assert '"?" in model, records.0.sample_rate, records.0.speed' in refusal("identify", out)
+    told = refusal("identify", out)
+    assert 'found "?" for model; sample_rate, speed, band of records.0; expected' in told
     output(*new)  # nobody edited it
     out.write_text(out.read_text().replace('"?"', '"jeffcott"', 1))
     assert "choose another name" in refusal(*new)
-    assert "no such file" in refusal("new", tmp_path / "gone.csv")
+    for command, name in (("new", "gone.csv"), ("inspect", "gone.csv"), ("inspect", "gone.toml")):
+        told = refusal(command, tmp_path / name)
+        assert f"{name}: found no such file; expected one that is there; check the path" in told
 
 
 def test_currents_need_a_law(tmp_path):

@@ -219,6 +219,28 @@ def test_refused_keys(folder, old, new, place, message):
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ('speed = "1800 rpm"\nphase = "0.7 rad"', 'keyphasor = "Kee"', "keyphasor"),
+        (
+            'speed = "1800 rpm"\nphase = "0.7 rad"',
+            'angle = { column = "Kee", unit = "deg" }',
+            "angle",
+        ),
+        (
+            'fundamental = "10 Hz"\nharmonics = [1, 2, 3, 5]',
+            'band = ["5 Hz", "60 Hz"]\nreferences = ["Kee"]',
+            "references",
+        ),
+    ],
+)
+def test_a_column_beside_the_channels_is_named_where_it_stands(folder, old, new, place):
+    assert old in EXPERIMENT
+    with pytest.raises(InputError, match=f"records.0.{place}: found no .*'Kee'"):
+        estimate(load(folder, EXPERIMENT.replace(old, new)), "ml")
+
+
+@pytest.mark.parametrize(
     ("added", "place", "message"),
     [
         ('[parameters]\nmm = { fixed = "1 kg" }', "parameters.mm", "did you mean m"),

@@ -49,6 +49,16 @@ def test_three_deviations_turn_it_away():
         assert ("m = -1" in " ".join(doubting(found))) == (not rejected)
 
 
+def test_a_value_at_its_limit_is_told_once():
+    for mass, told in (
+        (0.0, "m is held at its limit, 0"),
+        (-1e-9, "m = -1e-09 kg, which the model"),
+    ):
+        (note,) = gate.physical(RIGID, rigid_estimate(std=1e-3, m=mass))
+        assert note.text.startswith(told)
+        assert note.severity == "doubts"
+
+
 def test_what_is_fixed_counts_in_the_balance():
     known = rigid_estimate()
     fixed = tuple(replace(v, fixed=v.name == "I_t", std=0.0) for v in known.parameters)

@@ -409,7 +409,7 @@ def test_the_command_of_periods_with_their_references(tmp_path, monkeypatch, out
     assert second["peak"] == pytest.approx(3.5, abs=0.01)
     # A column beside the channels stands for itself.
     assert "e1" in output("sensitivity", "run.toml", "--pair", "e1=r1", "--pair", "F_y=r2")
-    assert "r9" in refusal("sensitivity", "run.toml", "--pair", "F_x=r9")
+    assert "--pair: found no column 'r9'" in refusal("sensitivity", "run.toml", "--pair", "F_x=r9")
     (tmp_path / "one.toml").write_text(PERIODS.replace(OTHER, ""))
     assert "repeat with other signs: + +, + -" in refusal("sensitivity", "one.toml", *both)
     mixed = PERIODS.replace('fundamental = "10 Hz"\nharmonics = [1, 2, 3, 4, 5]', "X", 1)

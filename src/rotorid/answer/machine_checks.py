@@ -76,7 +76,8 @@ def physical(model: Model, estimate: Estimate) -> list[Note]:
         return told
     base, slopes = found
     covariance = slopes @ covariance @ slopes.T
-    told += _positive_sums(reduced, base, covariance)
+    alone = {note.on for note in told}
+    told += (n for n in _positive_sums(reduced, base, covariance) if n.on not in alone)
     if reduced.linear is not None and judge(told) == "ok":  # one reason is enough
         # Of a balance of inertias noise says nothing that a user could act on.
         omega = 2 * np.pi * max(estimate.lines_hz, default=0.0)
@@ -113,6 +114,9 @@ def _signs(model: Model, values: Sequence[Value]) -> Iterator[Note]:
     positive = {p.name for p in model.parameters if p.positive}
     for v in {v.name: v for v in reversed(values)}.values():
         if v.name in positive and np.isfinite(v.value) and not v.fixed:
+            if not v.value:
+                yield Note("positive", "doubts", f"{v.name} is held at its limit, 0", on=(v.name,))
+                continue
             text = f"{v.name} = {v.value:.6g} {v.unit}, which the model declares positive"
             yield from _negative("positive", v.value, float(v.std or 0.0), text, v.name)
 

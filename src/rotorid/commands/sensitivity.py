@@ -114,7 +114,7 @@ def _read(
 
 def _beside(channels: Recording, pairs: Mapping[str, str]) -> dict[str, Source]:
     """Return where the references come from, in the unit and with the scale of their commands."""
-    found = {}
+    found, place = {}, "--pair"
     for e, r in pairs.items():
         command = channels.sources.get(e)
         if e in channels.laws and not isinstance(channels.laws[e].law, Linear):
@@ -125,7 +125,7 @@ def _beside(channels: Recording, pairs: Mapping[str, str]) -> dict[str, Source]:
                 place="pair",
             )
         if command is None:
-            found[e] = command = Source(e)
+            found[e] = command = Source(e, place=place)
         said = (command.unit, command.scale, command.expected)
-        found[reference_name(r)] = Source(r, *said, overrule=command.overrule)
+        found[reference_name(r)] = Source(r, *said, overrule=command.overrule, place=place)
     return found

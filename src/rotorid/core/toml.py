@@ -45,8 +45,14 @@ _FAULTS = {
     "Illegal character": ("a text that does not end", _QUOTES),
     "Unterminated string": ("a text that does not end", _QUOTES),
     "Unescaped": ("a backslash", "write paths with / or in single quotes"),
-    "Unclosed array": ("a list that is not closed", "close it with ]"),
-    "Unclosed inline": ("a table that is not closed", "close it with }, all on one line"),
+    "Unclosed array": (
+        "a list that is not closed, or a value without quotes",
+        f"{_QUOTES}; close it with ]",
+    ),
+    "Unclosed inline": (
+        "a table that is not closed, or a value without quotes",
+        f"{_QUOTES}; close it with }}",
+    ),
     "Cannot": ("a key that is there twice", "keep one of the two"),
     "Duplicate": ("a key that is there twice", "keep one of the two"),
 }
@@ -88,7 +94,7 @@ def read_toml(path: str | Path, schema: type[S]) -> S:
 
 def read_bytes(path: str | Path) -> bytes:
     cure = "check that this is the right file"
-    return read_regular(path, TOML_BYTES, "a TOML file written by hand", cure)
+    return read_regular(path, TOML_BYTES, "a TOML file", cure)
 
 
 def shipped(package: str) -> tuple[str, ...]:

@@ -117,9 +117,11 @@ delta_degC = 1 K
 _MISTAKEN = {
     **dict.fromkeys(("grad", "Grad", "GRAD"), "deg for degrees, gon for a 400th of a turn"),
     **dict.fromkeys(("krad", "Mrad"), "rad"),
+    **dict.fromkeys(("U", "Umdr", "tr"), "rev for a revolution, rpm for one in a minute"),
     **dict.fromkeys(("ton", "tons"), "t for 1000 kg"),
     **dict.fromkeys(("G", "Gs", "gauss"), "1e-4 T for a gauss, gn for the acceleration of gravity"),
 }
+_USUAL = {"rad/s": "rpm", "m": "mm", "rad": "deg", "s": "ms"}
 _COUNTS = re.compile(r"[kKMG]?i?(?:bits?|bytes?|B|baud|Bd|Bq|becquerel)")
 """Names that one language, or one trade, takes for something else than another: read the other way
 they make angles of gigaradians. Counts, of bits or decays, are no quantity of a rotor either."""
@@ -326,7 +328,7 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
         raise InputError(
             f"unit {unit!r}",
             f"a unit that converts to {expected}",
-            f"convert the value, and write {expected}",
+            f"convert the value, and write {_usual('{}', expected)}",
             place=place,
         )
     turn = {("turns", "angle"): 2 * math.pi, ("angle", "turns"): 0.5 / math.pi}.get(kinds, 1.0)
@@ -371,7 +373,7 @@ def to_si(value: object, expected: str, *, place: str = "") -> float:
     if not unit and expected != "1":
         raise InputError(
             f"{text!r} without a unit",
-            f"a number and a unit, such as '{match.group()} {expected}'",
+            f"a number and a unit, such as {_usual(match.group() + ' {}', expected)}",
             "write the unit",
             place=place,
         )
@@ -382,8 +384,18 @@ def to_si(value: object, expected: str, *, place: str = "") -> float:
 
 
 def _no_quantity(value: object, expected: str, place: str) -> InputError:
-    example = "a number" if expected == "1" else f"a number and a unit, such as '1 {expected}'"
+    example = (
+        "a number"
+        if expected == "1"
+        else f"a number and a unit, such as {_usual('1 {}', expected)}"
+    )
     return InputError(shortened(repr(value), MAX_LENGTH), example, "write it so", place=place)
+
+
+def _usual(text: str, expected: str) -> str:
+    """Return a text with the unit that people use, and with that of SI."""
+    units = dict.fromkeys((_USUAL.get(expected, expected), expected))
+    return " or ".join(repr(text.format(unit)) for unit in units)
 
 
 def check_unit(text: str, *, place: str = "") -> str:

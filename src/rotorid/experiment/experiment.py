@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -240,7 +241,7 @@ class Experiment:
 
 def _check_ending(path: Path) -> None:
     ending = path.suffix.lower()
-    if ending in READERS and ending != ".txt":
+    if ending in READERS and ending != ".txt" and os.path.exists(path):
         raise ReadError(
             f"a file of the ending {ending}, a record",
             "an experiment file, which says what is in the records",

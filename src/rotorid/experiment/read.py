@@ -355,13 +355,13 @@ def measured(plan: Recording, beside: Mapping[str, Source] | None = None) -> Rec
     """Read the samples of a record, and columns `beside` those of its channels."""
     entry, columns = plan.entry, {**plan.sources, **(beside or {})}
     if entry.angle is not None:
-        columns[_MARK] = Source(
-            entry.angle.column, entry.angle.unit, expected="rad" if entry.angle.unit else None
-        )
+        unit, there = entry.angle.unit, f"{plan.place}.angle"
+        expected = "rad" if unit else None
+        columns[_MARK] = Source(entry.angle.column, unit, expected=expected, place=there)
     elif entry.keyphasor is not None:
-        columns[_MARK] = Source(entry.keyphasor)
+        columns[_MARK] = Source(entry.keyphasor, place=f"{plan.place}.keyphasor")
     for name in entry.references or ():
-        columns.setdefault(reference_name(name), Source(name))
+        columns.setdefault(reference_name(name), Source(name, place=f"{plan.place}.references"))
     highest = entry.cutoff if entry.band is None else entry.band[1]
     if entry.band is None and entry.fundamental is not None and entry.harmonics:
         highest = max(entry.harmonics) * entry.fundamental

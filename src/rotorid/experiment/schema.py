@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, StrictBool, StrictInt, create_model
 from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema, members, si
 from rotorid.core.units import to_si
+from rotorid.core.values import grouped
 from rotorid.force.channel_dynamics import Constant
 from rotorid.force.entry import LawEntry, LawName, constant, law_keys
 from rotorid.likelihood.unknowns import Nuisances
@@ -561,13 +562,16 @@ class ExperimentFile(Schema):
     @model_validator(mode="before")
     @classmethod
     def _nothing_left_open(cls, value: object) -> object:
-        places = [place for place, said in members(value) if said == OPEN]
+        places = [place.rstrip(".0123456789") for place, said in members(value) if said == OPEN]
         if places:
+            parts = (place.rpartition(".") for place in dict.fromkeys(places))
+            tables = grouped((table, key) for table, _, key in parts)
+            alike = grouped((", ".join(keys), table) for table, keys in tables.items())
+            told = (k + f" of {', '.join(t)}" * any(t) for k, t in alike.items())
             raise InputError(
-                f'"{OPEN}" in {", ".join(places[:6])}' + (" and more" if places[6:] else ""),
-                'values for entries marked "?"',
-                "write them; the comments beside them say what they are",
-                place=places[0],
+                f'"{OPEN}" for {"; ".join(told)}',
+                "their values",
+                "fill them in, as the comments there say",
             )
         return value
 

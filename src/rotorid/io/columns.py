@@ -41,6 +41,7 @@ class Source:
     overrule: bool = False  # the unit given here holds where the file states another
     dynamics: Dynamics | None = None  # see `Channel`
     alone: bool = False  # its column is that of no other source that is alone
+    place: str = ""  # where its column is named, if not in [channels]
 
     def channel(self, name: str, unit: str | None = None) -> Channel:
         unit = self.expected or "" if unit is None else unit
@@ -216,7 +217,7 @@ def _find(table: ColumnFile, sources: Mapping[str, Source]) -> dict[str, str]:
     """Return the file's own name of the column of each channel."""
     found, taken = dict[str, str](), dict[str, str]()
     for name, source in sources.items():
-        with naming(place=_place(name, "column")):
+        with naming(place=source.place or _place(name, "column")):
             found[name] = table.find(source.column)
     for name in found:
         if sources[name].alone and (other := taken.setdefault(found[name], name)) != name:

@@ -79,7 +79,9 @@ def _sign(names: Sequence[str]) -> Rival:
 def _unit(names: Sequence[str], label: str, gain: float) -> Rival:
     """Return the rival that some channels read `gain` times their quantity."""
     said = f"{label} reading {gain:.4g} times the quantity{factor_name(gain)}"
-    cure = f"look up the unit and the scale of {label}, and give them"
+    either = "all forces or currents, or of all positions"  # ratios of the two are the same
+    whole = either if label == "force" else label
+    cure = f"look up the unit and the scale of {whole}, and give them"
     scaled = each_record(partial(multiplied, factors=dict.fromkeys(names, 1 / gain)))
     return Rival(f"unit[{label}]", said, cure, scaled, gain, "1", on=(label,), kind="unit")
 

@@ -230,7 +230,7 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
     if fundamental is not None:
         cure = "set fundamental to the repetition frequency"
         require_positive(fundamental, "Hz", cure, found="a fundamental of {}")
-        exact, source = rate / fundamental, f" ({rate:g} / {fundamental:g} Hz)"
+        exact, source = rate / fundamental, f" (rate {rate:g} Hz, fundamental {fundamental:g} Hz)"
     size = round(exact) if math.isfinite(exact) else 0
     if not math.isfinite(exact) or (size >= 2 and abs(exact - size) > 1e-6 * exact):
         raise InputError(
@@ -239,8 +239,11 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
             "give a lower common fundamental and multiply the harmonics, or resample",
         )
     if size < 2:
-        cure = "set fundamental to the true one, give the unit of the time column, or sample faster"
-        raise InputError(f"a period of {exact:.3g} samples{source}", "2 or more", cure)
+        raise InputError(
+            f"a period of {exact:.3g} samples{source}",
+            "2 or more",
+            "is the time column in ms? give its unit; or set fundamental to the true one",
+        )
     return size
 
 

@@ -644,3 +644,8 @@ def test_what_contradicts_itself_is_refused(stiff_record, given, said):
 )
 def test_what_agrees_is_taken(stiff_record, given):
     assert identify(MODEL, stiff_record, MaximumLikelihood(**given)).status in ("ok", "rejected")
+
+
+def test_a_unit_of_all_forces_may_be_that_of_all_positions():
+    assert "of all forces or currents, or of all positions" in leads._unit(["F"], "force", 1e3).cure
+    assert "the scale of x1, and" in leads._unit(["x1"], "x1", 1e3).cure
