@@ -317,10 +317,7 @@ def phasor_rows() -> np.ndarray:
 
 def phasor_table(rows: np.ndarray | None = None) -> bytes:
     rows = phasor_rows() if rows is None else rows
-    return written(
-        lambda path: np.savetxt(path, rows, delimiter=",", header="n,a,p,re,im", comments=""),
-        "run.csv",
-    )
+    return written(lambda path: writers.write_table(path, "n,a,p,re,im", rows), "run.csv")
 
 
 def _result(method: str) -> bytes:
@@ -467,12 +464,10 @@ def _odd_file(odd: Callable[[Path, Random], None], rng: Random, name: str) -> by
     raise RuntimeError(f"{name}: its library writes nothing")
 
 
-_OUT = ("out.json",)
-_RECORD_COMMANDS = (
-    (7, ("identify", "experiment.toml", "--method", "ls", "--json", "out.json"), _OUT),
-    (1, ("identify", "experiment.toml", "--json", "out.json"), _OUT),
-    (2, ("inspect", "experiment.toml", "--json", "out.json"), _OUT),
-)
+_OUT, _JSON = ("out.json",), ("--json", "out.json")
+_LS = ("identify", "experiment.toml", "--method", "ls", *_JSON)
+_ML, _SEEN = ("identify", "experiment.toml", *_JSON), ("inspect", "experiment.toml", *_JSON)
+_RECORD_COMMANDS = ((7, _LS, _OUT), (1, _ML, _OUT), (2, _SEEN, _OUT))
 
 
 def _drafted(file: str) -> Commands:
@@ -480,20 +475,12 @@ def _drafted(file: str) -> Commands:
     return (*_RECORD_COMMANDS, (2, draft, ("draft.toml",)))
 
 
-_ANSWERS = (
-    (3, ("identify", "experiment.toml", "--json", "out.json"), _OUT),
-    (1, ("identify", "experiment.toml", "--method", "ls", "--json", "out.json"), _OUT),
-    (1, ("inspect", "experiment.toml", "--json", "out.json"), _OUT),
-)
-_MODES = ("modes", "model.toml", "--speed", "3000 rpm", "--json", "out.json")
+_ANSWERS = ((3, _ML, _OUT), (1, _LS, _OUT), (1, _SEEN, _OUT))
+_MODES = ("modes", "model.toml", "--speed", "3000 rpm", *_JSON)
 _RIG_COMMANDS = ((1, ("simulate", "rig.toml", "--out", "out.h5"), ("out.h5", "out.toml")),)
 _RESULT_COMMANDS = (
     (2, ("modes", "result.json", "--json", "out.json"), _OUT),
-    (
-        2,
-        ("balance", "result.json", "--plane", "x", "--speed", "3000 rpm", "--json", "out.json"),
-        _OUT,
-    ),
+    (2, ("balance", "result.json", "--plane", "x", "--speed", "3000 rpm", *_JSON), _OUT),
     (3, ("export", "result.json", "--to", "result.csv"), ("result.csv",)),
     (3, ("export", "result.json", "--to", "result.tex"), ("result.tex",)),
     (2, ("export", "result.json", "--to", "result.mat"), ("result.mat",)),

@@ -51,20 +51,11 @@ def estimate_of(
         covariance = correlation * np.outer(spread, spread)
     deviations = dict(zip(free, np.sqrt(np.diag(covariance)), strict=True))
     parameters = tuple(
-        rid.Value(
-            p.name, p.unit, at[p.name], std=deviations.get(p.name, 0.0), fixed=p.name in fixed
-        )
+        rid.Value(p.name, p.unit, at[p.name], deviations.get(p.name, 0.0), fixed=p.name in fixed)
         for p in model.parameters
     )
-    made = rid.Estimate(
-        model.name,
-        "ml",
-        "ok",
-        parameters,
-        covariance=covariance,
-        provenance=rid.Provenance(model=model.file_text),
-    )
-    return made.with_(**changes)
+    told = {"covariance": covariance, "provenance": rid.Provenance(model=model.file_text)}
+    return rid.Estimate(model.name, "ml", "ok", parameters, **told).with_(**changes)
 
 
 def lost(estimate: rid.Estimate, name: str) -> rid.Estimate:

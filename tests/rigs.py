@@ -75,12 +75,8 @@ def reference_positions(rig: Rig, duration: float) -> np.ndarray:
     table = table[:, columns] / np.array([part.slopes[0] for part in parts])
     settling = round(rig.settling / period)
     names = [sensor.name for sensor in rig.sensors]
-    reads = np.array(
-        [
-            [rig.sensors[names.index(f)].combination.get(c, 0.0) for c in rig.model.coordinates]
-            for f in rig.feedback
-        ]
-    )
+    read = [rig.sensors[names.index(f)].combination for f in rig.feedback]
+    reads = np.array([[each.get(c, 0.0) for c in rig.model.coordinates] for each in read])
     z = np.zeros(2 * n + (inputs if lagging else 0))
     memory, held = np.zeros(rig.controller.states), np.zeros(inputs)
     samples = round(duration * rate)

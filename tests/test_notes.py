@@ -101,23 +101,15 @@ def test_nobody_takes_a_message_apart():
 
 def test_nobody_asks_what_kind_an_unknown_is():
     """An unknown says what it does to a record by its effects; its class is its own affair."""
-    kinds = {
-        node.name
-        for file, node in nodes(ast.ClassDef)
-        if file == "likelihood/unknowns.py" and isinstance(node, ast.ClassDef)
-    }
+    unknowns = "likelihood/unknowns.py"
+    kinds = {node.name for file, node in nodes(ast.ClassDef) if file == unknowns}
     assert "Scalar" in kinds
     asked = [
         (file, ast.unparse(node))
         for file, node in nodes(ast.Call)
-        if isinstance(node, ast.Call)
-        and ast.unparse(node.func) in {"isinstance", "issubclass"}
+        if ast.unparse(node.func) in {"isinstance", "issubclass"}
         and {n.id for a in node.args[1:] for n in ast.walk(a) if isinstance(n, ast.Name)} & kinds
     ]
     assert asked == []
-    patterns = [
-        (file, ast.unparse(node))
-        for file, node in nodes(ast.MatchClass)
-        if isinstance(node, ast.MatchClass) and ast.unparse(node.cls) in kinds
-    ]
+    patterns = [(f, n) for f, n in nodes(ast.MatchClass) if ast.unparse(n.cls) in kinds]
     assert patterns == []

@@ -48,9 +48,7 @@ def read_until(screen: int, text: str, seconds: float = 60.0) -> str:
     return seen.decode()
 
 
-def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_far(
-    folder, monkeypatch, capsys
-):
+def test_what_is_tried_is_told_and_an_interrupt_leaves_the_best(folder, monkeypatch, capsys):
     shown = shown_in_process(monkeypatch, *LONG, until=" s left")
     assert re.search(r"trying [a-z ]+, \d+ of \d+, about \d+ s left", shown)
     assert "Traceback" not in shown

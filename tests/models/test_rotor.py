@@ -190,9 +190,7 @@ def test_a_reduced_rotor_gives_the_answer_of_the_whole_one(monkeypatch, reducibl
 
 
 @pytest.mark.slow
-def test_shapes_are_taken_again_until_the_whole_rotor_would_not_move_the_answer(
-    monkeypatch, reducible
-):
+def test_shapes_are_taken_again_until_they_do_not_move_the_answer(monkeypatch, reducible):
     model, record = reducible
     # A hundredth of a deviation is negligible.
     seen = spied(monkeypatch, [0.0101, 0.0099])

@@ -174,13 +174,8 @@ def test_without_noise_and_with_an_input_that_is_zero(model):
 
 
 def test_of_hidden_coordinates(estimate, model, periods):
-    hidden = replace(
-        periods,
-        channels=periods.channels[:3],
-        spectra=periods.spectra[..., :3],
-        mean=periods.mean[:, :3],
-        variance=periods.variance[:, :3],
-    )
+    kept = {name: getattr(periods, name)[..., :3] for name in ("spectra", "mean", "variance")}
+    hidden = replace(periods, channels=periods.channels[:3], **kept)
     found = rid.with_evidence(estimate, model, hidden)
     names = [c.name for c in found.evidence.records[0].channels if c.predicted]
     assert names == ["x"]  # the reading, since a coordinate is hidden

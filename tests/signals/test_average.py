@@ -70,24 +70,20 @@ def test_the_angle_counts_from_the_first_sample_of_the_file():
 
 
 @pytest.mark.parametrize(
-    ("band", "harmonics"),
+    ("fundamental", "band", "harmonics"),
     [
-        ((0, 40), [0, 1, 2, 3, 4]),
-        ((10, 40), [1, 2, 3, 4]),
-        ((0.1, 39.9), [1, 2, 3]),
-        ((10.0000001, 29.9999999), [1, 2, 3]),  # rounding of units, not a wish
-        ((40, 50), [4, 5]),
-        ((20, 20), [2]),
+        (10.0, (0, 40), [0, 1, 2, 3, 4]),
+        (10.0, (10, 40), [1, 2, 3, 4]),
+        (10.0, (0.1, 39.9), [1, 2, 3]),
+        (10.0, (10.0000001, 29.9999999), [1, 2, 3]),  # rounding of units, not a wish
+        (10.0, (40, 50), [4, 5]),
+        (10.0, (20, 20), [2]),
+        (1000 / 30, (1000 / 30, 3000 / 30), [1, 2, 3]),  # no finite decimal
     ],
 )
-def test_both_ends_of_a_band_are_in_it(band, harmonics):
-    np.testing.assert_array_equal(average(record_of(RANDOM), 10.0, band=band).harmonics, harmonics)
-
-
-def test_band_of_a_fundamental_without_a_finite_decimal():
-    record = record_of(np.zeros((300, 1)), rate=1000.0)
-    found = average(record, 1000 / 30, band=(1000 / 30, 3000 / 30)).harmonics
-    np.testing.assert_array_equal(found, [1, 2, 3])
+def test_both_ends_of_a_band_are_in_it(fundamental, band, harmonics):
+    record = record_of(RANDOM, rate=100.0 if fundamental == 10.0 else 1000.0)
+    np.testing.assert_array_equal(average(record, fundamental, band=band).harmonics, harmonics)
 
 
 def test_hold_and_delay_are_corrected_on_the_lines_and_only_there():
