@@ -44,18 +44,22 @@ def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+def _printed(capsys: pytest.CaptureFixture[str], arguments: tuple, code: int) -> tuple[str, str]:
+    from rotorid import cli
+
+    capsys.readouterr()
+    assert cli.run([*map(str, arguments)]) == code, arguments
+    return capsys.readouterr()
+
+
 @pytest.fixture
 def output(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """Run a command that gives an answer, silent on stderr, and return what it prints."""
 
     def run(*arguments: object, code: int = 0) -> str:
-        from rotorid import cli
-
-        capsys.readouterr()
-        assert cli.run([*map(str, arguments)]) == code, arguments
-        printed = capsys.readouterr()
-        assert printed.err == ""
-        return printed.out
+        out, err = _printed(capsys, arguments, code)
+        assert err == ""
+        return out
 
     return run
 
@@ -65,13 +69,9 @@ def refusal(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """Run a command that is refused: nothing is printed but the line that it returns."""
 
     def run(*arguments: object, code: int = 2) -> str:
-        from rotorid import cli
-
-        capsys.readouterr()
-        assert cli.run([*map(str, arguments)]) == code, arguments
-        printed = capsys.readouterr()
-        assert printed.out == ""
-        (line,) = printed.err.splitlines()
+        out, err = _printed(capsys, arguments, code)
+        assert out == ""
+        (line,) = err.splitlines()
         assert line.startswith("rotorid: ")
         assert line.isprintable()
         assert "Traceback" not in line

@@ -443,8 +443,7 @@ class Format:
         else:
             damaged = self.damage(rng.choice(good), rng, good)
         _, arguments, outputs = rng.choices(self.commands, [c[0] for c in self.commands])[0]
-        name = f"{self.name}:{number}"
-        return Case(name, arguments, self.files(damaged), outputs=outputs)
+        return Case(f"{self.name}:{number}", arguments, self.files(damaged), outputs=outputs)
 
     def whole(self) -> list[Case]:
         return [

@@ -63,8 +63,7 @@ def sampled(kind: str, seed: int) -> Good:
 
     def records() -> tuple[PeriodicRecord, ...]:
         adverse.measure(trial)
-        record = adverse.record_of(trial)
-        return (rid.average(record, FUNDAMENTAL, harmonics=trial.harmonics),)
+        return (rid.average(adverse.record_of(trial), FUNDAMENTAL, harmonics=trial.harmonics),)
 
     what = f"{kind}, {trial.periods} periods, {turns} turns, noise {trial.noise:.2g}"
     estimator = rid.MaximumLikelihood(fixed=fixed, start=start)
@@ -135,8 +134,7 @@ def levitated(kind: str, seed: int) -> Good:
     rig, seconds = _plan().rig, float(rng.choice([3.0, 6.0, 10.0]))
 
     def records() -> tuple[PeriodicRecord, ...]:
-        record = rig.run(seconds, rng)
-        return (rid.average(record, 20.0, harmonics=[1, 3, 5, 7, 9, 11]),)
+        return (rid.average(rig.run(seconds, rng), 20.0, harmonics=[1, 3, 5, 7, 9, 11]),)
 
     return Good(f"{seconds:g} s", rig.model, rig.values, records, rid.MaximumLikelihood())
 

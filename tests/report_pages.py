@@ -74,8 +74,7 @@ def check_self_contained(page: Page) -> None:
     assert not page.values("href") + page.values("style") + page.values("src")
     ids = page.values("id")
     assert len(ids) == len({*ids})
-    drawn = [name for name in ids if name != "plots"]
-    assert drawn == list(page.plots)
+    assert [name for name in ids if name != "plots"] == list(page.plots)
     assert page.size < MOST
     levels = [HEADINGS.index(tag) for tag in page.tags if tag in HEADINGS]
     assert levels[0] == 0

@@ -53,8 +53,7 @@ class Case:
     name: str = "run.csv"
 
     def write(self, folder: Path) -> None:
-        told = self.experiment.replace("run.csv", self.name)
-        (folder / "experiment.toml").write_text(told)
+        (folder / "experiment.toml").write_text(self.experiment.replace("run.csv", self.name))
         (folder / "model.toml").write_text(self.model)
         data = self.data.encode() if isinstance(self.data, str) else self.data
         (folder / self.name).write_bytes(data)

@@ -22,8 +22,7 @@ SECTION = re.compile(r"^(?P<title>[A-Z][a-z]+(?: [A-Z]?[a-z]+)?)\n-+$", re.M)
 
 def sections(found: Any) -> dict[str, str]:
     """Return the sections of a docstring in numpydoc's manner; "" is what comes first."""
-    text = inspect.getdoc(found) or ""
-    parts = SECTION.split(text)
+    parts = SECTION.split(inspect.getdoc(found) or "")
     return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
 
 

@@ -115,8 +115,7 @@ def lay(path: Path, layout: dict) -> tuple[np.ndarray, bool]:
             full = np.concatenate([values[:count], np.full(240 - count, made.fillvalue)])
             return full.astype(values.dtype), begun >= 240
         if kind == "external":
-            raw = path.with_name("raw.bin")
-            raw.write_bytes(values[:count].tobytes())
+            path.with_name("raw.bin").write_bytes(values[:count].tobytes())
             place = [("raw.bin", 0, h5py.h5f.UNLIMITED)]
             data.create_dataset("x", (240,), layout["dtype"], external=place)
             return values, whole

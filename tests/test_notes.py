@@ -111,5 +111,4 @@ def test_nobody_asks_what_kind_an_unknown_is():
         and {n.id for a in node.args[1:] for n in ast.walk(a) if isinstance(n, ast.Name)} & kinds
     ]
     assert asked == []
-    patterns = [(f, n) for f, n in nodes(ast.MatchClass) if ast.unparse(n.cls) in kinds]
-    assert patterns == []
+    assert [(f, n) for f, n in nodes(ast.MatchClass) if ast.unparse(n.cls) in kinds] == []

@@ -54,8 +54,7 @@ def test_the_speed_is_that_of_the_middle_of_the_segment():
 
 def test_the_covariance_is_that_of_the_phasors():
     table = rid.phasors(turning(2.0, noise=0.1), 8)
-    error = np.abs(table.mean[:, 0] - 1.0) ** 2
-    ratio = error / table.covariance.matrices[:, 0, 0].real
+    ratio = (np.abs(table.mean[:, 0] - 1.0) ** 2) / table.covariance.matrices[:, 0, 0].real
     # F of 2 and 2 n degrees of freedom: mean n / (n - 1), over 75 segments known to 15 %.
     n = table.covariance.dof
     assert n == 6

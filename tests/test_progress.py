@@ -148,6 +148,5 @@ def test_other_commands_say_how_far_they_are(tmp_path, monkeypatch):
     (tmp_path / "rig.toml").write_text(load_rig("three-mass").text.replace('"13 s"', '"1 s"'))
     rig = ("simulate", "rig.toml", "--out", "run.h5")
     assert re.search(r"simulating samples, \d+ of \d+", shown_in_process(monkeypatch, *rig))
-    turning = ("modes", "three-mass", "--to", "9000 rpm")
-    shown = shown_in_process(monkeypatch, *turning)
+    shown = shown_in_process(monkeypatch, "modes", "three-mass", "--to", "9000 rpm")
     assert re.search(r"looking for critical speeds, \d+ of \d+", shown)

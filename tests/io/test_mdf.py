@@ -11,7 +11,8 @@ from rotorid import ReadError
 from rotorid.io import formats
 from rotorid.testing import open_table
 
-pytest.importorskip("asammdf")
+asammdf = pytest.importorskip("asammdf")
+MDF, Signal = asammdf.MDF, asammdf.Signal
 
 ENDINGS = {"3.30": ".mdf", "4.10": ".mf4"}
 VERSIONS = tuple(ENDINGS)
@@ -43,8 +44,6 @@ def text_or(other: Any, kind: int = 7, **bounds: float) -> Any:
 
 def write(version: str, conversions: Mapping[str, Any], samples: np.ndarray = X) -> Path:
     """Write channels over time, fx and px and those named, with conversions by their names."""
-    from asammdf import MDF, Signal
-
     names = [name for name in dict.fromkeys(("fx", "px", *conversions)) if name != "time"]
     with MDF(version=version) as data:
         data.append([Signal(samples, TIME, name=name, unit="N") for name in names])
@@ -91,12 +90,11 @@ def test_a_draft_runs_no_formula(version, output, refusal):
 
 
 def test_messages_of_a_bus_are_not_converted_as_the_file_is_opened():
-    from asammdf import MDF, Signal, Source
     from asammdf.blocks import v4_constants as constants
 
     kinds = {"BusChannel": "u1", "ID": "u4", "DLC": "u1", "DataLength": "u1", "DataBytes": "(8,)u1"}
     dtype = np.dtype([(f"CAN_DataFrame.{name}", kind) for name, kind in kinds.items()])
-    bus = Source("CAN", "CAN", "", constants.SOURCE_BUS, constants.BUS_TYPE_CAN)
+    bus = asammdf.Source("CAN", "CAN", "", constants.SOURCE_BUS, constants.BUS_TYPE_CAN)
     with MDF(version="4.10") as data:
         frames = Signal(np.zeros(40, dtype), TIME, name="CAN_DataFrame", source=bus)
         data.append(frames, acq_source=bus, common_timebase=True)
@@ -173,8 +171,6 @@ KNOWN: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("samples", [X, X.astype(np.float32), WHOLE], ids=["f8", "f4", "i2"])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_numbers_are_those_of_asammdf(version, samples):
-    from asammdf import MDF
-
     made = {f"0/{name}": block(version, **values) for name, values in KNOWN[version].items()}
     path = write(version, {name[2:]: conversion for name, conversion in made.items()}, samples)
     found = open_table(path).read(made)
@@ -193,8 +189,6 @@ def test_numbers_are_those_of_asammdf(version, samples):
 
 @pytest.mark.parametrize("bounds", [{}, {"kind": 8, "lower_0": 200.0, "upper_0": 201.0}])
 def test_texts_among_numbers_are_missing_samples(bounds):
-    from asammdf import MDF
-
     samples = np.where(np.arange(40) % 7 == 3, 200.0, X)
     linear = block("4.10", conversion_type=1, a=2.5, b=-1.0)
     path = write("4.10", {"fx": text_or(linear, **bounds)}, samples)
@@ -212,8 +206,6 @@ def test_texts_alone_are_no_numbers():
 
 
 def test_missing_and_invalid_samples_are_no_numbers():
-    from asammdf import MDF, Signal
-
     table = block("4.10", **KNOWN["4.10"]["nearest"])
     samples, invalid = X.copy(), np.arange(40) == 11
     samples[3] = np.nan
@@ -226,7 +218,6 @@ def test_missing_and_invalid_samples_are_no_numbers():
 
 def test_a_group_of_many_channels_is_unpacked_once(tmp_path, monkeypatch):
     """Thousands of channels, each by itself, took more seconds than a file has."""
-    from asammdf import MDF, Signal
     from asammdf.blocks.mdf_v4 import MDF4
 
     samples = np.random.default_rng(3).standard_normal((50, 400))

@@ -319,8 +319,7 @@ def test_a_wrong_drawing_is_refused_in_one_line(one, other, told):
 
 
 def test_a_rotor_is_drawn_with_what_stands_on_it():
-    panel = drawing(rid.load_model("flexible").rotor)
-    above, below, *marks = panel.curves
+    above, below, *marks = drawing(rid.load_model("flexible").rotor).curves
     assert above.x[-1] == pytest.approx(530)
     assert above.y.max() == -below.base.min() == 16.0
     named = {curve.label: dict(zip(curve.told, curve.x, strict=True)) for curve in marks}

@@ -425,8 +425,7 @@ def test_an_amplifier_in_a_law_that_bends():
     truth = np.fft.rfft(law.force(flowing, place(when)))[:40] / fine
     behind = FirstOrder(bandwidth=Constant("bandwidth", "Hz", 1500.0), actuator=True)
     channels = [Channel("i", "A", hold=True, dynamics=behind), Channel("x", "m")]
-    samples = np.tile(np.stack([command, place(t)], axis=1), (4, 1))
-    record = Record(channels, samples, rate)
+    record = Record(channels, np.tile(np.stack([command, place(t)], axis=1), (4, 1)), rate)
     plain = replace(record, channels=(replace(channels[0], dynamics=None), channels[1]))
     errors = []
     for each in (record, plain):

@@ -302,8 +302,7 @@ def test_nonlinear_law_recovers_the_forces_and_the_linear_one_does_not():
     plan = parse_rig(magnets())
     record = recorded(plan.rig, 3.0)
     truth, law = record.truth, plan.rig.parts[0].law
-    motion = truth.position @ MODEL.input_matrix
-    assert 90e-6 < np.abs(motion).max() < 160e-6
+    assert 90e-6 < np.abs(truth.position @ MODEL.input_matrix).max() < 160e-6
     peak = np.abs(truth.force).max(axis=0)
     current = np.stack([c.samples for c in record.columns[:4]], axis=1)  # held from 50 us later
     flowing = np.vstack([truth.current[:1], current[:-1]])

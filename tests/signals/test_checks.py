@@ -693,8 +693,7 @@ def test_it_takes_half_of_the_positions_and_two():
     assert found(resting(90.0, (1, 2)))
     more = [*PROBES, Channel("x4", "m")]
     assert not found(np.column_stack([resting(90.0, (1, 2)), resting(0.0)[:, 1]]), more)
-    two = [Channel("x", "m"), Channel("y", "m")]
-    assert not found(resting(90.0, (1,))[:, :2], two)
+    assert not found(resting(90.0, (1,))[:, :2], [Channel("x", "m"), Channel("y", "m")])
     assert not found(resting(90.0), [Channel(c.name, "N") for c in PROBES])
 
 
