@@ -140,11 +140,8 @@ def levitated(kind: str, seed: int) -> Good:
 
 
 MACHINES: dict[str, Callable[[str, int], Good]] = {
-    "jeffcott": sampled,
-    "rigid": sampled,
-    "three": sampled,
-    "rotor": listed,
-    "tower": listed,
+    **dict.fromkeys(("jeffcott", "rigid", "three"), sampled),
+    **dict.fromkeys(("rotor", "tower"), listed),
     "rig": levitated,
 }
 

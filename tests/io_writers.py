@@ -124,19 +124,14 @@ def write_parquet(path: Path, columns: Columns) -> None:
 def write_tdms(path: Path, columns: Columns) -> None:
     from nptdms import ChannelObject, TdmsWriter
 
+    step = {"wf_increment": 1 / RATE}
     with TdmsWriter(path) as writer:
         for part in range(2):  # two segments, as a logger appends them
-            writer.write_segment(
-                [
-                    ChannelObject(
-                        "run",
-                        name,
-                        np.array_split(values, 2)[part],
-                        properties={"unit_string": unit, "wf_increment": 1 / RATE},
-                    )
-                    for name, (values, unit) in columns.items()
-                ]
-            )
+            segment = [
+                ChannelObject("run", n, np.array_split(v, 2)[part], {"unit_string": u} | step)
+                for n, (v, u) in columns.items()
+            ]
+            writer.write_segment(segment)
 
 
 def uff_set(name: str, values: np.ndarray, unit: str, *, node: int, binary: int) -> dict:
@@ -149,18 +144,10 @@ def uff_set(name: str, values: np.ndarray, unit: str, *, node: int, binary: int)
     found |= {"rsp_ent_name": "NONE", "ref_ent_name": "NONE", "load_case_id": 0}
     for axis in ("abscissa", "ordinate", "orddenom", "z_axis"):
         found |= {f"{axis}_{key}": value for key, value in (blank | axes).items()}
-    return found | {
-        "abscissa_spec_data_type": 17,
-        "abscissa_spacing": 1,
-        "abscissa_inc": 1 / RATE,
-        "abscissa_min": 0.0,
-        "z_axis_value": 0.0,
-        "ord_data_type": 4,
-        "ordinate_axis_units_lab": unit,
-        "x": np.arange(len(values)) / RATE,
-        "data": values,
-        "num_pts": len(values),
-    }
+    found |= {"abscissa_spec_data_type": 17, "abscissa_spacing": 1, "abscissa_inc": 1 / RATE}
+    found |= {"abscissa_min": 0.0, "z_axis_value": 0.0, "ord_data_type": 4}
+    found |= {"x": np.arange(len(values)) / RATE, "data": values, "num_pts": len(values)}
+    return found | {"ordinate_axis_units_lab": unit}
 
 
 def write_sets(path: Path, sets: list[dict]) -> None:

@@ -11,11 +11,8 @@ import rotorid as rid
 
 AXIS = rid.load_model("emps")
 AXIS_TRUE = {"M": 95.0, "Fv": 200.0, "Fc": 20.0, "offset": -3.0}
-DUFFING = written(
-    "a hardening spring",
-    ["m*x'' + d*x' + k*x + h*x^3 = F"],
-    *("x m", "F N", "m kg, d N s/m, k N/m, h N/m^3"),
-)
+SPRING, UNITS = ["m*x'' + d*x' + k*x + h*x^3 = F"], "m kg, d N s/m, k N/m, h N/m^3"
+DUFFING = written("a hardening spring", SPRING, "x m", "F N", UNITS)
 DUFFING_TRUE = {"m": 2.0, "d": 8.0, "k": 800.0, "h": 4e5}
 
 

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from model_text import model_text
 from working_folder import EXPERIMENT, write_record
 
 import rotorid as rid
@@ -127,11 +128,9 @@ def test_three_mass_in_words(output):
 
 
 def test_a_model_file(folder, output):
-    (folder / "mine.toml").write_text(
-        'title = "friction"\nequations = ["m*q\'\' + mu*sign(q\') = F"]\n'
-        'coordinates = { q = "mm" }\ninputs = { F = "N" }\n'
-        'parameters = { m = { unit = "g", nominal = 1 }, mu = { unit = "N" } }\n'
-    )
+    equation = "m*q'' + mu*sign(q') = F"
+    text = model_text("friction", [equation], "q mm", "F N", "m 1 g, mu N")
+    (folder / "mine.toml").write_text(text)
     printed = output("models", "mine.toml")
     assert "mine: friction" in printed
     assert [line.split() for line in printed.splitlines() if line.startswith("m ")] == [

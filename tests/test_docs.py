@@ -73,16 +73,10 @@ def simulated(name: str) -> rid.Record:
     model = rid.load_model(name)
     angle = 2 * np.pi * np.outer(np.arange(250) / 250, [1, 3, 5, 7, 9, 11])
     wave = 10 * (np.sin(angle) + np.cos(angle)).sum(axis=1)
-    return rid.simulate(
-        model,
-        model.values(model.nominal),
-        forces(wave, model),
-        sample_rate=5000.0,
-        periods=40,
-        speed=2 * np.pi * 140,
-        noise={name: 0.1 for name in model.inputs} | {name: 1e-8 for name in model.coordinates},
-        rng=np.random.default_rng(7),
-    )
+    noise = dict.fromkeys(model.inputs, 0.1) | dict.fromkeys(model.coordinates, 1e-8)
+    when = {"sample_rate": 5000.0, "periods": 40, "speed": 2 * np.pi * 140}
+    values, rng = model.values(model.nominal), np.random.default_rng(7)
+    return rid.simulate(model, values, forces(wave, model), noise=noise, rng=rng, **when)
 
 
 def commanded(force: np.ndarray, rate: float, delay: float) -> np.ndarray:

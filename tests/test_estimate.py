@@ -128,22 +128,13 @@ def test_keys_of_the_result_file(tmp_path):
 
 def test_rows_of_version_2():
     data = json.loads(json.dumps(VALID))
-    assert data["suspects"] == [
-        {"term": "damping", "drop": 2.0, "share": 0.5, "value": 3.0, "unit": "N s/m"}
-    ]
+    suspect = {"term": "damping", "drop": 2.0, "share": 0.5, "value": 3.0, "unit": "N s/m"}
+    check = {"check": "clipping", "channel": "x1", "found": "3 samples", "verdict": "warning"}
+    source = {"files": [{"file": "a.csv", "sha256": "00"}], "experiment": "model = 1"}
+    source |= {"version": "0.1", "command": "rotorid identify"}
+    assert (data["suspects"], data["checks"]) == ([suspect], [check])
     assert data["alternatives"] == [{"cost": 1.5, "parameters": [{"name": "a", "value": 2.0}]}]
-    assert data["checks"] == [
-        {"check": "clipping", "channel": "x1", "found": "3 samples", "verdict": "warning"}
-    ]
-    assert data["provenance"] == {
-        "files": [{"file": "a.csv", "sha256": "00"}],
-        "experiment": "model = 1",
-        "version": "0.1",
-        "command": "rotorid identify",
-        "model": "",
-        "held": [],
-        "environment": "",
-    }
+    assert data["provenance"] == source | {"model": "", "held": [], "environment": ""}
 
 
 def test_a_file_of_version_1_still_loads(tmp_path):
@@ -173,15 +164,10 @@ def test_a_file_of_a_later_version_is_refused_by_name(tmp_path):
 
 
 def test_numbers_that_are_not_finite_are_null_in_the_file(tmp_path):
-    broken = rid.Estimate(
-        "m",
-        "ml",
-        "not_converged",
-        (rid.Value("a", "kg", math.inf, math.nan),),
-        covariance=[[math.nan]],
-        misfit=rid.Misfit(math.nan, 1.0, 3, math.nan),
-        alternatives=(rid.Alternative(math.nan, (("a", math.inf),)),),
-    )
+    value = rid.Value("a", "kg", math.inf, math.nan)
+    other = rid.Alternative(math.nan, (("a", math.inf),))
+    lost = {"covariance": [[math.nan]], "misfit": rid.Misfit(math.nan, 1.0, 3, math.nan)}
+    broken = rid.Estimate("m", "ml", "not_converged", (value,), alternatives=(other,), **lost)
     found = again(broken, tmp_path)
     text = (tmp_path / "result.json").read_text(encoding="utf-8")
     assert "NaN" not in text

@@ -296,10 +296,6 @@ def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path):
     """The first module that the command line imports is where Ctrl-C falls."""
     (tmp_path / "click.py").write_text("raise KeyboardInterrupt")
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    told = subprocess.run(
-        [*PROGRAM, "models"],
-        env={**os.environ, "PYTHONPATH": paths},
-        capture_output=True,
-        text=True,
-    )
+    env = {**os.environ, "PYTHONPATH": paths}
+    told = subprocess.run([*PROGRAM, "models"], env=env, capture_output=True, text=True)
     assert (told.returncode, told.stderr) == (130, "rotorid: interrupted\n")

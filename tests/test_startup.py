@@ -21,13 +21,8 @@ def modules(code: str, environment: dict[str, str] | None = None) -> tuple[set[s
     told = (
         f"import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr)); {code}"
     )
-    process = subprocess.run(
-        [sys.executable, "-c", told],
-        env={**os.environ, **(environment or {})},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command, env = [sys.executable, "-c", told], {**os.environ, **(environment or {})}
+    process = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
     return set(process.stderr.split()), process.stdout
 
 

@@ -16,13 +16,8 @@ from rotorid import InputError, response_lines
 from rotorid.experiment.duplicates import MOST, Prints, check_tables, shared
 from rotorid.testing import phasor_lines
 
-MODEL = model_text(
-    "a mass on a damper, shaken by two",
-    ["m*x'' + c*x' = F + G"],
-    "x m",
-    "F N, G N",
-    "m kg, c N s/m",
-)
+TWO = ["m*x'' + c*x' = F + G"]
+MODEL = model_text("a mass on a damper, shaken by two", TWO, "x m", "F N, G N", "m kg, c N s/m")
 HEAD = 'model = "model.toml"\nestimator = { method = "ls" }\n'
 RECORD = """
 [[records]]

@@ -38,17 +38,11 @@ def shaken(
     model = rid.load_model("jeffcott")
     angle = 2 * np.pi * np.outer(np.arange(200) / 200, [1, 2, 5])
     forces = np.column_stack([np.cos(angle) @ [3.0, 2, 1], np.sin(angle) @ [2.0, 1, 3]])
-    return rid.simulate(
-        model,
-        model.values(model.nominal),
-        forces,
-        sample_rate=2000.0,
-        periods=periods,
-        speed=speed,
-        phase=phase,
-        noise={"F_x": noise, "F_y": noise, "x": 1e-9, "y": 1e-9} if noise else None,
-        rng=np.random.default_rng(5),
-    )
+    when = {"sample_rate": 2000.0, "periods": periods, "speed": speed, "phase": phase}
+    if noise:
+        when["noise"] = {"F_x": noise, "F_y": noise, "x": 1e-9, "y": 1e-9}
+    rng = np.random.default_rng(5)
+    return rid.simulate(model, model.values(model.nominal), forces, rng=rng, **when)
 
 
 def write_record(folder: Path, scale: float = 1.0) -> None:

@@ -285,6 +285,11 @@ def column(file: Path, name: str = "x") -> list[float]:
     return list(opened.read([found])[found].values.tolist())
 
 
+def refused(file: Path, told: str, name: str = "x") -> None:
+    with pytest.raises(ReadError, match=told):
+        column(file, name)
+
+
 def part(file: Path, values: np.ndarray = VALUES, name: str = "x") -> Path:
     with h5py.File(file, "a") as data:
         data[name] = values
@@ -330,14 +335,11 @@ def test_a_part_that_is_gone_is_a_gap(gone, file, tmp_path):
     write_parts(tmp_path)
     virtual(file, *PARTS)
     (tmp_path / PARTS[gone][0]).unlink()
-    with pytest.raises(ReadError, match=rf"part{gone}.h5: found no such file; expected a part of"):
-        column(file)
+    refused(file, rf"part{gone}.h5: found no such file; expected a part of")
     part(tmp_path / PARTS[gone][0], VALUES[:200], "y")
-    with pytest.raises(ReadError, match=rf"part{gone}.h5: found no numbers 'x', a part of '/x'"):
-        column(file)
+    refused(file, rf"part{gone}.h5: found no numbers 'x', a part of '/x'")
     part(tmp_path / PARTS[gone][0], VALUES[:199])
-    with pytest.raises(ReadError, match=rf"part{gone}.h5: found \(199,\) where /x takes \(200,\)"):
-        column(file)
+    refused(file, rf"part{gone}.h5: found \(199,\) where /x takes \(200,\)")
     with pytest.raises(ReadError, match="a gap"):
         next(open_table(file).blocks(["x"], 100))
 
@@ -345,16 +347,13 @@ def test_a_part_that_is_gone_is_a_gap(gone, file, tmp_path):
 def test_a_stretch_in_no_part_is_a_gap(file, tmp_path):
     write_parts(tmp_path)
     virtual(file, PARTS[0], PARTS[2])
-    with pytest.raises(ReadError, match="found 200 samples in none of its parts: a gap in '/x'"):
-        column(file)
+    refused(file, "found 200 samples in none of its parts: a gap in '/x'")
     virtual(file, *PARTS, ("part0.h5", "x", 100), size=601)
-    with pytest.raises(ReadError, match="found 1 samples in none of its parts"):
-        column(file)
+    refused(file, "found 1 samples in none of its parts")
     with h5py.File(tmp_path / "part1.h5", "w") as data:  # and a gap in a part
         data.create_dataset("x", shape=(200,), dtype="f8")
     virtual(file, *PARTS)
-    with pytest.raises(ReadError, match=r"part1.h5: found no sample written: a gap"):
-        column(file)
+    refused(file, r"part1.h5: found no sample written: a gap")
 
 
 def test_parts_elsewhere(file, tmp_path):
@@ -375,8 +374,7 @@ def test_parts_elsewhere(file, tmp_path):
 
 def test_parts_of_themselves_and_without_end(file, tmp_path):
     virtual(file, ("run.h5", "x", 0), size=200)
-    with pytest.raises(ReadError, match=r"parts of parts, 4 deep, of '/x'"):
-        column(file)
+    refused(file, r"parts of parts, 4 deep, of '/x'")
     part(tmp_path / "part0.h5", VALUES[:200], "raw")
     for name in ("part%b.h5", "run.h5"):
         plan = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
@@ -389,8 +387,7 @@ def test_parts_of_themselves_and_without_end(file, tmp_path):
         with h5py.File(file, "w") as data:
             data["raw"] = VALUES
             h5py.h5d.create(data.id, b"x", h5py.h5t.IEEE_F64LE, space, plan)
-        with pytest.raises(ReadError, match="parts without end"):
-            column(file)
+        refused(file, "parts without end")
 
 
 @pytest.mark.slow
@@ -422,16 +419,14 @@ def test_samples_in_files_of_their_own(tmp_path, monkeypatch):
         external(file, ("x.bin", 0, size))
         assert column(file) == VALUES.tolist()
     external(file, ("x.bin", 8, 4800))
-    with pytest.raises(ReadError, match=r"4792 of 4800 bytes in x.bin: a gap in '/x'"):
-        column(file)
+    refused(file, r"4792 of 4800 bytes in x.bin: a gap in '/x'")
     os.mkfifo(inner / "pipe")
     external(file, ("pipe", 0, 4800))
     with cheap(), pytest.raises(ReadError, match="found a pipe; expected a part of"):
         column(file)
     for name in ("/dev/zero", "../x.bin", "/etc/passwd"):
         external(file, (name, 0, 4800))
-        with pytest.raises(ReadError, match="expected samples in the record, or in files below"):
-            column(file)
+        refused(file, "expected samples in the record, or in files below")
 
 
 def test_links_into_other_files_are_not_followed(file, tmp_path):
@@ -443,11 +438,9 @@ def test_links_into_other_files_are_not_followed(file, tmp_path):
         data["alias"] = h5py.SoftLink("/group")
         data["round"] = h5py.SoftLink("/round")
     for name in ("x", "soft"):
-        with pytest.raises(ReadError, match=r"a link into another file \(other.h5: name it in"):
-            column(file, name)
+        refused(file, r"a link into another file \(other.h5: name it in", name)
     assert column(file, "alias/x2") == VALUES.tolist()
-    with pytest.raises(ReadError, match="no column 'round'"):
-        column(file, "round")
+    refused(file, "no column 'round'", "round")
 
 
 def test_samples_that_nobody_wrote(file):
@@ -513,8 +506,7 @@ def test_many_data_sets(file):
     with cheap():
         assert column(file, "log/x") == [0, 1, 2, 3]
         assert column(file, "log/adc[1]") == column(file, "/log/adc[:,1]") == [1, 3, 5, 7]
-        with pytest.raises(ReadError, match=r"more than 10000 groups and data sets.*whole path"):
-            column(file, "x")
+        refused(file, r"more than 10000 groups and data sets.*whole path", "x")
 
 
 @pytest.mark.slow
@@ -529,8 +521,7 @@ def test_nested_groups(file):
         assert column(part(file.with_name("deep.h5"), VALUES, deep)) == VALUES.tolist()
         assert column(file, deep) == VALUES.tolist()
         for name in ("x", "a/" * (DEPTH + 1) + "x"):
-            with pytest.raises(ReadError, match="more than 64 groups in one another"):
-                column(file, name)
+            refused(file, "more than 64 groups in one another", name)
 
 
 def test_groups_that_hold_themselves(file):
@@ -598,11 +589,8 @@ def test_references_and_fields(file):
         data["raw"] = VALUES
         data.create_dataset("x", data=np.array([data["raw"].ref], dtype=h5py.ref_dtype))
         data["table"] = table
-    with pytest.raises(ReadError, match="'x' of references"):
-        column(file)
+    refused(file, "'x' of references")
     assert column(file, "table/f") == [1, 2, 3]
     for name in ("c", "s", "row"):
-        with pytest.raises(ReadError, match="real numbers"):
-            column(file, f"table/{name}")
-    with pytest.raises(ReadError, match="no column 'table'"):
-        column(file, "table")
+        refused(file, "real numbers", f"table/{name}")
+    refused(file, "no column 'table'", "table")

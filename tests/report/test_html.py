@@ -349,17 +349,10 @@ def _of_whole_records() -> str:
     noise = {"F_x": 1.0, "F_y": 1.0, "x": 1e-6, "y": 1e-6}
     data = []
     for phase in (0.0, 2.0):
-        record = rid.simulate(
-            model,
-            model.values(model.nominal),
-            np.fft.irfft(rng.standard_normal((240, 2)) * 1e4, n=4000, axis=0),  # to 60 Hz
-            sample_rate=1000.0,
-            periods=1,
-            speed="1200 rpm",
-            phase=phase,
-            noise=noise,
-            rng=rng,
-        )
+        waves = np.fft.irfft(rng.standard_normal((240, 2)) * 1e4, n=4000, axis=0)  # to 60 Hz
+        when = {"sample_rate": 1000.0, "periods": 1, "speed": "1200 rpm", "phase": phase}
+        values = model.values(model.nominal)
+        record = rid.simulate(model, values, waves, noise=noise, rng=rng, **when)
         turning = replace(record, angle=None, phase_known=phase == 0)
         data.append(rid.spectra(turning, (2.0, 60.0), inputs=model.inputs))
     page = estimate_report(rid.with_evidence(rid.identify(model, data, "ml"), model, data))

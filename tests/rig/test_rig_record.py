@@ -136,13 +136,9 @@ def test_flux_gives_the_force_at_the_sample(magnetic, angle):
 
 
 def test_sensors_off_plane_with_runout_bias_and_steps(quiet):
-    x2 = replace(
-        quiet.sensors[2],
-        name="s",
-        reads={"x2": 1.0, "theta_y": -0.02},
-        bias=3e-6,
-        runout=(SensorRunout(1, 5e-6, 2e-6), SensorRunout(2, 0.0, 1e-6)),
-    )
+    reads = {"x2": 1.0, "theta_y": -0.02}
+    runout = (SensorRunout(1, 5e-6, 2e-6), SensorRunout(2, 0.0, 1e-6))
+    x2 = replace(quiet.sensors[2], name="s", reads=reads, bias=3e-6, runout=runout)
     rough = replace(quiet.sensors[3], quantum=1e-6)
     sensors = (*quiet.sensors[:2], x2, rough, *quiet.sensors[4:])
     record = recorded(replace(quiet, sensors=sensors, settling=0.1), 0.05)
@@ -151,7 +147,7 @@ def test_sensors_off_plane_with_runout_bias_and_steps(quiet):
     expected = truth.position[:, 2] - 0.02 * truth.position[:, 5] + 3e-6
     expected += 5e-6 * np.cos(phi) + 2e-6 * np.sin(phi) + 1e-6 * np.sin(2 * phi)
     np.testing.assert_allclose(record.column("s"), expected, atol=1e-15)
-    assert dict(record.channels[6].reads) == {"x2": 1.0, "theta_y": -0.02}
+    assert dict(record.channels[6].reads) == reads
     steps = record.column("y2") / 1e-6
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
     assert np.abs(record.column("y2") - truth.position[:, 3]).max() <= 0.5e-6 + 1e-12
