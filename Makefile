@@ -43,6 +43,7 @@ help:
 demo: $(VENV)/.ready-demo
 	$(BIN)/rotorid demo --machine $(REPORT) --report $(PAPER)
 	@echo "The report of the machine lies in $(CURDIR)/$(REPORT), that of the paper in $(PAPER)"
+	@echo "Next: docs/start.md"
 
 # One BLAS thread per worker: the matrices are small, and the workers fill the cores.
 test fast statistics docs fuzz test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1

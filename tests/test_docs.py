@@ -1,5 +1,7 @@
 """What the documentation says is there, is there; code and commands that it shows run."""
 
+import ast
+import builtins
 import importlib
 import re
 import shlex
@@ -112,6 +114,35 @@ def write(record: rid.Record, path: Path, channels: dict[str, dict[str, str]]) -
 SHOWN = {"README.md": "m2", "maximum-likelihood.md": "L1, I_t, I_p, L2, mu, eta scale together"}
 """What the Python of a page prints."""
 WITH_PYTHON = [page for page in MANUAL if blocks(page, "python")]
+
+
+SCRIPT = re.compile(r"([^\n]*)\n\n```\{python\}\n((?:^:.*\n)*)(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def borrowed(code: str) -> set[str]:
+    """Return the names that a script reads and nothing in it makes."""
+    read, made = set[str](), set(dir(builtins))
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Name):
+            (read if isinstance(node.ctx, ast.Load) else made).add(node.id)
+        elif isinstance(node, ast.arg):
+            made.add(node.arg)
+        elif isinstance(node, ast.FunctionDef):
+            made.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            made |= {(each.asname or each.name).partition(".")[0] for each in node.names}
+    return read - made
+
+
+def test_a_script_of_a_page_is_a_file_of_its_own():
+    """Unless the line before it says that it goes on with the last one."""
+    found = [
+        (page.name, said, borrowed(code))
+        for page in MANUAL
+        for said, _, code in SCRIPT.findall(page.read_text(encoding="utf-8"))
+    ]
+    assert len(found) > 10
+    assert [each for each in found if each[2] and "the script continued" not in each[1]] == []
 
 
 @pytest.mark.slow

@@ -433,3 +433,63 @@ def test_columns_that_are_no_numbers_are_known_by_one_pass(tmp_path, monkeypatch
     told = re.findall(r"# not used: (\w+)", output("new", tmp_path / "run.csv"))
     assert told == [f"c{c}" for c in sorted(kept)]
     assert len(passes) < 6
+
+
+def drafted(folder: Path, header: str) -> str:
+    rng = np.random.default_rng(1)
+    write_table(folder / "run.csv", f"t_ms,{header}", np.arange(300), rng.normal(size=(300, 8)))
+    return draft([folder / "run.csv"], "three-mass", folder)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("x1_um,y1_um,x3_um,y3_um,i_x1_A,i_y1_A,i_x3_A,i_y3_A", "A"),
+        ("x1_um,y1_um,x3_um,y3_um,iA_x_mA,iA_y_mA,iB_x_mA,iB_y_mA", "mA"),
+        ("x1_um,y1_um,x3_um,y3_um,iA_x,iA_y,iB_x,iB_y", "?"),
+        ("x1_um,y1_um,x3_um,y3_um,i1x,i1y,i2x,i2y", "?"),
+    ],
+)
+def test_units_that_end_a_name_and_currents_without_one(tmp_path, header, unit):
+    found = parse(drafted(tmp_path, header))["channels"]
+    names = header.split(",")
+    for name, column in zip(("x1", "y1", "x3", "y3"), names, strict=False):
+        assert found[name] == {"column": column, "unit": "um"}
+    for name, column in zip(("F_x1", "F_y1", "F_x3", "F_y3"), names[4:], strict=True):
+        assert found[name]["current"] == {"column": column, "unit": unit}
+        assert found[name]["position"] == f"{name[2:]}"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        *(("x1_um", "um"), ("gap_mm", "mm"), ("Fx_N", None), ("Fx1_N", "N"), ("u_x1_V", "V")),
+        *(("i_x_A", None), ("x1_A", None), ("i_x1_N", None), ("pos_x", None), ("um", None)),
+    ],
+)
+def test_a_letter_that_ends_a_name_may_be_a_bearing(name, unit):
+    assert draft_module._unit_in(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "current"),
+    [("iAx", True), ("I 1 X", True), ("coil_1", True), ("index", False), ("imb_x", False)],
+)
+def test_what_a_current_is_called(name, current):
+    (column,) = of_unit(None, name)
+    assert column.measures("A") == current
+
+
+def test_a_disc_that_may_be_the_second_bearing_is_to_be_checked(tmp_path):
+    currents = "i1x,i1y,i2x,i2y"
+    doubt = "check: no force acts on x2; of a sensor at a bearing, write x3"
+    assert doubt in drafted(tmp_path, f"x1_um,y1_um,x2_um,y2_um,{currents}")
+    assert "check: no" not in drafted(tmp_path, f"x1_um,y1_um,x3_um,y3_um,{currents}")
+
+
+def test_lines_to_copy_where_no_column_looks_like_anything(tmp_path):
+    text = drafted(tmp_path, "q1,q2,q3,q4,w1,w2,w3,w4")
+    assert '\n# x1 = {column = "?", unit = "um"}\n' in text
+    law = '# F_x1 = {law = "linear", current = {column = "?", unit = "A"}, position = "x1", ki = '
+    assert law in text
+    assert "# x1 =" not in drafted(tmp_path, "x1_um,y1_um,x3_um,y3_um,i1x,i1y,i2x,i2y")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Container, Generator, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import field, replace
 from difflib import SequenceMatcher
@@ -46,6 +46,9 @@ _TIMED = re.compile(
     r"(?:^|[/_ :])(?:t|time)(?:[\s_/]+|\s*(?=[\[(]))[\[(]?(?P<unit>[munµ]?s|min)[\])]?$", re.I
 )
 """Sample times with the unit in their name: t/ms, time_ms, t [ms]."""
+_UNIT_IN_NAME = re.compile(r"[munµk][AVN]|[munµ]m|mil")
+_CURRENT = re.compile(r"i[abxyz]{0,2}(?![a-z])|cur|coil", re.I)
+"""What a current is called, where no unit says so: iA_x, I 1 X."""
 _WORDS = {
     "force": "f",
     **dict.fromkeys(("current", "coil"), "i"),
@@ -78,8 +81,22 @@ class Found:
     role: Role
     assumed: str = field(default="", compare=False)  # of what it stands for
 
+    @property
+    def label(self) -> str:
+        """Its name without its unit."""
+        return self.name.removesuffix(f"_{self.unit}")
+
     def measures(self, *units: str) -> bool:
-        return bool(self.unit) and any(converts(self.unit or "", unit) for unit in units)
+        told = self.unit or ("A" if _CURRENT.match(_leaf(self.name)) else "")
+        return bool(told) and any(converts(told, unit) for unit in units)
+
+
+def _unit_in(name: str) -> str | None:
+    """Return the unit that ends a name: x1_um, i_x1_A; the A of i_x_A may be a bearing."""
+    stem, _, unit = name.rpartition("_")
+    single = {"i": "A", "f": "N", "u": "V", "v": "V"}.get(_plain(_leaf(stem))[:1])
+    told = _UNIT_IN_NAME.fullmatch(unit) or (unit == single and _place(stem))
+    return unit if stem and told else None
 
 
 def role_of(name: str, unit: str | None) -> Role:
@@ -125,14 +142,14 @@ def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
 
 def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, str, int]]:
     """Return likeness, rank, quantity and place of what may belong together, the likest first."""
-    options = ((k, _options(one.name, is_input=False)) for k, one in enumerate(columns))
+    options = ((k, _options(one.label, is_input=False)) for k, one in enumerate(columns))
     places = grouped((marks, k) for k, names in options for marks in set(map(_marks, names)))
     found = []
     for rank, (quantity, unit) in enumerate(_quantities(model).items()):
         for place in places.get(_marks(_plain(quantity)), ()):
             column = columns[place]
             if column.unit is None or converts(column.unit, unit):
-                score = likeness(quantity, column.name, quantity in model.inputs)
+                score = likeness(quantity, column.label, quantity in model.inputs)
                 if score >= _LIKE - _TIE:
                     found.append((score, rank, quantity, place))
     return sorted(found, key=lambda each: (-each[0], *each[1:]))
@@ -166,9 +183,9 @@ def _in_order(
     have one.
     """
     for letters in _AXES:
-        keys = [_place(c.name, letters) for c in like]
+        keys = [_place(c.label, letters) for c in like]
         places = {key: column for key, column in zip(keys, like, strict=True) if key}
-        every = dict.fromkeys(key[0] for c in columns if (key := _place(c.name, letters)))
+        every = dict.fromkeys(key[0] for c in columns if (key := _place(c.label, letters)))
         theirs = [plane for plane in every if any(plane == one for one, _ in places)]
         if len(theirs) == len(planes) and len(places) == len(like):
             break
@@ -231,7 +248,7 @@ def currents(
         return ordered
     free, found = [c for c in columns if c.measures("A")], dict[str, Found]()
     for name in model.inputs:
-        scores = [likeness(name[1:], c.name.lstrip("iI"), False) for c in free]
+        scores = [likeness(name[1:], c.label.lstrip("iI"), False) for c in free]
         if name not in taken and (best := max(scores, default=0.0)) >= _LIKE:
             found[name] = free.pop(scores.index(best))
     return found
@@ -376,7 +393,9 @@ def _columns(table: OneFile) -> list[Found]:
         with suppress(InputError):  # numbers that no machine has
             check_magnitude(largest_of(values), 1.0, name)
             if np.isfinite(values).any() and not np.isinf(values).any():
-                found.append(Found(name, values, column.unit, role_of(name, column.unit)))
+                role, unit = role_of(name, column.unit), column.unit
+                unit = unit or (_unit_in(name) if role == "channel" else None)
+                found.append(Found(name, values, unit, role))
     longest = max((len(c.values) for c in found), default=0)
     if longest == 0:
         if refused and not found:
@@ -565,16 +584,22 @@ def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None,
     laws = currents(model, measured, taken)
     used = [*taken.values(), *sensors.values(), *laws.values()]
     free = [c for c in measured if c not in used]
-    hidden = []
+    hidden, missing, coordinate = list[str](), dict[str, Any](), dict[str, Any]()
     for name, unit in _quantities(model).items():
         if name in taken:
-            yield name, _column(taken[name]), taken[name].assumed
+            said = filter(None, (_perhaps(model, name, taken), taken[name].assumed))
+            yield name, _column(taken[name]), "; ".join(said)
         elif name in model.inputs:
             position = displacement(model, name) or (_sensor_name(name) if name in sensors else "")
             channel, told = _input(unit, laws.get(name), position or OPEN, free)
             yield name, channel, told
+            if channel.keys() == {"column", "unit"} and not missing:
+                missing[name] = _law({"column": OPEN, "unit": "A"}, position or OPEN)
         else:
             hidden.append(f"{name} [{unit}]")
+            coordinate = coordinate or {
+                name: {"column": OPEN, "unit": "um" if unit == "m" else unit}
+            }
     for name, column in sensors.items():
         told = "taken to be where the force acts; else write its own distance for the lever"
         sensor = {"reads": displacement(model, name), **_column(column)}
@@ -582,12 +607,23 @@ def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None,
     if hidden:
         told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
         yield "", None, f"{told} coordinate needs one"
+    for name, channel in (missing | coordinate).items() if free else ():
+        yield "", None, f"{name} = {inline(channel).as_string()}"
     left = [c for c in free if c.measures("m")]
     reads = ((name, text) for name in model.inputs if "*" in (text := displacement(model, name)))
     if hidden and not sensors and left and (first := next(reads, None)) is not None:
         shown = inline({"reads": first[1], **_column(left[0])}).as_string()
         yield "", None, f"a sensor beside a magnet: {_sensor_name(first[0])} = {shown}"
     return {column.name for column in used}
+
+
+def _perhaps(model: Model, name: str, taken: Container[str]) -> str:
+    """Say that a coordinate without a force may be meant for one of a force, without a column."""
+    acted, axis = {displacement(model, one) for one in model.inputs}, _place(name)
+    unread = [q for q in model.coordinates if q in acted and q not in taken and name not in acted]
+    beside = [q for q in unread if axis and (_place(q) or axis)[1:] == axis[1:]]
+    told = f"check: no force acts on {name}; of a sensor at a bearing, write {' or '.join(beside)}"
+    return told if beside else ""
 
 
 def _input(
@@ -602,7 +638,7 @@ def _input(
     names = ", ".join(c.name for c in (alike or flows)[:_MOST_NAMES])
     which = f"which column is it? {names}" if names else "no column looks like it"
     if flows and not alike:
-        return _law({"column": OPEN, "unit": flows[0].unit}, position), _and(which, told)
+        return _law({"column": OPEN, "unit": flows[0].unit or OPEN}, position), _and(which, told)
     return {"column": OPEN, "unit": unit}, which
 
 
