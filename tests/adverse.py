@@ -209,9 +209,8 @@ def record_of(trial: Trial) -> Record:
 def estimate_of(trial: Trial) -> Estimate:
     """Identify: what is held is held at its true value, what is not starts 20 % off."""
     truth, machine = trial.machine.truth, trial.machine
-    periods = rid.average(
-        record_of(trial), trial.fundamental, harmonics=trial.harmonics, skip=trial.skip
-    )
+    kept = {"harmonics": trial.harmonics, "skip": trial.skip}
+    periods = rid.average(record_of(trial), trial.fundamental, **kept)
     if trial.method != "ml":
         return rid.identify(machine.model, periods, trial.method)
     fixed = {name: truth[name] for name in machine.fixed} | trial.options.get("fixed", {})

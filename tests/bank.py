@@ -381,9 +381,7 @@ def hoist_columns(p: SimpleNamespace, grid: Grid) -> Columns:
 
 HOIST = Problem(
     name="hoist",
-    text=model_text(
-        "a load on a rope", ["m*z'' = F - c*z' - m*9.81"], "z m", "F N", "m kg, c N s/m"
-    ),
+    text=model_text("a load", ["m*z'' = F - c*z' - m*9.81"], "z m", "F N", "m kg, c N s/m"),
     truth={"m": 30.0, "c": 50.0},
     columns=hoist_columns,
     harmonics=(0, 1, 3),

@@ -375,9 +375,8 @@ def sampled_loop(
     N s/m with a lag of first order; noise of the sensor, which the loop takes round, and of e.
     """
     sampling, lag = 5000.0, 0.3
-    plant = scipy.signal.cont2discrete(
-        ([0.5], [1.0, damping / 2.0, 1e5]), 1 / sampling, method="zoh"
-    )
+    moving = [0.5], [1.0, damping / 2.0, 1e5]
+    plant = scipy.signal.cont2discrete(moving, 1 / sampling, method="zoh")
     above, below = np.ravel(plant[0]), plant[1]
     kick = rate * sampling * lag
     acts = np.array([stiffness + kick, -stiffness * (1 - lag) - kick])

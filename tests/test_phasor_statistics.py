@@ -23,9 +23,8 @@ Table = Callable[[np.random.Generator, complex], rid.Lines]
 
 def read(rng: np.random.Generator, rpm: np.ndarray, trial: complex) -> np.ndarray:
     exact = coast(rpm, trial)
-    return exact + NOISE * (
-        rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape)
-    )
+    noise = rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape)
+    return exact + NOISE * noise
 
 
 def stated(rng: np.random.Generator, trial: complex) -> rid.Lines:

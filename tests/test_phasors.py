@@ -192,9 +192,8 @@ def test_repeated_readings_tell_their_noise():
     lines = phasor_lines(CHANNELS, np.repeat(RPM, 2) * np.pi / 30, readings)
     assert len(lines.frequency) == len(RPM)
     assert (lines.covariance.kind, lines.covariance.dof) == ("repeated", len(RPM))
-    np.testing.assert_allclose(
-        lines.mean, coast(RPM) / 2 + 0.25e-6 * np.exp(1j * np.arange(len(RPM)))[:, None]
-    )
+    off = 0.25e-6 * np.exp(1j * np.arange(len(RPM)))[:, None]
+    np.testing.assert_allclose(lines.mean, coast(RPM) / 2 + off)
     # |d|^2 / 2 of readings that are lines X / 2; of the mean of two, half of it; cross terms alike.
     np.testing.assert_allclose(lines.covariance.matrices, np.full((40, 2, 2), 0.5e-12 / 4 / 2))
 

@@ -484,9 +484,8 @@ def test_records_that_count_the_angle_from_two_zeros_are_refused(turning):
     """One unbalance would have two directions; fitted, it takes minutes to reject them."""
     speed = f'speed = "{SPEED * 30 / np.pi} rpm"'
     bare = rid.load_experiment(turning_file(turning, speed))
-    with pytest.raises(
-        InputError, match=r"run.toml: records.1.phase: .* at 4[0-9.]+ deg .*phase = \"unknown\""
-    ):
+    said = r"run.toml: records.1.phase: .* at 4[0-9.]+ deg .*phase = \"unknown\""
+    with pytest.raises(InputError, match=said):
         bare.records()
     for said in ('phase = "unknown"', 'phase = "0 deg"', f'phase = "{SPEED * 0.002} rad"'):
         assert len(rid.load_experiment(turning_file(turning, speed, said)).records()) == 2
@@ -522,9 +521,8 @@ def test_a_record_in_another_unit_is_refused(turning):
     second = 'phase = "unknown"\n[records.channels]'
     for name in "xy":
         second += f'\n{name} = {{ column = "p{name}", unit = "mm" }}'
-    with pytest.raises(
-        InputError, match=r"records.1.channels: found a rotation [0-9.]+e\+03 times .* correct unit"
-    ):
+    said = r"records.1.channels: found a rotation [0-9.]+e\+03 times .* correct unit"
+    with pytest.raises(InputError, match=said):
         rid.load_experiment(turning_file(turning, told, second)).records()
     scaled = second.replace('"mm"', '"nm"').replace("e-3", "")
     with pytest.raises(InputError, match=r"records.1.channels: found a rotation 0.001[0-9]* times"):

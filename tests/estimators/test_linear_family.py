@@ -67,9 +67,8 @@ def test_agreement_with_numpy_on_explicit_weights(problem):
         root = np.sqrt(weight * np.ones_like(variance)).reshape(-1)
         columns = design.reshape(len(root), -1) * root[:, None]
         length = np.linalg.norm(columns, axis=0)
-        expected = (
-            np.linalg.lstsq(columns / length, target.reshape(-1) * root, rcond=None)[0] / length
-        )
+        right = target.reshape(-1) * root
+        expected = np.linalg.lstsq(columns / length, right, rcond=None)[0] / length
         estimate = chosen.estimate(problem.model, [record])
         found = [v.value for v in estimate.parameters if not v.fixed]
         np.testing.assert_allclose(found, expected, rtol=1e-8)
@@ -153,9 +152,8 @@ def test_scaling_forces_scales_masses(problem, method, factor):
     first, second = (estimator.estimate(problem.model, [r]) for r in (record, louder))
     alike(first, second, factor)
     for name, prediction in first.prediction.items():
-        assert second.prediction[name].relative_error == pytest.approx(
-            prediction.relative_error, rel=1e-6
-        )
+        error = pytest.approx(prediction.relative_error, rel=1e-6)
+        assert second.prediction[name].relative_error == error
 
 
 @family

@@ -255,9 +255,8 @@ def test_halves_differ_by_what_lies_between_them_alone():
 
 
 def stages_of(problem, constraints=(), **fixed):
-    posed = LeastSquaresProblem.of(
-        bind_all(problem.model, problem.records), {**problem.known, **fixed}, constraints
-    )
+    bound, known = bind_all(problem.model, problem.records), {**problem.known, **fixed}
+    posed = LeastSquaresProblem.of(bound, known, constraints)
     names = posed.names
     return [(rows, [names[u] for u in unknowns]) for rows, unknowns in posed.stages]
 

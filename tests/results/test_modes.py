@@ -228,9 +228,7 @@ def test_models_that_have_no_modes_are_refused():
         rid.modes(rid.load_model("flexible"), speed=1e200)
     with pytest.raises(rid.InputError, match="a finite speed"):
         rid.modes(MACHINE, speed=np.inf)
-    fewer = model_text(
-        "a mass and its sensor", ["m*x'' + k*(x - y) = F"], "x m, y m", "F N", "m 1.0 kg, k 1.0 N/m"
-    )
+    fewer = model_text("one", ["m*x'' + k*(x - y) = F"], "x m, y m", "F N", "m 1 kg, k 1 N/m")
     with pytest.raises(rid.InputError, match="1 equations for 2 coordinates"):
         rid.modes(model_of(fewer))
 

@@ -119,10 +119,8 @@ def played_back(lines: np.ndarray, values: np.ndarray) -> AxisSensitivity:
     rng = np.random.default_rng(0)
     drawn = 1e-3 * rng.standard_normal((2, 8, len(lines)))
     spectra = np.stack([values + drawn[0] + 1j * drawn[1], np.ones((8, len(lines)))], axis=-1)
-    names = ("e", "r")
-    record = SimpleNamespace(
-        names=names, spectra=spectra, frequency=lines, periods=8, fundamental=1.0, turns=0.0
-    )
+    known = {"names": ("e", "r"), "periods": 8, "fundamental": 1.0, "turns": 0.0}
+    record = SimpleNamespace(spectra=spectra, frequency=lines, **known)
     raw = sensitivity._of_periods([record], {"e": "r"})
     return sensitivity._single(sensitivity._settled(sensitivity._axis("e", *raw[0])))
 
@@ -602,9 +600,8 @@ class Loop:
         )
         a, b, c, _ = scipy.signal.tf2ss(above, below)
         memory, drive, command = (np.kron(np.eye(m), part) for part in (a, b, c))
-        act = np.linalg.solve(
-            self.mass, np.hstack([-self.stiffness, -self.damping, self.push @ command])
-        )
+        forces = np.hstack([-self.stiffness, -self.damping, self.push @ command])
+        act = np.linalg.solve(self.mass, forces)
         states = [
             np.hstack([np.zeros((n, n)), np.eye(n), np.zeros((n, 3 * m))]),
             act,

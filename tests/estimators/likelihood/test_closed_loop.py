@@ -141,9 +141,8 @@ def test_headline_in_closed_loop(demo):
     )
     scaled = []
     for seed in range(20):
-        records = [
-            run(78, seed, rpm, periods=260, on=rig(rpm, bearings=True)) for rpm in (8400, 6000)
-        ]
+        speeds = {rpm: rig(rpm, bearings=True) for rpm in (8400, 6000)}
+        records = [run(78, seed, rpm, periods=260, on=each) for rpm, each in speeds.items()]
         estimate = identify(demo.model, records, estimator)
         assert estimate.status == "ok"
         scaled.append([(v.value - truth[v.name]) / v.std for v in estimate.free])

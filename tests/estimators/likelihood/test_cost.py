@@ -101,9 +101,8 @@ def test_equals_the_output_error_likelihood(demo, bearings, sensors):
     reads = np.array([[float(c.name == q) for q in model.coordinates] for c in record.channels[4:]])
     compliance = reads @ np.linalg.inv(stiffness)
     transfer = compliance @ linear.input_matrix(mu)
-    gain = np.concatenate(
-        [-transfer, np.broadcast_to(np.eye(len(reads)), (6, len(reads), len(reads)))], axis=2
-    )
+    eye = np.broadcast_to(np.eye(len(reads)), (6, len(reads), len(reads)))
+    gain = np.concatenate([-transfer, eye], axis=2)
     load = linear.load_columns(record.time[0], record.angle[0], record.speed) @ mu
     lines = np.fft.fft(load, axis=0)[record.harmonics] / record.samples
     mean = record.mean_spectrum
@@ -284,10 +283,9 @@ def test_nothing_is_left_of_what_is_hidden_and_its_motion_explains_the_rest(mach
     stiffness, hidden = machine
     found = way(stiffness, hidden)
     eye = np.broadcast_to(np.eye(5), (2, 5, 5))
-    np.testing.assert_allclose(
-        found.null_h @ found.null_h.conj().transpose(0, 2, 1), eye, atol=1e-13
-    )
-    assert np.abs(found.null_h @ stiffness @ hidden).max() < 1e-12
+    null = found.null_h
+    np.testing.assert_allclose(null @ null.conj().transpose(0, 2, 1), eye, atol=1e-13)
+    assert np.abs(null @ stiffness @ hidden).max() < 1e-12
     w = np.arange(1.0, 13.0) * (1 + 2j)
     left = stiffness @ (hidden @ w)
     np.testing.assert_allclose(found.motion(-left), np.stack(2 * [hidden @ w]), rtol=1e-11)
@@ -397,9 +395,8 @@ def test_a_line_that_stands_out_is_in_its_own_cost_alone():
     ordinary[250] = False
     hidden, expected, _ = by_errors._sum_of(evaluated(errors), near, [0, 1])
     assert hidden < 1.1 * expected
-    seen, expected, _ = by_errors._sum_of(
-        evaluated(errors), replace(near, ordinary=ordinary), [0, 1]
-    )
+    near = replace(near, ordinary=ordinary)
+    seen, expected, _ = by_errors._sum_of(evaluated(errors), near, [0, 1])
     assert seen > 5 * expected
 
 
@@ -475,8 +472,7 @@ def test_what_a_controller_makes_of_noise_drives_the_rotor():
     share = _idle_share(at, 2)
     np.testing.assert_allclose(share[:, 1], 1.0)
     for line in range(5):
-        left = matrices[line] - (10 * share[line, 0]) ** 2 * np.outer(
-            columns[line, :, 0], columns[line, :, 0].conj()
-        )
+        idle = 10 * share[line, 0] * columns[line, :, 0]
+        left = matrices[line] - np.outer(idle, idle.conj())
         smallest, largest = np.linalg.eigvalsh(left)
         assert abs(smallest) < 1e-9 * largest

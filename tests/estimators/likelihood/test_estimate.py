@@ -28,9 +28,8 @@ def test_recovers_noise_free_data(demo, bearings, by_bearings, base):
 
 
 def test_starts_from_batch_without_nominal_values(demo):
-    bare = replace(
-        demo.model, parameters=tuple(replace(p, nominal=None) for p in demo.model.parameters)
-    )
+    untold = tuple(replace(p, nominal=None) for p in demo.model.parameters)
+    bare = replace(demo.model, parameters=untold)
     estimate = identify(bare, demo.seen(2, None), MaximumLikelihood())
     assert estimate.status == "ok"
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=5e-3)

@@ -1,6 +1,7 @@
 """What records do not determine: the combination is named, the cure is named, the cure works."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,14 +20,18 @@ def lines_of(estimate, start: str) -> list[str]:
     return [w.removeprefix(start) for w in estimate.warnings if w.startswith(start)]
 
 
+lost = partial(lines_of, start="not identifiable: ")
+cures_of = partial(lines_of, start="cure: ")
+
+
 @pytest.mark.slow
 def test_the_unit_of_angle(demo, rng):
     estimate = demo.identified(demo.seen(rng), fixed={})
     assert estimate.status == "not_identifiable"
-    assert lines_of(estimate, "not identifiable: ") == [
+    assert lost(estimate) == [
         "L1, I_t, I_p, L2, mu, eta scale together (L1, L2 as s; I_t, I_p as s^2; mu, eta as s^-1)"
     ]
-    assert lines_of(estimate, "cure: ") == [
+    assert cures_of(estimate) == [
         "fix one of L1, I_t, I_p, L2, mu, eta",
         "a sensor of theta_x or theta_y",
     ]
@@ -64,11 +69,11 @@ def test_runout_at_one_speed(levitated, rng):
     one, other = levitated.seen(rng, 140.0, 100.0, drives=False)
     estimate = machine.identified(one, runout=True)
     assert estimate.status == "not_identifiable"
-    found = lines_of(estimate, "not identifiable: ")
+    found = lost(estimate)
     assert len(found) == 4
     for text, name in zip(found, ("xi", "zeta", "mu", "eta"), strict=True):
         assert text.startswith(f"{name}, runout[")
-    cures = lines_of(estimate, "cure: ")
+    cures = cures_of(estimate)
     assert cures[0] == "fix 4 of them, such as xi, zeta, mu, eta"
     assert "a further record at another speed, such as 100 Hz" in cures
     # Masses and stiffnesses have their deviations all the same.
@@ -87,8 +92,8 @@ def test_unknown_gains_and_no_mass(levitated, rng):
     estimate = machine.identified(records, **options)
     assert estimate.status == "not_identifiable"
     members = "m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1], ki[F_y1], ki[F_x3], ki[F_y3], ks"
-    assert lines_of(estimate, "not identifiable: ") == [f"{members} scale together"]
-    assert lines_of(estimate, "cure: ") == [
+    assert lost(estimate) == [f"{members} scale together"]
+    assert cures_of(estimate) == [
         f"fix one of {members} (ki[F_x1], ki[F_y1], ki[F_x3], ki[F_y3]: leave "
         '"ki" out of gains; ks: leave "ks" out of gains)',
         "weigh the rotor: a constraint on m1 + m2 + m3",
@@ -115,10 +120,10 @@ def test_everything_open_at_once(levitated, rng):
     """No length, no mass, four force slopes: two scales, each named by itself."""
     records = levitated.seen(rng, 140.0, 100.0)
     estimate = levitated.machine.identified(records, fixed={}, runout=True, gains=("ki", "ks*"))
-    first, second = lines_of(estimate, "not identifiable: ")
+    first, second = lost(estimate)
     assert first.startswith("m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1]")
     assert second.startswith("L1, I_t, I_p, L2, mu, eta scale together")
-    assert lines_of(estimate, "cure: ")[0] == "fix 2 of them, such as m1, L1"
+    assert cures_of(estimate)[0] == "fix 2 of them, such as m1, L1"
     value, truth = estimate.value("I_t/m1/L1^2"), levitated.truth
     wanted = truth["I_t"] / truth["m1"] / truth["L1"] ** 2
     assert value == pytest.approx(wanted, abs=4 * estimate.std("I_t/m1/L1^2"))
@@ -130,19 +135,15 @@ def test_unknown_phase_of_the_only_record(demo, rng):
     turned = replace(turned, phase_known=False, angle=turned.angle - 1.0)
     alone = demo.identified(turned)
     assert alone.status == "not_identifiable"
-    assert lines_of(alone, "not identifiable: ") == [
-        "xi, zeta, mu, eta, phase[0] are determined only together"
-    ]
+    assert lost(alone) == ["xi, zeta, mu, eta, phase[0] are determined only together"]
     agrees(demo.identified([known, turned]), {**demo.truth, "phase[1]": 1.0}, 4)
 
 
 @pytest.mark.slow
 def test_unbalance_without_a_line_of_the_rotation(demo, rng):
     estimate = demo.identified(demo.seen(rng, harmonics=(1, 3, 5, 9, 11)))
-    assert lines_of(estimate, "not identifiable: ") == [
-        f"{name} is not determined" for name in ("xi", "zeta", "mu", "eta")
-    ]
-    cures = lines_of(estimate, "cure: ")
+    assert lost(estimate) == [f"{name} is not determined" for name in ("xi", "zeta", "mu", "eta")]
+    cures = cures_of(estimate)
     assert "a further record at another speed, such as 100 Hz" in cures
     told = "the line of the rotation, 140 Hz, on which the unbalance acts: add 7 to harmonics"
     assert cures.index(told) == 1  # behind known values
@@ -161,10 +162,10 @@ def test_standstill(demo, rng):
     still = demo.seen(rng, hertz=0.0)
     estimate = demo.identified(still)
     assert estimate.status == "not_identifiable"
-    assert lines_of(estimate, "not identifiable: ") == [
+    assert lost(estimate) == [
         f"{name} is not determined" for name in ("I_p", "xi", "zeta", "mu", "eta")
     ]
-    cures = lines_of(estimate, "cure: ")
+    cures = cures_of(estimate)
     assert "a further record at another speed, such as 20 Hz" in cures
     assert estimate.value("I_t") == pytest.approx(demo.truth["I_t"], abs=4 * estimate.std("I_t"))
     agrees(demo.identified([still, demo.seen(rng, hertz=20.0)]), demo.truth)
@@ -216,7 +217,5 @@ def test_gains_without_the_line_of_the_rotation(levitated, rng):
         seen, constraints=(levitated.weighed,), gains=("ki", "ks")
     )
     assert estimate.status == "not_identifiable"
-    assert lines_of(estimate, "not identifiable: ") == [
-        f"{name} is not determined" for name in ("xi", "zeta", "mu", "eta")
-    ]
-    assert any(cure.endswith("add 7 to harmonics") for cure in lines_of(estimate, "cure: "))
+    assert lost(estimate) == [f"{name} is not determined" for name in ("xi", "zeta", "mu", "eta")]
+    assert any(cure.endswith("add 7 to harmonics") for cure in cures_of(estimate))

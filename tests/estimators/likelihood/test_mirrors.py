@@ -348,9 +348,8 @@ def test_ends_in_passive_bearings_change_places():
     assert mirrors_of(model, records[:1])[1].exchanges == ()
     problem, found = mirrors_of(model, records[1:])
     (exchange,) = found.exchanges
-    assert exchanged(problem.layout, exchange, problem.layout.start).startswith(
-        "m1, k1 and L1 may change places with m3, k2 and L2"
-    )
+    told = exchanged(problem.layout, exchange, problem.layout.start)
+    assert told.startswith("m1, k1 and L1 may change places with m3, k2 and L2")
     x = problem.layout.start * np.linspace(0.97, 1.03, len(problem.layout.start))
     cost = problem.at(x).cost
     assert problem.at(exchange.of(x)).cost == pytest.approx(cost, rel=1e-9)

@@ -65,9 +65,8 @@ def test_delay_of_one_channel_with_prior(demo, bearings):
 @pytest.fixture(scope="module")
 def driven(levitated):
     """Records of currents at two speeds, and what their identification takes."""
-    return levitated.seen(35, 140.0, 100.0), MaximumLikelihood(
-        fixed={"L1": 0.3}, runout=True, constraints=(levitated.weighed,)
-    )
+    known = {"fixed": {"L1": 0.3}, "constraints": (levitated.weighed,)}
+    return levitated.seen(35, 140.0, 100.0), MaximumLikelihood(runout=True, **known)
 
 
 def test_force_slope_of_each_input(levitated, driven):
@@ -252,9 +251,7 @@ def test_slopes_are_those_of_the_logarithm(name):
     for j in range(len(values)):
         moved = np.ones(len(values))
         moved[j] += step
-        up, down = (
-            np.log(dynamics.response(omega, values * factor)) for factor in (moved, 2 - moved)
-        )
+        up, down = (np.log(dynamics.response(omega, values * f)) for f in (moved, 2 - moved))
         found = dynamics.slopes(omega, values)[:, j]
         np.testing.assert_allclose(found, (up - down) / (2 * step * values[j]), rtol=1e-7)
 

@@ -443,9 +443,8 @@ def test_planes_of_sensors_that_read_combinations(demo):
     ],
 )
 def test_a_line_that_something_else_fills_is_named(records, harmonic, told):
-    estimate = identify(
-        MODEL, shaken(records[1], harmonic, ("x",), 2e-6 * np.exp(0.4j)), MaximumLikelihood()
-    )
+    record = shaken(records[1], harmonic, ("x",), 2e-6 * np.exp(0.4j))
+    estimate = identify(MODEL, record, MaximumLikelihood())
     assert estimate.status == "rejected"
     assert estimate.suspects[0].term == f"line {10 * harmonic} Hz"
     assert estimate.suspects[0].share > 0.99

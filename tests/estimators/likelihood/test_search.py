@@ -284,9 +284,8 @@ def test_a_rotor_that_floats_at_dc():
             _motion(np.diag([1.0, 1e-10 / share])[None] + 0j, np.eye(2)[None] + 0j)
         assert least.call_count == asked
     wide = _motion(stiffness[2:, :2], right[2:, :2])
-    np.testing.assert_allclose(
-        wide[0], np.linalg.lstsq(stiffness[2, :2], right[2, :2], rcond=None)[0]
-    )
+    least = np.linalg.lstsq(stiffness[2, :2], right[2, :2], rcond=None)[0]
+    np.testing.assert_allclose(wide[0], least)
 
 
 @pytest.mark.sampled(1)
