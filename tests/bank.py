@@ -328,11 +328,7 @@ ARM = Problem(
         ],
         "q1 rad, q2 rad",
         "tau1 N m, tau2 N m",
-        {
-            **{name: "kg" for name in ("m1", "m2")},
-            **{name: "m" for name in ("l1", "r1", "r2")},
-            **{name: "kg m^2" for name in ("J1", "J2")},
-        },
+        "m1 kg, m2 kg, l1 m, r1 m, r2 m, J1 kg m^2, J2 kg m^2",
     ),
     truth={"m1": 3.0, "m2": 2.0, "l1": 0.5, "r1": 0.22, "r2": 0.31, "J1": 0.07, "J2": 0.03},
     columns=arm_columns,

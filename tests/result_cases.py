@@ -98,13 +98,9 @@ def balanced(seed: int, effort: Effort = "full") -> Balanced:
         mean = np.concatenate([current, seen], axis=1)
         records.append(noisy_record(channels, mean, noise, HARMONICS, rng, speed, PERIODS))
     start = {n: truth[n] * rng.uniform(0.8, 1.2) for n in ("I_t", "I_p")}
-    estimator = rid.MaximumLikelihood(
-        fixed={n: truth[n] for n in ("m", "L_a", "L_b")},
-        start=start,
-        runout=True,
-        gains=("ki",),
-        effort=effort,
-    )
+    fixed = {n: truth[n] for n in ("m", "L_a", "L_b")}
+    measured = {"runout": True, "gains": ("ki",), "effort": effort}
+    estimator = rid.MaximumLikelihood(fixed=fixed, start=start, **measured)
     estimate = rid.identify(model, records, estimator)
     if estimate.status != "ok":
         return Balanced(estimate.status)
@@ -245,26 +241,16 @@ def held(case: Case, estimate: rid.Estimate, speed: float) -> Found:
     truth = case.truth
     found = rid.modes(estimate, speed=speed)
     values = true_modes(truth, speed)
-    frequency = [
-        (m.frequency_hz, m.std_hz, *m.interval_hz, v.imag / (2 * np.pi))
-        for m, v in zip(found.modes, values, strict=True)
-    ]
-    ratios = [
-        (m.damping_ratio, m.damping_std, -v.real / abs(v))
-        for m, v in zip(found.modes, values, strict=True)
-    ]
+    pairs, turn = list(zip(found.modes, values, strict=True)), 2 * np.pi
+    hertz = [(m.frequency_hz, m.std_hz, *m.interval_hz, v.imag / turn) for m, v in pairs]
+    ratios = [(m.damping_ratio, m.damping_std, -v.real / abs(v)) for m, v in pairs]
     near = critical_speeds(machine_of(estimate), TO)[:CRITICAL]
     criticals = [
         (c.speed_rad_s, c.std, *c.interval, t)
         for c, t in zip(near, true_criticals(truth)[:CRITICAL], strict=True)
     ]
-    return Found(
-        "ok",
-        np.array(frequency),
-        np.array(ratios),
-        np.array(criticals),
-        tuple(m.close for m in found.modes),
-    )
+    rows = map(np.array, (hertz, ratios, criticals))
+    return Found("ok", *rows, tuple(m.close for m in found.modes))
 
 
 def covered(rows: Floats) -> Floats:

@@ -250,11 +250,8 @@ def test_what_cannot_be_done():
     with pytest.raises(InputError, match=r"records with a cut-off beside others.*all of one kind"):
         rid.identify(AXIS, [low, rid.average(record, 1.0, harmonics=[1])], "ls")
     linear = rid.load_model("jeffcott")
-    both = rid.Record(
-        [rid.Channel(n) for n in ("F_x", "F_y", "x", "y")],
-        np.random.default_rng(0).standard_normal((4000, 4)),
-        1000.0,
-    )
+    noise = np.random.default_rng(0).standard_normal((4000, 4))
+    both = rid.Record([rid.Channel(n) for n in ("F_x", "F_y", "x", "y")], noise, 1000.0)
     part = replace(both, channels=both.channels[:3], samples=both.samples[:, :3])
     with pytest.raises(InputError, match=r"a filtered record \(cutoff\) for ml.*the band"):
         rid.identify(linear, rid.filtered(both, 40.0), "ml")

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 from bank import ARM, BANK, JEFFCOTT, THREE_MASS
-from linear_machines import estimate_of
-from model_text import model_text
+from linear_machines import estimate_of, written
 
 import rotorid as rid
-from rotorid import parse_model
 from rotorid.answer.derived import base_from_physical, physical_from_base, with_unbalance
 
 # Physical parameters that follow from base ones, and back.
@@ -57,22 +55,16 @@ def test_what_stays_open_does_not_pull_at_what_is_determined():
 
 
 def test_a_product_that_stays_open_leaves_the_correlated_mass_alone():
-    text = model_text("m", ["m*x'' + a*b*x = F"], "x m", "F N", "m kg, a N/m, b 1")
+    model = written("m", ["m*x'' + a*b*x = F"], "x m", "F N", "m kg, a N/m, b 1")
     cov = np.array([[1e-2, 9e-3], [9e-3, 1e-2]])
-    (mass,) = physical_from_base(parse_model(text), np.array([3.0, 50.0]), cov)
+    (mass,) = physical_from_base(model, np.array([3.0, 50.0]), cov)
     assert (mass.name, mass.value, mass.std) == ("m", pytest.approx(3.0), pytest.approx(0.1))
 
 
 def test_minimum_distance_where_there_are_more_base_than_physical_parameters():
     # k*L and k*L^2 beside k: two ways to L, weighed by their covariance.
-    text = model_text(
-        "lever",
-        ["k*x + k*L*y = F", "k*L*x + k*L^2*y = T"],
-        "x m, y rad",
-        "F N, T N m",
-        "k N/m, L m",
-    )
-    model = parse_model(text)
+    equations = ["k*x + k*L*y = F", "k*L*x + k*L^2*y = T"]
+    model = written("lever", equations, "x m, y rad", "F N, T N m", "k N/m, L m")
     assert model.base.names == ("k", "k*L", "k*L^2")
     rng = np.random.default_rng(RNG_SEED)
     truth = np.array([200.0, 0.3])

@@ -374,11 +374,8 @@ def test_a_known_term_drives_as_well_as_an_input():
     grid = Grid()
     # x + k_3 x^3 with k, k_3 chosen so that x = cos(wt) fulfils x'' = -w^2 x
     x = np.cos(grid.omega * grid.time)
-    record = average(
-        Record([Channel("x")], np.tile(x[:, None], (3, 1)), grid.sample_rate),
-        period_samples=grid.samples,
-        harmonics=[1, 3],
-    )
+    record = Record([Channel("x")], np.tile(x[:, None], (3, 1)), grid.sample_rate)
+    record = average(record, period_samples=grid.samples, harmonics=[1, 3])
     for method in FAMILY:
         estimate = method().estimate(model, [record])
         assert estimate.status == "ok"
@@ -390,11 +387,9 @@ def test_a_known_term_drives_as_well_as_an_input():
 
 def test_fewer_equations_than_unknowns():
     """Two samples a period, one row, three unknowns: the open direction is seen."""
-    record = average(
-        Record([Channel("F"), Channel("z")], np.array([[1.0, 2.0], [0.0, -1.0]] * 3), 10.0),
-        period_samples=2,
-        harmonics=[0],
-    )
+    samples = np.array([[1.0, 2.0], [0.0, -1.0]] * 3)
+    record = Record([Channel("F"), Channel("z")], samples, 10.0)
+    record = average(record, period_samples=2, harmonics=[0])
     for method in FAMILY:
         estimate = method().estimate(HOIST.model, [record])
         assert estimate.status == "not_identifiable"
@@ -453,13 +448,8 @@ def test_rotation_that_is_not_synchronous_is_averaged_as_it_is():
     x = np.cos(grid.omega * t)
     unbalance = 0.02 * speed**2 * np.cos(speed * t + 0.5)
     force = -2.0 * grid.omega**2 * x - unbalance
-    record = Record(
-        [Channel("P"), Channel("x")],
-        np.column_stack([force, x]),
-        grid.sample_rate,
-        speed,
-        speed * t + 0.5,
-    )
+    samples, turned = np.column_stack([force, x]), speed * t + 0.5
+    record = Record([Channel("P"), Channel("x")], samples, grid.sample_rate, speed, turned)
     text = model_text("u", ["m*x'' = P + u*Omega^2*cos(phi)"], "x m", "P N", "m kg, u kg m")
     periodic = average(record, period_samples=grid.samples, harmonics=[1, 2, 3])
     for method in FAMILY:

@@ -248,11 +248,9 @@ gap = "0.4 mm"
     base = estimate_of(RIGID, percent=1e-6)
     wider = np.pad(base.covariance, (0, 1))
     wider[-1, -1] = 1.2**2
-    estimate = base.with_(
-        nuisance=(rid.Value("ki[F_xa]", "N/A", 120.0, 1.2),),
-        covariance=wider,
-        provenance=rid.Provenance(experiment=text, model=base.provenance.model),
-    )
+    ki = rid.Value("ki[F_xa]", "N/A", 120.0, 1.2)
+    source = rid.Provenance(experiment=text, model=base.provenance.model)
+    estimate = base.with_(nuisance=(ki,), covariance=wider, provenance=source)
     first, second, *_ = rid.centring(estimate, 600.0)
     assert first.amplitude_ampere == pytest.approx(3e5 / 120 * first.motion_m)
     assert first.std_ampere == pytest.approx(0.01 * first.amplitude_ampere, rel=1e-3)

@@ -174,12 +174,9 @@ def test_a_record_whose_rotor_angle_was_found_is_predicted(whole):
 
 
 def test_what_was_known_beforehand(few):
-    method = rid.MaximumLikelihood(
-        fixed={"m": 5.0},
-        known={"k": ("1 kN/mm", "10 N/mm")},
-        constraints=[rid.Constraint("c + 0.001*k", 1060.0, 5.0)],
-        force_scale_std=0.01,
-    )
+    sums = [rid.Constraint("c + 0.001*k", 1060.0, 5.0)]
+    known = {"known": {"k": ("1 kN/mm", "10 N/mm")}, "constraints": sums}
+    method = rid.MaximumLikelihood(fixed={"m": 5.0}, force_scale_std=0.01, **known)
     found = with_evidence(rid.identify(MODEL, few, method), MODEL, few, method)
     assert found.evidence.known == (
         Prior("m", 5.0, 0.0),

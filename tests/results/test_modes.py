@@ -277,9 +277,7 @@ FREE = model_text(
 APART = model_text(
     "two planes that hardly differ",
     ["m*x'' + k*x = F", "m*y'' + k_y*y = 0"],
-    "x m, y m",
-    "F N",
-    "m 1.0 kg, k 1e4 N/m, k_y 1.5e4 N/m",
+    *("x m, y m", "F N", "m 1.0 kg, k 1e4 N/m, k_y 1.5e4 N/m"),
 )
 
 

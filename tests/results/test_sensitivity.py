@@ -516,14 +516,8 @@ def periods(*excitation: float) -> SimpleNamespace:
     """Return periods of a line on which S is 2 and 3, and what was added to two axes."""
     r = np.array(excitation)
     lines = np.tile(np.concatenate([r * [2.0, 3.0], r]) + 0j, (4, 1, 1))
-    return SimpleNamespace(
-        names=("e1", "e2", "r1", "r2"),
-        spectra=lines,
-        frequency=np.array([10.0]),
-        periods=len(lines),
-        fundamental=10.0,
-        turns=0.0,
-    )
+    known = {"names": ("e1", "e2", "r1", "r2"), "periods": len(lines), "turns": 0.0}
+    return SimpleNamespace(spectra=lines, frequency=np.array([10.0]), fundamental=10.0, **known)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e3])

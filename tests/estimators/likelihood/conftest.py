@@ -64,12 +64,8 @@ class Machine:
         """Return what `record` is a record of, with its noise."""
         read = self.model.coordinates if sensors is None else sensors
         names = [s if isinstance(s, str) else s.name for s in read]
-        return Plan(
-            *(self.forces(HARMONICS), HARMONICS, 20.0, 5000.0, 260),
-            self.noise((*self.model.inputs, *names)),
-            2 * np.pi * hertz,
-            sensors,
-        )
+        noise, lines = self.noise((*self.model.inputs, *names)), (HARMONICS, 20.0, 5000.0, 260)
+        return Plan(self.forces(HARMONICS), *lines, noise, 2 * np.pi * hertz, sensors)
 
     def noise(self, names: Sequence[str]) -> dict[str, float]:
         inputs = self.model.inputs

@@ -31,11 +31,8 @@ RUNOUT = {"x1": (5, -3), "y1": (2, 4), "x3": (-6, 1), "y3": (3, 3)}  # um
 @cache
 def rig(rpm: int = 8400, *, bearings: bool = False) -> Rig:
     """The shipped rig at a lower rate, so that hundreds of runs take minutes."""
-    text = (
-        rid.load_rig("three-mass")
-        .text.replace("10 kHz", "4 kHz")
-        .replace('settling = "2 s"', 'settling = "0.5 s"')
-    )
+    text = rid.load_rig("three-mass").text.replace("10 kHz", "4 kHz")
+    text = text.replace('settling = "2 s"', 'settling = "0.5 s"')
     text = text.replace("8400 rpm", f"{rpm} rpm")
     if bearings:
         head, rest = text.split("[sensors]")
@@ -133,12 +130,9 @@ def test_headline_in_closed_loop(demo):
     for name, vector in RUNOUT.items():
         for part, size in zip(("cos", "sin"), vector, strict=True):
             truth[f"runout[{name}].{part}"] = 1e-6 * size
-    estimator = MaximumLikelihood(
-        fixed={"L1": 0.3},
-        runout=True,
-        gains=("ki", "ks"),
-        constraints=(rid.Constraint("m1 + m2 + m3", 12.98878),),
-    )
+    mass = rid.Constraint("m1 + m2 + m3", 12.98878)
+    known = {"fixed": {"L1": 0.3}, "gains": ("ki", "ks"), "constraints": (mass,)}
+    estimator = MaximumLikelihood(runout=True, **known)
     scaled = []
     for seed in range(20):
         speeds = {rpm: rig(rpm, bearings=True) for rpm in (8400, 6000)}

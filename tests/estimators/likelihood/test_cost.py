@@ -152,9 +152,7 @@ def test_stays_finite_at_a_resonance(demo):
 LOADED = model_text(
     "a mass on a spring, shaken at a frequency of its own",
     ["m*x'' + k*x = F + a*cos(2*pi*12.5*t)"],
-    "x m",
-    "F N",
-    "m kg, k N/m, a N",
+    *("x m", "F N", "m kg, k N/m, a N"),
 )
 
 
@@ -465,10 +463,9 @@ def test_what_a_controller_makes_of_noise_drives_the_rotor():
     matrices = rows @ rows.conj().transpose(0, 2, 1)
     lower, columns = np.linalg.cholesky(matrices), complex_noise(rng, 5, 2, 2)
     factor = np.stack([np.diag([10.0, 1e-3])] * 5).astype(complex)  # of the loop; of an amplifier
-    at = SimpleNamespace(
-        whitened_columns=lambda: np.linalg.solve(lower, columns),
-        problem=SimpleNamespace(noise=SimpleNamespace(factor=factor)),
-    )
+    problem = SimpleNamespace(noise=SimpleNamespace(factor=factor))
+    white = np.linalg.solve(lower, columns)
+    at = SimpleNamespace(whitened_columns=lambda: white, problem=problem)
     share = _idle_share(at, 2)
     np.testing.assert_allclose(share[:, 1], 1.0)
     for line in range(5):

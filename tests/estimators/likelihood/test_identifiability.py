@@ -31,10 +31,8 @@ def test_the_unit_of_angle(demo, rng):
     assert lost(estimate) == [
         "L1, I_t, I_p, L2, mu, eta scale together (L1, L2 as s; I_t, I_p as s^2; mu, eta as s^-1)"
     ]
-    assert cures_of(estimate) == [
-        "fix one of L1, I_t, I_p, L2, mu, eta",
-        "a sensor of theta_x or theta_y",
-    ]
+    known = "fix one of L1, I_t, I_p, L2, mu, eta"
+    assert cures_of(estimate) == [known, "a sensor of theta_x or theta_y"]
     # What is determined is still given, with its deviation.
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], abs=4 * estimate.std("m2"))
     assert np.isnan(estimate.value("L1"))

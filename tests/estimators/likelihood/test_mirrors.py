@@ -111,11 +111,8 @@ def test_the_mirror_image_is_turned_to_the_start(overhung, monkeypatch):
     names = [value.name for value in plain.free]
     sign = np.where(np.array(names) == "kc", -1.0, 1.0)
     scale = np.array([plain.std(name) for name in names])
-    np.testing.assert_allclose(
-        turned.covariance * np.outer(sign / scale, sign / scale),
-        plain.covariance / np.outer(scale, scale),
-        atol=1e-6,
-    )
+    size, back = np.outer(scale, scale), turned.covariance * np.outer(sign, sign)
+    np.testing.assert_allclose(back / size, plain.covariance / size, atol=1e-6)
 
 
 def test_a_sensor_a_prior_or_the_model_tells_a_sign(overhung):
@@ -360,10 +357,8 @@ def test_a_sign_within_its_deviation_is_not_told(overhung):
     solution = at_start(problem)
     count = len(problem.layout.free)
     for deviations, told in ((4.9, 0), (5.1, 1)):  # between kc and -kc
-        inference = SimpleNamespace(
-            std=np.full(count, 3e4 / deviations),
-            linear=SimpleNamespace(undetermined=np.zeros(count, dtype=bool)),
-        )
+        linear = SimpleNamespace(undetermined=np.zeros(count, dtype=bool))
+        inference = SimpleNamespace(std=np.full(count, 3e4 / deviations), linear=linear)
         assert len(list(found.notes(solution, inference))) == told
     inference.linear.undetermined[:] = True
     assert not list(found.notes(solution, inference))

@@ -436,11 +436,8 @@ def derivatives_hold(observation: Observation, nuisances: Sequence[Unknown]) -> 
 
 
 def test_derivatives_of_constants_against_differences():
-    law = replace(
-        MAGNET,
-        saturation=7000.0,
-        std=dict.fromkeys(("gap", "bias", "iron", "bias_difference", "saturation"), np.inf),
-    )
+    unknown = ("gap", "bias", "iron", "bias_difference", "saturation")
+    law = replace(MAGNET, saturation=7000.0, std=dict.fromkeys(unknown, np.inf))
     observation = bind(MODEL, periods(law, {"bias": "magnets"}))
     nuisances = unknowns_of([observation], Nuisances())
     free = [n.scalars[0].name.partition("[")[0] for n in nuisances]

@@ -247,13 +247,9 @@ def jeffcott(speeds=(100.0,), sizes=(1.0, 1.0, 1.0, 1.0), frequency=(10.0, 20.0,
     model = load_model("jeffcott")
     made = []
     for speed in speeds:
-        lines = SimpleNamespace(
-            speed=np.full(3, speed),
-            frequency=np.array(frequency),
-            names=("F_x", "F_y", "x", "y"),
-            mean=np.outer([1j, -1.0, 1.0], sizes),
-            passive=False,
-        )
+        known = {"names": ("F_x", "F_y", "x", "y"), "passive": False}
+        lines = SimpleNamespace(speed=np.full(3, speed), frequency=np.array(frequency), **known)
+        lines.mean = np.outer([1j, -1.0, 1.0], sizes)
         record = SimpleNamespace(lines=lines, model=model, inputs=[], direct=[], indirect=[])
         made.append(record)
     known = {"model": model, "values": None, "structure": None}
@@ -410,10 +406,8 @@ def test_what_undoes_a_mistake_undoes_it(demo, record):
     np.testing.assert_allclose(twice.lines.mean, seen.lines.mean)
     scaled = leads.multiplied(seen, {"x1": 2.0, "F_y1": -1.0})
     where = [seen.lines.names.index(n) for n in ("x1", "F_y1")]
-    np.testing.assert_allclose(
-        scaled.lines.covariance.matrices[:, where[0], where[1]],
-        -2 * seen.lines.covariance.matrices[:, where[0], where[1]],
-    )
+    found, wanted = (at.lines.covariance.matrices[:, where[0], where[1]] for at in (scaled, seen))
+    np.testing.assert_allclose(found, -2 * wanted)
     np.testing.assert_allclose(scaled.lines.scatter[:, :, where[0]], 2 * record.spectra[:, :, 4])
 
 

@@ -343,11 +343,9 @@ def test_terms_of_the_shaft_are_the_derivatives_of_its_matrices():
     )
     np.testing.assert_allclose(found[D], other.D - one.D, rtol=1e-9, atol=1e-18 * size)
     parts = [t for name, t in terms.items() if name.startswith("stiffness section")]
-    np.testing.assert_allclose(
-        sum(matrices(t, one.K.shape)[K] for t in parts),
-        matrices(terms["stiffness shaft"], one.K.shape)[K],
-        atol=1e-9 * size,
-    )
+    added = sum(matrices(t, one.K.shape)[K] for t in parts)
+    shaft = matrices(terms["stiffness shaft"], one.K.shape)[K]
+    np.testing.assert_allclose(added, shaft, atol=1e-9 * size)
     assert len(parts) == len(model.rotor.sections)
     assert len([name for name in terms if name.startswith("stiffness joint")]) == len(parts) - 1
 
