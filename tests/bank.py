@@ -92,9 +92,8 @@ class Problem:
 
     @cached_property
     def model(self) -> Model:
-        return (
-            rid.parse_model(self.text, name=self.name) if self.text else rid.load_model(self.name)
-        )
+        name = self.name
+        return rid.parse_model(self.text, name=name) if self.text else rid.load_model(name)
 
     @property
     def derived(self) -> Sequence[str]:

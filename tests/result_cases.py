@@ -140,9 +140,8 @@ def close_matrices(p: Mapping[str, float], speed: float) -> tuple[Floats, Floats
     """Return M, D + Omega G and K of the machine with close modes."""
     gyro = np.zeros((4, 4))
     gyro[2, 3], gyro[3, 2] = p["I_p"] * speed, -p["I_p"] * speed
-    stiffness = np.diag(
-        [2 * p["k_x"], 2 * p["k_y"]] + [2 * p["L"] ** 2 * p[k] for k in ("k_y", "k_x")]
-    )
+    k_x, k_y, arm = 2 * p["k_x"], 2 * p["k_y"], p["L"] ** 2
+    stiffness = np.diag([k_x, k_y, arm * k_y, arm * k_x])
     stiffness[0, 1] = stiffness[1, 0] = p["e"]
     damping = np.diag([p["c"], p["c"], p["d"], p["d"]]) + gyro
     return np.diag([p["m"], p["m"], p["I_t"], p["I_t"]]), damping, stiffness
@@ -153,9 +152,8 @@ def true_modes(p: Mapping[str, float], speed: float) -> Complexes:
     mass, damping, stiffness = close_matrices(p, speed)
     own = np.diag(mass)[:, None]
     unit = 300.0
-    companion = np.block(
-        [[np.zeros((4, 4)), unit * np.eye(4)], [-stiffness / own / unit, -damping / own]]
-    )
+    below = [-stiffness / own / unit, -damping / own]
+    companion = np.block([[np.zeros((4, 4)), unit * np.eye(4)], below])
     values = scipy.linalg.eigvals(companion)
     kept = values[values.imag > 1e-9 * np.abs(values)]
     return kept[np.argsort(kept.imag)]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from coast_down import RPM, TRIAL, TRUTH, Change, identify, of_two, write_two
+from coast_down import PROBES, RPM, TRIAL, TRUTH, Change, identify, of_two, write_two
 
 import rotorid as rid
 from rotorid import InputError
@@ -144,9 +144,7 @@ def test_a_std_that_is_no_std_is_told(tmp_path, std, status, told):
 
 @pytest.mark.slow
 def test_one_probe_tells_phases_that_count_backward(tmp_path):
-    text = TWO.replace(
-        'y = { amplitude = "ay", phase = "py", unit = "um", std = "1 um" }\n', ""
-    ).replace("std =", "lag = true, std =")
+    text = TWO.replace(PROBES, PROBES.partition("y =")[0]).replace("std =", "lag = true, std =")
     estimate = measured(tmp_path, text=text)
     assert estimate.status != "ok"
     assert "lag" in [s.term for s in estimate.suspects][:3]

@@ -349,10 +349,8 @@ def drawn_equations(rng, dof):
     matrix = np.concatenate([(size[..., None] * part) for part in (design.real, design.imag)])
     right = np.concatenate([design.real, design.imag])
     normal = np.einsum("krf,krg->fg", right, matrix)
-    solved = np.linalg.solve(
-        normal, np.moveaxis(size[..., None] * design.conj(), -1, 0).reshape(FREE, -1)
-    )
-    gains = solved.reshape(FREE, LINES, ROWS)
+    weighted = np.moveaxis(size[..., None] * design.conj(), -1, 0).reshape(FREE, -1)
+    gains = np.linalg.solve(normal, weighted).reshape(FREE, LINES, ROWS)
 
     def draw():
         noise = np.einsum("krs,ks->kr", mixed, complexes(rng, LINES, ROWS)) / np.sqrt(2)
@@ -386,9 +384,8 @@ def test_mean_and_variance_are_those_of_the_residual(number):
 
 
 def test_few_periods_leave_a_larger_and_wider_cost():
-    known, few = (
-        misfit([drawn_equations(np.random.default_rng(6), dof)()])[1] for dof in (10**12, 9)
-    )
+    draws = (drawn_equations(np.random.default_rng(6), dof) for dof in (10**12, 9))
+    known, few = (misfit([draw()])[1] for draw in draws)
     assert few.mean == pytest.approx(known.mean * 9 / 8)  # the mean of F with 18 of freedom
     assert few.variance / few.mean**2 > 1.2 * known.variance / known.mean**2
 

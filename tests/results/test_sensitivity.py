@@ -562,9 +562,8 @@ class Loop:
         root, other = rng.standard_normal((2, n, n))
         turned = rng.standard_normal((n, n))
         self.mass = root @ root.T + np.eye(n)
-        self.stiffness = (other @ other.T) * rng.choice([1e4, 0.0]) + np.diag(
-            rng.uniform(-1e4, 2e4, n)  # magnets
-        )
+        self.stiffness = (other @ other.T) * rng.choice([1e4, 0.0])
+        self.stiffness += np.diag(rng.uniform(-1e4, 2e4, n))  # magnets
         self.damping = rng.choice([0.0, 0.1, 5.0]) * np.eye(n)
         self.damping += rng.choice([0.0, 50.0]) * (turned - turned.T)  # gyroscopic
         m = int(rng.integers(1, n + 1))
@@ -589,9 +588,8 @@ class Loop:
         """Return the poles of the closed loop, from the states of plant and controllers."""
         (n, m), rest = self.push.shape, 1 / self.corner
         below = [rest**2, 2 * rest, 1, 0]
-        above = -np.polyadd(
-            np.polymul([rest, 1], [self.gains[0], self.integral]), [self.gains[1], 0, 0]
-        )
+        slow = np.polymul([rest, 1], [self.gains[0], self.integral])
+        above = -np.polyadd(slow, [self.gains[1], 0, 0])
         a, b, c, _ = scipy.signal.tf2ss(above, below)
         memory, drive, command = (np.kron(np.eye(m), part) for part in (a, b, c))
         forces = np.hstack([-self.stiffness, -self.damping, self.push @ command])

@@ -52,9 +52,8 @@ def test_product_constraint_is_exact(demo, found, free):
 
 def test_constraint_with_deviation_is_a_measurement(demo, found, free):
     """Between no constraint and the exact one, and equal to each in the limits."""
-    loose, firm, exact = (
-        found(constraints=(Constraint("m1 + m2 + m3", 12.98878, std),)) for std in (1e3, 1e-3, 0.0)
-    )
+    known = [Constraint("m1 + m2 + m3", 12.98878, std) for std in (1e3, 1e-3, 0.0)]
+    loose, firm, exact = (found(constraints=(each,)) for each in known)
     for value in free.free:
         scale = free.std(value.name)
         assert loose.value(value.name) == pytest.approx(value.value, abs=1e-3 * scale)

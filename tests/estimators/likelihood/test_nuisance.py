@@ -280,9 +280,8 @@ def test_an_unknown_constant_that_channels_share_is_found(demo, bearings, name, 
     """The amplifiers of all inputs, or the filters of all sensors, start 20 % off."""
     truth = replace(KINDS[name], actuator=actuator, shared="loop")
     names = demo.model.inputs if actuator else bearings
-    guessed = replace(
-        truth, **{c.name: replace(c, value=1.2 * c.value, std=UNKNOWN) for c in truth.constants}
-    )
+    off = {c.name: replace(c, value=1.2 * c.value, std=UNKNOWN) for c in truth.constants}
+    guessed = replace(truth, **off)
     record = passed_through(demo.record(bearings), truth, guessed, names)
     estimate = demo.identified(record, start=demo.start(np.random.default_rng(3), 0.1))
     found = {v.name: v.value for v in estimate.nuisance}

@@ -180,9 +180,8 @@ def test_an_end_that_fits_as_well_and_lies_apart_is_another_answer(above, distan
     problem = unknowns_of("m", "k")
     solution = solution_at([1.0, 1.0], 100.0, problem)
     other = solution_at([1.0, 1.0 + 0.1 * distance], 100.0 + above, problem)
-    solution.inference = SimpleNamespace(
-        std=np.array([1.0, 0.1]), linear=SimpleNamespace(undetermined=np.zeros(2, bool))
-    )
+    linear = SimpleNamespace(undetermined=np.zeros(2, bool))
+    solution.inference = SimpleNamespace(std=np.array([1.0, 0.1]), linear=linear)
     mirrors = SimpleNamespace(images=lambda solution: [], layout=problem.layout)
     found, _ = information.other_answers(mirrors, solution, [other])
     assert len(found) == answers

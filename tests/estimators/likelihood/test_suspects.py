@@ -338,9 +338,8 @@ def test_terms_of_the_shaft_are_the_derivatives_of_its_matrices():
     one, other = (model.require_linear().matrices(v, speed) for v in (values, stiffer))
     found = matrices(terms["stiffness section 4"], one.K.shape)
     size = np.abs(one.K).max()
-    np.testing.assert_allclose(
-        found[K] + speed * found[K_SPEED], other.K - one.K, rtol=1e-9, atol=1e-12 * size
-    )
+    bent = found[K] + speed * found[K_SPEED]
+    np.testing.assert_allclose(bent, other.K - one.K, rtol=1e-9, atol=1e-12 * size)
     np.testing.assert_allclose(found[D], other.D - one.D, rtol=1e-9, atol=1e-18 * size)
     parts = [t for name, t in terms.items() if name.startswith("stiffness section")]
     added = sum(matrices(t, one.K.shape)[K] for t in parts)
