@@ -89,10 +89,8 @@ def rotor_bound(case: Case) -> dict[str, float]:
     calm = truth | dict.fromkeys(UNBALANCE, 0.0)
     ones = [np.eye(4)[[k]] * np.ones((len(omega), 1)) for k in range(4)]
     response = np.stack([read(calm, one + 0j, speed) for one in ones], axis=2)
-    whole = noise[4:, None] ** 2 * np.eye(len(where)) + (
-        (response * noise[:4] ** 2) @ response.conj().transpose(0, 2, 1)
-    )
-    root = np.linalg.cholesky(whole)
+    driven = (response * noise[:4] ** 2) @ response.conj().transpose(0, 2, 1)
+    root = np.linalg.cholesky(noise[4:, None] ** 2 * np.eye(len(where)) + driven)
     names = [n for n in truth if n not in case.fixed]
     columns = []
     for name in names:

@@ -10,6 +10,7 @@ import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import combinations
 from pathlib import Path
 
@@ -30,12 +31,9 @@ def put(old: str, new: str, count: int = -1) -> Edit:
 
 
 def swap(a: str, b: str) -> Edit:
-
-    def edit(text: str) -> str:
-        names = {f'"{a}"': f'"{b}"', f'"{b}"': f'"{a}"'}
-        return re.sub(rf'(column = )("{a}"|"{b}")', lambda m: m.group(1) + names[m.group(2)], text)
-
-    return edit
+    names = {a: b, b: a}
+    columns = re.compile(rf'(?<=column = ")({a}|{b})(?=")')
+    return lambda text: columns.sub(lambda found: names[found[0]], text)
 
 
 def scale(column: str, factor: float) -> Edit:
@@ -43,13 +41,7 @@ def scale(column: str, factor: float) -> Edit:
 
 
 def both(*edits: Edit) -> Edit:
-
-    def edit(text: str) -> str:
-        for each in edits:
-            text = each(text)
-        return text
-
-    return edit
+    return lambda text: reduce(lambda told, edit: edit(told), edits, text)
 
 
 def known(line: str) -> Edit:

@@ -129,9 +129,8 @@ def noisy_record(
         spectra = spectra + drawn * noise / np.sqrt(2 * samples)
     time = np.arange(samples)[None] / rate
     blank = np.zeros((samples, len(channels)))
-    return PeriodicRecord(
-        tuple(channels), rate, np.array(harmonics), spectra, blank, blank, speed, time, speed * time
-    )
+    parts = (np.array(harmonics), spectra, blank, blank)
+    return PeriodicRecord(tuple(channels), rate, *parts, speed, time, speed * time)
 
 
 @dataclass(frozen=True)
@@ -251,9 +250,8 @@ class Structure:
             if i < n:
                 text += f" - k{i + 1}*(q{i + 1} - q{i}) - beta*k{i + 1}*(q{i + 1}' - q{i}')"
             equations.append(f"{text} = {'F' if i == n else '0'}")
-        units = {
-            f"{kind}{i}": u for kind, u in (("m", "kg"), ("k", "N/m")) for i in range(1, n + 1)
-        }
+        kinds = (("m", "kg"), ("k", "N/m"))
+        units = {f"{kind}{i}": unit for kind, unit in kinds for i in range(1, n + 1)}
         coordinates = [f"q{i}" for i in range(1, n + 1)]
         return model_of(equations, coordinates, {**units, "alpha": "1/s", "beta": "s"})
 

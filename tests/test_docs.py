@@ -190,7 +190,6 @@ def test_limits_of_the_models_page_are_those_of_the_code():
 def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path):
     (text,) = blocks(ROOT / "docs" / "maximum-likelihood.md", "toml")
     estimator = load(tmp_path, text).estimator()
-    assert isinstance(estimator, rid.MaximumLikelihood)
     assert estimator.gains == ("ki", "ks")
     assert estimator.runout
 

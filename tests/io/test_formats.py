@@ -315,21 +315,16 @@ def test_what_a_child_sends_runs_nothing(answer, monkeypatch):
 def run_mat(tmp_path):
     run_mat = tmp_path / "run.mat"
     log = {"x": np.arange(4.0), "sub": {"y": np.arange(4.0)[:, None], "z": np.arange(4.0)}}
-    scipy.io.savemat(
-        run_mat,
-        {
-            "t": np.arange(4.0)[:, None],
-            "row": np.arange(4.0)[None, :],
-            "pulses": np.arange(4, dtype=np.uint8)[:, None],
-            "adc": np.arange(8.0).reshape(4, 2),
-            "gtau": 35.15,
-            "z": np.arange(4.0),
-            "label": "run 7",
-            "complex": np.arange(4) * 1j,
-            "cells": np.array([1, "a"], dtype=object),
-            "log": log,
-        },
-    )
+    values = {
+        "t": np.arange(4.0)[:, None],
+        "row": np.arange(4.0)[None, :],
+        "pulses": np.arange(4, dtype=np.uint8)[:, None],
+        "adc": np.arange(8.0).reshape(4, 2),
+        "complex": np.arange(4) * 1j,
+        "cells": np.array([1, "a"], dtype=object),
+    }
+    values |= {"gtau": 35.15, "z": np.arange(4.0), "label": "run 7", "log": log}
+    scipy.io.savemat(run_mat, values)
     return run_mat
 
 

@@ -326,12 +326,12 @@ def exchanged(one: int, other: int):
 
 
 def summed(into: int, other: int, share: str = "1"):
-    return lambda sides: [
-        tuple(f"{a} + {share}*({b})" for a, b in zip(pair, sides[other], strict=True))
-        if k == into
-        else pair
-        for k, pair in enumerate(sides)
-    ]
+    def change(sides):
+        pairs = zip(sides[into], sides[other], strict=True)
+        both = tuple(f"{a} + {share}*({b})" for a, b in pairs)
+        return [*sides[:into], both, *sides[into + 1 :]]
+
+    return change
 
 
 def answers(model: rid.Model) -> dict:

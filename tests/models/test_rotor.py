@@ -251,9 +251,7 @@ def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypa
     knowledge = Knowledge(start=model.nominal)
     bound = bind_all(model, [record])
     coarse = reduction.reduced(bound, model.nominal, share=1e-3)
-    found, whole = (
-        fit(records[0].model, records, knowledge, Nuisances()) for records in (coarse, bound)
-    )
+    found, whole = (fit(r[0].model, r, knowledge, Nuisances()) for r in (coarse, bound))
     covariance = found.inference.covariance
     told = reduction.shift_by_reduction(found.solution.point, covariance, found.records)
     off = found.solution.point.unknowns - whole.solution.point.unknowns

@@ -137,9 +137,8 @@ def test_misfit_suspects_and_warnings_are_shown(of_no_machine):
 
 
 def test_hostile_names_are_text(estimate, periods):
-    named = tuple(
-        replace(v, name=HOSTILE + str(i), unit=HOSTILE) for i, v in enumerate(estimate.parameters)
-    )
+    values = enumerate(estimate.parameters)
+    named = tuple(replace(v, name=HOSTILE + str(i), unit=HOSTILE) for i, v in values)
     (shown,) = estimate.evidence.records
     channels = tuple(replace(c, name=HOSTILE + c.name, unit=HOSTILE) for c in shown.channels)
     record = replace(shown, source=HOSTILE, channels=channels)

@@ -88,9 +88,8 @@ def test_changing_speed_of_a_linear_law_against_the_reference(quiet):
 
 def test_a_tighter_tolerance_converges(quiet):
     rig = replace(with_actuators(quiet, **NONLINEAR["slew"]), settling=0.0, clearance=4.5e-4)
-    *found, exact = (
-        recorded(replace(rig, tolerance=each), 0.05).truth.position for each in (1e-5, 1e-7, 1e-11)
-    )
+    records = (recorded(replace(rig, tolerance=each), 0.05) for each in (1e-5, 1e-7, 1e-11))
+    *found, exact = (record.truth.position for record in records)
     coarse, fine = (np.abs(q - exact).max() / np.abs(exact).max() for q in found)
     assert fine < coarse / 5
     assert fine < 1e-6
