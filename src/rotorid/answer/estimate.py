@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer, Strict, TypeAdapter
 from pydantic_core import to_json
 
-from rotorid.answer.judge import EFFORT, Status, judge, ordered
+from rotorid.answer.judge import DIRECTION, EFFORT, Status, judge, ordered
 from rotorid.core.errors import InputError, ReadError, one_line
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.notes import VERDICTS, Note
@@ -534,6 +534,8 @@ class Estimate:
         """Why an answer that is ok is doubtful all the same; empty where it is not."""
         if self.status == "ok" and any(note.about == EFFORT for note in self.notes):
             return "little effort"
+        if self.status == "ok" and (off := [n for n in self.notes if n.about == DIRECTION]):
+            return f"{off[0].value:.2g} std off along {off[0].on[0]}"
         if self.status != "ok" or self.misfit is None or not self.misfit.p_value < DOUBTFUL:
             return ""
         return f"p = {self.misfit.p_value:.1g}"

@@ -41,6 +41,8 @@ SILENT = frozenset({"dead", "stuck", "quantized"})
 can but say that the gain of a dead sensor is 1e-19."""
 OPEN = "not identifiable"
 """What a note on an open direction, and on what would close it, is about."""
+DIRECTION = "direction"
+"""What the note is about that the records contradict in one direction what was assumed."""
 EFFORT = "effort"
 """What the note is about that not everything was asked that may change the answer."""
 SUSPECTS = "suspects"

@@ -13,15 +13,19 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from rotorid.answer.estimate import DOUBTFUL, Estimate
+from rotorid.answer.judge import DIRECTION
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.linear import DISTINCT
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import parts_between
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, force_scale
+from rotorid.likelihood.whitening import as_complex
 from rotorid.models.structure import Structure
 
 MATTERS = 1.0
@@ -47,6 +51,9 @@ chance."""
 TAKEN_OVER = 1e-6
 """What is left of a column when the unknowns have taken their share, over its square, below which
 they take it over: exactly so at the corrected lines, but for rounding."""
+ALIKE = 0.9
+"""Share of the largest score from which on another one is named too: which it is no record tells.
+"""
 LED = 0.9
 """Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
 
@@ -62,6 +69,11 @@ class Assumed:
     effect: Floats  # (row, error): what errors of that size do to the residual
     step: Floats | float = 0.0  # (free, error): what they do to the unknowns by themselves
     least: float = MATTERS  # deviations from which on it is told
+    errors: tuple[str, ...] = ()  # the names of several errors: "gain[x1]"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.errors or (self.about,)
 
     def moved(self, fit: Fit) -> Floats:
         """Return the deviations by which it may move each unknown unseen, (free,), 0 of others."""
@@ -80,9 +92,9 @@ def assumed(estimate: Estimate, fit: Fit) -> Estimate:
 
     Of what is wrong in one way or another the worst counts.
     """
-    names, told = fit.layout.names(), dict[str, Note]()
+    names, told, every = fit.layout.names(), dict[str, Note](), list(assumptions(fit))
     worst: dict[str, Floats] = {}
-    for one in assumptions(fit):
+    for one in every:
         moved = one.moved(fit)
         most = int(np.argmax(moved))
         size, name = float(moved[most]), one.about
@@ -101,7 +113,45 @@ def assumed(estimate: Estimate, fit: Fit) -> Estimate:
         )
         estimate = estimate.with_(parameters=parameters)
     notes = sorted(told.values(), key=lambda note: -(note.value or 0.0))
-    return estimate.with_notes(*notes, *_led_by_the_angle(fit))
+    return estimate.with_notes(*notes, *_led_by_the_angle(fit), *contradicted(fit, every))
+
+
+def contradicted(fit: Fit, every: Sequence[Assumed]) -> Iterator[Note]:
+    """Test each error alone, and each value known beforehand, against what the model leaves.
+
+    What shows in one direction drowns in a sum over a hundred. Along the rest of a column, what
+    noise leaves is normal, and so is what it makes of a known value, over its own deviation.
+    """
+    point, expected = fit.solution.point, fit.inference.expectation
+    linear, first = point.linear, len(point.residual) - len(point.known)
+    if not fit.records or expected.dof <= 0:
+        return
+    found: dict[str, float] = {}
+    for one in every:
+        rest, whole = linear.rest(one.effect), np.linalg.norm(one.effect, axis=0)
+        length = np.linalg.norm(rest, axis=0)
+        told = length > DISTINCT * whole
+        along = np.abs(linear.residual @ rest) / np.where(told, length, np.inf)
+        for name, size, seen in zip(one.names, along.tolist(), told, strict=True):
+            if seen:
+                found[name] = max(size, found.get(name, 0.0))
+    for row, text in enumerate(point.problem.known.relations.texts):
+        found[text] = float(np.sqrt(linear.without(np.array([first + row]))))
+    noise = float(np.sqrt(expected.mean / expected.dof))
+    most = max(found.values(), default=0.0) / noise
+    # The deviation of a line is known from its periods only.
+    dof = min(at.problem.noise.dof - at.problem.equations + 1 for at in point.records)
+    chance = 2 * len(found) * float(scipy.special.stdtr(min(max(dof, 1.0), 1e9), -most))
+    if chance >= DOUBTFUL:
+        return
+    falling = sorted(found, key=lambda name: -found[name])
+    on = tuple(name for name in falling if found[name] > ALIKE * most * noise)[:3]
+    text = (
+        f"the model is doubtful: what it leaves is {most:.2g} std off along {' or '.join(on)}, the "
+        f"most of {len(found)} directions (p = {chance:.1g})"
+    )
+    cure = "check that, or have it estimated; values may be off by more than their std"
+    yield Note(DIRECTION, "doubts", text, cure, on, most, "1")
 
 
 def _figure(size: float) -> str:
@@ -128,7 +178,8 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
             for group in (driven, ~driven):
                 effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
         text = f"{plausible.taken}: {plausible.written} of {plausible.error}"
-        yield Assumed(plausible.about, plausible.written, text, plausible.cure, effect)
+        about, size, cure = plausible.about, plausible.written, plausible.cure
+        yield Assumed(about, size, text, cure, effect, errors=tuple(names))
     yield from _held(fit, point)
     yield from _constrained(fit)
     if structure is not None and records:
@@ -200,7 +251,7 @@ def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:
     for name, column in columns.items():
         text = f"complete: a missing {name} of 1 % of all ({mass:.2g} kg)"
         cure = "lines about higher modes or a sensor there show it"
-        yield Assumed("model", "1 %", text, cure, mass * column, least=BEYOND)
+        yield Assumed("model", "1 %", text, cure, mass * column, least=BEYOND, errors=(name,))
 
 
 def _geometry(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[Assumed]:
@@ -216,8 +267,9 @@ def _geometry(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[
         yield Assumed("ground", size, text, weigh, effect)
     if structure.pairs:
         text, cure = "aligned: axes turned by 0.1 deg", "measure the directions of the axes"
-        effect = _joined(fit, [_turned(fit, k, structure) for k in range(len(evaluations))])
-        yield Assumed("axes", "0.1 deg", text, cure, effect)
+        turned = [_turned(fit, k, structure) for k in range(len(evaluations))]
+        effect, names = _joined(fit, turned)
+        yield Assumed("axes", "0.1 deg", text, cure, effect, errors=names)
 
 
 def _over(fit: Fit, columns: Sequence[Floats]) -> Floats:
@@ -226,11 +278,12 @@ def _over(fit: Fit, columns: Sequence[Floats]) -> Floats:
     return np.concatenate([*columns, none])
 
 
-Rows = Mapping[tuple[str, ...], Complexes]
-"""What errors do to the equations of a record, (line, row), by the channels that have them."""
+Rows = Mapping[tuple[str, tuple[str, ...]], Complexes]
+"""What errors do to the equations of a record, (line, row), by what they are and of which
+channels."""
 
 
-def _joined(fit: Fit, found: Sequence[Rows]) -> Floats:
+def _joined(fit: Fit, found: Sequence[Rows]) -> tuple[Floats, tuple[str, ...]]:
     """Return what errors do to the residual, (row, error): a channel has one in all records."""
     every = list(dict.fromkeys(name for rows in found for name in rows))
     columns = []
@@ -238,7 +291,7 @@ def _joined(fit: Fit, found: Sequence[Rows]) -> Floats:
         none = np.zeros((at.problem.lines, at.problem.all_rows), dtype=np.complex128)
         stacked = [rows.get(name, none) for name in every]
         columns.append(at.whiten(np.stack(stacked, axis=2)) if every else np.zeros((0, 0)))
-    return _over(fit, columns)
+    return _over(fit, columns), tuple(f"{what}[{', '.join(name)}]" for what, name in every)
 
 
 def _recoil(
@@ -273,15 +326,17 @@ def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
     equations, forces, names = at.equations, at.forces, _names(fit, number)
     data, motion = at.corrected()
     read = at.readings_of((motion * scale) @ turn.T / scale)
-    found: dict[tuple[str, ...], Complexes]
-    found = {(n,): -at.plain[:, :, k] * read[:, [k - forces]] for k, n in names if k >= forces}
+    found: dict[tuple[str, tuple[str, ...]], Complexes] = {
+        ("turn", (name,)): as_complex(-at.plain[:, :, k] * read[:, [k - forces]])
+        for k, name in names[forces:]
+    }
     true = at.state.factors * data - at.state.readings
     rows = at.problem.scales.rows[:equations]
     for k, name in names[:forces]:
         along = structure.balance.forces((at.inputs[:, :equations, k] * rows).T)
         force = np.zeros((len(true), at.problem.all_rows), dtype=np.complex128)
         force[:, :equations] = structure.in_rows(turn @ along).T / rows
-        found[name,] = force * true[:, [k]]
+        found["turn", (name,)] = as_complex(force * true[:, [k]])
     return found
 
 
@@ -301,14 +356,15 @@ def _crosstalk(fit: Fit) -> Iterator[Assumed]:
         pairs = [pair for a, b in pairwise(sensors) for pair in ((a, b), (b, a))]
         found.append(
             {
-                (of, other): -at.plain[:, :, k] * true[:, [j]]
+                ("cross-talk", (of, other)): as_complex(-at.plain[:, :, k] * true[:, [j]])
                 for (k, of), (j, other) in pairs
                 if units[of] == units[other]
             }
         )
     if any(found):
         text, cure = "apart: 0.1 % of a reading in the next", "measure it with one sensor moved"
-        yield Assumed("cross-talk", "0.1 %", text, cure, _joined(fit, found))
+        effect, names = _joined(fit, found)
+        yield Assumed("cross-talk", "0.1 %", text, cure, effect, errors=names)
 
 
 def _led_by_the_angle(fit: Fit) -> Iterator[Note]:

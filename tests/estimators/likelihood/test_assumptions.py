@@ -195,3 +195,48 @@ def test_the_table_tells_what_errors_may_do_and_the_text_the_three_largest(tmp_p
     assert again == found
     assert again.assumptions == found.assumptions
     assert str(again) == text
+
+
+# What contradicts an assumption in one direction, which a misfit summed over all does not show.
+
+
+def along(found: Estimate) -> Note | None:
+    return next((note for note in found.notes if note.about == "direction"), None)
+
+
+@pytest.mark.parametrize(("gain", "doubtful"), [(1.0, False), (1.0012, False), (1.0026, True)])
+def test_a_gain_that_the_misfit_hides_is_seen_in_its_direction(gain, doubtful):
+    record = with_errors({"x1": (gain - 1) * LINES["x1"]})
+    found = answer(record)
+    assert found.status == "ok"
+    assert found.misfit.p_value > 1e-3
+    told = along(found)
+    assert (told is not None) == doubtful
+    assert (found.verdict == "doubtful") == doubtful
+    if told is not None:
+        assert "gain[x1]" in told.on
+        assert str(found).startswith(f"three-mass, ml: ok, but doubtful ({told.value:.2g} std off")
+        # A free gain lies as many of its deviations from one.
+        channels = [replace(c, gain_std=0.1 * (c.name == "x1")) for c in record.channels]
+        free = answer(replace(record, channels=tuple(channels)))["gain[x1]"]
+        assert told.value == pytest.approx(abs(free.value - 1) / free.std, rel=0.03)
+
+
+def test_known_values_that_contradict_each_other_are_named():
+    """The misfit is raised by 24, of 36 that are expected."""
+    apart = 4.9 * np.hypot(1e-3, 1e-3)
+    lengths = {"L1": (0.3, 3e-4), "L2": (TRUTH["L2"] * (1 + apart), 1e-3 * TRUTH["L2"])}
+    told = along(answer(fixed={}, known=lengths))
+    assert told is not None
+    assert {"L1", "L2"} <= {*told.on}
+    assert told.value == pytest.approx(4.9, abs=1.2)
+
+
+@pytest.mark.slow
+def test_one_right_model_in_twenty_is_contradicted_at_five_percent(monkeypatch):
+    """Of a family of 42 tests at 5 % together, a few less: its directions overlap."""
+    monkeypatch.setattr(assumptions, "DOUBTFUL", 0.05)
+    children = np.random.default_rng(11).spawn(400)
+    records = (add_noise(measured(), PLAN.noise, child) for child in children)
+    seen = sum(along(answer(record)) is not None for record in records)
+    assert 0.015 * 400 < seen < 0.065 * 400
