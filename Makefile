@@ -29,8 +29,8 @@ export PIP_NO_INPUT := 1
 
 help:
 	@echo "make demo         set up, run the demonstration, write its reports ($(REPORT), $(PAPER))"
-	@echo "make test         set up, then lint, type check and the fast tests: minutes"
-	@echo "make statistics   the slow tests: coverage of deviations, banks of faults; the documentation"
+	@echo "make test         set up, then lint and the fast tests: minutes"
+	@echo "make statistics   types; the slow tests: coverage of deviations, banks of faults; the documentation"
 	@echo "make docs         the documentation, its examples run: docs/_build/html/index.html"
 	@echo "make golden       what every command said, held against the record: SAMPLE=8 for a part"
 	@echo "make golden-record   the record anew, of ONLY=\"rig/* bad/*\" or of all"
@@ -49,11 +49,10 @@ demo: $(VENV)/.ready-demo
 test fast statistics docs fuzz test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1
 test fast statistics docs fuzz test-lowest test-newest: export OMP_NUM_THREADS := 1
 
-# Types are checked beside the tests: mypy takes one core, while workers import and wait for files.
 test: $(VENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	@$(MAKE) --no-print-directory --jobs 2 types fast
+	@$(MAKE) --no-print-directory fast
 
 types: $(VENV)/.ready-test
 	$(BIN)/mypy
@@ -61,7 +60,7 @@ types: $(VENV)/.ready-test
 fast: $(VENV)/.ready-test
 	$(BIN)/pytest -n auto --dist loadfile -m "not slow" $(PYTEST_ARGS)
 
-statistics: $(VENV)/.ready-test
+statistics: types
 	$(BIN)/pytest -n auto --dist worksteal -m slow $(PYTEST_ARGS)
 	$(MAKE) docs
 
