@@ -23,7 +23,7 @@ from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.linear import DISTINCT
 from rotorid.likelihood.problem import Point
-from rotorid.likelihood.rivals_model import parts_between
+from rotorid.likelihood.rivals_model import parts_between, trials
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, force_scale
 from rotorid.likelihood.whitening import as_complex
 from rotorid.models.structure import Structure
@@ -35,6 +35,8 @@ SHARE = 0.01
 calibration by hand."""
 TURNED = np.radians(0.1)
 """Angle by which a sensor or a magnet is turned out of its axis: what mounting by eye reaches."""
+MISPLACED = np.radians(2.0)
+"""Angle by which a trial mass sits beside the hole that was written down, or the hole itself."""
 CROSSTALK = 0.001
 """Share of one sensor's reading in another's: of neighbouring channels of one amplifier."""
 CASING = 50.0
@@ -211,10 +213,20 @@ def _share(about: str, effect: Floats, cure: str, step: Floats | float = 0.0) ->
 def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
     """Yield each value that is fixed, of one record or of all, and all lengths among them."""
     layout, values = fit.layout, fit.solution.point.unknowns
+    trial = [t for t in trials(fit.case) if all(layout.unknowns[i].fixed for i in t[1:])]
+    for record, i, j in trial:
+        names = [layout.unknowns[k].name for k in (i, j)]
+        (a, b), columns = values[[i, j]], point.by(*names)
+        ways = np.array([[SHARE * a, -MISPLACED * b], [SHARE * b, MISPLACED * a]])
+        about, text = f"trial mass[{record}]", "exact: 1 % and 2 deg of error"
+        errors = (f"amount of {about}", f"angle of {about}")
+        cure = f"weigh it, measure its angle, and state std of {' and '.join(names)}"
+        yield Assumed(about, "1 % and 2 deg", text, cure, columns @ ways, errors=errors)
     held = [
         unknown
         for i, unknown in enumerate(layout.unknowns[: layout.named])
         if unknown.fixed and values[i] != 0 and i not in layout.idle
+        if not any(i in pair for _, *pair in trial)
     ]
     size = {u.name: SHARE * abs(values[layout.index[u.name]]) for u in held}
     lengths = [unknown for unknown in held if unknown.unit == "m"]

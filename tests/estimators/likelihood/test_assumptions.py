@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from coast_down import KNOWN, RPM, TRIAL, coast
+from coast_down import MODEL as COAST_DOWN
 
 import rotorid as rid
 from rotorid import Estimate, MaximumLikelihood, Note, identify, load_model
 from rotorid.demo import demo_plan
 from rotorid.likelihood import assumptions, doubts
-from rotorid.testing import add_noise, line_record
+from rotorid.testing import add_noise, line_record, phasor_lines
 
 MODEL = load_model("three-mass")
+COASTING = rid.parse_model(COAST_DOWN)
 PLAN = demo_plan(MODEL)
 TRUTH = MODEL.nominal
 SENSORS = ("x1", "y1", "x3", "y3")
@@ -120,6 +123,29 @@ def test_a_value_that_is_held_and_a_relation_move_the_answer_as_their_columns_sa
         assert np.abs(moved / std).max() > 5
 
 
+def test_a_trial_mass_beside_its_place_moves_the_answer_as_its_columns_say(monkeypatch):
+    kept = []
+    monkeypatch.setattr(doubts, "assumed", lambda found, fit: kept.append(fit) or found)
+
+    speed, channels = RPM * np.pi / 30, [rid.Channel("x", "m"), rid.Channel("y", "m")]
+
+    def turned_by(trial: complex) -> Estimate:
+        plain, other = (phasor_lines(channels, speed, coast(RPM, at), 1e-6) for at in (0, trial))
+        records = [plain, other.with_parameters(t_x=TRIAL.real, t_y=TRIAL.imag)]
+        return identify(COASTING, records, MaximumLikelihood(fixed=KNOWN))
+
+    found, every = turned_by(TRIAL), list(assumptions.assumptions(kept[0]))
+    (one,) = [each for each in every if each.about == "trial mass[1]"]
+    assert not any(each.about.startswith("t_") for each in every)
+    said = -kept[0].solution.point.linear.taken(one.effect)
+    names, std = kept[0].layout.names(), kept[0].inference.std
+    for column, error in zip(said.T, (0.01, np.radians(2.0) * 1j), strict=True):
+        other = turned_by(TRIAL * (1 - 0.01 * error))
+        moved = np.array([other.value(n) - found.value(n) for n in names]) / 0.01
+        np.testing.assert_allclose(column / std, moved / std, atol=0.05, rtol=0.02)
+        assert np.abs(moved / std).max() > 1
+
+
 def test_what_is_zero_or_free_or_stated_with_a_deviation_is_not_held():
     def about(found):
         return {one.assumed for one in found.assumptions}
@@ -155,7 +181,9 @@ def test_from_how_many_deviations_on_an_assumption_is_told(fitted, monkeypatch, 
     # What the parameters take over whole is unseen, whatever its size.
     stiffness = fit.layout.names().index("k1")
     effect = moves * fit.inference.std[stiffness] * fit.solution.point.jacobian[:, [stiffness]]
-    monkeypatch.setattr(assumptions, "assumptions", lambda _: [replace(one, effect=effect)])
+    monkeypatch.setattr(
+        assumptions, "assumptions", lambda _: [replace(one, effect=effect, errors=())]
+    )
     said = assumptions.assumed(found, fit).assumptions
     assert [each.parameter for each in said] == ["k1"] * told
 
