@@ -179,6 +179,8 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
             driven = np.array([bool(inputs & gain.on) for gain in unknowns])
             for group in (driven, ~driven):
                 effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
+        if not names:
+            continue
         text = f"{plausible.taken}: {plausible.written} of {plausible.error}"
         about, size, cure = plausible.about, plausible.written, plausible.cure
         yield Assumed(about, size, text, cure, effect, errors=tuple(names))
