@@ -257,6 +257,22 @@ def test_what_was_known_stands_beside(estimate):
     assert "Known besides: m + c = 1.5 exactly" in page.words
 
 
+def test_what_was_assumed_stands_in_the_verdict_and_beside_each_value():
+    mass = rid.Value("m", "kg", 2.0, 0.01, std_assumed=0.123)
+    told = rid.Note("ground", "assumes", "at rest", "weigh", ("m",), 12.3, "1", size="50 rotors")
+    for notes, under in (((told,), True), ((replace(told, value=9.0),), False)):
+        page = Page(estimate_report(rid.Estimate("rigid", "ml", "ok", (mass,), notes=notes)))
+        sentence = "an error of 50 rotors (ground) would shift m by 12 standard deviations"
+        assert (sentence in page.words) == under
+        assert ("ok under assumptions" in page.words) == under
+        assert "\N{PLUS-MINUS SIGN} assumed" in page.words
+        assert "0.12" in page.words
+    plain = Page(
+        estimate_report(rid.Estimate("rigid", "ml", "ok", (replace(mass, std_assumed=None),)))
+    )
+    assert "\N{PLUS-MINUS SIGN} assumed" not in plain.words
+
+
 @pytest.mark.parametrize(("value", "shown"), [(9.9e-5, "0"), (1.1e-4, "0.00011"), (2e-3, "0.0020")])
 def test_what_rounding_leaves_of_zero_is_zero(value, shown):
     """A phase that is known to be zero, and nothing of the record says otherwise."""

@@ -40,7 +40,8 @@ MISPLACED = np.radians(2.0)
 CROSSTALK = 0.001
 """Share of one sensor's reading in another's: of neighbouring channels of one amplifier."""
 CASING = 50.0
-"""Mass of what the bearings stand on, over that of the rotor: a casing that one person can lift."""
+"""Mass of what the bearings stand on, over that of the rotor: a machine's frame. A lighter one
+shifts the answer by more, and shows itself sooner."""
 MOUNTS = (("free", 0.0), ("on mounts of 8 Hz", 2 * np.pi * 8.0))
 """How such a casing stands, and its natural frequency in rad/s: on a bench, and on rubber."""
 MOUNT_DAMPING = 0.05

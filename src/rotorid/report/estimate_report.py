@@ -83,9 +83,9 @@ def verdict_of(estimate: Estimate) -> Verdict:
         if estimate.verdict == UNDER:
             first = estimate.assumptions[0]
             text += (
-                f" This rests on assumptions that no record tests. {first.assumed}: an error of "
-                f"{first.size} would shift {first.parameter} by {first.moves:.2g} standard "
-                f"deviations; {first.cure}."
+                f" The values rest on what was assumed: an error of {first.size} ({first.assumed}) "
+                f"would shift {first.parameter} by {first.moves:.2g} standard deviations, and the "
+                "record would not show it."
             )
         return Verdict(text, warnings)
     if estimate.status == "rejected":
@@ -185,6 +185,7 @@ class Row:
     half: str
     percent: str
     unit: str
+    assumed: str = ""
     before: str = ""
     moved: str = ""
     # intervals before and now on one scale: their ends in pixels, and in words
@@ -210,6 +211,11 @@ def _parameters(estimate: Estimate) -> Passage:
             ", beside what was known beforehand. Bars: before in grey, now in blue, on a scale of "
             "their own in each row"
         )
+    assuming = any(value.std_assumed is not None for value in estimate.parameters)
+    if assuming:
+        told += (
+            ", and by how much errors of plausible sizes in what was assumed would shift each value"
+        )
     if estimate.status == "rejected":
         told += ". The data reject the model: the intervals do not cover what it lacks"
     held = [f"{v.name} = {v.value:.6g}{_unit(v.unit)}" for v in estimate.parameters if v.fixed]
@@ -220,7 +226,9 @@ def _parameters(estimate: Estimate) -> Passage:
     return Passage(
         "Parameters",
         f"{told}.",
-        body=rendered("parameters.html", groups=groups(estimate), known=any_known),
+        body=rendered(
+            "parameters.html", groups=groups(estimate), known=any_known, assuming=assuming
+        ),
         after=" ".join(f"{what}: {said}." for what, said in more if said),
     )
 
@@ -249,7 +257,8 @@ def _row(value: Value, prior: Prior | None) -> Row:
     far = half > FAR * HALF_WIDTH * abs(value.value)  # a percentage of what may as well be zero
     percent = math.nan if far else 100 * half / abs(value.value) if value.value else math.nan
     unit = "" if value.unit == "1" else value.unit
-    row = Row(value.name, number, two_digits(half), two_digits(percent), unit)
+    assumed = "" if value.std_assumed is None else two_digits(value.std_assumed)
+    row = Row(value.name, number, two_digits(half), two_digits(percent), unit, assumed)
     if prior is None:
         return row
     moved = ""
