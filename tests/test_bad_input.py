@@ -103,6 +103,9 @@ CASES = {
         "model =", 'colour = "red"\nmodel =', "colour",
         "the unknown key 'colour'.*one of model, records, modes, channels.*remove it",
     ),
+    "misspelt key": told(
+        "fundamental", "fundamentl", "records.0.fundamentl", "'fundamentl'.*did you mean fundament"
+    ),
     "misspelt required key": told("model =", "modell =", "modell", "'modell'.*did you mean model"),
     "key of a channel": told("unit =", "units =", "channels.F.units", "'units'.*did you mean unit"),
     "key of a model": model("equations", "equation", "equation", "'equation'.*mean equations"),
@@ -121,6 +124,7 @@ CASES = {
         "100 Hz", "100 N", "records.0.sample_rate", "unit 'N'; .* a unit that converts to Hz"
     ),
     "no unit": told(RATE, "100", "records.0.sample_rate", "'100' without a unit"),
+    "unit of a model": model('"kg"', '"kgg"', "parameters.m.unit", "unknown name kgg"),
     # too few periods
     "one period": replace(
         told(
