@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
@@ -209,7 +210,19 @@ def _unforced(model: Model, lines: Lines) -> Lines:
 def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:
     if not data:
         raise InputError("no record", "at least one", "give a PeriodicRecord")
-    return tuple(bind(model, each) for each in data)
+    bound = tuple(bind(model, each) for each in data)
+    channels = [channel for record in bound for channel in record.channels]
+    said = [text for channel in channels for text in channel.combination]
+    said += [text for channel in channels if channel.drive for text in channel.drive.position]
+    read = set(re.findall(r"\w+", " ".join(said)))
+    alone = np.flatnonzero(~model.monomials.any(axis=0)).tolist()
+    if unread := [name for name in (model.parameter_names[i] for i in alone) if name not in read]:
+        raise InputError(
+            f"{unread[0]} in no equation of the model, and in nothing that a sensor reads",
+            "every parameter in one of them",
+            "use it, or remove it from the model",
+        )
+    return bound
 
 
 def _terms(channel: Channel, model: Model, source: str) -> tuple[SensorTerm, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -182,13 +183,14 @@ def _check_use(model: Model) -> None:
     driving = {t.monomial for t in model.input_terms}
     kept = [i for i, c in enumerate(model.base.gather.T) if c.any() or i in driving]
     used |= {model.parameter_names[i] for i in np.flatnonzero(model.monomials[kept].any(axis=0))}
+    written = set(re.findall(r"\w+", " ".join(model.texts)))
+    only_read = {*model.parameter_names} - written
     for name in (*model.coordinates, *model.inputs, *model.parameter_names):
-        if not {name, name + "'", name + "''"} & used:
+        if name not in only_read and not {name, name + "'", name + "''"} & used:
             raise ModelError(
                 f"{name!r} in no equation",
                 "every declared name in an equation",
-                "use it or remove it; what it multiplies may vanish; what only a sensor reads, "
-                "such as a shape s_a, enters an equation in a sum: (s_a + h_a)*F",
+                "use it or remove it; what it multiplies may vanish",
                 place="equations",
             )
 

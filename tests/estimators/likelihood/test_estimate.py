@@ -10,7 +10,16 @@ from hypothesis import strategies as st
 from model_text import model_text
 
 import rotorid as rid
-from rotorid import InputError, MaximumLikelihood, Model, ModelError, identify, load_estimate
+from rotorid import (
+    InputError,
+    MaximumLikelihood,
+    Model,
+    ModelError,
+    identify,
+    load_estimate,
+    parse_model,
+)
+from rotorid.signals.spectrum import synthesize
 
 
 @pytest.mark.parametrize(("by_bearings", "base"), [(False, False), (False, True), (True, False)])
@@ -33,6 +42,41 @@ def test_starts_from_batch_without_nominal_values(demo):
     estimate = identify(bare, demo.seen(2, None), MaximumLikelihood())
     assert estimate.status == "ok"
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=5e-3)
+
+
+BESIDE = model_text(
+    "a rigid rotor in one plane, whose sensor a is not beside its magnet",
+    ["m*x'' = F_a + F_b", "I*th'' = L_b*F_b - L_a*F_a"],
+    "x m, th rad",
+    "F_a N, F_b N",
+    "m +9.0 kg, I +0.2 kg m^2, L_a 0.18 m, L_b 0.22 m, S_a 0.2 m",
+)
+
+
+def test_a_parameter_that_a_sensor_alone_reads_is_one_like_others():
+    truth = {"m": 9.7, "I": 0.21, "L_a": 0.18, "L_b": 0.22, "S_a": 0.205}
+    model, omega = parse_model(BESIDE), 2 * np.pi * 20.0 * np.array([1, 3, 5, 7])
+    force = 4 * np.exp(2j * np.pi * np.random.default_rng(1).random((4, 2)))
+    x = -force.sum(axis=1) / (truth["m"] * omega**2)
+    tilt = -(0.22 * force[:, 1] - 0.18 * force[:, 0]) / (truth["I"] * omega**2)
+    values = np.column_stack([force, x - 0.205 * tilt, x + 0.22 * tilt])
+
+    def answer(lever: str) -> rid.Estimate:
+        reads = {"s_a": {"x": 1.0, f"{lever}*th": -1.0}, "s_b": {"x": 1.0, "L_b*th": 1.0}}
+        channels = [rid.Channel(name, "N") for name in model.inputs]
+        channels += [rid.Channel(name, "m", reads=what) for name, what in reads.items()]
+        noise = np.random.default_rng(2).standard_normal((6000, 4)) * [1e-6, 1e-6, 1e-12, 1e-12]
+        samples = np.tile(synthesize(values, (1, 3, 5, 7), 500), (12, 1)) + noise
+        record = rid.Record(channels, samples, sample_rate=10e3, speed=0.0)
+        periods = rid.average(record, 20.0, harmonics=[1, 3, 5, 7])
+        return identify(model, periods, MaximumLikelihood(fixed={"L_a": 0.18, "L_b": 0.22}))
+
+    found = answer("S_a")
+    assert found.status == "ok"
+    assert {n: found.value(n) for n in truth} == pytest.approx(truth, rel=1e-6)
+    assert 0 < found.std("S_a") < 1e-6
+    with pytest.raises(InputError, match="S_a in no equation of the model, and in nothing that a"):
+        answer("L_a")
 
 
 WITH_FORCES = ("m1", "m2", "m3", "I_t", "I_p", "k1", "k2")
