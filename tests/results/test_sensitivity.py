@@ -521,12 +521,12 @@ def periods(*excitation: float) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e3])
-@pytest.mark.parametrize(("records", "alone"), [(1, 0.9e-4), (1, 1.1e-4), (2, 0.9e-6), (2, 1.1e-6)])
+@pytest.mark.parametrize(("records", "alone"), [(1, 0.9e-5), (1, 1.1e-5), (2, 0.9e-6), (2, 1.1e-6)])
 def test_what_counts_as_an_axis_own(records, alone, unit):
-    """Of one record the share of the other axis, which is silent below a ten-thousandth of its
+    """Of one record the share of the other axis, which is silent below a hundred-thousandth of its
     loudest line; of two, how far their directions are apart. The unit of one axis is no matter."""
     if records == 1:
-        made, told = [periods(1.0, alone), periods(0.0, 1.0)], alone < 1e-4
+        made, told = [periods(1.0, alone), periods(0.0, 1.0)], alone < 1e-5
         made[1].frequency = np.array([20.0])
     else:
         made, told = [periods(1.0, 1.0), periods(1.0, 1.0 + 4 * alone)], alone > 1e-6
@@ -534,6 +534,15 @@ def test_what_counts_as_an_axis_own(records, alone, unit):
         record.spectra[..., 3] *= unit
     with nullcontext() if told else pytest.raises(InputError, match="no line on which"):
         assert len(sensitivity._of_periods(made, {"e1": "r1", "e2": "r2"})) == 2
+
+
+def test_a_reference_that_never_repeats_is_no_noise():
+    r = np.random.default_rng(3).standard_normal((200, 2)) @ np.array([[1, 2], [1j, 1 - 1j]])
+    record = periods(1.0, 0.0)
+    record.names, record.frequency = ("e", "r"), np.array([10.0, 20.0])
+    record.periods, record.spectra = len(r), np.stack([2 * r, r], axis=-1)
+    ((_, values, *_),) = sensitivity._of_periods([record], {"e": "r"})
+    assert values == pytest.approx([2.0, 2.0])
 
 
 @pytest.mark.parametrize(("times", "lines"), [(4.9, 1), (5.1, 2)])

@@ -535,7 +535,7 @@ class Estimate:
         if self.status == "ok" and any(note.about == EFFORT for note in self.notes):
             return "little effort"
         if self.status == "ok" and (off := [n for n in self.notes if n.about == DIRECTION]):
-            return f"{off[0].value:.2g} std off along {off[0].on[0]}"
+            return f"{off[0].value or math.nan:.2g} std off along {' or '.join(off[0].on)}"
         if self.status != "ok" or self.misfit is None or not self.misfit.p_value < DOUBTFUL:
             return ""
         return f"p = {self.misfit.p_value:.1g}"

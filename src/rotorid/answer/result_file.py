@@ -86,7 +86,7 @@ def _contradiction(estimate: Estimate) -> tuple[str, str] | None:
     """Return where deviations and covariance cannot be, or are not those of each other."""
     for kind in ("parameters", "nuisance", "derived"):
         for number, value in enumerate(getattr(estimate, kind)):
-            for key in ("std", "std_inflated"):
+            for key in ("std", "std_inflated", "std_assumed"):
                 if (getattr(value, key) or 0.0) < 0:
                     return f"{kind}.{number}.{key}", f"{getattr(value, key):g}"
     free, covariance = estimate.free, estimate.covariance

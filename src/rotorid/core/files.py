@@ -93,7 +93,7 @@ def _readable(path: str | Path, expected: str) -> Iterator[None]:
         raise
     except FileNotFoundError:
         os.getcwd()  # where that was deleted, it says so itself
-        found, expected = "no such file", "one that is there"
+        found = "no such file"
     except ValueError:  # in whose words each Python says it otherwise
         found = "a null byte in the name"
     except OSError as error:

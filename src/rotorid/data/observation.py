@@ -211,6 +211,12 @@ def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:
     if not data:
         raise InputError("no record", "at least one", "give a PeriodicRecord")
     bound = tuple(bind(model, each) for each in data)
+    refuse_unread(model, bound)
+    return bound
+
+
+def refuse_unread(model: Model, bound: Records) -> None:
+    """Refuse a model with a parameter that is in no equation, and that no sensor reads."""
     channels = [channel for record in bound for channel in record.channels]
     said = [text for channel in channels for text in channel.combination]
     said += [text for channel in channels if channel.drive for text in channel.drive.position]
@@ -222,7 +228,6 @@ def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:
             "every parameter in one of them",
             "use it, or remove it from the model",
         )
-    return bound
 
 
 def _terms(channel: Channel, model: Model, source: str) -> tuple[SensorTerm, ...]:

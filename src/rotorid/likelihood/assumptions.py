@@ -19,6 +19,7 @@ from rotorid.answer.estimate import DOUBTFUL, Estimate
 from rotorid.answer.judge import DIRECTION
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.likelihood.case import not_asked
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.linear import DISTINCT
@@ -54,6 +55,8 @@ chance."""
 TAKEN_OVER = 1e-6
 """What is left of a column when the unknowns have taken their share, over its square, below which
 they take it over: exactly so at the corrected lines, but for rounding."""
+FAINT = 0.01
+"""Deviations that an error of plausible size makes, at least, to be a direction."""
 ALIKE = 0.9
 """Share of the largest score from which on another one is named too: which it is no record tells.
 """
@@ -83,7 +86,7 @@ class Assumed:
         if not self.effect.any():
             return np.zeros(len(fit.layout.free))
         std, layout = fit.inference.std, fit.layout
-        named = np.array([i < layout.named and i not in layout.idle for i in layout.free])
+        named = np.array([i < layout.named and i not in layout.idle for i in layout.free], bool)
         std = np.where(named & (std > 0), std, np.inf)
         expected = fit.inference.expectation
         excess = expected.exceeded(DOUBTFUL) - expected.mean  # may be added before a warning tells
@@ -133,7 +136,8 @@ def contradicted(fit: Fit, every: Sequence[Assumed]) -> Iterator[Note]:
     for one in every:
         rest, whole = linear.rest(one.effect), np.linalg.norm(one.effect, axis=0)
         length = np.linalg.norm(rest, axis=0)
-        told = length > DISTINCT * whole
+        # One that would not show at a hundred times its size is none.
+        told = (length > DISTINCT * whole) & (length > FAINT)
         along = np.abs(linear.residual @ rest) / np.where(told, length, np.inf)
         for name, size, seen in zip(one.names, along.tolist(), told, strict=True):
             if seen:
@@ -165,7 +169,8 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     """Yield all that is assumed, each with its columns: one evaluation serves them all."""
     records, structure = fit.records, fit.case.structure
     scales = force_scale(records, None)
-    exact = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
+    kinds = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
+    exact = [(plausible, not_asked(fit.case, unknowns)) for plausible, unknowns in kinds]
     units = [fit.case.model.units[name] for name in fit.case.model.coordinates]
     parts = parts_between(structure, units) if structure is not None and records else []
     every = (unknown for _, unknowns in exact for unknown in unknowns)
@@ -216,10 +221,11 @@ def _share(about: str, effect: Floats, cure: str, step: Floats | float = 0.0) ->
 def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
     """Yield each value that is fixed, of one record or of all, and all lengths among them."""
     layout, values = fit.layout, fit.solution.point.unknowns
-    trial = [t for t in trials(fit.case) if all(layout.unknowns[i].fixed for i in t[1:])]
+    trial = [t for t in trials(fit.case) if any(layout.unknowns[i].fixed for i in t[1:])]
     for record, i, j in trial:
         names = [layout.unknowns[k].name for k in (i, j)]
-        (a, b), columns = values[[i, j]], point.by(*names)
+        exactly = [layout.unknowns[k].fixed for k in (i, j)]  # the other is free to be elsewhere
+        (a, b), columns = values[[i, j]], point.by(*names) * exactly
         ways = np.array([[SHARE * a, -MISPLACED * b], [SHARE * b, MISPLACED * a]])
         about, text = f"trial mass[{record}]", "exact: 1 % and 2 deg of error"
         errors = (f"amount of {about}", f"angle of {about}")
@@ -232,7 +238,8 @@ def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
         if not any(i in pair for _, *pair in trial)
     ]
     size = {u.name: SHARE * abs(values[layout.index[u.name]]) for u in held}
-    lengths = [unknown for unknown in held if unknown.unit == "m"]
+    loads = {layout.unknowns[i].name for i in layout.load_only()}
+    lengths = [unknown for unknown in held if unknown.unit == "m" and unknown.name not in loads]
     groups = [(u.name, [u]) for u in held]
     if len(lengths) > 1:  # one ruler
         groups.append(("all lengths", lengths))
@@ -322,7 +329,7 @@ def _recoil(
     motion = at.corrected()[1] * at.problem.scales.coordinates
     rows = at.problem.scales.rows[: at.equations]
     unbalance = structure.balance.forces((at.loads[:, : at.equations] * rows).T).T
-    mass = structure.inertia()
+    mass = structure.inertia
     held = natural**2 + 2j * MOUNT_DAMPING * natural * omega
     give = omega**2 / (held - omega**2) if natural else np.full(omega.shape, -1.0)
     weight = CASING * structure.mass(units)
@@ -342,7 +349,7 @@ def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
     data, motion = at.corrected()
     read = at.readings_of((motion * scale) @ turn.T / scale)
     found: dict[tuple[str, tuple[str, ...]], Complexes] = {
-        ("turn", (name,)): as_complex(-at.plain[:, :, k] * read[:, [k - forces]])
+        ("turn", (name,)): _misread(fit, number, k, name, read[:, [k - forces]])
         for k, name in names[forces:]
     }
     true = at.state.factors * data - at.state.readings
@@ -353,6 +360,19 @@ def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
         force[:, :equations] = structure.in_rows(turn @ along).T / rows
         found["turn", (name,)] = as_complex(force * true[:, [k]])
     return found
+
+
+def _misread(fit: Fit, number: int, channel: int, name: str, error: Complexes) -> Complexes:
+    """Return what a reading too large by an error, (line, 1), does to the equations.
+
+    The forces that a law makes of that reading are too large by its slope, which is taken as even.
+    """
+    at, record = fit.solution.point.records[number], fit.records[number]
+    rows = -at.plain[:, :, channel] * error
+    for force, passed in record.passed.items():
+        weight = passed.law.position.get(name, 0.0) * float(np.mean(passed.slope))
+        rows = rows - at.plain[:, :, force] * weight * error
+    return as_complex(rows)
 
 
 def _names(fit: Fit, number: int) -> list[tuple[int, str]]:
@@ -371,7 +391,7 @@ def _crosstalk(fit: Fit) -> Iterator[Assumed]:
         pairs = [pair for a, b in pairwise(sensors) for pair in ((a, b), (b, a))]
         found.append(
             {
-                ("cross-talk", (of, other)): as_complex(-at.plain[:, :, k] * true[:, [j]])
+                ("cross-talk", (of, other)): _misread(fit, number, k, of, true[:, [j]])
                 for (k, of), (j, other) in pairs
                 if units[of] == units[other]
             }

@@ -16,7 +16,7 @@ from rotorid.core.errors import NotConvergedError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.watch import Pace, watch, words
-from rotorid.data.observation import Data, Records, bind_all
+from rotorid.data.observation import Data, Records, bind_all, refuse_unread
 from rotorid.likelihood.doubts import doubted
 from rotorid.likelihood.fit import CovarianceChoice, Fitting, Step
 from rotorid.likelihood.rivals import Tried
@@ -237,6 +237,7 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
         require_names(self.each, model.parameter_names, "each of {}", place="each")
         knowledge = self.knowledge(model)
         bound = bind_all(model, records) if records or not self.modes else ()
+        refuse_unread(model, bound)
         refuse_filtered(bound, "ml")
         return Search(self._answers(model, bound, knowledge))
 

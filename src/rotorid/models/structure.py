@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -24,6 +24,7 @@ import numpy as np
 import scipy
 
 from rotorid.core.errors import InputError
+from rotorid.core.linalg import coupled
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats, Integers, fact, frozen
 from rotorid.models.expressions import Expression, Monomial
@@ -234,6 +235,9 @@ class Structure:
     # the equation of each coordinate, and how many times the forces on it that is
     balance: ForceBalance
     lone: tuple[int, ...] = ()  # coordinates without a partner, on which something may act too
+    inertia: Floats = field(default_factory=lambda: np.zeros((0, 0)))  # M, of coordinates
+    # coordinates that lie in one plane: those of x, those of y; else those that couple
+    planes: tuple[tuple[int, ...], ...] = ()
     # the slope of the shaft at a displacement, where a drawing gives it
     slopes: Mapping[int, int] = field(default_factory=dict)
 
@@ -246,17 +250,11 @@ class Structure:
     def mass(self, units: Sequence[str]) -> float:
         """Return the mass that moves in x; `units`: of the coordinates."""
         along = next(iter(self.translations(units)), np.zeros(len(units)))
-        return float(along @ self.inertia() @ along)
-
-    def inertia(self) -> Floats:
-        """Return M, shape (coordinate, coordinate)."""
-        none = np.zeros((len(self.coordinates), len(self.coordinates)))
-        return np.asarray(sum((matrix for _, matrix in self.masses), none))
+        return float(along @ self.inertia @ along)
 
     def translations(self, units: Sequence[str]) -> list[Floats]:
-        """Return what moves all places alike, in x and in y, or in the one direction there is."""
-        planes = list(zip(*self.pairs, strict=True)) or [self.lone]
-        shares = [np.isin(np.arange(len(units)), plane) for plane in planes]
+        """Return what moves all places alike, in x and in y, or in each direction there is."""
+        shares = [np.isin(np.arange(len(units)), plane) for plane in self.planes]
         moved = [share * (np.array(units) == "m").astype(float) for share in shares]
         return [along for along in moved if along.any()]
 
@@ -279,7 +277,9 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     slopes = model.monomial_jacobian(values)[table.monomial]
     place, size = (table.order, table.row, table.column), table.sizes(speed)
     np.add.at(parts, place, size[:, None] * slopes * values)
-    balance = force_balance(model, linear.matrices(values, speed).M)
+    whole = linear.matrices(values, speed).M
+    balance = force_balance(model, whole)
+    inertia = whole[balance.rows] / balance.scales[:, None]
     ordered = np.moveaxis(parts, 3, 0)[:, :, balance.rows] / balance.scales[:, None]
     names = model.parameter_names
     springs, masses = (
@@ -289,15 +289,24 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     columns = linear.rotation_columns(speed or 1.0)
     once = balance.forces(columns @ model.monomial_values(values))
     pairs: list[tuple[int, int]] = []
+    elastic = np.abs([matrix for _, matrix in (*springs, *masses)]).sum(axis=0) if springs else None
     for _, matrix in masses:
         moved = np.flatnonzero(np.diag(matrix)).tolist()
         single = len(moved) == np.count_nonzero(matrix) == 2
         if single and not any({*moved} & {*pair} for pair in pairs):
+            if elastic is not None and elastic[moved[0], moved[1]]:
+                continue  # two places of one plane
             a, b = moved  # in the sense in which its unbalance turns; else as declared
             backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
             pairs.append((b, a) if backward else (a, b))
     lone = tuple(k for k in range(n) if not any(k in pair for pair in pairs))
-    return Structure(springs, masses, tuple(pairs), model.coordinates, balance, lone)
+    if pairs:
+        planes = tuple(zip(*pairs, strict=True))
+    else:
+        links = np.abs(inertia) + sum((np.abs(matrix) for _, matrix in springs), np.zeros((n, n)))
+        planes = tuple(tuple(group.tolist()) for group in coupled(links + np.eye(n)))
+    structure = Structure(springs, masses, tuple(pairs), model.coordinates, balance, lone)
+    return replace(structure, inertia=inertia, planes=planes)
 
 
 def _is_energy(matrix: Floats) -> bool:

@@ -70,9 +70,10 @@ ORDERS = 3
 """Multiples of the rotation whose lines are left out: unbalance and runout answer no excitation."""
 ALONE = 1e-6
 """Share of another axis' excitation in a direction that is still called an axis' own."""
-SILENT, TOLD = 1e-4, 5.0
+SILENT, TOLD = 1e-5, 5.0
 """Share of its own loudest line, and deviations of its own noise, below which r is none: what the
-digits of its column leave on lines of other axes, or beyond the excitation."""
+digits of its column leave on lines of other axes, or beyond the excitation. An r that never repeats
+scatters as a whole, and that is no noise."""
 SAME = 1e-9
 """Distance of S from 1 on every line below which e is r: rounding."""
 SINGLE = 0.4
@@ -308,6 +309,9 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
     added = [r.spectra[..., [r.names.index(n) for n in pairs.values()]] for r in records]
     loud = np.max([np.abs(r.mean(axis=0)).max(axis=0) for r in added], axis=0)  # of each axis
     loud[loud == 0] = 1.0
+    several = [r for r in added if len(r) > 1]
+    every = [abs(r.mean(axis=0)) >= TOLD * r.std(axis=0) / np.sqrt(len(r)) for r in several]
+    repeats = np.any([told.any(axis=0) for told in every], axis=0) if every else True
     found: list[list[tuple[float, complex, float, float]]] = [[] for _ in pairs]
     for hertz, places in sorted(lines.items()):
         if any(_rotates(record, hertz) for record, _ in places):
@@ -320,7 +324,7 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
             for names in (pairs, pairs.values())
         )
         excitation, noise = r.mean(axis=1) / loud, r.std(axis=1) / loud / np.sqrt(count)
-        excitation[np.abs(excitation) < np.maximum(SILENT, TOLD * noise)] = 0.0
+        excitation[np.abs(excitation) < np.maximum(SILENT, TOLD * noise * repeats)] = 0.0
         inverse = np.linalg.pinv(excitation, rcond=ALONE)
         alone = np.abs(inverse @ excitation - np.eye(len(pairs))).max(axis=1) <= ALONE
         inverse = inverse / loud[:, None]

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from coast_down import KNOWN, RPM, TRIAL, coast
 from coast_down import MODEL as COAST_DOWN
+from model_text import model_text
 
 import rotorid as rid
 from rotorid import Estimate, MaximumLikelihood, Note, identify, load_model
 from rotorid.demo import demo_plan
 from rotorid.likelihood import assumptions, doubts
+from rotorid.models.structure import find_structure
 from rotorid.testing import add_noise, line_record, phasor_lines
 
 MODEL = load_model("three-mass")
@@ -144,6 +146,34 @@ def test_a_trial_mass_beside_its_place_moves_the_answer_as_its_columns_say(monke
         moved = np.array([other.value(n) - found.value(n) for n in names]) / 0.01
         np.testing.assert_allclose(column / std, moved / std, atol=0.05, rtol=0.02)
         assert np.abs(moved / std).max() > 1
+
+
+@pytest.mark.parametrize(
+    ("equations", "coordinates", "parameters", "mass"),
+    [
+        (["5*x'' + c*x' + k*x = F"], "x m", "c 3 N s/m, k 4e5 N/m", 5.0),
+        (
+            ["r*V*x'' + c*x' + k*x = F"],
+            "x m",
+            "r 8e3 kg/m^3, V 5e-4 m^3, c 3 N s/m, k 4e5 N/m",
+            4.0,
+        ),
+        (
+            ["m*x'' + k*(x - z) = F", "m*z'' + k*(z - x) + c*z' = 0"],
+            "x m, z m",
+            "m 2 kg, c 3 N s/m, k 4e5 N/m",
+            4.0,
+        ),
+        (["m*x'' + k*x = F", "n*y'' + k*y = 0"], "x m, y m", "m 2 kg, n 3 kg, k 4e5 N/m", 2.0),
+    ],
+    ids=["a number", "a product", "two in one plane", "two planes that are unlike"],
+)
+def test_the_mass_that_a_casing_carries(equations, coordinates, parameters, mass):
+    model = rid.parse_model(model_text("machine", equations, coordinates, "F N", parameters))
+    structure = find_structure(model, model.values(model.nominal), 0.0)
+    units = [model.units[name] for name in model.coordinates]
+    assert structure.mass(units) == pytest.approx(mass)
+    assert not structure.pairs
 
 
 def test_what_is_zero_or_free_or_stated_with_a_deviation_is_not_held():

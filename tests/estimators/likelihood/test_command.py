@@ -134,6 +134,8 @@ def test_rejected_and_strict(folders):
     assert found["std_inflated"] > 1.5 * found["std"]
     declared = wrong.replace("scale = 1.02", "scale = 1.02, gain_std = 0.02")
     code, data = identify(folders["plain"], HEAD + one() + FORCES + declared + LENGTH, "--strict")
+    assert (code, data["verdict"]) == (3, "ok under assumptions")
+    code, data = identify(folders["plain"], HEAD + one() + FORCES + declared + LENGTH)
     assert (code, data["status"]) == (0, "ok")
     gain = rows(data)["gain[x1]"]
     assert gain["value"] == pytest.approx(1.02, abs=4 * gain["std"])

@@ -331,7 +331,9 @@ def structure_of(model: Model, values: Floats, speed: float) -> Structure | None
         x, y, around_x, around_y = range(PLANES * number, PLANES * (number + 1))
         slopes |= {x: around_y, y: around_x}
         pairs += [(x, y), (around_x, around_y)] if node.named else []
-    return replace(found, pairs=tuple(pairs), lone=(), slopes=slopes)
+    every = range(0, PLANES * len(drawn.rotor.nodes), PLANES)
+    planes = (tuple(every), tuple(x + 1 for x in every))
+    return replace(found, pairs=tuple(pairs), lone=(), slopes=slopes, planes=planes)
 
 
 def from_ross(
