@@ -10,7 +10,6 @@ import pytest
 
 import rotorid as rid
 from rotorid import cli
-from rotorid.signals.spectrum import synthesize
 
 PERIODS = 60
 HEAD = 'model = "three-mass"\n'
@@ -43,7 +42,8 @@ def write(levitated, folder: Path, hertz: float, *, drives: bool, runout: bool) 
     """Write forces (or the currents that make them) and what the bearing sensors read."""
     rig = levitated if runout else replace(levitated, runout={})
     record, rng = rig.record(hertz, drives=drives), np.random.default_rng(round(hertz))
-    period = synthesize(record.mean_spectrum, record.harmonics, record.samples)
+    turns = np.outer(np.arange(record.samples) / record.samples, record.harmonics)
+    period = 2 * (np.exp(2j * np.pi * turns) @ record.mean_spectrum).real
     clean = np.tile(period, (PERIODS, 1))
     noise = [0.2 / (120.0 if drives else 1.0)] * 4 + [4e-6] * 4
     samples = clean + noise * rng.standard_normal(clean.shape)

@@ -19,7 +19,6 @@ from rotorid import (
     load_estimate,
     parse_model,
 )
-from rotorid.signals.spectrum import synthesize
 
 
 @pytest.mark.parametrize(("by_bearings", "base"), [(False, False), (False, True), (True, False)])
@@ -66,7 +65,8 @@ def test_a_parameter_that_a_sensor_alone_reads_is_one_like_others():
         channels = [rid.Channel(name, "N") for name in model.inputs]
         channels += [rid.Channel(name, "m", reads=what) for name, what in reads.items()]
         noise = np.random.default_rng(2).standard_normal((6000, 4)) * [1e-6, 1e-6, 1e-12, 1e-12]
-        samples = np.tile(synthesize(values, (1, 3, 5, 7), 500), (12, 1)) + noise
+        turning = np.exp(1j * np.outer(np.arange(500) / 10e3, omega))
+        samples = np.tile((turning @ values).real, (12, 1)) + noise
         record = rid.Record(channels, samples, sample_rate=10e3, speed=0.0)
         periods = rid.average(record, 20.0, harmonics=[1, 3, 5, 7])
         return identify(model, periods, MaximumLikelihood(fixed={"L_a": 0.18, "L_b": 0.22}))
