@@ -98,6 +98,8 @@ def assumed(estimate: Estimate, fit: Fit) -> Estimate:
 
     Of what is wrong in one way or another the worst counts.
     """
+    if not len(fit.layout.free):
+        return estimate
     names, told, every = fit.layout.names(), dict[str, Note](), list(assumptions(fit))
     worst: dict[str, Floats] = {}
     for one in every:

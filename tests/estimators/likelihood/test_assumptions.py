@@ -218,6 +218,16 @@ def test_from_how_many_deviations_on_an_assumption_is_told(fitted, monkeypatch, 
     assert [each.parameter for each in said] == ["k1"] * told
 
 
+def test_where_nothing_is_free_nothing_is_moved():
+    model = rid.parse_model(
+        model_text("one", ["m*x'' + k*x = F"], "x m", "F N", "m 2 kg, k 8e4 N/m")
+    )
+    modes = (rid.Mode(31.83, 0.05),)
+    found = identify(model, [], MaximumLikelihood(fixed=model.nominal, modes=modes))
+    assert found.status == "ok"
+    assert not found.assumptions
+
+
 def noted(moves: float, *, doubtful: bool = False) -> Estimate:
     mass = rid.Value("m", "kg", 2.0, std=0.01, std_assumed=0.01 * moves)
     note = Note("gain", "assumes", "exact", "weigh it", ("m",), moves, "1", size="1 %")
