@@ -181,14 +181,14 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     yield from common
     for plausible, unknowns in exact:
         names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
+        if not names:
+            continue
         effect = point.by(*names) * plausible.size
         if common and plausible.in_scale:  # beside one common to all inputs, or to all sensors
             inputs = {c.name for record in records for c in record.inputs}
             driven = np.array([bool(inputs & gain.on) for gain in unknowns])
             for group in (driven, ~driven):
                 effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
-        if not names:
-            continue
         text = f"{plausible.taken}: {plausible.written} of {plausible.error}"
         about, size, cure = plausible.about, plausible.written, plausible.cure
         yield Assumed(about, size, text, cure, effect, errors=tuple(names))
@@ -239,7 +239,7 @@ def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
         if unknown.fixed and values[i] != 0 and i not in layout.idle
         if not any(i in pair for _, *pair in trial)
     ]
-    size = {u.name: SHARE * abs(values[layout.index[u.name]]) for u in held}
+    size = {u.name: SHARE * values[layout.index[u.name]] for u in held}
     loads = {layout.unknowns[i].name for i in layout.load_only()}
     lengths = [unknown for unknown in held if unknown.unit == "m" and unknown.name not in loads]
     groups = [(u.name, [u]) for u in held]

@@ -236,8 +236,11 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
         model.require_linear()
         require_names(self.each, model.parameter_names, "each of {}", place="each")
         knowledge = self.knowledge(model)
-        bound = bind_all(model, records) if records or not self.modes else ()
-        refuse_unread(model, bound)
+        bound: Records = ()
+        if records or not self.modes:
+            bound = bind_all(model, records)
+        else:
+            refuse_unread(model, bound)
         refuse_filtered(bound, "ml")
         return Search(self._answers(model, bound, knowledge))
 

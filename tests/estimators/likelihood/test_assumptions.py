@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bank import steady
 from coast_down import KNOWN, RPM, TRIAL, coast
 from coast_down import MODEL as COAST_DOWN
 from model_text import model_text
@@ -13,7 +14,7 @@ from rotorid import Estimate, MaximumLikelihood, Note, identify, load_model
 from rotorid.demo import demo_plan
 from rotorid.likelihood import assumptions, doubts
 from rotorid.models.structure import find_structure
-from rotorid.testing import add_noise, line_record, phasor_lines
+from rotorid.testing import add_noise, phasor_lines
 
 MODEL = load_model("three-mass")
 COASTING = rid.parse_model(COAST_DOWN)
@@ -24,18 +25,9 @@ MASS = sum(TRUTH[name] for name in ("m1", "m2", "m3"))
 CONSTRAINED = rid.Constraint("m1 + m2 + m3", MASS)
 
 
-def measured(forces=PLAN.forces, sensors=SENSORS):
-    return line_record(
-        MODEL,
-        MODEL.values(TRUTH),
-        forces,
-        harmonics=PLAN.harmonics,
-        fundamental=PLAN.fundamental,
-        sample_rate=PLAN.sample_rate,
-        periods=PLAN.periods,
-        speed=PLAN.speed,
-        sensors=sensors,
-    )
+def measured(forces=PLAN.forces):
+    lines = PLAN.harmonics, PLAN.fundamental, PLAN.sample_rate, PLAN.periods
+    return steady(MODEL, TRUTH, forces, *lines, hertz=140.0, sensors=SENSORS)
 
 
 RECORD = add_noise(measured(), PLAN.noise, np.random.default_rng(7))
@@ -146,6 +138,31 @@ def test_a_trial_mass_beside_its_place_moves_the_answer_as_its_columns_say(monke
         moved = np.array([other.value(n) - found.value(n) for n in names]) / 0.01
         np.testing.assert_allclose(column / std, moved / std, atol=0.05, rtol=0.02)
         assert np.abs(moved / std).max() > 1
+
+
+def test_one_ruler_scales_lengths_to_either_side():
+    """A lever of -0.18 m is 1 % longer too, and so is the inertia: nothing else moves it."""
+    equations = ["m*x'' = F_a + F_b", "I*th'' = L_a*F_a + L_b*F_b"]
+    parameters = "m 9 kg, I 0.2 kg m^2, L_a -0.18 m, L_b 0.22 m"
+    text = model_text("rotor", equations, "x m, th rad", "F_a N, F_b N", parameters)
+    model, forces = rid.parse_model(text), [[4, 1j], [2, 3], [1 - 1j, 2]]
+    noise = {"F_a": 0.01, "F_b": 0.01, "x": 1e-9, "th": 1e-9}
+    record = steady(model, {}, forces, (1, 3, 5), noise=noise, rng=np.random.default_rng(1))
+    found = identify(model, record, MaximumLikelihood(fixed={"L_a": -0.18, "L_b": 0.22}))
+    (told,) = [one for one in found.assumptions if one.assumed == "all lengths"]
+    assert told.parameter == "I"
+    assert told.moves == pytest.approx(0.01 * found.value("I") / found.std("I"), rel=1e-3)
+
+
+def test_gains_that_are_all_stated_are_not_assumed():
+    """Beside forces that laws make, whose common scale is."""
+    channels = [
+        replace(c, gain_std=0.01, drive=rid.Drive(1.0, 0.0, {"x1": 1.0}) if c.unit == "N" else None)
+        for c in RECORD.channels
+    ]
+    told = {one.assumed for one in answer(replace(RECORD, channels=tuple(channels))).assumptions}
+    assert told
+    assert "gain" not in told
 
 
 @pytest.mark.parametrize(
