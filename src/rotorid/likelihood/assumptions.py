@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from rotorid.answer.estimate import DOUBTFUL, Estimate
+from rotorid.answer.estimate import DOUBTFUL, FAR, Estimate
 from rotorid.answer.judge import DIRECTION
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, frozen
@@ -94,9 +94,10 @@ class Assumed:
 
 
 def assumed(estimate: Estimate, fit: Fit) -> Estimate:
-    """Return an accepted answer with what it assumes, the largest first, and how far that goes.
+    """Return an accepted answer with what it assumes, and how far that goes.
 
-    Of what is wrong in one way or another the worst counts.
+    Of what is wrong in one way or another the worst counts. First stands what matters most to most
+    parameters: what makes the largest shares of their variances.
     """
     if not len(fit.layout.free):
         return estimate
@@ -112,15 +113,20 @@ def assumed(estimate: Estimate, fit: Fit) -> Estimate:
                 name, "assumes", text, one.cure, (names[most],), size, "1", size=one.size
             )
         worst[name] = np.maximum(worst.get(name, 0.0), moved)
+    total = sum((moved**2 for moved in worst.values()), np.zeros(len(names)))
     if worst:
-        total = np.sqrt(sum(moved**2 for moved in worst.values()))
-        of = dict(zip(names, total.tolist(), strict=True))
+        of = dict(zip(names, np.sqrt(total).tolist(), strict=True))
         parameters = tuple(
             v if v.fixed or not v.std else replace(v, std_assumed=v.std * of.get(v.name, 0.0))
             for v in estimate.parameters
         )
         estimate = estimate.with_(parameters=parameters)
-    notes = sorted(told.values(), key=lambda note: -(note.value or 0.0))
+
+    def place(note: Note) -> tuple[bool, float]:
+        share = float((worst[note.about] ** 2 / (1 + total)).sum())
+        return (note.value or 0.0) <= FAR, -share
+
+    notes = sorted(told.values(), key=place)
     return estimate.with_notes(*notes, *_led_by_the_angle(fit), *contradicted(fit, every))
 
 

@@ -213,9 +213,25 @@ def test_what_errors_may_do_is_the_root_of_the_sum_of_their_squares(fitted):
     total = np.sqrt(sum(np.square(list(worst.values()))))
     for name, expected in zip(fit.layout.names(), total, strict=True):
         assert found[name].std_assumed == pytest.approx(expected * found.std(name), rel=1e-6)
-    assert [one.moves for one in found.assumptions] == sorted(
-        (one.moves for one in found.assumptions), reverse=True
-    )
+
+
+def test_first_stands_what_makes_most_of_the_errors_of_most_parameters(fitted, monkeypatch):
+    found, every, fit = fitted
+    monkeypatch.setattr(assumptions.Assumed, "moved", lambda one, fit: one.step)
+
+    def moving(about: str, *by: float) -> assumptions.Assumed:
+        """Return what moves the first unknowns by so many deviations, and no other."""
+        return replace(every[0], about=about, step=np.pad(by, (0, len(fit.layout.free) - len(by))))
+
+    def order(*every: assumptions.Assumed) -> list[str]:
+        monkeypatch.setattr(assumptions, "assumptions", lambda _: every)
+        monkeypatch.setattr(assumptions, "contradicted", lambda *_: ())
+        return [one.assumed for one in assumptions.assumed(found, fit).assumptions]
+
+    far, wide, many = moving("far", 60.0), moving("wide", 0, 20, 20), moving("many", 9, 9, 9, 9)
+    # The verdict rests on ten deviations: what moves none so far stands behind what does.
+    assert order(many, far, wide) == ["wide", "far", "many"]
+    assert order(moving("near", 59.0), far) == ["far", "near"]
 
 
 @pytest.mark.parametrize(
