@@ -175,11 +175,12 @@ def _figure(size: float) -> str:
 
 def assumptions(fit: Fit) -> Iterator[Assumed]:
     """Yield all that is assumed, each with its columns: one evaluation serves them all."""
-    records, structure = fit.records, fit.case.structure
+    records, structure = fit.records, fit.case.places
     scales = force_scale(records, None)
     kinds = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
     exact = [(plausible, not_asked(fit.case, unknowns)) for plausible, unknowns in kinds]
-    units = [fit.case.model.units[name] for name in fit.case.model.coordinates]
+    coordinates = () if structure is None else structure.coordinates
+    units = [fit.case.model.units[name] for name in coordinates]
     parts = parts_between(structure, units) if structure is not None and records else []
     every = (unknown for _, unknowns in exact for unknown in unknowns)
     point = fit.case.beside([*scales, *every, *parts])
@@ -334,9 +335,9 @@ def _recoil(
     """
     at, record = fit.solution.point.records[number], fit.records[number]
     omega = record.lines.omega[:, None]
-    motion = at.corrected()[1] * at.problem.scales.coordinates
+    motion = structure.motion(at.corrected()[1] * at.problem.scales.coordinates)
     rows = at.problem.scales.rows[: at.equations]
-    unbalance = structure.balance.forces((at.loads[:, : at.equations] * rows).T).T
+    unbalance = structure.forces((at.loads[:, : at.equations] * rows).T).T
     mass = structure.inertia
     held = natural**2 + 2j * MOUNT_DAMPING * natural * omega
     give = omega**2 / (held - omega**2) if natural else np.full(omega.shape, -1.0)
@@ -355,7 +356,8 @@ def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
     scale, turn = at.problem.scales.coordinates, structure.turn() * TURNED
     equations, forces, names = at.equations, at.forces, _names(fit, number)
     data, motion = at.corrected()
-    read = at.readings_of((motion * scale) @ turn.T / scale)
+    turned = structure.motion(motion * scale) @ turn.T
+    read = at.readings_of(structure.own(turned) / scale)
     found: dict[tuple[str, tuple[str, ...]], Complexes] = {
         ("turn", (name,)): _misread(fit, number, k, name, read[:, [k - forces]])
         for k, name in names[forces:]
@@ -363,7 +365,7 @@ def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
     true = at.state.factors * data - at.state.readings
     rows = at.problem.scales.rows[:equations]
     for k, name in names[:forces]:
-        along = structure.balance.forces((at.inputs[:, :equations, k] * rows).T)
+        along = structure.forces((at.inputs[:, :equations, k] * rows).T)
         force = np.zeros((len(true), at.problem.all_rows), dtype=np.complex128)
         force[:, :equations] = structure.in_rows(turn @ along).T / rows
         found["turn", (name,)] = as_complex(force * true[:, [k]])

@@ -25,7 +25,7 @@ from rotorid.likelihood.starts import moved, thinned
 from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.likelihood.unknowns import Unknown
 from rotorid.models import Model
-from rotorid.models.rotor.rotor_model import structure_of
+from rotorid.models.rotor.rotor_model import places_of, structure_of
 from rotorid.models.structure import Structure
 
 GROSS = 3.0
@@ -78,12 +78,19 @@ class Case:
     def model(self) -> Model:
         return self.prepared.layout.model
 
+    @property
+    def speed(self) -> float:
+        """The largest of the records."""
+        speeds = (float(v) for record in self.records for v in record.lines.speed)
+        return max(speeds, key=abs, default=0.0)
+
     @cached_property
     def structure(self) -> Structure | None:
-        if self.values is None:
-            return None
-        speeds = (float(v) for record in self.records for v in record.lines.speed)
-        return structure_of(self.model, self.values, max(speeds, key=abs, default=0.0))
+        return None if self.values is None else structure_of(self.model, self.values, self.speed)
+
+    @cached_property
+    def places(self) -> Structure | None:
+        return None if self.values is None else places_of(self.model, self.values, self.speed)
 
     def plus(self, *added: Unknown, fixed: bool = False) -> Case:
         every, layout = self.prepared, self.prepared.layout

@@ -240,12 +240,36 @@ class Structure:
     planes: tuple[tuple[int, ...], ...] = ()
     # the slope of the shaft at a displacement, where a drawing gives it
     slopes: Mapping[int, int] = field(default_factory=dict)
+    # where the model has fewer coordinates of its own: ``q = shapes @ own``, and which of q are the
+    # first of these, on which alone forces act and sensors read
+    shapes: Floats | None = None
+    shown: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def in_rows(self, matrix: Floats) -> Floats:
         """Write a matrix of coordinates in the equations as they stand."""
         written = np.zeros_like(matrix)
         written[self.balance.rows] = self.balance.scales[:, None] * matrix
-        return written
+        return written if self.shapes is None else self.shapes.T @ written
+
+    def forces(self, columns: Values) -> Values:
+        """Return the forces on the coordinates that columns of the equations are, (row, ...)."""
+        if self.shapes is None:
+            return self.balance.forces(columns)
+        found = np.zeros((len(self.coordinates), *columns.shape[1:]), dtype=columns.dtype)
+        found[self.shown] = columns[: len(self.shown)]
+        return found
+
+    def motion(self, own: Values) -> Values:
+        """Return the motion of the coordinates, (..., coordinate), by those of the model."""
+        return own if self.shapes is None else np.asarray(own @ self.shapes.T)
+
+    def own(self, motion: Values) -> Values:
+        """Return what sensors see of a motion, by the coordinates of the model."""
+        if self.shapes is None:
+            return motion
+        found = np.zeros((*motion.shape[:-1], self.shapes.shape[1]), dtype=motion.dtype)
+        found[..., : len(self.shown)] = motion[..., self.shown]
+        return found
 
     def mass(self, units: Sequence[str]) -> float:
         """Return the mass that moves in x; `units`: of the coordinates."""
@@ -265,6 +289,13 @@ class Structure:
             turn[a, b], turn[b, a] = -1.0, 1.0
         return turn
 
+    def along(self) -> Floats:
+        """Return what displacements gain for a metre along the shaft, by its slopes."""
+        gained = np.zeros((len(self.coordinates), len(self.coordinates)))
+        for seen, slope in self.slopes.items():  # theta_x is the slope of -y
+            gained[seen, slope] = 1.0 if seen in self.planes[0] else -1.0
+        return gained
+
 
 def find_structure(model: Model, values: Floats, speed: float) -> Structure | None:
     """Return the structure of a model, or None where its equations do not match its coordinates."""
@@ -272,20 +303,10 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     n = linear.coordinates
     if linear.rows != n:
         return None
-    table = linear.stiffness
-    parts = np.zeros((3, n, n, len(values)))
-    slopes = model.monomial_jacobian(values)[table.monomial]
-    place, size = (table.order, table.row, table.column), table.sizes(speed)
-    np.add.at(parts, place, size[:, None] * slopes * values)
     whole = linear.matrices(values, speed).M
     balance = force_balance(model, whole)
     inertia = whole[balance.rows] / balance.scales[:, None]
-    ordered = np.moveaxis(parts, 3, 0)[:, :, balance.rows] / balance.scales[:, None]
-    names = model.parameter_names
-    springs, masses = (
-        tuple((name, p[k]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[k]))
-        for k in (0, 2)
-    )
+    springs, masses = energies(model, values, speed, balance)
     columns = linear.rotation_columns(speed or 1.0)
     once = balance.forces(columns @ model.monomial_values(values))
     pairs: list[tuple[int, int]] = []
@@ -307,6 +328,27 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
         planes = tuple(tuple(group.tolist()) for group in coupled(links + np.eye(n)))
     structure = Structure(springs, masses, tuple(pairs), model.coordinates, balance, lone)
     return replace(structure, inertia=inertia, planes=planes)
+
+
+Parts = tuple[tuple[str, Floats], ...]
+
+
+def energies(
+    model: Model, values: Floats, speed: float, balance: ForceBalance
+) -> tuple[Parts, Parts]:
+    """Return the springs and the masses among the parameters, each with its matrix."""
+    table = model.require_linear().stiffness
+    n = len(model.coordinates)
+    parts = np.zeros((3, n, n, len(values)))
+    slopes = model.monomial_jacobian(values)[table.monomial]
+    place, size = (table.order, table.row, table.column), table.sizes(speed)
+    np.add.at(parts, place, size[:, None] * slopes * values)
+    ordered = np.moveaxis(parts, 3, 0)[:, :, balance.rows] / balance.scales[:, None]
+    named = list(zip(model.parameter_names, ordered, strict=True))
+    springs, masses = (
+        tuple((name, part[k]) for name, part in named if _is_energy(part[k])) for k in (0, 2)
+    )
+    return springs, masses
 
 
 def _is_energy(matrix: Floats) -> bool:

@@ -32,7 +32,7 @@ from rotorid.models.rotor.drawing import (
     Section,
     Support,
 )
-from rotorid.models.structure import Structure, find_structure
+from rotorid.models.structure import Structure, energies, find_structure, force_balance
 
 DEPENDENT = 1e-9
 """What is left of a matrix that others make up, relative to itself: rounding leaves 1e-13."""
@@ -56,6 +56,8 @@ class RotorModel(Model):
     push: Floats = field(kw_only=True, compare=False, repr=False)  # (row, input): B
     # of a reduced rotor: which coordinates of the whole its first ones are, and what it was made of
     kept: Integers | None = field(kw_only=True, default=None, compare=False, repr=False)
+    # (coordinate of the whole, coordinate): how these move with its own
+    basis: Floats | None = field(kw_only=True, default=None, compare=False, repr=False)
     whole: RotorModel | None = field(kw_only=True, default=None, compare=False, repr=False)
 
     @cached_property
@@ -230,6 +232,7 @@ class RotorModel(Model):
             loads=tuple(replace(load, matrix=basis.T @ load.matrix) for load in full.loads),
             push=basis.T @ full.push,
             kept=kept,
+            basis=basis,
             whole=full,
         )
 
@@ -319,21 +322,36 @@ def inertia(model: RotorModel, values: Mapping[str, float]) -> tuple[float, ...]
 
 
 def structure_of(model: Model, values: Floats, speed: float) -> Structure | None:
-    drawn = model if isinstance(model, RotorModel) else None
-    if not np.isfinite(values).all() or (drawn and drawn.whole is not None):
-        return None  # the coordinates of a reduced rotor are no places
-    found = find_structure(model, values, speed)
-    if found is None or drawn is None:
-        return found
+    places = places_of(model, values, speed)
+    if places is None or not isinstance(model, RotorModel):
+        return places
+    if model.whole is not None:
+        return None  # what a model lacks acts on the coordinates of the whole
+    springs, masses = energies(model, values, speed, places.balance)
+    return replace(places, springs=springs, masses=masses)
+
+
+def places_of(model: Model, values: Floats, speed: float) -> Structure | None:
+    """Return the structure of a model; a drawing says where all of it is, and no springs."""
+    if not np.isfinite(values).all():
+        return None
+    if not isinstance(model, RotorModel):
+        return find_structure(model, values, speed)
+    whole = model if model.whole is None else model.whole
     pairs: list[tuple[int, int]] = []
     slopes: dict[int, int] = {}
-    for number, node in enumerate(drawn.rotor.nodes):
+    for number, node in enumerate(model.rotor.nodes):
         x, y, around_x, around_y = range(PLANES * number, PLANES * (number + 1))
         slopes |= {x: around_y, y: around_x}
         pairs += [(x, y), (around_x, around_y)] if node.named else []
-    every = range(0, PLANES * len(drawn.rotor.nodes), PLANES)
+    every = range(0, len(whole.coordinates), PLANES)
     planes = (tuple(every), tuple(x + 1 for x in every))
-    return replace(found, pairs=tuple(pairs), lone=(), slopes=slopes, planes=planes)
+    inertia = whole.require_linear().matrices(values, speed).M
+    balance = force_balance(whole, inertia)
+    found = Structure((), (), tuple(pairs), whole.coordinates, balance, (), inertia, planes, slopes)
+    if model.kept is None:
+        return found
+    return replace(found, shapes=model.basis, shown=model.kept)
 
 
 def from_ross(
