@@ -303,7 +303,7 @@ class Case:
 
         Lines below noise are what several cases have in common.
         """
-        checked = set(self.words) - {"lines below noise", "multiple period"}
+        checked = set(self.words) - {"lines below noise", "period"}
         return "ok" not in self.called.split() and (not checked or self.by_leads)
 
     @property

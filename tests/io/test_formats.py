@@ -82,6 +82,34 @@ def test_columns_units_and_rate(path):
         open_table(path).find("fxx")
 
 
+@pytest.mark.parametrize("factor", [2.0, 0.5, 1.001])
+@pytest.mark.parametrize("head", ["t", "time_ms", "t [us]", "clock"])
+def test_a_column_of_times_that_nobody_named_tells_the_rate(tmp_path, head, factor):
+    """What the refusal says to write is accepted; jitter, a count and what is used tell nothing."""
+    path, unit = tmp_path / "run.csv", {"time_ms": 1e3, "t [us]": 1e6}.get(head, 1.0)
+
+    def read(times, rate=RATE, columns=("F",), **options):
+        rows = np.column_stack([times, X])
+        np.savetxt(path, rows, delimiter=",", header=f"{head},F", comments="", fmt="%.12g")
+        return rid.read_record(path, columns=columns, sample_rate=rate, **options)
+
+    times = np.arange(len(X)) / RATE * unit
+    wrong = f"{factor * RATE:g} Hz, where the column .* 1000 Hz.*write time = .*is 20 Hz"
+    with pytest.raises(InputError, match=wrong):
+        read(times, factor * RATE, fundamental=20.0 * factor)
+    with pytest.raises(InputError, match=wrong):
+        read(times, factor * RATE, None, fundamental=20.0 * factor)
+    name = head.split(" [")[0]
+    said = Source(name, None if "[" in head else {"time_ms": "ms"}.get(head, "s"))
+    assert read(times, None, time=said).sample_rate == pytest.approx(RATE, rel=1e-9)
+    read(times, factor * RATE, overrule=True)
+    read(times, RATE * (1 + 5e-5))
+    read(times, factor * RATE, [name, "F"])
+    read(times * (1 + 0.2 * np.sin(np.arange(len(X)) ** 2) / len(X)), factor * RATE)
+    if unit == 1:
+        read(np.arange(len(X)), factor * RATE)
+
+
 def test_what_is_not_what_its_ending_says(path):
     if path.suffix in (".csv", ".lvm"):
         path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))

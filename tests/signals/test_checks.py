@@ -352,11 +352,37 @@ def test_a_record_that_does_not_repeat_is_told(periods):
 
 @pytest.mark.parametrize("start", [0.0, 100.0])
 def test_a_fundamental_that_is_twice_the_true_one(start):
-    """Excited at 20 Hz and its odd multiples, said to be 40 Hz."""
+    """Excited at 20 Hz and its odd multiples, which are lines 1 and 3 of 40 Hz by mistake."""
     record = replace(machine(60), start=start)
-    (found,) = of_check(told(record, fundamental=2 * F0), "multiple period")
+    (found,) = of_check(told(record, fundamental=2 * F0, lines=[1, 3]), "multiple period")
     assert (", ".join(found.on), found.verdict) == ("F_x, F_y", "warning")
     assert "the fundamental is 20 Hz, not 40; multiply the harmonics by 2" in found.found
+
+
+@pytest.mark.parametrize("size", [256, 244, 251, 249, 125, 500, 1000])
+@pytest.mark.parametrize(("periods", "noise"), [(30, 0.05), (60, 0.5)])
+def test_a_period_that_the_record_contradicts_is_refused(size, periods, noise):
+    """2.4 % off, by one sample, by a factor; what it says to write is accepted."""
+    record = machine(periods, noise=noise)
+    wrong = average(record, period_samples=size, harmonics=LINES.tolist())
+    found = only(list(wrong.checks), "period")
+    assert f"write period_samples = {SIZE} in place" in found.text
+    assert not of_check(average(record, period_samples=SIZE, harmonics=LINES).checks, "period")
+    if found.verdict == "refused":  # else the lines still hold some of it
+        assert f'sample_rate = "{RATE * SIZE / size:.9g} Hz"' in found.text
+        with pytest.raises(InputError, match=f"write period_samples = {SIZE}"):
+            rid.identify(MODEL, wrong, "ml")
+        again = replace(record, sample_rate=RATE * SIZE / size)
+        assert not of_check(told(again, fundamental=RATE / size), "period")
+
+
+def test_a_period_of_which_the_lines_are_multiples_is_as_good():
+    """As is one whose lines hold little of what repeats, and one of a rotation between lines."""
+    assert not told(machine(), fundamental=F0 / 2, lines=2 * LINES)
+    assert not of_check(told(machine(), lines=[2, 4, 6]), "period")
+    record = machine(noise=2.0, speed=2 * np.pi * 93.37)
+    turning = 100 * SCALE * np.cos(record.rotor_angle())[:, None]
+    assert not of_check(told(replace(record, samples=record.samples + turning)), "period")
 
 
 def test_a_rotation_half_way_between_the_lines_is_no_longer_period():

@@ -23,7 +23,7 @@ from rotorid.core.units import converts, si_factor
 from rotorid.core.values import Floats, frozen, grouped
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
-from rotorid.io.clock import read_clock
+from rotorid.io.clock import is_time, leaf, read_clock, unit_of_time
 from rotorid.io.columns import check_magnitude, largest_of
 from rotorid.io.table import OneFile, Rate
 from rotorid.models import Model, load_model
@@ -37,15 +37,10 @@ _Container = TypeVar("_Container", tomlkit.TOMLDocument, tomlkit.items.Table)
 _MARK = r"tach\w*|trig\w*|puls\w*|mark\w*|index"
 Role = Literal["time", "speed", "keyphasor", "angle", "channel"]
 _ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
-    ("time", re.compile(r"t|time\b.*|zeit|clock|timestamp|x_value|x_axis|abscissa", re.I), "s"),
     ("speed", re.compile(r"(n_?)?rpm|speed\w*|drehzahl|omega\w*", re.I), "rad/s"),
     ("keyphasor", re.compile(rf"kp|key\b.*|key_?ph\w*|{_MARK}|(zero|null)_?({_MARK})", re.I), ""),
     ("angle", re.compile(r"enc\w*|angle\w*|phi|rotor_?angle", re.I), "rad"),
 )
-_TIMED = re.compile(
-    r"(?:^|[/_ :])(?:t|time)(?:[\s_/]+|\s*(?=[\[(]))[\[(]?(?P<unit>[munµ]?s|min)[\])]?$", re.I
-)
-"""Sample times with the unit in their name: t/ms, time_ms, t [ms]."""
 _UNIT_IN_NAME = re.compile(r"[munµk][AVN]|[munµ]m|mil")
 _CURRENT = re.compile(r"i[abxyz]{0,2}(?![a-z])|cur|coil", re.I)
 """What a current is called, where no unit says so: iA_x, I 1 X."""
@@ -68,8 +63,6 @@ _EXCITATION = re.compile(
     r"(ex|exc\w*|ref\w*|dist(urb\w*)?|noise|chirp|sweep|inj\w*|add\w*)(_|\d|\b)", re.I
 )
 
-_NO_PATH = re.compile(r"\b([A-Za-z0-9])/([xyzXYZ])\b")  # plane and axis
-
 
 @frozen
 class Found:
@@ -87,36 +80,30 @@ class Found:
         return self.name.removesuffix(f"_{self.unit}")
 
     def measures(self, *units: str) -> bool:
-        told = self.unit or ("A" if _CURRENT.match(_leaf(self.name)) else "")
+        told = self.unit or ("A" if _CURRENT.match(leaf(self.name)) else "")
         return bool(told) and any(converts(told, unit) for unit in units)
 
 
 def _unit_in(name: str) -> str | None:
     """Return the unit that ends a name: x1_um, i_x1_A; the A of i_x_A may be a bearing."""
     stem, _, unit = name.rpartition("_")
-    single = {"i": "A", "f": "N", "u": "V", "v": "V"}.get(_plain(_leaf(stem))[:1])
+    single = {"i": "A", "f": "N", "u": "V", "v": "V"}.get(_plain(leaf(stem))[:1])
     told = _UNIT_IN_NAME.fullmatch(unit) or (unit == single and _place(stem))
     return unit if stem and told else None
 
 
 def role_of(name: str, unit: str | None) -> Role:
     """Return what a column is by its name, where its unit does not contradict."""
-    if _TIMED.search(name) and (not unit or converts(unit, "s")):
+    if is_time(name, unit):
         return "time"
-    leaf = _leaf(name)
     for role, pattern, expected in _ROLES:
-        if pattern.fullmatch(leaf) and (not unit or not expected or converts(unit, expected)):
+        if pattern.fullmatch(leaf(name)) and (not unit or not expected or converts(unit, expected)):
             return role
     return "channel"
 
 
-def _leaf(name: str) -> str:
-    """Return the last part of a path; "Pos A/X" is none."""
-    return _NO_PATH.sub(r"\1 \2", name).rsplit("/", 1)[-1]
-
-
 def is_excitation(column: Found) -> bool:
-    return _EXCITATION.match(_leaf(column.name)) is not None
+    return _EXCITATION.match(leaf(column.name)) is not None
 
 
 def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
@@ -205,7 +192,7 @@ def _in_order(
 
 def _place(name: str, letters: str = _AXES[0]) -> tuple[str, str] | None:
     """Return plane and axis of a name such as F_x1, "Pos A X", s_yb; None without just one each."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|_", " ", _leaf(name))
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|_", " ", leaf(name))
     found = re.findall(r"[A-Za-z]+|\d+", spaced)
     parts: list[str] = []
     for part in map(str.lower, found):  # an axis stands beside a letter: "xa", "bx", "fx"
@@ -262,7 +249,7 @@ def likeness(quantity: str, column: str, is_input: bool) -> float:
 
 def _options(column: str, *, is_input: bool) -> list[str]:
     """Return what a column's name may be of, in small letters and figures."""
-    name = _plain(_leaf(column))
+    name = _plain(leaf(column))
     beside = [name[1:]] if not is_input and name.startswith(_FIRST_OF_POSITION) else []
     return [option for option in (name, *beside) if option]
 
@@ -425,12 +412,12 @@ def _clock(columns: Sequence[Found], stated: Rate | None) -> tuple[float | None,
         except ReadError as error:
             said, note = _column(column), str(error.found)
         else:
-            named = _TIMED.search(column.name)
-            unit = column.unit or (named["unit"].lower() if named else _likely_unit(told, rate))
+            said_unit = unit_of_time(column.name, column.unit)
+            unit = said_unit or _likely_unit(told, rate)
             rate = told / si_factor(unit, "s")
             if not column.unit:
                 said["unit"] = unit
-                if unit != "s" and not named:
+                if unit != "s" and said_unit is None:
                     note = f"taken for {unit}: in s it were {told:.4g} Hz"
         if rate is not None:
             note = _and(f"{rate:.6g} Hz, {len(column.values) / rate:.4g} s", note)

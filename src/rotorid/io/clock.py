@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 from typing import TypeVar
@@ -11,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from rotorid.core.errors import InputError, ReadError
+from rotorid.core.units import converts, si_factor
 from rotorid.core.values import Booleans, Complexes, Floats, frozen
 from rotorid.io.table import Column, Rate
 
@@ -27,7 +29,33 @@ _ROUNDED = 0.6  # of the last digit of the stamps: half a digit, and what a line
 _TAPS = 12  # of the interpolation: 1e-4 at a quarter of the sample rate, for a jitter of a tenth
 _BLOCK = 1 << 16
 
+_NAMED = re.compile(r"t|time\b.*|zeit|clock|timestamp|x_value|x_axis|abscissa", re.I)
+_UNIT_IN_NAME = re.compile(
+    r"(?:^|[/_ :])(?:t|time)(?:[\s_/]+|\s*(?=[\[(]))[\[(]?(?P<unit>[munµ]?s|min)[\])]?$", re.I
+)
+"""Sample times with the unit in their name: t/ms, time_ms, t [ms]."""
+_NO_PATH = re.compile(r"\b([A-Za-z0-9])/([xyzXYZ])\b")  # plane and axis
+UNITS = ("s", "ms", "us", "ns", "min")
+"""Units in which sample times are written."""
+
 Numbers = TypeVar("Numbers", Floats, Complexes)
+
+
+def leaf(name: str) -> str:
+    """Return the last part of a path; "Pos A/X" is none."""
+    return _NO_PATH.sub(r"\1 \2", name).rsplit("/", 1)[-1]
+
+
+def is_time(name: str, unit: str | None) -> bool:
+    """Tell whether a column holds sample times by its name, where its unit does not contradict."""
+    named = _UNIT_IN_NAME.search(name) or _NAMED.fullmatch(leaf(name))
+    return named is not None and (not unit or converts(unit, "s"))
+
+
+def unit_of_time(name: str, unit: str | None) -> str | None:
+    """Return the unit of sample times: that of the column, or else that in its name."""
+    named = _UNIT_IN_NAME.search(name)
+    return unit or (named["unit"].lower() if named else None)
 
 
 @frozen
@@ -209,8 +237,12 @@ def weigh_clock(
     overrule: bool,
     fundamental: float | None,
     limits: tuple[float, float | None],
+    unused: Mapping[str, Column],
 ) -> RecordClock:
-    """Weigh what is said of the sample rate here, by the stamps, and by the file."""
+    """Weigh what is said of the sample rate here, by the stamps, and by the file.
+
+    `unused` are columns that may be times, which nobody named: they too tell the rate.
+    """
     several = list(columns)
     stated = _stated_rate([column.rate for column in several if column.rate is not None])
     if stamps is not None:
@@ -233,6 +265,8 @@ def weigh_clock(
                 "give one",
             )
         rate = given or _whole_multiple(said, fundamental, exactly=True)
+        for name, column in unused.items() if not overrule else ():
+            _check_unused(rate, fundamental, name, column)
         last = None if until is None else max(0, math.ceil(until * rate - 1e-6))
         clock = RecordClock(rate, end=last)
     starts = [column.start for column in several if column.start is not None]
@@ -294,6 +328,31 @@ def _check_rate(given: float, found: Rate, teller: str, cure: str) -> None:
             cure + unit,
             place="sample_rate",
         )
+
+
+def _check_unused(rate: float, fundamental: float | None, name: str, column: Column) -> None:
+    """Refuse a rate that the equal steps of a column of times contradict."""
+    unit, told = unit_of_time(name, column.unit), even_rate(column.values)
+    counts = unit is None and told is not None and abs(told.hertz - 1) <= SAME_RATE  # samples
+    if told is None or counts or not is_time(name, column.unit):
+        return
+    rates = {u: told.hertz / si_factor(u, "s") for u in ((unit,) if unit else UNITS)}
+    likely, found = min(rates.items(), key=lambda pair: abs(math.log(pair[1] / rate)))
+    if abs(rate / found - 1) <= SAME_RATE + told.rounding:
+        return
+    said = f'"{name}"' if column.unit else f'{{ column = "{name}", unit = "{likely}" }}'
+    cure = (
+        f"write time = {said} in place of sample_rate, or overrule = true if that column is wrong"
+    )
+    if fundamental is not None:
+        new = fundamental * found / rate
+        cure += f"; a fundamental that was counted from that rate is {new:.9g} Hz"
+    raise InputError(
+        f"{rate:.9g} Hz, where the column {name!r} has steps of {1 / found:.6g} s: {found:.9g} Hz",
+        "one sample rate",
+        cure,
+        place="sample_rate",
+    )
 
 
 def _whole_multiple(rate: Rate, fundamental: float | None, *, exactly: bool) -> float:

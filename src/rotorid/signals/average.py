@@ -13,7 +13,7 @@ from rotorid.core.errors import InputError, naming, require_positive
 from rotorid.core.units import quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
 from rotorid.data.record import Channel, PeriodicRecord, Record, Steady, changed, check_samples
-from rotorid.signals.checks.periods import ramp_notes, ramps, without_ramps
+from rotorid.signals.checks.periods import LOOKED_AT, ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording
 
@@ -100,7 +100,7 @@ def average(
         again = average(flat, period_samples=size, harmonics=sums.lines.tolist(), skip=skip)
         return changed(again, checks=(*again.checks, *ramp_notes(again, rise)))
     seen = check_record(record, found, excerpt=_excerpt(record, first, size))
-    return changed(found, checks=(*seen, *check_periods(found)))
+    return changed(found, checks=(*seen, *check_periods(found, seen)))
 
 
 def _excerpt(record: Record, first: int, size: int) -> Record:
@@ -167,7 +167,7 @@ def average_blocks(
         sums.add(periods)
         if number & (number - 1) and len(excerpt) > 1:
             excerpt.pop()
-        few = max(1, 2048 // sums.size)
+        few = max(1, (2048 if number else LOOKED_AT) // sums.size)
         excerpt.append(periods[:few].reshape(-1, len(blocks.channels)).copy())
     with naming(blocks.source):
         _whole_periods(sums.count * sums.size, sums.size)
@@ -180,7 +180,7 @@ def average_blocks(
         source=blocks.source,
     )
     seen = check_record(Record(blocks.channels, np.concatenate(excerpt), rate), found)
-    return changed(found, checks=(*seen, *check_periods(found)))
+    return changed(found, checks=(*seen, *check_periods(found, seen)))
 
 
 def _periods_of(blocks: RecordBlocks, first: int, size: int) -> Iterator[Floats]:

@@ -18,11 +18,13 @@ from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import inputs_of, is_input, sensors_of
 from rotorid.signals.checks.registry import (
     NO_SCATTER,
+    PERIOD,
     Seen,
     first_used,
     period_check,
     record_check,
 )
+from rotorid.signals.period_search import find_period
 
 LEAST_PERIODS = 8
 """Periods below which a transient cannot be told from the scatter."""
@@ -444,11 +446,63 @@ def ramp_notes(periods: PeriodicRecord, rise: Floats) -> tuple[Note, ...]:
     )
 
 
-MULTIPLES = (2, 3)
-"""Multiples of the period that are tried: half the line spacing given is the usual mistake."""
+HELD = 0.25
+"""Share of a channel's power, the strongest line aside, which the lines given hold at the period of
+the record, at the least: one wave is the rotation, or hum, and repeats with a period of its own."""
 
 BETTER = 4.0
-"""How many times less two periods differ than one if it is two: noise makes both differ alike."""
+"""How many times more of it they hold with another period; how many times less two periods differ
+than one if it is two: noise makes both differ alike."""
+
+LOOKED_AT = 1 << 15
+"""Samples that are looked at: more of them tell nothing new."""
+
+
+@record_check(
+    PERIOD,
+    "the record repeats with the period given",
+    needs=lambda seen: seen.periods is not None and seen.untorn,
+)
+def check_period(seen: Seen) -> Iterator[Note]:
+    """Hold the period given against the one that the record shows, by the power on its lines."""
+    record, periods = seen.record, seen.periods
+    assert periods is not None
+    size, first = periods.samples, first_used(record, periods)
+    chosen = inputs_of(record.channels) or list(range(len(record.channels)))
+    power = (periods.mean.var(axis=0) + periods.variance.mean(axis=0))[chosen]
+
+    def held(mean: Floats) -> float:
+        lines = periods.harmonics[(periods.harmonics > 0) & (2 * periods.harmonics <= len(mean))]
+        on = 2 * np.abs(np.fft.rfft(mean, axis=0, norm="forward")[lines]) ** 2
+        share = (on.sum(axis=0) - on.max(axis=0, initial=0.0)) / np.maximum(power, 1e-300)
+        return float(share.max())
+
+    if len(periods.harmonics) < 2 or (given := held(periods.mean[:, chosen])) >= HELD:
+        return
+    samples = record.samples[first : first + max(LOOKED_AT, 8 * size), chosen]
+    found = {round(p.samples) for column in samples.T if (p := find_period(column)) is not None}
+    each = ((held(_mean_period(samples, n)), n) for n in found - {size})
+    shown, best = max(each, default=(0.0, size))
+    if shown < max(HELD, BETTER * given):
+        return
+    hertz = periods.fundamental
+    yield Note(
+        PERIOD,
+        "refuses",
+        f"the record repeats after {best} samples, not after the {size} given: the lines given "
+        f"hold {100 * shown:.2g} % of a channel's power there, {100 * given:.2g} % here",
+        f"write period_samples = {best} in place of the fundamental; or, if the fundamental is "
+        f'{hertz:.9g} Hz, sample_rate = "{hertz * best:.9g} Hz"',
+    )
+
+
+def _mean_period(samples: Floats, size: int) -> Floats:
+    count = len(samples) // size
+    return np.asarray(samples[: count * size].reshape(count, size, -1).mean(axis=0))
+
+
+MULTIPLES = (2, 3)
+"""Multiples of the period that are tried: half the line spacing given is the usual mistake."""
 
 DIFFERENT = 0.01
 """Part of the power in which successive periods differ: below it nothing is at stake."""
@@ -456,12 +510,11 @@ DIFFERENT = 0.01
 SYNCHRONOUS = 0.05
 """Distance from whole turns, in so many periods, within which the rotation explains it."""
 
-_MOST = 1 << 15  # samples looked at
-
 
 @record_check(
     "multiple period",
     "the record repeats after one period",
+    PERIOD,
     needs=lambda seen: seen.periods is not None and seen.untorn,
 )
 def check_multiple(seen: Seen) -> list[Note]:
@@ -469,7 +522,7 @@ def check_multiple(seen: Seen) -> list[Note]:
     assert periods is not None
     size = periods.samples
     first = first_used(record, periods)
-    count = min(len(record.samples) - first, max(_MOST, 8 * size)) // size
+    count = min(len(record.samples) - first, max(LOOKED_AT, 8 * size)) // size
     chosen = inputs_of(record.channels) or list(range(len(record.channels)))
     if count < 2 * max(MULTIPLES):
         return []

@@ -25,6 +25,9 @@ from rotorid.data.record import Channel, PeriodicRecord, Record
 NO_SCATTER = 1e-9
 """Scatter over level below which periods are the same: rounding is 1e-13, a converter 1e-8."""
 
+PERIOD = "period"
+"""The check of the period given: where it refuses, others would tell of nothing else."""
+
 F = TypeVar("F", bound=Callable[..., Iterable[Note]])
 
 
@@ -75,7 +78,7 @@ def found_by(of: str, seen: Any) -> tuple[Note, ...]:
 
     @cache
     def found(name: str) -> list[Note]:
-        others = [note for other in checks[name].unless for note in found(other)]
+        others = [note for other in checks.keys() & {*checks[name].unless} for note in found(other)]
         told = all(note.severity == "says" for note in others)
         return list(checks[name].function(seen)) if told else []
 
@@ -131,5 +134,7 @@ def check_record(
     return found_by("record", Seen(record, periods, excerpt))
 
 
-def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
-    return found_by("periods", periods)
+def check_periods(periods: PeriodicRecord, seen: Iterable[Note] = ()) -> tuple[Note, ...]:
+    """Return notes on periods, unless what was `seen` is that they are none."""
+    wrong = any(note.about == PERIOD and note.severity == "refuses" for note in seen)
+    return () if wrong else found_by("periods", periods)

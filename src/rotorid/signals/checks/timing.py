@@ -44,6 +44,10 @@ OF_TIME = 0.9
 clock's: 0.999 and more of clocks 20 ppm apart, 0.7 and less of magnets whose gaps grow with heat,
 which turn the lines of a closed loop, too."""
 
+MISCOUNTED = 0.05
+"""Distance from whole samples up to which a period was miscounted; clocks differ by less than one
+sample in a period, and by whole ones by chance only."""
+
 LEAST_SHIFT = 1e-4
 """Shift over the record, in samples, below which it is rounding."""
 
@@ -371,10 +375,13 @@ def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts], *, stepped: bo
     weights = np.array([lines[c][1] ** -2 for c in order])
     slope = float(weights @ np.array([lines[c][0] for c in order]) / weights.sum())
     true = periods.fundamental / (1 + slope / length)
+    late = slope * periods.sample_rate
+    cure = "give the rates that the clocks have, or let one clock drive excitation and logger"
+    if round(late) and abs(late - round(late)) <= MISCOUNTED:
+        cure = f"write period_samples = {periods.samples + round(late)} in place of the fundamental"
     text = (
         f"every period comes {abs(slope) * 1e6:.3g} us {'late' if slope > 0 else 'early'} "
         f"({1e6 * slope / length:+.3g} ppm): the data repeat with {true:.8g} Hz, not "
-        f"{periods.fundamental:.8g}; give the rates that the clocks have, or let one clock drive "
-        "excitation and logger"
+        f"{periods.fundamental:.8g}; {cure}"
     )
     return [Note("period", "warns", text)]
