@@ -24,7 +24,7 @@ from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.response import response, responses
 from rotorid.likelihood.solver import STAGES, Solution, beside, elsewhere, settle
-from rotorid.likelihood.starts import AGREE, STARTS, further_starts
+from rotorid.likelihood.starts import AGREE, FINE_STAGES, further_starts
 from rotorid.likelihood.symmetric_answers import APART, CLOSE, Mirrors, exchanged
 
 OTHERS = "other answers"
@@ -137,11 +137,15 @@ LOOSE = 0.1
 """Predicted deviation, as a share of the value, from which other answers are looked for."""
 UNLIKELY = 0.01
 """Below this p-value a minimum may be one of several: of a hundred good records, one is asked."""
+ASKED = 10
+"""Further starts from which the same answer has to come."""
 ALWAYS = 3
-"""Further starts that are always tried: those of an informed record join the first way soon."""
-LATE = STAGES[-3:]
-"""Stages of the starts beyond those: with large errors granted every way may lead to one minimum
-(of a record with a hundred times the noise 27 of 28 did), and the lowest be found without them."""
+"""Those that are always tried: where the record informs every unknown they join the first way soon,
+and so would all."""
+OTHERWISE = (FINE_STAGES, STAGES[-3:])
+"""Stages of the starts beyond those, in turn. With large errors granted every way may lead to one
+minimum (of a record with a hundred times the noise 27 of 28 did), and the lowest be found without
+them; of a chain of five masses 7 of 12 starts found it in fine stages, and of 24 in others none."""
 FAR = 3.0
 """A start off by more than this factor says nothing of the machine: the answer stands for it."""
 NOTHING = 1e-14
@@ -372,23 +376,23 @@ class _Minimum:
     def minima(self) -> list[Solution]:
         """Return where further starts end, other than on the way that led here.
 
-        All of them where one of the first ended elsewhere at nearly as low a cost, where chance
-        seldom leaves such a cost, or where something is loose.
+        All of them where one of the first did not join that way, where chance seldom leaves such a
+        cost, or where something is loose.
         """
         cost, found = self.solution.point.cost, list[Solution]()
         every = self.inference.expectation.p_value(cost) < UNLIKELY or bool(self.loose.any())
-        for number, start in enumerate(further_starts(self.problem, self.problem.layout.start)):
+        starts = further_starts(self.problem, self.problem.layout.start, ASKED)
+        for number, start in enumerate(starts):
             if number >= ALWAYS and not every:
                 break
-            watch("asking whether other answers fit as well", number, STARTS if every else ALWAYS)
+            watch("asking whether other answers fit as well", number, ASKED if every else ALWAYS)
             try:
-                stages = STAGES if number < ALWAYS else LATE
+                stages = STAGES if number < ALWAYS else OTHERWISE[number % 2]
                 end = elsewhere(self.problem, start, self.solution, stages)
             except np.linalg.LinAlgError:
                 continue
             if end is not None:
-                above = end.point.cost - cost
-                every |= abs(above) > AGREE * cost + 1e-3 and above < 10 * CLOSE
+                every = True
                 found.append(end)
         return found
 
