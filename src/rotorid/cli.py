@@ -84,6 +84,9 @@ _quiet_option = _flag(
 _json_option = _file_option(
     "--json", help="Write the result (JSON); - writes it, and nothing else, to the standard output."
 )
+_strict_option = _flag(
+    "--strict", help="Exit with status 3 also if the result is doubtful or rests on assumptions."
+)
 _report_option = _file_option("--report", help="Write a report (HTML).")
 _experiment, _result = (click.argument(name, type=_FILE) for name in ("experiment", "result"))
 _record_option = click.option(
@@ -164,9 +167,7 @@ def inspect() -> None:
     help="Extent of the search; quick ends at the first minimum.",
 )
 @_flag("--intervals", help="Show 95 % intervals instead of standard deviations.")
-@_flag(
-    "--strict", help="Exit with status 3 also if the result is doubtful or rests on assumptions."
-)
+@_strict_option
 @_answers
 def identify() -> None:
     """Estimate machine parameters from the records of an experiment.
@@ -192,6 +193,7 @@ def validate() -> None:
 @click.option("--speed", default="0 rpm", show_default=True, help='Such as "8400 rpm".')
 @click.option("--to", help="Upper speed of Campbell diagram and critical-speed search.")
 @_record_option
+@_strict_option
 @_answers
 def modes() -> None:
     """Natural frequencies, damping, whirl, critical speeds.

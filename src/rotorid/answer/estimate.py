@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
@@ -34,6 +34,12 @@ Numbers = tuple[Number, ...]
 Count = Annotated[int, Strict()]
 Optional = Annotated[float, Strict()] | None
 Flag = Annotated[bool, Strict()]
+
+
+def under(status: str, notes: Iterable[Note]) -> str:
+    """Return the status of a result, in words, with what notes say that it assumes."""
+    sizes = (note.value or 0.0 for note in notes if note.severity == "assumes")
+    return UNDER if status == "ok" and any(size > FAR for size in sizes) else status
 
 
 def _name(text: str) -> str:
@@ -87,6 +93,8 @@ DOUBTFUL = 1e-3
 UNDER = "ok under assumptions"
 """The verdict of an answer that what it assumes may move by more than `FAR` of its deviations."""
 FAR = 10.0
+SAME_SPEED = 1e-3
+"""Share by which a speed may lie beside those of the records and be one of them: they wander so."""
 EXPLAINS = 0.2
 """Least share of the excess misfit with which a suspect is a lead."""
 
@@ -134,6 +142,37 @@ class Assumption:
     parameter: str
     moves: Number
     cure: str
+
+
+@frozen
+class Shift:
+    """How far the values may be off unseen where something assumed is wrong by a plausible size.
+
+    Parameters
+    ----------
+    about, size, text, cure : str
+        What is assumed, the error that is plausible, how it is told, and what would settle it.
+    moves : mapping of str to sequence of float
+        By how much each value is off, SI, for each way of being wrong.
+    grows : mapping of str to float
+        A value that may follow the speed is off by so much times Omega^2 besides, and all is over
+        hypot(T^2, seen), T the highest speed, of a record or asked for.
+    seen : float
+        What the records tell of such a growth.
+    """
+
+    about: str
+    size: str
+    text: str
+    cure: str
+    moves: dict[str, Numbers]
+    grows: dict[str, Number] = field(default_factory=dict)
+    seen: Number = 0.0
+
+    def at(self, speed: float, highest: float) -> dict[str, Floats]:
+        over = math.hypot(max(speed, highest) ** 2, self.seen) if self.grows else 1.0
+        added = {name: slope * speed**2 for name, slope in self.grows.items()}
+        return {n: (np.array(by) + added.get(n, 0.0)) / over for n, by in self.moves.items()}
 
 
 @frozen
@@ -442,6 +481,10 @@ class Estimate:
         Files, experiment, version and command; for an estimate made in Python the model alone.
     evidence : Evidence or None
         What a report shows of the records; see `with_evidence`.
+    speeds : sequence of float
+        The lowest and the highest speed of the records, rad/s.
+    shifts : sequence of Shift
+        What errors of what is assumed move: what follows from the values at other speeds asks.
 
     Examples
     --------
@@ -475,6 +518,8 @@ class Estimate:
     unbalance: tuple[Unbalance, ...] = ()
     provenance: Provenance | None = None
     evidence: Evidence | None = None
+    speeds: Numbers = ()
+    shifts: tuple[Shift, ...] = ()
 
     def __post_init__(self) -> None:
         covariance = np.array(self.covariance, dtype=float)
@@ -526,8 +571,7 @@ class Estimate:
         """What the first line says: ok, ok under assumptions, doubtful, or the status."""
         if self.doubt:
             return "doubtful"
-        far = self.status == "ok" and any(one.moves > FAR for one in self.assumptions)
-        return UNDER if far else self.status
+        return under(self.status, self.notes)
 
     @property
     def doubt(self) -> str:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, under
 from rotorid.answer.result_file import load_estimate
-from rotorid.commands import NO_ANSWER, OK
+from rotorid.commands import NO_ANSWER, OK, REJECTED
 from rotorid.commands.console import Outputs, done
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
@@ -18,7 +18,13 @@ from rotorid.core.toml import table_within
 from rotorid.core.units import finite_speed
 from rotorid.core.watch import watch
 from rotorid.models import Model, load_model
-from rotorid.report.machines import balance_page, balance_report, modes_page, modes_report
+from rotorid.report.machines import (
+    assumed_by,
+    balance_page,
+    balance_report,
+    modes_page,
+    modes_report,
+)
 from rotorid.results.balancing import Balance, Feedforward, centring
 from rotorid.results.balancing import balance as find_balance
 from rotorid.results.machine import machine_of, own_model
@@ -26,13 +32,16 @@ from rotorid.results.modes import (
     Campbell,
     CriticalSpeed,
     Modes,
+    UnbalanceResponse,
     campbell,
     response_of,
 )
 from rotorid.results.modes import modes as find_modes
 
 
-def modes(source: str, speed: str, to: str | None, record: int, answer: Outputs) -> int:
+def modes(
+    source: str, speed: str, to: str | None, record: int, strict: bool, answer: Outputs
+) -> int:
     targets = answer.check()
     check_apart(targets, [Path(source)])
     read = source_of(source)
@@ -48,21 +57,32 @@ def modes(source: str, speed: str, to: str | None, record: int, answer: Outputs)
         return modes_report(read, found, diagram, done(answer.given, [Path(source)]))
 
     page = modes_page(found, diagram, response, machine.model)
-    answer.give(page, modes_content(found, diagram), html)
-    return OK if found.status in ("ok", "rejected") else NO_ANSWER
+    content = modes_content(found, diagram, response)
+    answer.give(page, content, html)
+    return _code(content, strict)
+
+
+def _code(content: Mapping[str, Any], strict: bool) -> int:
+    if strict and content["verdict"] != "ok":
+        return REJECTED
+    return OK if content["status"] in ("ok", "rejected") else NO_ANSWER
 
 
 def source_of(source: str) -> Estimate | Model:
     return load_estimate(source) if source.lower().endswith(".json") else load_model(source)
 
 
+_ASSUMED = ("std_assumed_hz", "damping_std_assumed")
 _FIGURES = ("frequency_hz", "std_hz", "damping_ratio", "damping_std", "whirl", "count", "close")
-_CURVES = ("whirl", "frequency_hz", "std_hz", "damping_ratio")
-_CRITICAL = ("speed_rad_s", "std", "whirl", "damping_ratio")
+_CURVES = ("whirl", "frequency_hz", "std_hz", "std_assumed_hz", "damping_ratio")
+_CRITICAL = ("speed_rad_s", "std", "std_assumed", "whirl", "damping_ratio")
 
 
-def modes_content(found: Modes, diagram: Campbell | None) -> dict[str, Any]:
+def modes_content(
+    found: Modes, diagram: Campbell | None, response: UnbalanceResponse | None
+) -> dict[str, Any]:
     critical: Sequence[CriticalSpeed] = () if diagram is None else diagram.critical
+    notes = assumed_by(found, diagram, response)
     curves = None
     if diagram is not None:  # a row for each, null where it does not oscillate
         curves = {key: np.asarray(getattr(diagram, key)).T for key in _CURVES}
@@ -71,7 +91,7 @@ def modes_content(found: Modes, diagram: Campbell | None) -> dict[str, Any]:
         "speed_rad_s": found.speed,
         "modes": [
             {
-                **{key: getattr(mode, key) for key in (*_FIGURES, "interval_hz")},
+                **{key: getattr(mode, key) for key in (*_FIGURES, *_ASSUMED, "interval_hz")},
                 "eigenvalue_rad_s": mode.eigenvalue,
                 "shape": dict(zip(found.coordinates, mode.shape, strict=True)),
             }
@@ -86,6 +106,8 @@ def modes_content(found: Modes, diagram: Campbell | None) -> dict[str, Any]:
         ],
         "model": found.model,
         "status": found.status,
+        "verdict": under(found.status, notes),
+        "notes": notes,
         "poles_at_zero": found.rigid,
         "real_poles_rad_s": found.real_poles,
         "remarks": found.remarks,

@@ -9,16 +9,17 @@ Nothing is fitted: an assumption is a column, and a product with the factorizati
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
 import scipy
 
-from rotorid.answer.estimate import DOUBTFUL, FAR, Estimate
+from rotorid.answer.estimate import DOUBTFUL, Estimate, Shift
 from rotorid.answer.judge import DIRECTION
+from rotorid.answer.shifts import MATTERS, weighed
 from rotorid.core.notes import Note
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats, fact, frozen
 from rotorid.likelihood.case import not_asked
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
@@ -27,10 +28,8 @@ from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import parts_between, trials
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, force_scale
 from rotorid.likelihood.whitening import as_complex
-from rotorid.models.structure import Structure
+from rotorid.models.structure import Structure, holding
 
-MATTERS = 1.0
-"""Deviations by which an unseen error moves a parameter, above which it is told."""
 SHARE = 0.01
 """Share by which a value that is held, or a scale, is plausibly wrong: a ruler, a data sheet, a
 calibration by hand."""
@@ -52,6 +51,9 @@ PART = 0.01
 BEYOND = 5.0
 """Deviations by which such a part moves a parameter unseen, above which it is told: beyond
 chance."""
+FOLLOWS = 0.1
+"""Share by which a stiffness, a damping or a magnet's constant changes from standstill to the
+highest speed, at the least, where films, seals or eddy currents make it."""
 TAKEN_OVER = 1e-6
 """What is left of a column when the unknowns have taken their share, over its square, below which
 they take it over: exactly so at the corrected lines, but for rounding."""
@@ -76,6 +78,9 @@ class Assumed:
     step: Floats | float = 0.0  # (free, error): what they do to the unknowns by themselves
     least: float = MATTERS  # deviations from which on it is told
     errors: tuple[str, ...] = ()  # the names of several errors: "gain[x1]"
+    held: Mapping[str, float] = field(default_factory=dict)  # what it adds to values that are held
+    # what it adds to values that follow the speed, over Omega^2, as the effect is
+    grows: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,45 +93,52 @@ class Assumed:
         std, layout = fit.inference.std, fit.layout
         named = np.array([i < layout.named and i not in layout.idle for i in layout.free], bool)
         std = np.where(named & (std > 0), std, np.inf)
-        expected = fit.inference.expectation
-        excess = expected.exceeded(DOUBTFUL) - expected.mean  # may be added before a warning tells
-        return fit.solution.point.linear.unseen(self.effect, std, excess, self.step)
+        return np.asarray(np.linalg.norm(self._unseen(fit)[1] / std[:, None], axis=1))
+
+    @fact
+    def _unseen(self, fit: Fit) -> tuple[Floats, Floats]:
+        """Return its ways, (error, way), and by how much they move the unknowns, (free, way)."""
+        linear = fit.solution.point.linear
+        ways = np.ones((1, 1)) if self.grows else linear.unseen(self.effect, _excess(fit))
+        return ways, (self.step - linear.taken(self.effect)) @ ways
+
+    def shift(self, fit: Fit) -> Shift:
+        """Return the same for what follows from the unknowns, and from values that are held."""
+        ways, moved = self._unseen(fit)
+        every = dict(zip(fit.layout.names(), moved, strict=True))
+        every |= {name: size * ways[0] for name, size in self.held.items()}
+        moves = {name: tuple(float(f"{x:.4g}") for x in by) for name, by in every.items()}
+        grows, seen = dict(self.grows), 0.0
+        if grows:
+            rest = fit.solution.point.linear.rest(self.effect)
+            seen = float(np.linalg.norm(rest) / np.sqrt(_excess(fit)))
+        return Shift(self.about, self.size, self.text, self.cure, moves, grows, seen)
+
+
+def _excess(fit: Fit) -> float:
+    """Return what may be added to the cost before a warning tells."""
+    expected = fit.inference.expectation
+    return expected.exceeded(DOUBTFUL) - expected.mean
 
 
 def assumed(estimate: Estimate, fit: Fit) -> Estimate:
-    """Return an accepted answer with what it assumes, and how far that goes.
-
-    Of what is wrong in one way or another the worst counts. First stands what matters most to most
-    parameters: what makes the largest shares of their variances.
-    """
+    """Return an accepted answer with what it assumes, and how far that goes."""
     if not len(fit.layout.free):
         return estimate
-    names, told, every = fit.layout.names(), dict[str, Note](), list(assumptions(fit))
-    worst: dict[str, Floats] = {}
-    for one in every:
-        moved = one.moved(fit)
-        most = int(np.argmax(moved))
-        size, name = float(moved[most]), one.about
-        if size > max(one.least, told[name].value or 0.0 if name in told else 0.0):
-            text = f"assumed {one.text} would shift {names[most]} by {_figure(size)} std unseen"
-            told[name] = Note(
-                name, "assumes", text, one.cure, (names[most],), size, "1", size=one.size
-            )
-        worst[name] = np.maximum(worst.get(name, 0.0), moved)
-    total = sum((moved**2 for moved in worst.values()), np.zeros(len(names)))
-    if worst:
-        of = dict(zip(names, np.sqrt(total).tolist(), strict=True))
+    names, every = fit.layout.names(), list(assumptions(fit))
+    shifts = [one.shift(fit) for one in (*every, *following(fit))]
+    found = ((s, one.moved(fit), one.least) for s, one in zip(shifts, every, strict=False))
+    total, notes = weighed(found, names)
+    if every:
+        of = dict(zip(names, total.tolist(), strict=True))
         parameters = tuple(
             v if v.fixed or not v.std else replace(v, std_assumed=v.std * of.get(v.name, 0.0))
             for v in estimate.parameters
         )
         estimate = estimate.with_(parameters=parameters)
-
-    def place(note: Note) -> tuple[bool, float]:
-        share = float((worst[note.about] ** 2 / (1 + total)).sum())
-        return (note.value or 0.0) <= FAR, -share
-
-    notes = sorted(told.values(), key=place)
+    speeds = np.abs(np.concatenate([*(r.lines.speed for r in fit.records), []]))
+    ends = (float(speeds.min()), float(speeds.max())) if len(speeds) else ()
+    estimate = estimate.with_(speeds=ends, shifts=tuple(shifts))
     return estimate.with_notes(*notes, *_led_by_the_angle(fit), *contradicted(fit, every))
 
 
@@ -167,10 +179,6 @@ def contradicted(fit: Fit, every: Sequence[Assumed]) -> Iterator[Note]:
     )
     cure = "check that, or have it estimated; values may be off by more than their std"
     yield Note(DIRECTION, "doubts", text, cure, on, most, "1")
-
-
-def _figure(size: float) -> str:
-    return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
 
 
 def assumptions(fit: Fit) -> Iterator[Assumed]:
@@ -253,9 +261,10 @@ def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
     if len(lengths) > 1:  # one ruler
         groups.append(("all lengths", lengths))
     for about, members in groups:
-        effect = point.by(*(u.name for u in members)) @ [size[u.name] for u in members]
-        stated = 'value = "..", std = ".."'
-        yield _share(about, effect[:, None], f"state how well it is known ({stated}), or free it")
+        off = {u.name: size[u.name] for u in members}
+        effect = point.by(*off) @ [*off.values()]
+        cure = 'state how well it is known (value = "..", std = ".."), or free it'
+        yield replace(_share(about, effect[:, None], cure), held=off)
 
 
 def _constrained(fit: Fit) -> Iterator[Assumed]:
@@ -271,6 +280,28 @@ def _constrained(fit: Fit) -> Iterator[Assumed]:
         step = (scale * ways[:, row] * SHARE * sizes[row])[:, None]
         cure = "give the constraint a std"
         yield _share(text, point.jacobian @ step, cure, step)
+
+
+def following(fit: Fit) -> Iterator[Assumed]:
+    """Yield the growth with the square of the speed of each value that may follow the speed."""
+    layout, point, values = fit.layout, fit.solution.point, fit.case.values
+    if layout.base or values is None or not np.isfinite(values).all():
+        return
+    whole = getattr(layout.model, "whole", None) or layout.model  # a reduced rotor has no places
+    may = {layout.model.parameter_names.index(name) for name in holding(whole, values)}
+    may |= {at for _, effect, at in layout.replaced if effect.parameter in may}
+    magnets = (at.tolist() for _, e, at in layout.wherever(Drives) if e.part in ("ki", "ks"))
+    speeds = zip(point.by_line(point.residual), fit.records, strict=True)
+    per_row = [(rows * 0 + r.lines.speed[:, None] ** 2).ravel() for rows, r in speeds]
+    squares = _over(fit, per_row)[:, None]
+    for i in sorted(may.union(*magnets) & {*layout.free.tolist()} - layout.idle):
+        name, size = layout.unknowns[i].name, FOLLOWS * abs(float(point.unknowns[i]))
+        text, cure = (
+            "alike at all speeds: 10 % more at the highest",
+            "a record near that speed settles it",
+        )
+        effect = size * squares * point.columns[:, [i]]
+        yield Assumed(f"{name} over the speed", "10 %", text, cure, effect, grows={name: size})
 
 
 def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:

@@ -169,20 +169,16 @@ class Linearized:
         change = -right[kept].T @ (along / values[kept])
         return float(along @ along), change / unit
 
-    def unseen(
-        self, columns: Floats, std: Floats, excess: float, step: Floats | float = 0.0
-    ) -> Floats:
-        """Return the deviations by which unseen errors may move each unknown, (free,).
+    def unseen(self, columns: Floats, excess: float) -> Floats:
+        """Return how large errors may be unseen, in ways apart from one another, (error, way).
 
-        `columns` are what errors of a plausible size do to the residual; `std` is infinite for
-        unknowns that nobody asks for; `excess` is what may be added to the cost; `step`, (free,
-        error), is what the errors do to the unknowns by themselves.
+        `columns` are what errors of a plausible size do to the residual; `excess` is what may be
+        added to the cost.
         """
-        moved = (step - self.taken(columns)) / std[:, None]
         _, sizes, ways = np.linalg.svd(triangle(self.rest(columns)))
         weight = np.ones(len(ways))
         weight[: len(sizes)] /= np.sqrt(1 + sizes**2 / excess)
-        return np.asarray(np.sqrt(((moved @ ways.T * weight) ** 2).sum(axis=1)))
+        return np.asarray(ways.T * weight)
 
     def without(self, rows: Integers) -> float:
         """Return the drop of the cost without some rows."""

@@ -337,18 +337,41 @@ def energies(
     model: Model, values: Floats, speed: float, balance: ForceBalance
 ) -> tuple[Parts, Parts]:
     """Return the springs and the masses among the parameters, each with its matrix."""
-    table = model.require_linear().stiffness
-    n = len(model.coordinates)
-    parts = np.zeros((3, n, n, len(values)))
-    slopes = model.monomial_jacobian(values)[table.monomial]
-    place, size = (table.order, table.row, table.column), table.sizes(speed)
-    np.add.at(parts, place, size[:, None] * slopes * values)
-    ordered = np.moveaxis(parts, 3, 0)[:, :, balance.rows] / balance.scales[:, None]
+    ordered = _by_parameter(model, values, speed)[:, :, balance.rows] / balance.scales[:, None]
     named = list(zip(model.parameter_names, ordered, strict=True))
     springs, masses = (
         tuple((name, part[k]) for name, part in named if _is_energy(part[k])) for k in (0, 2)
     )
     return springs, masses
+
+
+def _by_parameter(model: Model, values: Floats, speed: float) -> Floats:
+    """Return p dK/dp, p dD/dp and p dM/dp of each parameter p, (parameter, 3, row, coordinate)."""
+    table, n = model.require_linear().stiffness, len(model.coordinates)
+    parts = np.zeros((3, n, n, len(values)))
+    slopes = model.monomial_jacobian(values)[table.monomial]
+    place, size = (table.order, table.row, table.column), table.sizes(speed)
+    np.add.at(parts, place, size[:, None] * slopes * values)
+    return np.moveaxis(parts, 3, 0)
+
+
+def holding(model: Model, values: Floats) -> tuple[str, ...]:
+    """Return the stiffnesses, dampings and cross-couplings that hold the rotor: bearings, seals.
+
+    They may follow the speed. A shaft, and what damps its bending, holds nothing that moves or
+    turns as one body, wherever its places are: some displacements beside a turn by 1 rad strain
+    nothing. Masses and lengths do act there: units tell.
+    """
+    lengths = np.array([model.units[name] == "m" for name in model.coordinates])
+
+    def holds(matrix: Floats) -> bool:
+        across, turned = matrix[:, lengths], matrix[:, ~lengths].sum(axis=1)
+        left = turned - across @ np.linalg.lstsq(across, turned, rcond=None)[0]
+        return bool(np.abs([across.sum(axis=1), left]).max() > ALIKE * np.abs(matrix).max())
+
+    every = zip(model.parameters, _by_parameter(model, values, 0.0)[:, :2], strict=True)
+    timed = ((p.name, two) for p, two in every if "s" in dict(dimension_of(p.unit).powers))
+    return tuple(name for name, two in timed if any(map(holds, two)))
 
 
 def _is_energy(matrix: Floats) -> bool:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import UNDER, Estimate, under
+from rotorid.answer.estimate_tables import NAMED_ASSUMPTIONS
 from rotorid.core.errors import InputError
+from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, by_hand, table
 from rotorid.core.values import Floats
 from rotorid.models import Model
@@ -36,6 +38,28 @@ DEGREES = 180 / np.pi
 def _told(value: float | None, factor: float = 1.0, form: str = ".2g") -> str:
     """Return a number, a deviation if nothing else is said; a dash where there is none."""
     return cell(value, form, factor, none="-")
+
+
+ERR = "if assumptions err"
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Return a table without the columns of what nothing assumed may move."""
+    kept = [k for k, head in enumerate(headings) if head != ERR or {r[k] for r in rows} - {"-"}]
+    return table([headings[k] for k in kept], [[row[k] for k in kept] for row in rows])
+
+
+def _assumed(notes: Iterable[Note]) -> list[str]:
+    """Return what the results rest on most, each thing once: with what it may move most."""
+    falling, told = sorted(notes, key=lambda note: -(note.value or 0.0)), dict[str, str]()
+    for note in falling:
+        told.setdefault(note.about, f"note, {note.about}: {note.text}")
+    return [*told.values()][:NAMED_ASSUMPTIONS]
+
+
+def assumed_by(*found: Modes | Campbell | UnbalanceResponse | None) -> list[Note]:
+    """Return the notes on what results assume."""
+    return [note for each in found if each is not None for note in each.notes]
 
 
 def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:
@@ -219,6 +243,7 @@ def modes_page(
     if ringing(found).modes:
         page.append(mode_table(found))
     page += summary(found)
+    page += _assumed(assumed_by(found, diagram, response))
     if diagram is not None:
         none = f"no critical speed up to {diagram.speed[-1] * RPM:.6g} rpm"
         page += [critical_table(diagram) if diagram.critical else none, campbell_table(diagram)]
@@ -266,9 +291,9 @@ def modes_sentence(found: Modes, diagram: Campbell | None) -> str:
         told += (
             f"; {len(growing)} of them grow{'s' if len(growing) == 1 else ''} (negative damping)"
         )
-    if diagram is None:
-        return f"{told}."
-    return f"{told}; {_nearest(rpm, diagram)}."
+    told += "" if diagram is None else f"; {_nearest(rpm, diagram)}"
+    verdict = under(found.status, assumed_by(found, diagram))
+    return f"{verdict}: {told}." if verdict == UNDER else f"{told}."
 
 
 def _nearest(rpm: float, diagram: Campbell) -> str:
@@ -289,13 +314,16 @@ def mode_table(found: Modes) -> Table:
             f"{number}{'~' if mode.close else ''}",
             f"{mode.frequency_hz:.6g}",
             _told(mode.std_hz),
+            _told(mode.std_assumed_hz),
             _ratio(mode.damping_ratio),
             "-" if abs(mode.damping_ratio) < NOTHING else _told(mode.damping_std),
+            "-" if abs(mode.damping_ratio) < NOTHING else _told(mode.damping_std_assumed),
             mode.whirl + (", both planes" if mode.count > 1 else ""),
         )
         for number, mode in enumerate(ringing(found).modes[:MOST_MODES], start=1)
     ]
-    return table(("mode", "frequency in Hz", "std", "damping ratio", "std", "whirl"), rows)
+    headings = ("mode", "frequency in Hz", "std", ERR, "damping ratio", "std", ERR, "whirl")
+    return _table(headings, rows)
 
 
 def summary(found: Modes) -> list[str]:
@@ -333,14 +361,15 @@ def critical_table(found: Campbell) -> Table:
             str(number),
             f"{each.speed_rad_s * RPM:.6g}",
             _told(each.std, RPM),
+            _told(each.std_assumed, RPM),
             f"{each.speed_rad_s:.6g}",
             each.whirl,
             _ratio(each.damping_ratio),
         )
         for number, each in enumerate(found.critical, start=1)
     ]
-    headings = ("critical speed", "rpm", "std", "rad/s", "whirl", "damping ratio")
-    return table(headings, rows)
+    headings = ("critical speed", "rpm", "std", ERR, "rad/s", "whirl", "damping ratio")
+    return _table(headings, rows)
 
 
 def campbell_table(found: Campbell) -> Table:
@@ -362,10 +391,11 @@ def campbell_table(found: Campbell) -> Table:
 
 
 def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
-    every = list(zip(found.coordinates, found.motion[0], found.std[0], strict=True))
+    columns = (found.motion[0], found.std[0], found.std_assumed[0])
+    every = list(zip(found.coordinates, *columns, strict=True))
     named = [row for row in every if len(every) <= MOST_ROWS or not NODE.search(row[0])]
     rows = []
-    for name, value, std in named[:MOST_ROWS]:
+    for name, value, std, assumed in named[:MOST_ROWS]:
         unit, factor = by_hand(units.get(name, ""))
         size = factor * abs(value)
         rows.append(
@@ -373,12 +403,13 @@ def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
                 name,
                 f"{size:.4g}" if np.isfinite(size) else "no bound",
                 _told(std, factor),
+                _told(assumed, factor),
                 unit,
                 f"{np.degrees(np.angle(value)):.1f}" if np.isfinite(size) else "",
             )
         )
     title = f"unbalance response at {found.speed[0] * RPM:.6g} rpm"
-    return table((title, "amplitude", "std", "unit", "phase in deg"), rows)
+    return _table((title, "amplitude", "std", ERR, "unit", "phase in deg"), rows)
 
 
 def _ratio(value: float) -> str:
@@ -419,7 +450,7 @@ def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> P
     critical = critical_table(diagram) if diagram is not None and diagram.critical else None
     return Passage(
         f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill",
-        said=(f"{whose}.", *summary(found)),
+        said=(f"{whose}.", *summary(found), *_assumed(assumed_by(found, diagram, response))),
         parts=(
             Passage("Natural frequencies", table=mode_table(found)),
             Passage("Critical speeds", table=critical),

@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from rotorid.answer.derived import physical_fit, require_parameters
-from rotorid.answer.estimate import Estimate, Value
+from rotorid.answer.estimate import SAME_SPEED, Estimate, Shift, Value
+from rotorid.answer.shifts import MATTERS, weighed
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.linalg import covariance_root
+from rotorid.core.notes import Note
 from rotorid.core.toml import table_within
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.force.entry import LawEntry, law_keys
@@ -102,6 +104,9 @@ class Machine:
     status: str = "ok"  # of the estimate; "ok" for a model
     remarks: tuple[str, ...] = ()  # what is to be said with every answer
     undetermined: tuple[str, ...] = ()  # parameters that are taken as zero
+    record: int = 0  # whose values these are
+    speeds: tuple[float, ...] = ()  # the lowest and the highest of the records
+    shifts: tuple[Shift, ...] = ()  # what errors of what is assumed move
     _pencils: dict[float, Pencil] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
@@ -194,12 +199,16 @@ class Machine:
         assert self.covariance is not None
         return covariance_root(self.covariance)
 
-    def changes(self, found: Callable[[Machine], Floats | Complexes]) -> Complexes:
-        """Return how what follows from a machine changes along the columns of `root`, (column, ..).
+    def changes(
+        self, found: Callable[[Machine], Floats | Complexes], root: Floats | None = None
+    ) -> Complexes:
+        """Return how what follows from a machine changes along the columns of a root, (column, ..).
 
-        The sum of the squares over the columns is its variance, as all values are uncertain.
+        The sum of the squares over those of `root` is its variance, as all values are uncertain.
         """
-        columns = [] if self.covariance is None else [c for c in self.root.T if c.any()]
+        if root is None:
+            root = np.zeros((1, 0)) if self.covariance is None else self.root
+        columns = [c for c in root.T if c.any()]
         if not columns:
             return np.zeros((0, *found(self).shape), dtype=np.complex128)
         sides = [(found(self._moved(SIDE * c)), found(self._moved(-SIDE * c))) for c in columns]
@@ -207,6 +216,26 @@ class Machine:
 
     def _moved(self, by: Floats) -> Machine:
         return replace(self, values=self.values + by)
+
+    def assumed(
+        self, speed: float, names: Sequence[str], std: Floats, by: Callable[[Floats], Floats]
+    ) -> tuple[Floats, list[Note]]:
+        """Return how far errors of what is assumed move results at a speed, and notes on them.
+
+        NaN at the speeds of the records. `by` says what the results deviate by for a root of the
+        covariance, (unknown, column): what an error moves is one too.
+        """
+        low, high = self.speeds or (0.0, np.inf)
+        if low * (1 - SAME_SPEED) <= abs(speed) <= high * (1 + SAME_SPEED) or not std.size:
+            return np.full(std.shape, np.nan), []
+        scale, found = np.where(std > 0, std, np.inf), list[tuple[Shift, Floats, float]]()
+        for shift in self.shifts:
+            moves = shift.at(abs(speed), high)
+            none = np.zeros(len(next(iter(moves.values()))))
+            own = [moves.get(f"{n}[{self.record}]", moves.get(n, none)) for n in self.names]
+            found.append((shift, (by(np.array(own)) / scale).ravel(), MATTERS))
+        total, notes = weighed(found, names)
+        return total.reshape(std.shape) * std, notes
 
     @property
     def needed(self) -> list[int]:
@@ -243,13 +272,16 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
         model = own_model(source)
     source = _of_record(model, source, record)
     fixed = {v.name: v.value for v in source.parameters if v.fixed}
-    reduced = model.substitute({n: v for n, v in fixed.items() if n in model.parameter_names})
+    off = {name for shift in source.shifts for name in shift.moves}  # no constant, if without std
+    known = {*model.parameter_names} - off
+    reduced = model.substitute({n: v for n, v in fixed.items() if n in known})
     linear = _linear(reduced)
     require_parameters(model, source)
     covariance, remarks = _stated(source)
     machine = _machine(reduced, linear, source, covariance)
-    held = tuple(fixed.items())
-    return _determined(replace(machine, fixed=held, status=source.status, remarks=remarks))
+    machine = replace(machine, fixed=tuple(fixed.items()), status=source.status, remarks=remarks)
+    machine = replace(machine, record=record, speeds=source.speeds, shifts=source.shifts)
+    return _determined(machine)
 
 
 def _stated(source: Estimate) -> tuple[Floats | None, tuple[str, ...]]:

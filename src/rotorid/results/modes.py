@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import field, replace
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, Literal, TypeVar, cast
 
@@ -26,6 +26,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.linalg import coupled
+from rotorid.core.notes import Note
 from rotorid.core.units import finite_speed
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.core.watch import counting
@@ -86,6 +87,8 @@ BESIDE = 3
 """Neighbours, by frequency, that each mode is held against: two planes of two modes that cross."""
 TERMS = 1 << 22
 """Products of terms of the matrices and pairs of modes at a time: 64 MB."""
+ROUNDING = 1e-9
+"""Deviations, in Hz or of a damping ratio, that are none."""
 DRAWS = 4000
 """Draws of the unknowns: a deviation comes out within 1.1 percent."""
 
@@ -105,6 +108,9 @@ class NaturalMode:
     interval_hz: tuple[float, float] | None
     eigenvalue: complex  # complex: lambda in rad/s
     shape: tuple[complex, ...]  # sequence of complex: of each coordinate, the largest 1
+    # how far they may move if what is assumed is wrong; NaN at the speeds of the records
+    std_assumed_hz: float = np.nan
+    damping_std_assumed: float = np.nan
 
 
 @frozen
@@ -119,6 +125,7 @@ class Modes:
     real_poles: tuple[float, ...]  # real poles, in rad/s
     status: str  # of the estimate
     remarks: tuple[str, ...]
+    notes: tuple[Note, ...] = ()  # what is assumed at this speed, and what that may move
 
 
 def modes(
@@ -172,6 +179,7 @@ def modes(
         tuple(at.found.real.tolist()),
         machine.status,
         machine.remarks,
+        tuple(at.assumed[1]),
     )
 
 
@@ -303,17 +311,32 @@ class Eigen:
     def draws(self) -> np.random.Generator:
         return np.random.default_rng(0) if self.rng is None else self.rng
 
-    def deviations(self) -> tuple[Floats | None, Floats | None]:
-        """Return deviations of frequency (Hz) and damping ratio, and 95 % intervals: (mode, 2)."""
-        if self.machine.covariance is None:
-            return None, None
-        values, slopes, root = self.found.values, self.slopes, self.machine.root
-        hertz = values.imag / (2 * np.pi)
+    def spread(self, root: Floats) -> Floats:
+        """Return what a root of the covariance makes of frequency (Hz) and damping ratio."""
+        values, slopes = self.found.values, self.slopes
         frequency = np.linalg.norm((slopes.imag / (2 * np.pi)) @ root, axis=1)
         along = (values.conj()[:, None] * slopes).real / np.abs(values)[:, None] ** 2
         ratio = (values.real[:, None] * along - slopes.real) / np.abs(values)[:, None]
-        spread = np.column_stack([frequency, np.linalg.norm(ratio @ root, axis=1)])
-        intervals = hertz[:, None] + np.outer(frequency, [-HALF_WIDTH, HALF_WIDTH])
+        return np.column_stack([frequency, np.linalg.norm(ratio @ root, axis=1)])
+
+    @cached_property
+    def assumed(self) -> tuple[Floats, list[Note]]:
+        """What errors of what is assumed move frequency and damping ratio by, and notes on it."""
+        numbers = {i: n for n, group in enumerate(self.groups, 1) for i in group.tolist()}
+        whats = ("frequency", "damping ratio")
+        names = [f"{what} of mode {numbers[i]}" for i in sorted(numbers) for what in whats]
+        spread = self.deviations[0]
+        std = np.zeros((0, 2)) if spread is None else np.where(spread > ROUNDING, spread, 0.0)
+        return self.machine.assumed(self.speed, names, std, self.spread)
+
+    @cached_property
+    def deviations(self) -> tuple[Floats | None, Floats | None]:
+        """Deviations of frequency (Hz) and damping ratio, and 95 % intervals: (mode, 2)."""
+        if self.machine.covariance is None:
+            return None, None
+        values = self.found.values
+        hertz, spread = values.imag / (2 * np.pi), self.spread(self.machine.root)
+        intervals = hertz[:, None] + np.outer(spread[:, 0], [-HALF_WIDTH, HALF_WIDTH])
         draws = self.draws
         for cluster in self.clusters:
             drawn = np.linalg.eigvals(np.diag(values[cluster]) + self.drawn(cluster, draws))
@@ -329,12 +352,14 @@ class Eigen:
         return spread, intervals
 
     def modes(self) -> Iterator[NaturalMode]:
-        spread, intervals = self.deviations()
+        spread, intervals = self.deviations
         for group in self.groups:
             value, first = complex(self.found.values[group].mean()), int(group[0])
             std = (None, None) if spread is None else tuple(spread[group].mean(axis=0).tolist())
             ends = None if intervals is None else tuple(intervals[group].mean(axis=0).tolist())
-            shape = self.found.right[first]
+            shape, assumed = self.found.right[first], (np.nan, np.nan)
+            if spread is not None:
+                assumed = tuple(self.assumed[0][group].mean(axis=0).tolist())
             yield NaturalMode(
                 frequency_hz=value.imag / (2 * np.pi),
                 std_hz=std[0],
@@ -346,6 +371,8 @@ class Eigen:
                 count=len(group),
                 eigenvalue=value,
                 shape=tuple((shape / shape[int(np.abs(shape).argmax())]).tolist()),
+                std_assumed_hz=assumed[0],
+                damping_std_assumed=assumed[1],
             )
 
     def by_speed(self, group: Integers) -> Complexes:
@@ -385,6 +412,8 @@ class CriticalSpeed:
     whirl: Whirl
     damping_ratio: float  # of the mode there
     interval: tuple[float, float] | None  # (float, float) or None: holds 95 percent, rad/s
+    std_assumed: float = np.nan  # rad/s; NaN within the speeds of the records
+    notes: tuple[Note, ...] = ()  # what is assumed at that speed
 
 
 @frozen
@@ -400,6 +429,12 @@ class Campbell:
     critical: tuple[CriticalSpeed, ...]
     status: str
     remarks: tuple[str, ...]
+    std_assumed_hz: Floats = field(default_factory=lambda: np.zeros((0, 0)))  # (speed, curve)
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is assumed at the critical speeds, and what that may move."""
+        return tuple(note for each in self.critical for note in each.notes)
 
 
 def campbell(
@@ -452,15 +487,16 @@ def campbell(
     ]
     order = _curves(eigen)
     shape = (len(speeds), order.shape[1])
-    hertz, std, ratio = (np.full(shape, np.nan) for _ in range(3))
+    hertz, std, ratio, assumed = (np.full(shape, np.nan) for _ in range(4))
     for k, at in enumerate(eigen):
         there = order[k] >= 0
         values = at.found.values[order[k, there]]
         hertz[k, there] = values.imag / (2 * np.pi)
         ratio[k, there] = -values.real / np.abs(values)
-        spread, _ = at.deviations()
+        spread, _ = at.deviations
         if spread is not None:
             std[k, there] = spread[order[k, there], 0]
+            assumed[k, there] = at.assumed[0][order[k, there], 0]
     ends = [int(np.flatnonzero(curve >= 0)[-1]) for curve in order.T]
     return Campbell(
         machine.model.name,
@@ -472,6 +508,7 @@ def campbell(
         tuple(critical_speeds(machine, last, rng)),
         machine.status,
         machine.remarks,
+        assumed,
     )
 
 
@@ -583,23 +620,35 @@ def _critical(eigen: Eigen) -> Iterator[CriticalSpeed]:
         near = int(group[0])
         value = eigen.found.values[near]
         if abs(value.imag - abs(speed)) <= FALSE * abs(speed):
-            std, ends = _spread(eigen, near)
-            ratio = float(-value.real / abs(value))
-            yield CriticalSpeed(speed, std, eigen.whirls[near], ratio, ends)
+            found = CriticalSpeed(
+                speed, None, eigen.whirls[near], float(-value.real / abs(value)), None
+            )
+            yield found if eigen.machine.covariance is None else _deviating(found, eigen, near)
 
 
-def _spread(eigen: Eigen, near: int) -> tuple[float | None, tuple[float, float] | None]:
-    if eigen.machine.covariance is None:
-        return None, None
+def _deviating(found: CriticalSpeed, eigen: Eigen, near: int) -> CriticalSpeed:
+    """Return a critical speed with its deviations."""
     speed, sign = eigen.speed, -1.0 if eigen.speed < 0 else 1.0
     group = next(g for g in (*eigen.clusters, *eigen.found.distinct) if near in g)
     by_speed = sign * eigen.by_speed(group)
-    if not any(near in c for c in eigen.clusters):
-        slope = complex(np.trace(by_speed)) / len(group)
-        along = -eigen.slopes[near].imag / (slope.imag - 1)
-        std = float(np.linalg.norm(along @ eigen.machine.root))
-        reach = HALF_WIDTH * std
-        return std, (speed - reach, speed + reach)
+    slope = complex(np.trace(by_speed)) / len(group)
+    along = -eigen.slopes[[near]].imag / (slope.imag - 1)
+
+    def by(root: Floats) -> Floats:
+        return np.asarray(np.linalg.norm(along @ root, axis=1))
+
+    (std,) = by(eigen.machine.root).tolist()
+    ends = (-HALF_WIDTH * std, HALF_WIDTH * std)
+    if any(near in c for c in eigen.clusters):
+        std, ends = _drawn(eigen, group, by_speed)
+    names = [f"critical speed {speed * 30 / np.pi:.5g} rpm"]
+    (moved,), notes = eigen.machine.assumed(speed, names, np.array([std]), by)
+    ends = (speed + ends[0], speed + ends[1])
+    return replace(found, std=std, interval=ends, std_assumed=float(moved), notes=tuple(notes))
+
+
+def _drawn(eigen: Eigen, group: Integers, by_speed: Complexes) -> tuple[float, tuple[float, float]]:
+    speed, sign = eigen.speed, -1.0 if eigen.speed < 0 else 1.0
     away = np.diag(eigen.found.values[group]) - 1j * abs(speed) * np.eye(len(group))
     matrices = away + eigen.drawn(group, eigen.draws)
     turning = 1j * np.eye(len(group)) - by_speed
@@ -607,7 +656,7 @@ def _spread(eigen: Eigen, near: int) -> tuple[float | None, tuple[float, float] 
     here = np.sort(np.linalg.eigvals(np.linalg.solve(turning, away)).real)
     off = sign * drawn[:, int(np.abs(here).argmin())]
     low, high = np.quantile(off, [0.025, 0.975]).tolist()
-    return float(np.sqrt((off**2).mean())), (speed + low, speed + high)
+    return float(np.sqrt((off**2).mean())), (low, high)
 
 
 @frozen
@@ -619,6 +668,8 @@ class UnbalanceResponse:
     motion: Complexes  # (speed, coordinate): naN at an undamped critical speed
     # (speed, coordinate): of the amplitude; NaN where nothing is known of the deviations
     std: Floats
+    std_assumed: Floats  # if what is assumed is wrong; NaN at the speeds of the records
+    notes: tuple[Note, ...] = ()
 
 
 def unbalance_response(
@@ -666,15 +717,24 @@ def response_of(machine: Machine, speeds: Floats) -> UnbalanceResponse:
         )
     shape = (len(speeds), machine.linear.coordinates)
     motion = np.full(shape, np.nan, dtype=np.complex128)
-    std = np.full(shape, np.nan)
+    std, assumed, notes = np.full(shape, np.nan), np.full(shape, np.nan), list[Note]()
     for k, speed in enumerate(speeds.tolist()):
         try:
             motion[k], slopes = machine.response(speed)
         except InputError:
             continue
         if machine.covariance is not None:
-            std[k] = amplitude_std(motion[k], slopes @ machine.root)
-    return UnbalanceResponse(machine.model.coordinates, speeds, motion, std)
+            by = partial(_amplitude, motion[k], slopes)
+            std[k] = by(machine.root)
+            names = [f"{q} at {speed * 30 / np.pi:.5g} rpm" for q in machine.model.coordinates]
+            assumed[k], said = machine.assumed(speed, names, std[k], by)
+            notes += said
+    told = (motion, std, assumed, tuple(notes))
+    return UnbalanceResponse(machine.model.coordinates, speeds, *told)
+
+
+def _amplitude(motion: Complexes, slopes: Complexes, root: Floats) -> Floats:
+    return amplitude_std(motion, slopes @ root)
 
 
 def amplitude_std(value: Complexes, root: Complexes) -> Floats:

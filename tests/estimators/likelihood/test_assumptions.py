@@ -217,11 +217,12 @@ def test_what_errors_may_do_is_the_root_of_the_sum_of_their_squares(fitted):
 
 def test_first_stands_what_makes_most_of_the_errors_of_most_parameters(fitted, monkeypatch):
     found, every, fit = fitted
-    monkeypatch.setattr(assumptions.Assumed, "moved", lambda one, fit: one.step)
+    monkeypatch.setattr(assumptions.Assumed, "moved", lambda one, fit: one.step[:, 0])
 
     def moving(about: str, *by: float) -> assumptions.Assumed:
         """Return what moves the first unknowns by so many deviations, and no other."""
-        return replace(every[0], about=about, step=np.pad(by, (0, len(fit.layout.free) - len(by))))
+        step = np.pad(by, (0, len(fit.layout.free) - len(by)))[:, None]
+        return replace(every[0], about=about, step=step)
 
     def order(*every: assumptions.Assumed) -> list[str]:
         monkeypatch.setattr(assumptions, "assumptions", lambda _: every)
