@@ -25,6 +25,7 @@ from rotorid.data.record import (
 )
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.spectrum import line_spectra, quantity
+from rotorid.signals.turning import without_waves
 
 Signal = Callable[[Floats, Floats, Floats], Floats]
 """A function of t (s), phi (rad) and Omega (rad/s), arrays that broadcast; (..., signal)."""
@@ -56,11 +57,26 @@ class SampledClock(Arrays):
     # (period, sample), or callable: what makes them when they are first read
     time: WhenRead = WhenRead()
     angle: WhenRead = WhenRead()
+    # multiples of the angle that the periods are without, and bool array, shape (line,): the line
+    # of the rotation itself, whose harmonic is the nearest
+    orders: tuple[int, ...] = ()
+    turning: Booleans | None = None
 
     @classmethod
     def of(cls, record: PeriodicRecord) -> SampledClock:
         time, angle = (unread(record, name) for name in ("time", "angle"))
-        return cls(np.asarray(record.speed), record.harmonics, time, angle)
+        orders = () if record.rotation is None else record.rotation.orders
+        return cls(np.asarray(record.speed), record.harmonics, time, angle, orders)
+
+    def with_turning(self, at: int, nearest: int) -> SampledClock:
+        """Return the clock with a line more, that of the rotation beside the periods."""
+        harmonics = np.insert(self.harmonics, at, nearest)
+        return changed(self, harmonics=harmonics, turning=np.arange(len(harmonics)) == at)
+
+    def at(self, chosen: Integers) -> SampledClock:
+        """Return the clock of some of the lines."""
+        turning = None if self.turning is None else self.turning[chosen]
+        return changed(self, harmonics=self.harmonics[chosen], turning=turning)
 
     @property
     def period(self) -> Floats:
@@ -90,9 +106,30 @@ class SampledClock(Arrays):
         return changed(self, angle=more)
 
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        if self.orders:
+            return self._lines_beside(signal, timed)
         time, angle = self.grid(timed=timed)
         mean = signal(time, angle, self.speed).mean(axis=0)
         return without_rounding(line_spectra(mean, self.harmonics), mean)
+
+    def _lines_beside(self, signal: Signal, timed: bool) -> Complexes:
+        """Take the rotation out of signals as it was taken out of the channels.
+
+        Functions of the angle alone hold the same of it in every turn: one of them tells.
+        """
+        angle = self.angle if timed else np.linspace(0, 2 * np.pi, TURN, endpoint=False)[:, None]
+        values = signal(self.time if timed else np.zeros_like(angle), angle, self.speed)
+        values = np.broadcast_to(values, (*angle.shape, values.shape[-1]))
+        size = np.sqrt((values**2).mean(axis=(0, 1)))
+        rest, once = without_waves(values, angle, self.orders)
+        if not timed and np.ptp(rest, axis=0).any():  # further multiples
+            values = signal(self.time, self.angle, self.speed)
+            rest, _ = without_waves(values, self.angle, self.orders)
+        mean = np.broadcast_to(rest.mean(axis=0), (len(self.period), len(size)))
+        lines, turned = line_spectra(mean, self.harmonics), head_of(self, "angle")[0, 0]
+        once = once * np.exp(1j * turned)
+        lines[self.turning] = once if self.speed > 0 else once.conj()
+        return np.where(np.abs(lines) > ROUNDING * size, lines, 0.0)
 
     def at_speed(self, speed: float) -> SampledClock:
         given = unread(self, "time")
@@ -250,23 +287,36 @@ class Lines(OfMachine):
 
     @classmethod
     def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:
-        """Return the lines of a record of periods; without `covariance`, from their scatter."""
+        """Return the lines of a record of periods; without `covariance`, from their scatter.
+
+        A rotation beside the periods has a line more, among theirs by its frequency.
+        """
+        spectra, clock, samples = record.spectra, SampledClock.of(record), None
+        frequency, multiplicity = record.frequency, record.multiplicity
+        if record.rotation is None:
+            samples = Samples(record.mean, record.sample_rate, record.harmonics, record.samples)
+        else:
+            own = record.turns * record.fundamental
+            at = int(np.searchsorted(frequency, own))
+            spectra = np.insert(spectra, at, record.rotation.spectra, axis=1)
+            frequency, multiplicity = np.insert(frequency, at, own), np.insert(multiplicity, at, 2)
+            clock = clock.with_turning(at, round(record.turns))
         return cls(
             channels=record.channels,
-            frequency=record.frequency,
-            speed=np.full(len(record.harmonics), record.speed),
-            mean=record.mean_spectrum,
-            covariance=white_covariance(record.spectra) if covariance is None else covariance,
-            multiplicity=record.multiplicity,
-            clock=SampledClock.of(record),
-            scatter=record.spectra,
+            frequency=frequency,
+            speed=np.full(len(frequency), record.speed),
+            mean=spectra.mean(axis=0),
+            covariance=white_covariance(spectra) if covariance is None else covariance,
+            multiplicity=multiplicity,
+            clock=clock,
+            scatter=spectra,
             phase_known=record.phase_known,
             phase_std=record.phase_std,
             source=record.source,
             warnings=record.warnings,
             checks=record.checks,
             parameters=record.parameters,
-            samples=Samples(record.mean, record.sample_rate, record.harmonics, len(record.mean)),
+            samples=samples,
         )
 
     @property

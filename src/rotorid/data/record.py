@@ -211,6 +211,14 @@ def head_of(value: object, name: str) -> Floats:
     return np.asarray(given.head(1) if isinstance(given, Steady) else given[:1])
 
 
+def some_periods(given: Steady | Floats, begin: int, end: int) -> Floats:
+    """Return times or angles, as they were given, of some of the periods, (period, sample)."""
+    if not isinstance(given, Steady):
+        return given[begin:end]
+    size = given.shape[1]
+    return replace(given, first=given.first + begin * size, shape=(end - begin, size))()
+
+
 def changed(value: T, **changes: Any) -> T:
     """Return a copy with other fields, as `dataclasses.replace`, without reading the others."""
     kept = {f.name: vars(value)[f.name] for f in fields(value) if f.init}  # type: ignore[arg-type]
@@ -394,6 +402,14 @@ class Record(Drawn):
 
 
 @frozen
+class RotationLine(Arrays):
+    """The line of a rotation that stands on no line of the periods, at its own frequency."""
+
+    orders: tuple[int, ...]  # multiples that the periods are without
+    spectra: Complexes  # (period, channel): of the first multiple, from the first sample used on
+
+
+@frozen
 class PeriodicRecord(Drawn, OfMachine):
     """A record cut into whole periods, with its lines period by period.
 
@@ -433,6 +449,9 @@ class PeriodicRecord(Drawn, OfMachine):
     parameters : mapping of str to float or str or (value, std)
         Parameters of the machine that this record has to itself, known exactly or with a
         deviation: a trial mass.
+    rotation : RotationLine, optional
+        The rotation beside the periods, which are without it, where it stands on none of their
+        lines.
     """
 
     channels: tuple[Channel, ...]
@@ -450,6 +469,7 @@ class PeriodicRecord(Drawn, OfMachine):
     warnings: tuple[str, ...] = field(default=())
     checks: tuple[Note, ...] = field(default=())
     parameters: Mapping[str, Known] = field(default_factory=dict)
+    rotation: RotationLine | None = None
 
     @property
     def begin(self) -> float:
@@ -485,7 +505,7 @@ class PeriodicRecord(Drawn, OfMachine):
     @property
     def on_rotation(self) -> Booleans:
         """Whether a line is that of the rotation, or nearest to it; shape (line,)."""
-        return np.asarray(np.abs(self.harmonics - self.turns) < 0.5)
+        return np.asarray((np.abs(self.harmonics - self.turns) < 0.5) & (self.rotation is None))
 
     @property
     def frequency(self) -> Floats:

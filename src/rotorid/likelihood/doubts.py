@@ -115,7 +115,9 @@ def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
         means = [part.mean(axis=0) - mean for part in np.array_split(every, parts)]
         changes = at.stacked(np.stack(means, axis=2))
         columns.append(changes)
-        if not isinstance(clock, SampledClock) or len(clock.grid(timed=False)[0]) == 1:
+        if not isinstance(clock, SampledClock) or clock.orders:
+            continue
+        if len(clock.grid(timed=False)[0]) == 1:
             continue
         # The rotation is not synchronous with the periods: its loads turn from part to part.
         for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):

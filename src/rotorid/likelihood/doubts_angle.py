@@ -152,10 +152,12 @@ def _creep(at: Evaluation, record: Observation) -> Creep | None:
     if not size > 0:
         return None
     turns = periodic.speed / (2 * np.pi * periodic.fundamental)
-    if abs(turns - round(turns)) * periodic.periods > 1:  # it stands on no line
-        return None
     given = unread(periodic, "angle")
-    if isinstance(given, Steady):
+    if periodic.rotation is not None:  # its line turns with the angle itself
+        phase = np.zeros(periodic.periods)
+    elif abs(turns - round(turns)) * periodic.periods > 1:  # it stands on no line
+        return None
+    elif isinstance(given, Steady):
         phase = np.unwrap(given.in_period * np.arange(periodic.periods))
     else:
         line = 2 * np.pi * round(turns) * np.arange(periodic.samples) / periodic.samples

@@ -22,7 +22,6 @@ import numpy as np
 from rotorid.core.values import Floats, Integers, frozen
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation, Records, bind, combined
-from rotorid.data.record import changed
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, outside
@@ -57,7 +56,7 @@ def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
     if not isinstance(clock, SampledClock) or (lines.transient is None and not periodic):
         return record
     chosen = _chosen(record, few)
-    clock = changed(clock, harmonics=clock.harmonics[chosen])
+    clock = clock.at(chosen)
     names, samples = ("frequency", "speed", "mean", "multiplicity"), lines.samples
     changes: dict[str, Any] = {name: getattr(lines, name)[chosen] for name in names}
     changes["covariance"] = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])

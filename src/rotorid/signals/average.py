@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from rotorid.core.errors import InputError, naming, require_positive
+from rotorid.core.notes import Note
 from rotorid.core.units import quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
-from rotorid.data.record import Channel, PeriodicRecord, Record, Steady, changed, check_samples
+from rotorid.data.record import (
+    Channel,
+    PeriodicRecord,
+    Record,
+    RotationLine,
+    Steady,
+    changed,
+    check_samples,
+    some_periods,
+)
 from rotorid.signals.checks.periods import LOOKED_AT, ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording
+from rotorid.signals.turning import SURE, orders_apart, turning
 
 KEYS = frozenset({"fundamental", "period_samples", "harmonics", "band", "skip"})
 """What an error of this module is about, by the place that it names."""
@@ -77,7 +89,8 @@ def average(
         used = slice(first, first + whole * size)
         kept, warnings = _kept_periods(record, used, size)
         samples = record.samples[used].reshape(whole, size, -1)
-        sums.add(samples if kept.all() else samples[kept])
+        samples = samples if kept.all() else samples[kept]
+        sums.add(samples)
     even = Steady(first, (whole, size), record.sample_rate, record.start)
     time: Steady | Floats = even
     angle: Steady | Floats = replace(even, slope=record.speed)
@@ -85,7 +98,9 @@ def average(
         angle = record.angle[used].reshape(whole, size)
     if not kept.all():
         time, angle = ((c() if isinstance(c, Steady) else c)[kept] for c in (time, angle))
-    found = sums.periods(
+    found, sums = _with_rotation(
+        sums,
+        lambda: np.array_split(samples, range(_LEAST, len(samples), _LEAST)),
         time,
         angle,
         speed=record.speed,
@@ -94,13 +109,13 @@ def average(
         source=record.source,
         warnings=warnings,
     )
-    rise = ramps(record, found)
+    rise = ramps(record, found, sums.offsets)
     if rise.any():
         flat = without_ramps(record, found, rise)
         again = average(flat, period_samples=size, harmonics=sums.lines.tolist(), skip=skip)
         return changed(again, checks=(*again.checks, *ramp_notes(again, rise)))
     seen = check_record(record, found, excerpt=_excerpt(record, first, size))
-    return changed(found, checks=(*seen, *check_periods(found, seen)))
+    return changed(found, checks=(*seen, *check_periods(found, seen), *found.checks))
 
 
 def _excerpt(record: Record, first: int, size: int) -> Record:
@@ -172,15 +187,18 @@ def average_blocks(
     with naming(blocks.source):
         _whole_periods(sums.count * sums.size, sums.size)
     time = Steady(first, (sums.count, sums.size), rate)
-    found = sums.periods(
+    found, _ = _with_rotation(
+        sums,
+        lambda: _periods_of(blocks, first, sums.size),
         time,
         replace(time, offset=blocks.phase, slope=blocks.speed),
         speed=blocks.speed,
         phase_known=phase_known,
+        phase_std=0.0,
         source=blocks.source,
     )
     seen = check_record(Record(blocks.channels, np.concatenate(excerpt), rate), found)
-    return changed(found, checks=(*seen, *check_periods(found, seen)))
+    return changed(found, checks=(*seen, *check_periods(found, seen), *found.checks))
 
 
 def _periods_of(blocks: RecordBlocks, first: int, size: int) -> Iterator[Floats]:
@@ -328,7 +346,7 @@ class PeriodSums:
             apart = np.subtract(part, self._centre, out=self._apart[: len(part)])
             self._sum += apart.sum(axis=0)
             self._squares += np.square(apart, out=apart).sum(axis=0)
-            self._spectra.append(line_spectra(part, self.lines))
+            self._spectra.append(line_spectra(part, np.append(0, self.lines)))
         self.count += len(periods)
 
     @property
@@ -346,7 +364,12 @@ class PeriodSums:
     @property
     def spectra(self) -> Complexes:
         """The lines of the periods, shape (period, line, channel)."""
-        return np.concatenate(self._spectra)
+        return np.concatenate([part[:, 1:] for part in self._spectra])
+
+    @property
+    def offsets(self) -> Floats:
+        """The mean of each period, shape (period, channel)."""
+        return np.concatenate([part[:, 0].real for part in self._spectra])
 
     def periods(self, time: Steady | Floats, angle: Steady | Floats, **told: Any) -> PeriodicRecord:
         """Return what the sums are of, with hold, delay and dynamics of its channels undone."""
@@ -363,3 +386,56 @@ class PeriodSums:
             angle=angle,
             **told,
         )
+
+
+ROUNDS = 4
+"""Of finding the speed: a step leaves the square of the angle in rad that it was off by."""
+
+
+def _with_rotation(
+    sums: PeriodSums,
+    passes: Callable[[], Iterable[Floats]],  # each yields the periods anew
+    time: Steady | Floats,
+    angle: Steady | Floats,
+    **told: Any,
+) -> tuple[PeriodicRecord, PeriodSums]:
+    """Return the periods without a rotation that stands on none of their lines, and that.
+
+    Where no mark measures the angle, the speed is estimated with the lines, and takes the place of
+    the one stated where that is surely off.
+    """
+    speed, turns = told["speed"], abs(told["speed"]) / (2 * np.pi) * sums.size / sums.sample_rate
+    orders = orders_apart(turns, sums.count, sums.size)
+    # What bends a force with the displacement asks for the samples of a mean period that has both.
+    if not orders or any(channel.law is not None for channel in sums.channels):
+        return sums.periods(time, angle, **told), sums
+
+    def parts(angle: Steady | Floats) -> Iterator[tuple[Floats, Floats, Floats]]:
+        begin = 0
+        for periods in passes():
+            end = begin + len(periods)
+            yield periods, some_periods(time, begin, end), some_periods(angle, begin, end)
+            begin = end
+
+    for number in range(ROUNDS):
+        rest = PeriodSums(sums.channels, sums.sample_rate, sums.size, sums.lines)
+        found = turning(partial(parts, angle), sums.mean, orders, sums.lines, rest.add)
+        sure = abs(found.off) > found.std * (0.1 if number else SURE)
+        if not isinstance(angle, Steady) or not sure:
+            break
+        angle = replace(angle, slope=angle.slope + found.off)
+    if isinstance(angle, Steady) and angle.slope != speed:
+        told["speed"] = angle.slope
+        told["phase_std"] = float(np.hypot(told["phase_std"], found.std * abs(found.middle)))
+        true, error, given = (30 * each / np.pi for each in (angle.slope, found.std, speed))
+        text = (
+            f"the rotation turns with {true:.8g} +- {error:.2g} rpm, not {given:.8g}: that speed "
+            "is used, with its deviation; state it, or record a mark (encoder or keyphasor)"
+        )
+        told["checks"] = (Note("speed", "says", text),)
+    hertz = np.array([abs(told["speed"]) / (2 * np.pi)])
+    factor = transfer_of_recording(sums.channels, hertz, sums.sample_rate)
+    own = found.line if speed > 0 else found.line.conj()
+    periods = rest.periods(time, angle, rotation=RotationLine(orders, own * factor), **told)
+    mean = periods.mean_spectrum
+    return changed(periods, spectra=mean + (periods.spectra - mean) * found.widths[:, None]), rest

@@ -405,8 +405,11 @@ ROUNDING = 1e-9
 """A ramp's line over the channel's own below which it is rounding."""
 
 
-def ramps(record: Record, periods: PeriodicRecord) -> Floats:
-    """Return the rise d of each offset in a period, d / (2 pi k) on line k; 0 where no matter."""
+def ramps(record: Record, periods: PeriodicRecord, offsets: Floats) -> Floats:
+    """Return the rise d of each offset in a period, d / (2 pi k) on line k; 0 where no matter.
+
+    `offsets`: the mean of each period, (period, channel).
+    """
     none = np.zeros(len(record.channels))
     size, count = periods.samples, periods.periods
     first = first_used(record, periods)
@@ -415,8 +418,7 @@ def ramps(record: Record, periods: PeriodicRecord) -> Floats:
     if record.valid is not None or whole != count or count < LEAST or not lines.any():
         return none
     middle = count // 2
-    at = first + size * np.array([0, middle, count - 1])
-    begin, half, end = (record.samples[k : k + size].mean(axis=0) for k in at)
+    begin, half, end = offsets[[0, middle, count - 1]]
     rise = (end - begin) / (count - 1)
     power = np.abs(periods.spectra - periods.mean_spectrum)[:, lines] ** 2
     std = np.sqrt(power.sum(axis=0) / (count - 1) / count)

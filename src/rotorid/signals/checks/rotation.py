@@ -11,7 +11,7 @@ from functools import cache, partial
 import numpy as np
 import scipy
 
-from rotorid.core.distributions import median
+from rotorid.core.distributions import f_limit, median
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats, Integers, frozen
@@ -80,7 +80,7 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
 
 
 def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
-    if periods.speed == 0:
+    if periods.speed == 0 or periods.rotation is not None:
         return ()
     found = synchronism(periods)
     worst = int(np.argmax(found.leakage))
@@ -122,6 +122,12 @@ SMALL = 1e-6
 WANDER = 100.0
 """Variance between periods of the rotation's line over that of the median line: in closed loop
 noise differs by a factor of some ten between lines; a speed that wanders by 1e-3 gives 1e4."""
+RESTLESS = 4.0
+"""Variance of a rotation's phase between periods over that of its amplitude from which on it is no
+noise, and over one by their number from which on it takes more of the line, half of it, than the
+deviation of that: what a drive's control leaves is less."""
+BY_CHANCE = 1e-6
+"""Chance with which noise has such a ratio; noise that carries over from period to period, more."""
 SIDEBAND = 6.0
 """Lines of the whole record on each side of a kept one that a drift of it fills."""
 
@@ -333,6 +339,8 @@ def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency
 
 @period_check("wander", "the line of the rotation scatters as the others do")
 def check_wander(periods: PeriodicRecord) -> list[Note]:
+    if periods.rotation is not None:
+        return _wandering(periods, periods.rotation.spectra)
     on, others = np.flatnonzero(periods.on_rotation), np.flatnonzero(~periods.on_rotation)
     if not periods.speed or not len(on) or len(others) < 2 or periods.periods < 4:
         return []
@@ -350,6 +358,23 @@ def check_wander(periods: PeriodicRecord) -> list[Note]:
         "measure the angle (encoder or keyphasor), or hold the speed"
     )
     return [Note("wander", "warns", text, on=(periods.names[worst],))]
+
+
+def _wandering(periods: PeriodicRecord, own: Complexes) -> list[Note]:
+    """Hold the phase of a line against its amplitude: noise moves both alike, the speed the one."""
+    mean = own.mean(axis=0)
+    clearest = int(np.argmax(np.abs(mean) / np.maximum(own.std(axis=0), 1e-300)))
+    apart = own[:, clearest] / mean[clearest] - 1 if mean[clearest] else np.zeros(1, complex)
+    phase, amplitude = float((apart.imag**2).mean()), float((apart.real**2).mean())
+    chance = f_limit(BY_CHANCE, len(own) - 2, len(own) - 2)
+    if phase < max(RESTLESS, chance) * amplitude or phase * len(own) < RESTLESS:
+        return []
+    text = (
+        f"the rotation strays from its angle by {np.degrees(np.sqrt(phase)):.3g} degrees from "
+        "period to period: the speed wanders or is not the one stated; measure the angle (encoder "
+        "or keyphasor), or hold the speed"
+    )
+    return [Note("wander", "warns", text, on=(periods.names[clearest],))]
 
 
 def _wrong_speed(found: list[Tone], given: float, hidden: bool) -> Note:

@@ -1,0 +1,162 @@
+"""The rotation beside the periods, on a shaft with one disc whose motion is a closed form."""
+
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid.signals.average import RecordBlocks, average_blocks
+from rotorid.testing import bind
+
+RATE, SIZE = 1000.0, 50
+FUNDAMENTAL = RATE / SIZE
+TRUTH = {"m": 2.0, "c": 60.0, "k": 4e4, "xi": 2e-5, "zeta": -1e-5}
+LINES = (1, 2, 4, 5)
+MODEL = rid.load_model("jeffcott")
+
+
+def shaft(turns, periods=40, *, rng=None, stated=None, noise=(0.3, 1e-6), order=2, phi=None):
+    """Return a record of so many turns a period; `phi`: its angle, where the speed is not even."""
+    t = np.arange(periods * SIZE) / RATE
+    omega = 2 * np.pi * turns * FUNDAMENTAL
+    angle = omega * t if phi is None else phi
+    m, c, k = (TRUTH[name] for name in "mck")
+    draw = np.random.default_rng(7)
+    force = 5.0 * np.exp(2j * np.pi * draw.random((len(LINES), 2)))
+    w = 2 * np.pi * FUNDAMENTAL * np.array(LINES)
+    motion = force / (k - m * w**2 + 1j * c * w)[:, None]
+    wave = np.exp(1j * np.outer(t, w))
+    eccentric = np.array([1.0, -1j]) * (TRUTH["xi"] + 1j * TRUTH["zeta"])
+    turned = m * omega**2 * eccentric / (k - m * omega**2 + 1j * c * omega)
+    x = (wave @ motion).real + (np.exp(1j * angle)[:, None] * turned).real
+    x += 1e-5 * np.cos(order * angle)[:, None]
+    columns = np.column_stack([(wave @ force).real, x])
+    if rng is not None:
+        columns += rng.standard_normal(columns.shape) * np.repeat(noise, 2)
+    channels = [rid.Channel(name) for name in ("F_x", "F_y", "x", "y")]
+    given = omega if stated is None else 2 * np.pi * stated * FUNDAMENTAL
+    return rid.Record(channels, columns, RATE, given, phi), motion, turned
+
+
+def periods_of(record, harmonics=LINES):
+    return rid.average(record, FUNDAMENTAL, harmonics=harmonics)
+
+
+@pytest.mark.parametrize("turns", [3.75, 4.005, -2.31])
+def test_noise_free_lines_are_those_of_the_period_and_of_the_rotation_to_rounding(turns):
+    record, motion, turned = shaft(turns)
+    periods = periods_of(record)
+    assert periods.mean_spectrum[:, 2:] == pytest.approx(motion / 2, rel=1e-9)
+    line = (turned if turns > 0 else turned.conj()) / 2
+    assert periods.rotation.spectra[:, 2:] == pytest.approx(np.tile(line, (40, 1)), rel=1e-9)
+    scatter = periods.spectra - periods.mean_spectrum
+    assert np.abs(scatter[..., 2:]).max() < 1e-9 * np.abs(motion).max()
+    assert periods.variance[:, 2:].max() < 1e-18 * np.abs(motion).max() ** 2
+
+
+def test_a_measured_angle_carries_a_rotation_whose_speed_varies():
+    t = np.arange(40 * SIZE) / RATE
+    phi = 2 * np.pi * FUNDAMENTAL * 3.4 * t + 0.8 * np.sin(2 * np.pi * 0.7 * t) + 0.3
+    record, motion, turned = shaft(3.4, phi=phi)
+    periods = periods_of(record)
+    assert periods.mean_spectrum[:, 2:] == pytest.approx(motion / 2, rel=1e-9)
+    assert periods.rotation.spectra.mean(axis=0)[2:] == pytest.approx(
+        turned / 2 * np.exp(0.3j), rel=1e-9
+    )
+
+
+@pytest.mark.parametrize(("slip", "apart"), [(0.0, False), (0.08, False), (0.12, True)])
+def test_a_rotation_that_gains_less_than_a_tenth_of_a_turn_stays_on_its_line(slip, apart):
+    record, *_ = shaft(4 + slip / 40)
+    assert (periods_of(record).rotation is not None) == apart
+
+
+def test_blocks_find_what_the_whole_record_does():
+    record, *_ = shaft(3.75, rng=np.random.default_rng(1), stated=3.7502)
+    blocks = RecordBlocks(
+        record.channels,
+        RATE,
+        record.speed,
+        0.0,
+        "",
+        lambda: iter(np.array_split(record.samples, [333, 700, 1800])),
+    )
+    found, whole = average_blocks(blocks, FUNDAMENTAL, harmonics=LINES), periods_of(record)
+    assert found.speed == pytest.approx(whole.speed, rel=1e-12)
+    assert found.spectra == pytest.approx(whole.spectra, rel=1e-9)
+    assert found.rotation.spectra == pytest.approx(whole.rotation.spectra, rel=1e-9)
+
+
+def told_of_speed(periods):
+    return [c for c in periods.checks if c.about == "speed" and c.severity == "says"]
+
+
+def test_the_speed_that_the_lines_show_takes_the_place_of_one_that_is_off():
+    turns, rng = 3.75, np.random.default_rng(2)
+    true = 2 * np.pi * turns * FUNDAMENTAL
+    right = periods_of(shaft(turns, rng=rng)[0])
+    assert right.speed == true
+    assert not told_of_speed(right)
+    for off in (3e-4, -6e-3):  # .012 and .24 turns in the record
+        found = periods_of(shaft(turns, rng=rng, stated=turns + off)[0])
+        assert "that speed is used" in told_of_speed(found)[0].text
+        assert abs(found.speed - true) < 4 * found.phase_std / 1.0  # the middle is at 1 s
+        assert 0 < found.phase_std < 0.05
+
+
+def test_deviations_are_those_of_the_joint_solution():
+    """A third of a turn beside a line: both scatter twice as much as alone."""
+    left, turns = [], 4 + 0.3 / 12
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        record, motion, turned = shaft(turns, 12, rng=rng, order=3)
+        lines = bind(MODEL, periods_of(record)).lines
+        truth = np.insert(motion, 3, turned, axis=0) / 2
+        variance = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real[:, 2:]
+        left.append(np.stack([np.abs(lines.mean[:, 2:] - truth) ** 2, variance]))
+    square, stated = np.mean(left, axis=(0, 3))
+    assert np.sqrt(square / stated) == pytest.approx(np.ones(5), abs=0.07)
+    assert np.sqrt(stated[3] / stated[0]) == pytest.approx(
+        np.sqrt(1 / (1 - np.sinc(0.3) ** 2)), 0.05
+    )
+
+
+def identified(seed, turns, periods):
+    record, *_ = shaft(turns, periods, rng=np.random.default_rng([seed, 5]), order=3)
+    return rid.identify(MODEL, periods_of(record), rid.MaximumLikelihood())
+
+
+def test_least_squares_states_no_unbalance_that_its_lines_do_not_hold():
+    record, *_ = shaft(3.75, rng=np.random.default_rng(4))
+    found = rid.identify(MODEL, periods_of(record), rid.Batch())
+    assert found.status == "not_identifiable"
+    assert found.value("m") == pytest.approx(TRUTH["m"], rel=0.02)
+
+
+@pytest.mark.parametrize(("strays", "severity"), [(0.2, "passes"), (0.5, "warns")])
+def test_a_speed_that_wanders_is_told_where_it_takes_some_of_the_line(strays, severity):
+    t = np.arange(60 * SIZE) / RATE
+    phi = 2 * np.pi * FUNDAMENTAL * 3.4 * t + strays * np.sin(2 * np.pi * 0.7 * t)
+    record, *_ = shaft(3.4, 60, rng=np.random.default_rng(3), phi=phi)
+    even = rid.Record(record.channels, record.samples, RATE, record.speed)
+    for each, said in ((even, severity), (record, "passes")):
+        assert [c.severity for c in periods_of(each).checks if c.about == "wander"] == [said]
+
+
+def test_the_unbalance_between_lines_is_as_sharp_as_on_one():
+    beside, on = identified(1, 3.75, 60), identified(1, 4.0, 60)
+    assert beside.status == on.status == "ok"
+    for name in ("xi", "zeta"):
+        assert beside.std(name) / on.std(name) < 1.3 * (4.0 / 3.75) ** 4
+        assert abs(beside.value(name) - TRUTH[name]) < 4 * beside.std(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slip", [0.2, 0.78, 15.0])
+def test_intervals_hold_at_any_place_between_lines(slip):
+    inside, ok = [], 0
+    for seed in range(100):
+        found = identified(seed, 4 + slip / 60, 60)
+        ok += found.status == "ok"
+        inside += [abs(found.value(n) - v) < 1.96 * found.std(n) for n, v in TRUTH.items()]
+    assert ok >= 98
+    assert 0.92 < np.mean(inside) < 0.98
