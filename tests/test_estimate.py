@@ -111,9 +111,9 @@ def test_keys_of_the_result_file(tmp_path):
     )
     assert {*contract.split()} <= set(data)
     assert data["schema"] == "rotorid-estimate/2"
-    keys = {"name", "unit", "value", "std", "std_inflated", "std_assumed", "fixed"}
+    keys = {"name", "unit", "value", "std", "std_inflated", "std_assumed", "interval", "fixed"}
     assert all(set(row) == keys for row in data["parameters"])
-    assert all(set(row) == {"name", "unit", "value", "std"} for row in data["derived"])
+    assert all(set(row) == {"name", "unit", "value", "std", "interval"} for row in data["derived"])
     assert [row["name"] for row in data["parameters"]] == ["m", "m*xi", "m*zeta", "c", "k"]
     assert [row["fixed"] for row in data["parameters"]] == [False] * 4 + [True]
     assert data["parameters"][-1]["value"] == 9e5

@@ -31,6 +31,10 @@ RecordKind = Literal["periods", "lines", "phasors", "responses", "samples"]
 # JSON knows no NaN: null stands for a number that is not finite, in both directions.
 Number = Annotated[float, Strict(), BeforeValidator(lambda x: math.nan if x is None else x)]
 Numbers = tuple[Number, ...]
+Interval = tuple[  # null stands for an end that there is not
+    Annotated[float, Strict(), BeforeValidator(lambda x: -math.inf if x is None else x)],
+    Annotated[float, Strict(), BeforeValidator(lambda x: math.inf if x is None else x)],
+]
 Count = Annotated[int, Strict()]
 Optional = Annotated[float, Strict()] | None
 Flag = Annotated[bool, Strict()]
@@ -77,6 +81,9 @@ class Value:
     std_assumed : float or None
         How far the value may move if what is assumed is wrong by a plausible size: the root of the
         sum of squares over `Estimate.assumptions`. ``None`` where nobody asked.
+    interval : (float, float) or None
+        Ends of the 95 % interval by the profile of the misfit, infinite where there is none;
+        ``None`` where it is that of `std_inflated`, 1.96 to either side.
     """
 
     name: Annotated[str, AfterValidator(_name)]
@@ -86,6 +93,7 @@ class Value:
     std_inflated: Optional = None
     fixed: Flag = False
     std_assumed: Optional = None
+    interval: Interval | None = None
 
 
 DOUBTFUL = 1e-3
@@ -701,7 +709,8 @@ class Estimate:
             for kind, values in self.quantities.items()
             for value in values
         ]
-        columns = ["name", "kind", "unit", "value", "std", "std_inflated", "std_assumed", "fixed"]
+        columns = ["name", "kind", "unit", "value", "std", "std_inflated", "std_assumed"]
+        columns += ["interval", "fixed"]
         return pd.DataFrame(rows, columns=columns).set_index("name")
 
     def to_dict(self) -> dict[str, Any]:
@@ -777,8 +786,8 @@ def _encodable(data: Any) -> Any:
     return data.encode("utf-8", "backslashreplace").decode() if is_text else data
 
 
-_EVERY = {"__all__": {"fixed", "std_inflated", "std_assumed"}}
-_LEFT_OUT: Any = {"nuisance": _EVERY, "derived": _EVERY}
+_FULL = {"fixed", "std_inflated", "std_assumed"}
+_LEFT_OUT: Any = {"nuisance": {"__all__": {*_FULL, "interval"}}, "derived": {"__all__": _FULL}}
 
 
 @cache

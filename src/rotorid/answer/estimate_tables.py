@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.answer.estimate import Estimate, Prediction, Value
+from rotorid.core.distributions import HALF_WIDTH as HALF_WIDTH
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, table
@@ -23,7 +24,6 @@ _GRAVE = ("refuses", "warns", "says")
 NAMED = 1e-3  # share of the misfit below which a suspect explains nothing, and is not listed
 MANY = 4  # pairs of one group of parameters, from which on its names are told once
 TOGETHER = 0.95  # correlation from which two parameters are named as known together
-HALF_WIDTH = 1.959964  # deviations on either side that hold 95 % of a normal distribution
 _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which one balances
 
 
@@ -111,6 +111,8 @@ def on_fit(estimate: Estimate) -> list[str]:
         told.append(f"condition number {estimate.condition_number:.4g}")
     if _inflated((*estimate.parameters, *estimate.nuisance)):
         told.append("inflated: std as if all of the misfit were noise")
+    if any(v.interval for v in estimate.parameters):
+        told.append("95 %: interval by the profile of the misfit, which std does not describe")
     if _assuming(estimate.parameters):
         told.append("if assumptions err: std of what errors of the assumptions below may shift")
     return [*told, *_together(estimate)]
@@ -155,6 +157,7 @@ def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> T
         return table((title, "value", "95 % from", "to", "unit"), ends)
     shown = ["value", "std", "std %", *(["inflated"] if _inflated(values) else [])]
     shown += ["if assumptions err"] if _assuming(values) else []
+    shown += ["95 %"] if any(v.interval for v in values) else []
     rows = [
         [cells[0], *(cells[_COLUMNS.index(head)] for head in (*shown, "unit"))]
         for cells in map(_row, values)
@@ -254,7 +257,7 @@ def _assuming(values: Sequence[Value]) -> bool:
     return any(v.std and v.std_assumed and v.std_assumed > 0.1 * v.std for v in values)
 
 
-_COLUMNS = ("", "value", "std", "std %", "inflated", "if assumptions err", "unit")
+_COLUMNS = ("", "value", "std", "std %", "inflated", "if assumptions err", "95 %", "unit")
 
 
 def as_zero(value: float, spread: float) -> float:
@@ -267,12 +270,12 @@ def _row(value: Value) -> tuple[str, ...]:
     unit = "" if value.unit == "1" else value.unit
     inflated = "" if value.std_inflated is None else two_digits(value.std_inflated)
     assumed = "" if value.std_assumed is None else two_digits(value.std_assumed)
-    rest = inflated, assumed, unit
+    rest = inflated, assumed, interval_text(value), unit
     if value.std and as_zero(value.value, value.std) == 0:
         return value.name, "0", two_digits(value.std), "", *rest
     if value.fixed or value.std is None or not value.std > 0:
         std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"
-        return value.name, f"{value.value:.6g}", std, "", "", "", unit
+        return value.name, f"{value.value:.6g}", std, *[""] * 4, unit
     far = value.std > FAR * abs(value.value)  # a percentage of what may as well be zero
     percent = "" if far else two_digits(100 * value.std / abs(value.value))
     return value.name, figures(value.value, value.std), two_digits(value.std), percent, *rest
@@ -284,13 +287,24 @@ def _ends(value: Value) -> tuple[str, ...]:
     if value.fixed or not std or not np.isfinite([value.value, std]).all():
         _, number, told = _row(value)[:3]
         return number, told if told == "fixed" else "-", "" if told == "fixed" else "-"
-    low, high = (value.value + side * HALF_WIDTH * std for side in (-1, 1))
+    even = (value.value - HALF_WIDTH * std, value.value + HALF_WIDTH * std)
+    low, high = value.interval or even
     last = int(np.floor(np.log10(std))) - 1
-    largest = max(abs(low), abs(high))
+    largest = max(abs(end) for end in (*even, low, high) if math.isfinite(end))
     digits = max(int(np.floor(np.log10(largest))) - last + 1, 1)
     if last < 0 and largest < 1e6 and last > -9:
         return f"{value.value:.{-last}f}", f"{low:.{-last}f}", f"{high:.{-last}f}"
     return tuple(_plain(f"{number:#.{min(digits, 12)}g}") for number in (value.value, low, high))
+
+
+def interval_text(value: Value) -> str:
+    """Return the interval of a value that has one of its own, empty of others."""
+    if value.interval is None:
+        return ""
+    (_, low, high), (below, above) = _ends(value), map(math.isinf, value.interval)
+    if below or above:
+        return "any" if below and above else f"below {high}" if below else f"above {low}"
+    return f"{low} to {high}"
 
 
 def figures(value: float, spread: float) -> str:

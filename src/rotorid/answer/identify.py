@@ -124,7 +124,7 @@ def without_deviations(estimate: Estimate) -> Estimate:
     """Return an estimate from periods that do not scatter: values, and no deviations, never 0."""
     bare = {
         kind: tuple(
-            v if v.fixed else replace(v, std=None, std_inflated=None)
+            v if v.fixed else replace(v, std=None, std_inflated=None, interval=None)
             for v in getattr(estimate, kind)
         )
         for kind in ("parameters", "nuisance", "derived")

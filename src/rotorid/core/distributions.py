@@ -9,6 +9,9 @@ import scipy
 
 from rotorid.core.values import Floats, frozen
 
+HALF_WIDTH = 1.959964
+"""Deviations to either side that hold 95 % of a normal distribution."""
+
 
 def median(values: Floats, axis: int = -1) -> Floats:
     """Return the median by sorting, fast for short rows; numpy's loads masked arrays first."""

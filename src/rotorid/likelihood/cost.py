@@ -386,6 +386,15 @@ class Evaluation:
         """The real residual, shape (line * 2 * equation,); J is its squared length."""
         return self.stacked(self.whitened[:, :, None])[:, 0]
 
+    def residual_like(self, other: Evaluation) -> Floats:
+        """Return the residual turned, line by line, as near as it goes to the rows of another.
+
+        Rows whitened at two points differ by a unitary matrix too, which no derivative holds.
+        """
+        here, there = (np.linalg.solve(at.lower, at._gain) for at in (self, other))
+        left, _, right = np.linalg.svd(there @ here.conj().transpose(0, 2, 1))
+        return self.stacked(left @ right @ self.whitened[:, :, None])[:, 0]
+
     def stacked(self, whitened: Complexes) -> Floats:
         """Return real over imaginary parts, (line, equation, column) -> (real equation, column)."""
         (lines, equations, columns), parts = whitened.shape, self.problem.parts

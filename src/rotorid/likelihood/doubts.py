@@ -22,6 +22,7 @@ from rotorid.likelihood.assumptions import assumed
 from rotorid.likelihood.doubts_angle import ANGLE, against_angle, told
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.mode_rows import pencil_at
+from rotorid.likelihood.profile import profiled
 from rotorid.likelihood.rivals_read import SPEEDS, is_response, is_table
 from rotorid.likelihood.unknowns import Scalar
 from rotorid.models import Model
@@ -60,7 +61,7 @@ def doubted(model: Model, estimate: Estimate, fit: Fit, *, speed: bool = False) 
             notes += cast(fit)
     estimate = estimate.with_notes(*notes)
     if estimate.status == "ok":
-        return assumed(estimate, fit)
+        return assumed(profiled(estimate, fit), fit)
     # What the others have made of the answer may call for it.
     return estimate.with_notes(*blocks_scatter(fit)) if estimate.status == "rejected" else estimate
 

@@ -67,6 +67,7 @@ class Inference:
     cost: float
     expectation: Expectation  # of the cost
     records: tuple[RecordCost, ...]
+    bend: Floats  # (free,): by how much a bent valley has widened deviations
 
     @property
     def p_value(self) -> float:
@@ -130,7 +131,7 @@ def infer(point: Point) -> Inference:
     mean = float(sum(cost.means.sum() for cost in costs) + rest.sum())
     variance = sum(cost.variance for cost in costs) + max(2 * float(rest.sum()), 0.0)
     expectation = Expectation(max(mean, 0.0), variance, dof)
-    return Inference(covariance, linear, point.cost, expectation, costs)
+    return Inference(covariance, linear, point.cost, expectation, costs, np.ones(len(covariance)))
 
 
 APART = frozenset({"stated", "coherence"})

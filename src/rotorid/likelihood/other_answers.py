@@ -289,7 +289,7 @@ def questioned(
     notes = [*doubt_notes(at.problem, answers, exchanges, *at.doubts())]
     wider, _ = at.valley
     covariance = at.inference.covariance * np.outer(wider, wider)
-    return at.solution, replace(at.inference, covariance=covariance), answers, notes
+    return at.solution, replace(at.inference, covariance=covariance, bend=wider), answers, notes
 
 
 def other_answers(

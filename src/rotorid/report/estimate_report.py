@@ -26,6 +26,7 @@ from rotorid.answer.estimate_tables import (
     HALF_WIDTH,
     ROUNDING,
     as_zero,
+    interval_text,
     on_data,
     on_fit,
     two_digits,
@@ -259,6 +260,8 @@ def _row(value: Value, prior: Prior | None) -> Row:
     unit = "" if value.unit == "1" else value.unit
     assumed = "" if value.std_assumed is None else two_digits(value.std_assumed)
     row = Row(value.name, number, two_digits(half), two_digits(percent), unit, assumed)
+    if value.interval:
+        row = replace(row, half=interval_text(value), percent="")
     if prior is None:
         return row
     moved = ""
@@ -266,7 +269,8 @@ def _row(value: Value, prior: Prior | None) -> Row:
         away = (value.value - prior.value) / prior.std
         moved = "0 std" if abs(away) < ROUNDING else f"{away:+.2g} std"
     moved = moved.replace("-", "\N{MINUS SIGN}")
-    return replace(row, before=_interval(prior), moved=moved, bar=_bar(value, prior))
+    bar = None if value.interval else _bar(value, prior)
+    return replace(row, before=_interval(prior), moved=moved, bar=bar)
 
 
 def _interval(known: Value | Prior) -> str:

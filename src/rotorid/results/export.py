@@ -322,6 +322,7 @@ def _mat(estimate: Estimate, speed: float | str) -> bytes:
         "value": numbers(v.value for v in values),
         "std": numbers(v.std for v in values),
         "fixed": np.array([v.fixed for v in values]),
+        "interval": np.array([v.interval or (np.nan, np.nan) for v in values]),
         "covariance": estimate.covariance,
         "covariance_name": cells(_covariance_names(estimate)),
     }

@@ -1,0 +1,98 @@
+"""Intervals of parameters whose misfit is no parabola: a disc whose I_t is nearly its I_p."""
+
+import numpy as np
+import pytest
+from bank import steady
+
+import rotorid as rid
+from rotorid import MaximumLikelihood, identify, load_model
+from rotorid.core.distributions import HALF_WIDTH
+from rotorid.demo import demo_plan
+from rotorid.testing import add_noise
+
+MODEL = load_model("three-mass")
+PLAN = demo_plan(MODEL)
+SENSORS = ("x1", "y1", "x3", "y3")
+UNBALANCE = ("xi", "zeta", "mu", "eta")
+
+
+def answer(truth, periods, seed, **fixed):
+    """Return an estimate of the demo's rotor with other values, by its bearings."""
+    lines = PLAN.harmonics, PLAN.fundamental, PLAN.sample_rate, periods
+    clean = steady(MODEL, truth, PLAN.forces, *lines, hertz=140.0, sensors=SENSORS)
+    record = add_noise(clean, PLAN.noise, np.random.default_rng(seed))
+    fixed = {"L1": truth["L1"], **fixed}
+    start = {n: v for n, v in truth.items() if n not in (*fixed, *UNBALANCE)}
+    return identify(MODEL, record, MaximumLikelihood(fixed=fixed, start=start))
+
+
+def disc(share):
+    """Return the demo's rotor with a disc whose I_t differs from I_p by a share of it."""
+    return {**MODEL.nominal, "I_t": (1 + share) * MODEL.nominal["I_p"]}
+
+
+def skew(estimate):
+    return {v.name for v in estimate.parameters if v.interval is not None}
+
+
+def test_interval_ends_where_the_misfit_has_risen():
+    """Found again with mu fixed at either end; the deviation of mu is that of a straight line."""
+    truth = disc(0.06)
+    found = answer(truth, 60, seed=3)
+    assert {"mu", "eta"} >= skew(found) >= {"mu"}
+    mu = found["mu"]
+    rises = [answer(truth, 60, 3, mu=end).misfit.cost - found.misfit.cost for end in mu.interval]
+    assert rises[0] == pytest.approx(rises[1], rel=0.03)
+    # 60 periods widen a deviation by 5 to 15 %.
+    assert 1.05 * HALF_WIDTH**2 < rises[0] < 1.3 * HALF_WIDTH**2
+    below, above = mu.value - mu.interval[0], mu.interval[1] - mu.value
+    assert max(below, above) > 1.4 * min(below, above)
+    assert next(v for v in found.derived if v.name == "m1").interval is None
+
+
+def test_ordinary_rotor_has_even_intervals():
+    found = answer(MODEL.nominal, 260, seed=3)
+    assert found.status == "ok"
+    assert not skew(found)
+    assert "95 %" not in str(found)
+
+
+def test_end_that_the_misfit_never_reaches_is_infinite(tmp_path):
+    """Where I_t = I_p is within reach, mu may be any: told so, and kept by the file."""
+    found = answer(disc(0.01), 60, seed=3)
+    assert found["mu"].interval == (-np.inf, np.inf)
+    (row,) = (line for line in str(found).splitlines() if line.startswith("mu "))
+    assert " any " in row
+    found.save(tmp_path / "found.json")
+    assert rid.load_estimate(tmp_path / "found.json") == found
+
+
+@pytest.mark.parametrize(
+    ("interval", "told", "ends"),
+    [
+        ((1.96, 2.16), "1.960 to 2.160", ("1.960", "2.160")),
+        ((1.96, np.inf), "above 1.960", ("1.960", "inf")),
+        ((-np.inf, 2.16), "below 2.160", ("-inf", "2.160")),
+        (None, "", ("1.902", "2.098")),
+    ],
+)
+def test_interval_stands_beside_the_deviation(interval, told, ends):
+    mass = rid.Value("m", "kg", 2.0, 0.05, interval=interval)
+    estimate = rid.Estimate("one", "ml", "ok", (mass,), covariance=[[0.0025]])
+    assert told in str(estimate)
+    assert ("95 %" in str(estimate)) == bool(told)
+    row = str(estimate.summary(intervals=True)[1].rows[0])
+    assert all(f"'{end}'" in row for end in ends)
+
+
+@pytest.mark.slow
+def test_intervals_cover_nearly_gyroscopic_discs():
+    rng, held = np.random.default_rng(11), []
+    for seed in range(40):
+        truth = disc(0.1 * rng.choice([-1, 1]) * rng.uniform(0.5, 1.0))
+        found = answer(truth, 60, seed)
+        for value in (found["mu"], found["eta"]):
+            half = HALF_WIDTH * value.std_inflated
+            low, high = value.interval or (value.value - half, value.value + half)
+            held.append(low <= truth[value.name] <= high)
+    assert np.mean(held) >= 0.88  # 95 % less three deviations, of 80 that hang together by twos
