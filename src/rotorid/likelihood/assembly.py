@@ -121,7 +121,8 @@ def other_terms(layout: Layout, observation: Observation) -> list[Entry]:
         ki, gain = _constant(acting, "ki", known)
         column = linear.coordinates + b.input
         scale = tuple(at for effect, at in acting if effect.part == "force")
-        levers = [(*e.arms[b.row], (at,)) for e, at in acting if e.part == "lever"]
+        arms = [(e.arms, (at,)) for e, at in acting if e.part == "lever"]
+        levers = [(*arm, lever) for of, lever in arms for arm in of.get(b.row, ())]
         for row, arm, lever in [(b.row, 1.0, ()), *levers]:
             common, size = factors + scale + lever, -b.coefficient * arm
             terms.append(Entry(row, column, 0, size * ki, factors=common + gain))
@@ -132,6 +133,10 @@ def other_terms(layout: Layout, observation: Observation) -> list[Entry]:
                 there = common + slope + _parameters(layout, t)
                 coefficient = size * ks * t.coefficient
                 terms.append(Entry(row, t.coordinate, 0, coefficient, factors=there))
+                there_too = [(*arm, at) for of, at in arms for arm in of.get(t.coordinate, ())]
+                for column, share, at in () if lever else there_too:
+                    gained = coefficient * share
+                    terms.append(Entry(row, column, 0, gained, factors=there + at))
     further = at_unknowns(layout.acting(Entry))
     return [*terms, *further, *_sensor_rows(layout, observation)]
 

@@ -21,13 +21,17 @@ from rotorid.answer.shifts import MATTERS, weighed
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, fact, frozen
 from rotorid.likelihood.case import not_asked
+from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.linear import DISTINCT
 from rotorid.likelihood.problem import Point
-from rotorid.likelihood.rivals_model import parts_between, trials
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, force_scale
+from rotorid.likelihood.rivals_model import levers, parts_between, trials
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Unknown, force_scale
 from rotorid.likelihood.whitening import as_complex
+from rotorid.models.rotor import RotorModel
+from rotorid.models.rotor.drawing import Rotor
+from rotorid.models.rotor.fem import by_share, exact_numbers, pushed
 from rotorid.models.structure import Structure, holding
 
 SHARE = 0.01
@@ -189,9 +193,11 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     exact = [(plausible, not_asked(fit.case, unknowns)) for plausible, unknowns in kinds]
     coordinates = () if structure is None else structure.coordinates
     units = [fit.case.model.units[name] for name in coordinates]
-    parts = parts_between(structure, units) if structure is not None and records else []
+    parts, magnets = list[Unknown](), list[Unknown]()
+    if structure is not None and records:
+        parts, magnets = parts_between(structure, units), list(levers(structure, fit.case.model))
     every = (unknown for _, unknowns in exact for unknown in unknowns)
-    point = fit.case.beside([*scales, *every, *parts])
+    point = fit.case.beside([*scales, *every, *parts, *magnets])
     common = list(_scale(fit, point.by(*(u.term for u in scales))))
     yield from common
     for plausible, unknowns in exact:
@@ -213,6 +219,10 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
         yield from _parts(structure.mass(units), {p.term: point.by(p.term) for p in parts})
         if not structure.balance.faults:
             yield from _geometry(fit, structure, units)
+        if isinstance(fit.case.model, RotorModel):
+            yield from _numbers(fit, structure, fit.case.model)
+            columns = {m.term: point.by(m.term) for m in magnets}
+            yield _places(fit, structure, fit.case.model.rotor, columns)
     yield from _crosstalk(fit)
 
 
@@ -373,12 +383,11 @@ def _recoil(
     held = natural**2 + 2j * MOUNT_DAMPING * natural * omega
     give = omega**2 / (held - omega**2) if natural else np.full(omega.shape, -1.0)
     weight = CASING * structure.mass(units)
-    loads = np.zeros((len(omega), at.equations), dtype=np.complex128)
+    forces = np.zeros_like(motion)
     for along in structure.translations(units):
-        pushed = (-(omega**2) * (motion @ mass) - unbalance) @ along
-        column = structure.in_rows((mass @ along)[:, None])[:, 0] / rows
-        loads += give * pushed[:, None] / max(weight, 1e-300) * column
-    return loads
+        reaction = (-(omega**2) * (motion @ mass) - unbalance) @ along
+        forces += give * reaction[:, None] / max(weight, 1e-300) * (mass @ along)
+    return _rows(at, structure, forces)
 
 
 def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
@@ -397,10 +406,60 @@ def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
     rows = at.problem.scales.rows[:equations]
     for k, name in names[:forces]:
         along = structure.forces((at.inputs[:, :equations, k] * rows).T)
-        force = np.zeros((len(true), at.problem.all_rows), dtype=np.complex128)
-        force[:, :equations] = structure.in_rows(turn @ along).T / rows
-        found["turn", (name,)] = as_complex(force * true[:, [k]])
+        found["turn", (name,)] = _rows(at, structure, true[:, [k]] * (turn @ along).T)
     return found
+
+
+def _rows(at: Evaluation, structure: Structure, forces: Complexes) -> Complexes:
+    """Return what forces on the coordinates, (line, coordinate), do to the equations, scaled."""
+    rows = np.zeros((len(forces), at.problem.all_rows), dtype=np.complex128)
+    own = structure.in_rows(forces.T).T
+    rows[:, : at.equations] = own / at.problem.scales.rows[: at.equations]
+    return rows
+
+
+def _motion(at: Evaluation, structure: Structure) -> Complexes:
+    """Return the motion of the coordinates, (line, coordinate), in SI."""
+    return structure.motion(as_complex(at.corrected()[1] * at.problem.scales.coordinates))
+
+
+def _numbers(fit: Fit, structure: Structure, model: RotorModel) -> Iterator[Assumed]:
+    """Yield the numbers of a drawing by their kind: of materials, lengths, diameters."""
+    evaluations = fit.solution.point.records
+    lines = list[tuple[Mapping[str, float], Floats, Floats, Complexes]]()
+    for number, (at, record) in enumerate(zip(evaluations, fit.records, strict=True)):
+        layout = fit.layout.of_record(number)
+        values = np.asarray(fit.case.values if layout.base else at.unknowns[layout.held])
+        known = {**dict(model.held), **dict(zip(model.parameter_names, values, strict=True))}
+        lines.append((known, record.lines.omega, record.lines.speed, -_motion(at, structure)))
+    for kind, numbers in exact_numbers(model.rotor).items():
+        share, found = getattr(model.rotor.tolerances, kind), list[Rows]()
+        pieces = {(kind, (name,)): by_share(model.rotor, *of) for name, of in numbers.items()}
+        for at, motion in zip(evaluations, lines, strict=True):
+            forces = {name: share * pushed(each, *motion) for name, each in pieces.items()}
+            found.append({name: _rows(at, structure, each) for name, each in forces.items()})
+        if pieces and share:
+            effect, names = _joined(fit, found)
+            size, cure = f"{100 * share:g} %", f"state it: {kind} in [tolerances] of the rotor file"
+            text = f"exact: {size} of error"
+            yield Assumed(f"drawn {kind}", size, text, cure, effect, errors=names)
+
+
+def _places(fit: Fit, structure: Structure, rotor: Rotor, magnets: Mapping[str, Floats]) -> Assumed:
+    """Return the places of sensors and magnets; of these the columns of 1 m along the shaft."""
+    stated, found = rotor.tolerances.places, list[Rows]()
+    size = SHARE * rotor.length if stated is None else stated
+    for number, at in enumerate(fit.solution.point.records):
+        beside = structure.own(_motion(at, structure) @ structure.along().T)
+        read = size * at.readings_of(beside / at.problem.scales.coordinates)
+        sensors = enumerate(_names(fit, number)[at.forces :])
+        rows = {name: _misread(fit, number, k, name, read[:, [i]]) for i, (k, name) in sensors}
+        found.append({("plane", (name,)): each for name, each in rows.items()})
+    effect, names = _joined(fit, found)
+    effect = np.column_stack([effect, *(size * column for column in magnets.values())])
+    said, cure = f"{1e3 * size:.3g} mm", "state it: places in [tolerances] of the rotor file"
+    text, errors = f"exact: {said} of error", (*names, *magnets)
+    return Assumed("drawn places", said, text, cure, effect, errors=errors)
 
 
 def _misread(fit: Fit, number: int, channel: int, name: str, error: Complexes) -> Complexes:

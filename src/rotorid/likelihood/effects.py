@@ -104,13 +104,13 @@ class Drives:
     """Acts on what inputs do in the model.
 
     `force`: multiplies all of it. `ki`, `ks`: stands for that constant of a linear magnet. `lever`:
-    the force acts on the rows of `arms` too: for each row that it acts on, another and its share of
-    the force for a lever of 1 m.
+    the force acts on the rows of `arms` too: for each row that it acts on, others and their shares
+    of the force for a lever of 1 m. What it is driven by there gains as much of their motion.
     """
 
     inputs: frozenset[str]
     part: Literal["force", "ki", "ks", "lever"]
-    arms: Mapping[int, tuple[int, float]] = field(default_factory=dict)
+    arms: Mapping[int, Sequence[tuple[int, float]]] = field(default_factory=dict)
 
 
 @frozen

@@ -25,11 +25,12 @@ from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Limit
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import Scalar, Unknown, amount
+from rotorid.models import Model
 from rotorid.models.expressions import Expression, product, symbol
 from rotorid.models.knowledge import Mode, number
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.drawing import PLANES
-from rotorid.models.rotor.fem import Piece, elastic_pieces, spans
+from rotorid.models.rotor.fem import Piece, by_share, spans
 from rotorid.models.structure import Structure
 
 BENDS = "bending of the shaft"
@@ -198,7 +199,8 @@ def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) ->
         cure = "divide the sections there, and give the short ones a parameter: stiffness"
         groups.append((f"stiffness joint {place}, {place + 1}", cure, (node - 1, node)))
     for name, cure, elements in groups:
-        matrices = _elastic(elastic_pieces(rotor, elements), known, len(structure.coordinates))
+        pieces = by_share(rotor, "E", elements)
+        matrices = _elastic(pieces, known, len(structure.coordinates))
         yield replace(_term(structure, name, "1", matrices), cure=cure)
 
 
@@ -211,14 +213,17 @@ def _elastic(pieces: tuple[Piece, ...], known: Mapping[str, float], size: int) -
     return matrices
 
 
-def levers(structure: Structure, model: RotorModel) -> Iterator[Unknown]:
-    rows = structure.balance.rows
+def levers(structure: Structure, model: Model) -> Iterator[Unknown]:
+    """Yield that the magnets of a place in a drawing are further along the shaft."""
+    if not isinstance(model, RotorModel):
+        return
+    along, every = structure.along(), np.eye(len(structure.coordinates))
     for place, (name, actuator) in enumerate(model.rotor.actuators.items()):
-        first = PLANES * model.rotor.node(actuator.at)
-        arms = {  # theta_y is the slope of x, theta_x that of -y
-            int(rows[row]): (int(rows[structure.slopes[row]]), share)
-            for row, share in ((first, 1.0), (first + 1, -1.0))
-        }
+        first, arms = PLANES * model.rotor.node(actuator.at), {}
+        for at in (first, first + 1):
+            force, moment = structure.in_rows(np.stack([every[at], along[at]], axis=1)).T
+            shares = [(int(row), float(moment[row])) for row in np.flatnonzero(moment)]
+            arms[int(np.abs(force).argmax())] = shares
         inputs = model.inputs[2 * place : 2 * place + 2]
         scalar = Scalar(f"plane[{', '.join(inputs)}]", "m", 0.0, additive=True)
         cure = f"give {name} in the rotor file the place (at) where it acts"

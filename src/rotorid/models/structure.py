@@ -240,36 +240,28 @@ class Structure:
     planes: tuple[tuple[int, ...], ...] = ()
     # the slope of the shaft at a displacement, where a drawing gives it
     slopes: Mapping[int, int] = field(default_factory=dict)
-    # where the model has fewer coordinates of its own: ``q = shapes @ own``, and which of q are the
-    # first of these, on which alone forces act and sensors read
+    # (coordinate, own), where the model has fewer of its own: ``q = shapes @ own``, and which of q
+    # are among these: forces act, and sensors read, there alone
     shapes: Floats | None = None
-    shown: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    shown: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def in_rows(self, matrix: Floats) -> Floats:
+    def in_rows(self, matrix: Values) -> Values:
         """Write a matrix of coordinates in the equations as they stand."""
         written = np.zeros_like(matrix)
         written[self.balance.rows] = self.balance.scales[:, None] * matrix
-        return written if self.shapes is None else self.shapes.T @ written
+        return written if self.shapes is None else np.asarray(self.shapes.T @ written)
 
     def forces(self, columns: Values) -> Values:
-        """Return the forces on the coordinates that columns of the equations are, (row, ...)."""
-        if self.shapes is None:
-            return self.balance.forces(columns)
-        found = np.zeros((len(self.coordinates), *columns.shape[1:]), dtype=columns.dtype)
-        found[self.shown] = columns[: len(self.shown)]
-        return found
+        """Return the forces on the coordinates that columns of the equations are, (row, column)."""
+        return self.balance.forces(columns) if self.shapes is None else self.shown @ columns
 
     def motion(self, own: Values) -> Values:
         """Return the motion of the coordinates, (..., coordinate), by those of the model."""
-        return own if self.shapes is None else np.asarray(own @ self.shapes.T)
+        return own if self.shapes is None else own @ self.shapes.T
 
     def own(self, motion: Values) -> Values:
         """Return what sensors see of a motion, by the coordinates of the model."""
-        if self.shapes is None:
-            return motion
-        found = np.zeros((*motion.shape[:-1], self.shapes.shape[1]), dtype=motion.dtype)
-        found[..., : len(self.shown)] = motion[..., self.shown]
-        return found
+        return motion if self.shapes is None else motion @ self.shown
 
     def mass(self, units: Sequence[str]) -> float:
         """Return the mass that moves in x; `units`: of the coordinates."""

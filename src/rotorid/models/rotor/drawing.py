@@ -135,10 +135,6 @@ ENDS = ("left_end", "right_end")
 CROSSED = ("xx", "xy", "yx", "yy")
 
 
-def _metres(value: Any, info: ValidationInfo) -> Any:
-    return value if info.context is None else to_si(value, "m")
-
-
 def _of(unit: str, *, signed: bool = True, above: bool = False, speed: bool = False) -> Any:
     """Return what makes a quantity of a text: any, 0 or more, or above 0; maybe of the speed."""
 
@@ -178,7 +174,12 @@ def _check_nominal(quantity: Quantity, declared: Sequence[Parameter]) -> None:
         )
 
 
-Metres = Annotated[float, BeforeValidator(_metres)]
+def _in_si(unit: str) -> Any:
+    return BeforeValidator(lambda x, info: x if info.context is None else to_si(x, unit))
+
+
+Metres = Annotated[float, _in_si("m")]
+Share = Annotated[float, Field(ge=0), _in_si("1")]
 _Text = Annotated[
     InstanceOf[Quantity],
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "number"}, {"type": "integer"}]}),
@@ -342,6 +343,16 @@ class ShaftDamping(Schema):
     structural: Annotated[_Text, _of("1", signed=False)] = _default(NONE)
 
 
+class Tolerances(Schema):
+    """How wrong the numbers of a drawing may be; those of materials differ between data sheets."""
+
+    E: Share = 0.01
+    density: Share = 0.01
+    lengths: Share = 0.01  # all alike: a ruler, or a scale
+    diameters: Share = 0.001  # each: what parts fit on is measured to hundredths of a mm
+    places: Annotated[Metres, Field(ge=0)] | None = None  # None: 1 % of the length
+
+
 @frozen
 class Place:
     """A node: its position in m, and the names that places on it have; the first names it."""
@@ -372,6 +383,7 @@ class Rotor(Schema):
     supports: dict[str, Support] = _table()
     unbalance: dict[str, DrawnUnbalance] = _table()
     damping: ShaftDamping = Field(default_factory=ShaftDamping)
+    tolerances: Tolerances = Field(default_factory=Tolerances)
     parameters: dict[str, DeclaredParameter] = _table()
 
     @field_validator("materials")

@@ -116,9 +116,12 @@ def _planes(nodes: int) -> tuple[Floats, Floats]:
     return np.kron(np.eye(nodes), _IN_X), np.kron(np.eye(nodes), _IN_Y)
 
 
+_ALONG, _ACROSS = _planes(2)
+_TURN_BOTH = np.kron(np.eye(2), _TURN)
+
+
 def _both_planes(plane: Floats) -> Floats:
-    along, across = _planes(2)
-    return along @ plane @ along.T + across @ plane @ across.T
+    return _ALONG @ plane @ _ALONG.T + _ACROSS @ plane @ _ACROSS.T
 
 
 def spans(rotor: Rotor) -> Iterator[tuple[int, Section, Beam]]:
@@ -194,13 +197,8 @@ _SPEED = Quantity(((((SPEED, 1),), 1.0),))
 
 def _blocks(rotor: Rotor) -> Iterator[Block]:
     for node, section, beam in spans(rotor):
-        first, density = PLANES * node, section.material.density
-        yield from _elastic(rotor, first, section, beam)
-        mass = _both_planes(beam.translation() + beam.rotation())
-        yield density, 2, first, mass, False
-        yield density.times(rotor.damping.external), 1, first, mass, False
-        polar = _both_planes(2 * beam.rotation()) @ np.kron(np.eye(2), _TURN)
-        yield density.times(_SPEED), 1, first, polar, False
+        yield from _elastic(rotor, PLANES * node, section, beam)
+        yield from _inertial(rotor, PLANES * node, section, beam)
     for disc in rotor.discs.values():
         first = PLANES * rotor.node(disc.at)
         yield disc.mass, 2, first, np.diag([1.0, 1.0, 0.0, 0.0]), False
@@ -222,14 +220,70 @@ def _elastic(rotor: Rotor, first: int, section: Section, beam: Beam) -> Iterator
     yield elastic, 0, first, stiffness, False
     spun = elastic.times(rotor.damping.internal)
     yield spun, 1, first, stiffness, False
-    yield spun.times(_SPEED), 0, first, stiffness @ np.kron(np.eye(2), _TURN), False
+    yield spun.times(_SPEED), 0, first, stiffness @ _TURN_BOTH, False
     yield elastic.times(rotor.damping.structural), 0, first, stiffness, True
 
 
-def elastic_pieces(rotor: Rotor, elements: Collection[int]) -> tuple[Piece, ...]:
-    """Return what some elements of the shaft, by their left nodes, add by their stiffness."""
-    spanned = ((PLANES * n, section, beam) for n, section, beam in spans(rotor) if n in elements)
-    return _gathered(rotor, (block for span in spanned for block in _elastic(rotor, *span)))
+def _inertial(rotor: Rotor, first: int, section: Section, beam: Beam) -> Iterator[Block]:
+    density, mass = section.material.density, _both_planes(beam.translation() + beam.rotation())
+    yield density, 2, first, mass, False
+    yield density.times(rotor.damping.external), 1, first, mass, False
+    polar = _both_planes(2 * beam.rotation()) @ _TURN_BOTH
+    yield density.times(_SPEED), 1, first, polar, False
+
+
+STEP = 1e-3
+"""Share of a length or a diameter of central differences: they err by its square, 1e-6."""
+
+
+def by_share(rotor: Rotor, number: str, elements: Collection[int]) -> tuple[Piece, ...]:
+    """Return the derivative of the matrices by a share of a number of some elements.
+
+    `number`: E, density, or one of a beam; `elements` by their left nodes. Nodes go along with
+    their elements, and so does what sits on them.
+    """
+    blocks = list[Block]()
+    for node, section, beam in spans(rotor):
+        of = (rotor, PLANES * node, section)
+        if node in elements and number in ("E", "density"):
+            blocks += _elastic(*of, beam) if number == "E" else _inertial(*of, beam)
+        elif node in elements:
+            for step in (STEP, -STEP):
+                other = replace(beam, **{number: (1 + step) * getattr(beam, number)})
+                every = (*_elastic(*of, other), *_inertial(*of, other))
+                blocks += [(q, n, at, block / (2 * step), lags) for q, n, at, block, lags in every]
+    return _gathered(rotor, blocks)
+
+
+def exact_numbers(rotor: Rotor) -> dict[str, dict[str, tuple[str, list[int]]]]:
+    """Return by kind what is drawn as numbers: by its name, of which elements it is which one."""
+    spanned = list(spans(rotor))
+    found: dict[str, dict[str, tuple[str, list[int]]]] = {"E": {}, "density": {}}
+    for name, material in rotor.materials.items():
+        own = [node for node, section, _ in spanned if section.material == material]
+        for number in ("E", "density"):
+            if own and getattr(material, number).number is not None:
+                found[number][name] = number, own
+    every = [node for node, _, _ in spanned]
+    sides = {
+        f"{side} {k}": (side, [node for node, own, _ in spanned if own is section])
+        for k, section in enumerate(rotor.sections, 1)
+        for side in ("outer", "inner")
+        if getattr(section, side)
+    }
+    return {**found, "lengths": {"all": ("length", every)}, "diameters": sides}
+
+
+def pushed(
+    pieces: Iterable[Piece], values: Mapping[str, float], omega: Floats, speed: Floats, q: Complexes
+) -> Complexes:
+    """Return ``Z q`` of some pieces on lines, (line, coordinate); omega and speed are (line,)."""
+    found = np.zeros_like(q)
+    for piece in pieces:
+        weight = piece.value(values) * (1j * omega) ** piece.order * speed**piece.power
+        lags = 1j * (omega > 0) if piece.structural else 1.0
+        found += (weight * lags * (piece.matrix @ q.T)).T
+    return found
 
 
 def loads_of(rotor: Rotor) -> tuple[Piece, ...]:

@@ -349,9 +349,11 @@ def places_of(model: Model, values: Floats, speed: float) -> Structure | None:
     inertia = whole.require_linear().matrices(values, speed).M
     balance = force_balance(whole, inertia)
     found = Structure((), (), tuple(pairs), whole.coordinates, balance, (), inertia, planes, slopes)
-    if model.kept is None:
+    if model.kept is None or model.basis is None:
         return found
-    return replace(found, shapes=model.basis, shown=model.kept)
+    shown = np.zeros_like(model.basis)
+    shown[model.kept, np.arange(len(model.kept))] = 1.0
+    return replace(found, shapes=model.basis, shown=shown)
 
 
 def from_ross(
@@ -428,9 +430,10 @@ def from_ross(
         {name: ChannelPlace(at=float(at[node])) for name, node in (table or {}).items()}
         for table in (actuators, sensors)
     )
-    drawn = Rotor.model_construct(
-        sections=sections, discs=discs, supports=supports, actuators=pushed, sensors=read
-    )
+    every = (s.material for s in sections)
+    materials = {f"{m.E.nominal:g} Pa, {m.density.nominal:g} kg/m^3": m for m in every}
+    parts: dict[str, Any] = {"sections": sections, "discs": discs, "supports": supports}
+    drawn = Rotor.model_construct(**parts, materials=materials, actuators=pushed, sensors=read)
     model = rotor_model(drawn, parameters, name="ross", title=str(getattr(rotor, "tag", "")))
     if unknown is None:
         return model
