@@ -423,6 +423,113 @@ class TestWindow:
         assert len(lines.frequency) > 50  # but for lines of noise alone
 
 
+ONE = {"m": 3.0, "c": 12.0, "k": 4e5}
+ONE_MASS = written(
+    "one mass", ["m*x'' + c*x' + k*x = F"], "x m", "F N", "m 3 kg, c 12 N s/m, k 4e5 N/m"
+)
+SPACED = np.arange(1.0, 1001.0) / 10  # Hz; the resonance at 58.1 Hz is .64 Hz wide at half power
+
+
+def of_one_mass(hertz: np.ndarray = SPACED) -> np.ndarray:
+    s = 2j * np.pi * hertz
+    return 1 / (ONE["m"] * s**2 + ONE["c"] * s + ONE["k"])
+
+
+TURN = 2 * np.pi
+
+
+def blurred(rolled: Any) -> np.ndarray:
+    """Return what blocks show whose window has that autocorrelation, over shares of a block."""
+    share, block = np.arange(40000) / 40000, 1 / SPACED[0]
+    decay, turn = ONE["c"] / (2 * ONE["m"]), np.sqrt(ONE["k"] / ONE["m"] - 4.0)
+    time = share * block
+    answer = np.exp(-decay * time) * np.sin(turn * time) / (ONE["m"] * turn) * rolled(share)
+    return np.fft.fft(answer)[1 : len(SPACED) + 1] * time[1]
+
+
+def of_blocks(force_noise: float, noise: float, seed: int = 1) -> dict[str, Any]:
+    """Return H1 and coherence of 30 averages, with noise of the force and in m of the reading."""
+    rng, shape = np.random.default_rng(seed), (3, 30, len(SPACED), 2)
+    force, added, read = (rng.standard_normal(shape) @ [1, 1j]) / np.sqrt(2)
+    seen, answer = force + force_noise * added, of_one_mass() * force + noise * read
+    cross, own = (answer * seen.conj()).mean(axis=0), (np.abs(seen) ** 2).mean(axis=0)
+    coherence = np.abs(cross) ** 2 / own / (np.abs(answer) ** 2).mean(axis=0)
+    told = {"responses": cross / own, "coherence": coherence}
+    return {key: found[:, None] for key, found in told.items()} | {"averages": 30}
+
+
+def answer_of(window: str | None = "none", hertz: np.ndarray = SPACED, **told: Any) -> rid.Estimate:
+    lines = rid.response_lines(F, [rid.Channel("x", "m")], hertz, window=window, **told)
+    return rid.identify(ONE_MASS, lines, rid.MaximumLikelihood())
+
+
+class TestAssumed:
+    def test_noise_of_the_force_biases_h1_by_as_much_as_is_said(self):
+        found = answer_of(**of_blocks(0.1, 0.0))
+        assert found.verdict == "ok under assumptions"
+        first = found.assumptions[0]
+        assert (first.assumed, first.parameter) == ("H1", "m")
+        assert first.size == "noise of 1 % of the force's power"
+        off = (found.value("m") - ONE["m"]) / found.std("m")
+        assert first.moves == pytest.approx(abs(off), rel=0.1)
+        assert off > 15
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_noise_of_readings_does_not(self, seed):
+        found = answer_of(**of_blocks(0.0, 2e-5, seed))
+        assert wrong_by(found) < 4
+        assert found.verdict == "ok"
+        assert "H1" not in {one.assumed for one in found.assumptions}
+
+    @pytest.mark.parametrize(
+        ("window", "rolled"),
+        [
+            ("rectangular", lambda x: 1 - x),
+            (
+                "hann",
+                lambda x: (1 - x) * (2 + np.cos(TURN * x)) / 3 + np.sin(TURN * x) / TURN,
+            ),
+        ],
+    )
+    def test_a_window_moves_the_damping_as_is_said(self, window, rolled):
+        found = answer_of(window, responses=blurred(rolled)[:, None], std=3e-6)
+        told = next(one for one in found.assumptions if one.assumed == "window")
+        assert told.parameter == "c"
+        off = (found.value("c") - ONE["c"]) / found.std("c")
+        assert told.moves == pytest.approx(off, rel=0.2)
+
+    @pytest.mark.parametrize(
+        ("window", "hertz", "size"),
+        [
+            (None, SPACED, "rectangular, lines of 0.1 Hz"),
+            ("hann", SPACED, "hann, lines of 0.1 Hz"),
+            ("none", SPACED, None),
+            (None, np.delete(SPACED, [3, 4, 500]), "rectangular, lines of 0.1 Hz"),
+            (None, np.geomspace(20.0, 100.0, 400), None),
+        ],
+        ids=["unstated", "stated", "none", "lines left out", "a sweep"],
+    )
+    def test_which_window_is_assumed(self, window, hertz, size):
+        found = answer_of(window, hertz, responses=of_one_mass(hertz)[:, None], std=1e-8)
+        assert [one.size for one in found.assumptions if one.assumed == "window"] == [size] * bool(
+            size
+        )
+
+    def test_the_lines_of_a_file_are_those_of_its_table(self, folder):
+        (lines,) = load(folder, TABLE, more='every = 2\nwindow = "hann"\n').records("ml")
+        assert (lines.analyser.spacing, lines.analyser.window) == (2.5, "hann")
+
+    def test_another_window_is_refused(self):
+        with pytest.raises(
+            InputError, match="found 'flat'; expected one of rectangular, hann, none"
+        ):
+            answer_of("flat", responses=of_one_mass()[:, None], std=1e-8)
+
+
+def wrong_by(found: rid.Estimate) -> float:
+    return max(abs(v.value - ONE[v.name]) / v.std for v in found.parameters)
+
+
 def measured_twice(order: int, own: float) -> rid.Lines:
     """Return the response of x1, and what was computed from it with so much noise of its own."""
     rng = np.random.default_rng(7)

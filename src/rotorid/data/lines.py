@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -210,6 +210,20 @@ class SilentClock(Arrays):
         return self
 
 
+Window = Literal["rectangular", "hann", "none"]
+"""What an analyser multiplies its blocks by; none where they hold each response from rest to rest,
+as of a burst or an impact, and where sines are stepped."""
+
+
+@frozen
+class Analyser:
+    """What the errors of responses depend on that an analyser has made."""
+
+    spacing: float  # Hz from line to line of its transform; 0 where lines are not evenly spaced
+    window: Window | None = None  # None: it was not stated
+    averages: int | None = None  # of the coherence that told the noise; None where a std did
+
+
 def without_rounding(lines: Complexes, samples: Floats, axis: int = 0) -> Complexes:
     """Set lines (line, signal) to zero that are rounding of their samples, along `axis`."""
     size = np.sqrt((samples**2).mean(axis=axis))
@@ -260,6 +274,8 @@ class Lines(OfMachine):
         What tells noise from motion, where neighbouring lines do.
     shown : float, optional
         Speed in rad/s at which the lines show a rotation, where that is not the one stated.
+    analyser : Analyser, optional
+        Of frequency responses.
     parts : callable, optional
         Returns the lines of so many parts of the record, where it was taken whole.
     """
@@ -283,6 +299,7 @@ class Lines(OfMachine):
     samples: Samples | None = None
     beside: Beside | None = None
     shown: float | None = None
+    analyser: Analyser | None = None
     parts: Callable[[int], list[Lines]] | None = field(default=None, compare=False, repr=False)
 
     @classmethod

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import scipy
@@ -18,7 +18,7 @@ from rotorid.core.errors import InputError, naming
 from rotorid.core.notes import Note
 from rotorid.core.units import MAGNITUDE, quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
-from rotorid.data.lines import Lines, PhasorClock, SilentClock
+from rotorid.data.lines import Analyser, Lines, PhasorClock, SilentClock, Window
 from rotorid.data.record import Channel
 from rotorid.signals.covariance import KNOWN, Kind, LineCovariance
 from rotorid.signals.spectrum import transfer_of_recording
@@ -260,6 +260,9 @@ SAME = 0.05
 LEAST_SAME = 8
 """Lines, fewer of which may agree by chance."""
 
+EVEN = 0.05
+"""Share of a step by which even steps differ: the digits of a table. Those of a sweep grow."""
+
 
 def response_lines(
     driven: Channel,
@@ -271,6 +274,8 @@ def response_lines(
     coherence: ArrayLike | None = None,
     averages: int | None = None,
     speed: float | str = 0.0,
+    window: Window | None = None,
+    spacing: float | None = None,
     source: str = "",
 ) -> Lines:
     """Return the lines of frequency responses to one input.
@@ -296,6 +301,12 @@ def response_lines(
         Averages of the responses, independent ones.
     speed : float or str
         Of the rotor, in rad/s.
+    window : {"rectangular", "hann", "none"}, optional
+        Of the analyser; "none" where each of its blocks holds a response from rest to rest (burst,
+        impact), or where sines were stepped. Without it the worst is assumed.
+    spacing : float, optional
+        Hz from line to line of the analyser, of which some may be left out here; found from
+        `frequency`.
     source : str
         For messages.
 
@@ -346,6 +357,11 @@ def response_lines(
             variance, dof = _from_coherence(found[order], gamma[order], averages)
             kind = "coherence"
         _refuse_repeated(sensors, hertz[order], found[order], variance)
+        if window not in (None, *get_args(Window)):
+            known = f"one of {', '.join(get_args(Window))}"
+            raise InputError(f"{window!r}", known, "leave it out for another one", place="window")
+    step = line_spacing(hertz) if spacing is None else spacing
+    made = Analyser(step, window, averages if std is None else None)
     one, exact = np.ones((len(order), 1)), np.zeros((len(order), 1))
     return _corrected(
         (driven, *sensors),
@@ -355,9 +371,18 @@ def response_lines(
         1.0,
         speed=np.full(len(order), quantity(speed, "rad/s", place="speed")),
         clock=SilentClock(len(order)),
+        analyser=made,
         source=source,
         warnings=told,
     )
+
+
+def line_spacing(hertz: Floats) -> float:
+    """Return the even step of frequencies, some of which may be missing; 0 where there is none."""
+    steps = np.diff(np.unique(hertz))
+    count = np.round(steps / steps.min())
+    step = float(steps.sum() / count.sum())
+    return step if (np.abs(steps - count * step) <= EVEN * step).all() else 0.0
 
 
 def _refuse_repeated(

@@ -12,6 +12,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema, members, si
 from rotorid.core.units import to_si
 from rotorid.core.values import grouped
+from rotorid.data.lines import Window
 from rotorid.force.channel_dynamics import Constant
 from rotorid.force.entry import LawEntry, LawName, constant, law_keys
 from rotorid.likelihood.unknowns import Nuisances
@@ -328,7 +329,7 @@ _MADE: dict[str, tuple[set[str], str, str]] = {
     "run-up": ((_FILES | _TIMES | {"revolutions"}) - {"speed"}, "in a table of phasors", _TURN_UP),
     "phasors": (_FILES, "in a table of phasors", 'say kind = "phasors"'),
     "responses": (
-        _FILES | {"frequency", "averages", "band", "every"},
+        _FILES | {"frequency", "averages", "window", "band", "every"},
         "in a table of responses",
         'say kind = "responses"',
     ),
@@ -342,6 +343,7 @@ class RecordKeys(Schema):
     kind: Kind = "samples"
     frequency: TimeEntry | None = None
     averages: Annotated[StrictInt | None, Field(ge=1, le=10**9)] = None
+    window: Window | None = None
     every: Annotated[StrictInt, Field(ge=1, le=10**6)] = 1
     file: str | None = None
     files: Annotated[list[str] | None, Field(min_length=1)] = None

@@ -13,7 +13,7 @@ from rotorid.core.units import si_factor, to_si
 from rotorid.core.values import Complexes, Floats, grouped
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
-from rotorid.data.table_lines import phasor_lines, response_lines
+from rotorid.data.table_lines import line_spacing, phasor_lines, response_lines
 from rotorid.experiment.read import Recording, reading_factor
 from rotorid.experiment.schema import ChannelEntry
 from rotorid.io import formats, open_tables
@@ -271,5 +271,7 @@ def _lines(group: Sequence[_Read], plan: Recording) -> Lines:
         coherence=np.column_stack(coherence) if coherence else None,
         averages=entry.averages,
         speed=entry.speed.value,
+        window=entry.window,
+        spacing=line_spacing(hertz) if len(hertz) > 1 else None,
         source=entry.paths[0],
     )

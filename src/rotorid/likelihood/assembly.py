@@ -88,8 +88,9 @@ class Terms:
         place = np.array([list(weights).index(key) for key in keys])
         table, every = table.where(every != 0), every[every != 0]
         coefficient, along = -table.coefficient * every, np.stack(list(weights.values()), axis=1)
-        kinds = place[table.kind]
-        return Entries(table.row, table.column, table.monomial, kinds, coefficient, along, columns)
+        kinds, orders = place[table.kind], np.array([order for order, _ in weights], np.int64)
+        at = table.row, table.column, table.monomial, kinds
+        return Entries(*at, coefficient, along, orders, columns)
 
 
 def profile(kind: TermKind, lines: Lines) -> tuple[float, Complexes | None]:

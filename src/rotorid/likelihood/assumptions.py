@@ -18,8 +18,11 @@ import scipy
 from rotorid.answer.estimate import DOUBTFUL, Estimate, Shift
 from rotorid.answer.judge import DIRECTION
 from rotorid.answer.shifts import MATTERS, weighed
+from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, fact, frozen
+from rotorid.data.lines import Lines, Window
+from rotorid.data.observation import Observation
 from rotorid.likelihood.case import not_asked
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Drives, Turns
@@ -53,8 +56,8 @@ MOUNT_DAMPING = 0.05
 PART = 0.01
 """Share of the mass that weighing the parts and sharing out the shaft may well miss."""
 BEYOND = 5.0
-"""Deviations by which such a part moves a parameter unseen, above which it is told: beyond
-chance."""
+"""Deviations by which such a part, or what records show to be there, moves a parameter unseen above
+which it matters: beyond chance."""
 FOLLOWS = 0.1
 """Share by which a stiffness, a damping or a magnet's constant changes from standstill to the
 highest speed, at the least, where films, seals or eddy currents make it."""
@@ -66,6 +69,15 @@ FAINT = 0.01
 ALIKE = 0.9
 """Share of the largest score from which on another one is named too: which it is no record tells.
 """
+WINDOWS: Mapping[Window, tuple[tuple[complex, complex], ...]] = {
+    "rectangular": ((1.0, 1.0),),
+    "hann": tuple(((1 - w) / 2, np.sqrt(2 / 3) * np.pi * (1 - w)) for w in (1j, -1j)),
+}
+"""What windows show in place of ``H(s)``, lines df apart: sums of ``c H(s + a df)``, (c, a).
+
+At its own lines a rectangular window adds df to the rate of each decay that ends within a block.
+Hann's averages H over about a line, here by ``1 / (1 + (f / b)^4)`` with b^2 = df^2 / 3, its mean
+square width: right for resonances that are wider, and to a fourth for those of half a line."""
 LED = 0.9
 """Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
 
@@ -85,6 +97,7 @@ class Assumed:
     held: Mapping[str, float] = field(default_factory=dict)  # what it adds to values that are held
     # what it adds to values that follow the speed, over Omega^2, as the effect is
     grows: Mapping[str, float] = field(default_factory=dict)
+    shown: bool = False  # the records themselves hold what makes it
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -126,7 +139,10 @@ def _excess(fit: Fit) -> float:
 
 
 def assumed(estimate: Estimate, fit: Fit) -> Estimate:
-    """Return an accepted answer with what it assumes, and how far that goes."""
+    """Return an accepted answer with what it assumes, and how far that goes.
+
+    What the records show to be there, and matters, stands first.
+    """
     if not len(fit.layout.free):
         return estimate
     names, every = fit.layout.names(), list(assumptions(fit))
@@ -143,6 +159,8 @@ def assumed(estimate: Estimate, fit: Fit) -> Estimate:
     speeds = np.abs(np.concatenate([*(r.lines.speed for r in fit.records), []]))
     ends = (float(speeds.min()), float(speeds.max())) if len(speeds) else ()
     estimate = estimate.with_(speeds=ends, shifts=tuple(shifts))
+    there = {one.about for one in every if one.shown}
+    notes.sort(key=lambda note: note.about not in there or (note.value or 0.0) <= BEYOND)
     return estimate.with_notes(*notes, *_led_by_the_angle(fit), *contradicted(fit, every))
 
 
@@ -224,6 +242,7 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
             columns = {m.term: point.by(m.term) for m in magnets}
             yield _places(fit, structure, fit.case.model.rotor, columns)
     yield from _crosstalk(fit)
+    yield from _analysers(fit)
 
 
 def _scale(fit: Fit, columns: Floats) -> Iterator[Assumed]:
@@ -500,6 +519,71 @@ def _crosstalk(fit: Fit) -> Iterator[Assumed]:
         text, cure = "apart: 0.1 % of a reading in the next", "measure it with one sensor moved"
         effect, names = _joined(fit, found)
         yield Assumed("cross-talk", "0.1 %", text, cure, effect, errors=names)
+
+
+def _analysers(fit: Fit) -> Iterator[Assumed]:
+    """Yield the bias of H1, or of H2, and the window, of responses that an analyser made."""
+    every = list(zip(fit.solution.point.records, fit.records, strict=True))
+    shares = [_noise_of_force(at, record.lines) for at, record in every]
+    if any(shares):
+        size = f"noise of {100 * max(shares):.2g} % of the force's power"
+        cure = "H2 errs the other way; H over the generator's signal, with its std, does not"
+        found = [_biased(at, record, a) for (at, record), a in zip(every, shares, strict=True)]
+        effect, names = _joined(fit, found)
+        yield Assumed("H1", size, f"unbiased: {size}", cure, effect, errors=names, shown=True)
+    for window in WINDOWS:
+        blurred = [_blurred(at, record.lines, window) for at, record in every]
+        if any(blurred):
+            spacing = max(r.lines.analyser.spacing for r in fit.records if r.lines.analyser)
+            size = f"{window}, lines of {spacing:.3g} Hz"
+            cure = 'state window ("none": bursts, impacts, stepped sines), or measure finer lines'
+            effect, names = _joined(fit, blurred)
+            yield Assumed("window", size, f"narrow: {size}", cure, effect, errors=names)
+
+
+def _noise_of_force(at: Evaluation, lines: Lines) -> float:
+    """Return a of the noise ``a |H|^2 + b`` that coherences show, b one of each reading.
+
+    Noise of the force is in proportion to what it would cause. H1 is too small by a, as H2 is too
+    large where the noise is one of readings.
+    """
+    made, sensors = lines.analyser, at.problem.order[at.forces :]
+    if made is None or made.averages is None:
+        return 0.0
+    noise = (made.averages - 1) * np.einsum("kii->ki", lines.covariance.matrices)[:, sensors].real
+    size = np.abs(at.corrected()[0][:, at.forces :]) ** 2
+    even = np.broadcast_to(np.eye(len(sensors)), (*noise.shape, len(sensors)))
+    parts = np.concatenate([size[:, :, None], even], axis=2)[noise > 0]
+    noise, weight, found = noise[noise > 0], noise[noise > 0], np.zeros(1)
+    for _ in range(3):  # its own scatter is in proportion to what the noise is
+        scaled = parts / weight[:, None]
+        scale = column_lengths(scaled)
+        found = scipy.optimize.nnls(scaled / scale, noise / weight)[0] / scale
+        weight = parts @ found
+    return float(found[0])
+
+
+def _biased(at: Evaluation, record: Observation, share: float) -> Rows:
+    inputs = zip(record.inputs, record.input_columns, strict=True)
+    of = tuple(channel.name for channel, column in inputs if record.lines.mean[:, column].any())
+    error = share * at.corrected()[0][:, at.forces :]
+    return {("H1", of): _misread_together(at, error)} if share else {}
+
+
+def _blurred(at: Evaluation, lines: Lines, window: Window) -> Rows:
+    """Return what a window does that was stated, or may well have been there."""
+    made = lines.analyser
+    if made is None or not made.spacing or made.window not in (None, window):
+        return {}
+    error = -at.read_at(as_complex(np.ones_like(lines.omega)))
+    for share, shift in WINDOWS[window]:
+        error += share * at.read_at(as_complex(1 + shift * made.spacing / (1j * lines.omega)))
+    return {("window", (window,)): _misread_together(at, error)}
+
+
+def _misread_together(at: Evaluation, errors: Complexes) -> Complexes:
+    """Return what errors of all sensors, (line, sensor), do to the equations, (line, row)."""
+    return as_complex(-(at.plain[:, :, at.forces :] @ errors[:, :, None])[:, :, 0])
 
 
 def _led_by_the_angle(fit: Fit) -> Iterator[Note]:

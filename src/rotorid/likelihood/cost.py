@@ -55,6 +55,7 @@ class Entries:
     # (line, kind): what the terms of a kind have in common on each line: a power of i omega, and of
     # the speed
     weights: Complexes
+    orders: Integers  # (kind,): n of that power
     columns: int
 
     @cached_property
@@ -418,6 +419,19 @@ class Evaluation:
         deviation = np.sqrt((np.abs(self.problem.noise.factor) ** 2).sum(axis=2))
         columns = self._white(self.columns * deviation[:, None, :])
         return np.asarray((np.abs(columns) ** 2).sum(axis=1))
+
+    def read_at(self, ratio: Complexes) -> Complexes:
+        """Return what sensors read of the inputs at ``i omega ratio`` in place of ``i omega``.
+
+        (line, sensor), scaled; `ratio` (line,).
+        """
+        p, n, forces = self.problem, self.problem.coordinates, self.forces
+        weights = p.entries.weights * ratio[:, None] ** p.entries.orders
+        matrix = replace(p.entries, weights=weights).matrix(self.mu, p.rows)
+        driven, given = matrix[:, :, n : n + forces], self.state.factors * self.corrected()[0]
+        answering = np.concatenate([matrix[:, :, :n], matrix[:, :, n + forces :]], axis=2)
+        found = np.linalg.solve(answering, -driven @ given[:, :forces, None])[:, :, 0]
+        return np.concatenate([found[:, n:], found[:, :n] @ p.sensing.reads.T], axis=1)
 
     def corrected(self) -> tuple[Complexes, Complexes]:
         """Return the corrected lines: channels (line, channel) and coordinates (line, n).
