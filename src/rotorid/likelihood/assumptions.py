@@ -267,16 +267,9 @@ def _share(about: str, effect: Floats, cure: str, step: Floats | float = 0.0) ->
 def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
     """Yield each value that is fixed, of one record or of all, and all lengths among them."""
     layout, values = fit.layout, fit.solution.point.unknowns
-    trial = [t for t in trials(fit.case) if any(layout.unknowns[i].fixed for i in t[1:])]
-    for record, i, j in trial:
-        names = [layout.unknowns[k].name for k in (i, j)]
-        exactly = [layout.unknowns[k].fixed for k in (i, j)]  # the other is free to be elsewhere
-        (a, b), columns = values[[i, j]], point.by(*names) * exactly
-        ways = np.array([[SHARE * a, -MISPLACED * b], [SHARE * b, MISPLACED * a]])
-        about, text = f"trial mass[{record}]", "exact: 1 % and 2 deg of error"
-        errors = (f"amount of {about}", f"angle of {about}")
-        cure = f"weigh it, measure its angle, and state std of {' and '.join(names)}"
-        yield Assumed(about, "1 % and 2 deg", text, cure, columns @ ways, errors=errors)
+    trial = list(trials(fit.case))
+    for each in trial:
+        yield from _of_trial(fit, point, *each)
     held = [
         unknown
         for i, unknown in enumerate(layout.unknowns[: layout.named])
@@ -294,6 +287,25 @@ def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
         effect = point.by(*off) @ [*off.values()]
         cure = 'state how well it is known (value = "..", std = ".."), or free it'
         yield replace(_share(about, effect[:, None], cure), held=off)
+
+
+def _of_trial(fit: Fit, point: Point, record: int, *pair: int) -> Iterator[Assumed]:
+    """Yield a trial mass where it is fixed, and an unbalance that moved when it was mounted."""
+    unknowns = [fit.layout.unknowns[i] for i in pair]
+    (a, b), about = point.unknowns[[*pair]], f"trial mass[{record}]"
+    names, columns = [u.name for u in unknowns], point.by(*(u.name for u in unknowns))
+    size, text = f"1 % of {about}", f"as in other records: 1 % of {about} beside"
+    moved = SHARE * np.hypot(a, b) * columns
+    errors = tuple(f"moved {axis}[{record}]" for axis in "xy")
+    cure = "run again without the trial mass, and give that record too"
+    yield Assumed(f"unbalance[{record}]", size, text, cure, moved, errors=errors)
+    exactly = [unknown.fixed for unknown in unknowns]  # the other is free to be elsewhere
+    if any(exactly):
+        ways = np.array([[SHARE * a, -MISPLACED * b], [SHARE * b, MISPLACED * a]])
+        errors, text = (f"amount of {about}", f"angle of {about}"), "exact: 1 % and 2 deg of error"
+        cure = f"weigh it, measure its angle, and state std of {' and '.join(names)}"
+        effect = columns * exactly @ ways
+        yield Assumed(about, "1 % and 2 deg", text, cure, effect, errors=errors)
 
 
 def _constrained(fit: Fit) -> Iterator[Assumed]:

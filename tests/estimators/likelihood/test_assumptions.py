@@ -123,21 +123,32 @@ def test_a_trial_mass_beside_its_place_moves_the_answer_as_its_columns_say(monke
 
     speed, channels = RPM * np.pi / 30, [rid.Channel("x", "m"), rid.Channel("y", "m")]
 
-    def turned_by(trial: complex) -> Estimate:
+    def turned_by(trial: complex, **stated) -> Estimate:
         plain, other = (phasor_lines(channels, speed, coast(RPM, at), 1e-6) for at in (0, trial))
-        records = [plain, other.with_parameters(t_x=TRIAL.real, t_y=TRIAL.imag)]
+        known = {"t_x": TRIAL.real, "t_y": TRIAL.imag, **stated}
+        records = [plain, other.with_parameters(**known)]
         return identify(COASTING, records, MaximumLikelihood(fixed=KNOWN))
 
     found, every = turned_by(TRIAL), list(assumptions.assumptions(kept[0]))
-    (one,) = [each for each in every if each.about == "trial mass[1]"]
+    one, two = [
+        next(each.effect for each in every if each.about == about)
+        for about in ("trial mass[1]", "unbalance[1]")
+    ]
     assert not any(each.about.startswith("t_") for each in every)
-    said = -kept[0].solution.point.linear.taken(one.effect)
+    said = -kept[0].solution.point.linear.taken(np.column_stack([one, two]))
     names, std = kept[0].layout.names(), kept[0].inference.std
-    for column, error in zip(said.T, (0.01, np.radians(2.0) * 1j), strict=True):
-        other = turned_by(TRIAL * (1 - 0.01 * error))
+    moved = 0.01 * abs(TRIAL)  # of the rotor's own, along x and y
+    errors = (0.01 * TRIAL, np.radians(2.0) * 1j * TRIAL, moved, 1j * moved)
+    for column, error in zip(said.T, errors, strict=True):
+        other = turned_by(TRIAL - 0.01 * error)
         moved = np.array([other.value(n) - found.value(n) for n in names]) / 0.01
         np.testing.assert_allclose(column / std, moved / std, atol=0.05, rtol=0.02)
         assert np.abs(moved / std).max() > 1
+    # Weighed well, the rotor's own unbalance may have moved all the same.
+    turned_by(TRIAL, t_x=(TRIAL.real, 1e-9), t_y=(TRIAL.imag, 1e-9))
+    about = {each.about for each in assumptions.assumptions(kept[-1])}
+    assert "unbalance[1]" in about
+    assert "trial mass[1]" not in about
 
 
 def test_one_ruler_scales_lengths_to_either_side():
