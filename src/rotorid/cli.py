@@ -214,6 +214,7 @@ def modes() -> None:
 @click.option("--masses", help='Available masses, such as "0.5 g, 1 g, 2 g".')
 @click.option("--holes", type=int, help="Number of holes in each plane, the first at 0 deg.")
 @_record_option
+@_strict_option
 @_answers
 def balance() -> None:
     """Compute correction masses and residual unbalance."""

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear_machines import SUPPORTED, model_of
+from linear_machines import SUPPORTED, estimate_of, model_of
 from model_text import model_text
 
 import rotorid as rid
+from rotorid.answer.estimate import Shift
 from rotorid.cli import run
 from rotorid.models.structure import holding
 from rotorid.testing import add_noise, line_record
@@ -145,3 +146,46 @@ def test_the_command_says_so_and_strict_ends_with_it(one, tmp_path, capsys):
     first = data["critical_speeds"][0]
     assert first["std_assumed"] > 10 * first["std"]
     assert data["modes"][0]["std_assumed_hz"] > 0
+    balance = ["balance", str(result), "--plane", "x,y", "--strict", "--speed"]
+    assert [run([*balance, speed]) for speed in ("900 rpm", "2440 rpm")] == [0, 3]
+    said = capsys.readouterr().out
+    assert said.count("seal: ok under assumptions") == said.count("if assumptions err") == 1
+
+
+def figures(found):
+    """Return what follows from a result at 700 rad/s, and how far it may move by what it says."""
+    modes = rid.modes(found, speed=700.0).modes
+    critical = rid.campbell(found, 2000.0).critical
+    response = rid.unbalance_response(found, 700.0)
+    (added,) = rid.balance(found, ["x,y"], 700.0).corrections
+    loops = rid.loop_sensitivity(
+        found,
+        lambda omega: -((4e4 + 100j * omega) * np.exp(-5e-4j * omega))[:, None, None],
+        np.arange(1.0, 300.0, 0.5),
+        sensors=["theta_x"],
+        speed=700.0,
+    )
+    pairs = [
+        *((mode.frequency_hz, mode.std_assumed_hz) for mode in modes),
+        *((mode.damping_ratio, mode.damping_std_assumed) for mode in modes),
+        *((each.speed_rad_s, each.std_assumed) for each in critical),
+        *zip(np.abs(response.motion[0, :2]), response.std_assumed[0, :2], strict=True),
+        (added.unbalance_kg_m, added.std_assumed_kg_m),
+        (loops.axes[0].peak, loops.peak_std_assumed[0]),
+    ]
+    return np.array(pairs).T
+
+
+def test_what_errors_move_is_what_follows_from_moved_values():
+    free, held = {"m": 8e-3, "k_x": -2e2, "xi": 1e-8, "d": 1e-3}, {"L": 2.5e-5}
+    base = estimate_of(model_of(SUPPORTED), percent=0.1, fixed=("L",))
+    moves = {name: (by,) for name, by in (free | held).items()}
+    shift = Shift("what is wrong", "1", "exact", "measure it", moves)
+    found = base.with_(shifts=(shift,), speeds=(100.0, 300.0))
+    values = (replace(v, value=v.value + (free | held).get(v.name, 0.0)) for v in base.parameters)
+    here, told = figures(found)
+    there, _ = figures(base.with_(parameters=tuple(values)))
+    assert told == pytest.approx(np.abs(there - here), rel=0.02, abs=1e-10)
+    within, none = figures(found.with_(speeds=(100.0, 2000.0)))
+    assert within == pytest.approx(here)
+    assert np.isnan(none).all()

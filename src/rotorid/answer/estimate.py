@@ -154,28 +154,21 @@ class Assumption:
 
 @frozen
 class Shift:
-    """How far the values may be off unseen where something assumed is wrong by a plausible size.
-
-    Parameters
-    ----------
-    about, size, text, cure : str
-        What is assumed, the error that is plausible, how it is told, and what would settle it.
-    moves : mapping of str to sequence of float
-        By how much each value is off, SI, for each way of being wrong.
-    grows : mapping of str to float
-        A value that may follow the speed is off by so much times Omega^2 besides, and all is over
-        hypot(T^2, seen), T the highest speed, of a record or asked for.
-    seen : float
-        What the records tell of such a growth.
-    """
+    """How far the values may be off unseen where something assumed is wrong by a plausible size."""
 
     about: str
     size: str
     text: str
     cure: str
-    moves: dict[str, Numbers]
+    moves: dict[str, Numbers]  # by how much each value, SI, for each way of being wrong
+    # A value that may follow the speed is off by so much times Omega^2 besides, and all is over
+    # hypot(T^2, seen): T the highest speed, of a record or asked for, seen what the records tell.
     grows: dict[str, Number] = field(default_factory=dict)
     seen: Number = 0.0
+
+    def __post_init__(self) -> None:
+        if len({len(by) for by in self.moves.values()}) != 1:
+            raise ValueError("as many numbers for each value, of one value at least")
 
     def at(self, speed: float, highest: float) -> dict[str, Floats]:
         over = math.hypot(max(speed, highest) ** 2, self.seen) if self.grows else 1.0
@@ -489,7 +482,7 @@ class Estimate:
         Files, experiment, version and command; for an estimate made in Python the model alone.
     evidence : Evidence or None
         What a report shows of the records; see `with_evidence`.
-    speeds : sequence of float
+    speeds : (float, float) or None
         The lowest and the highest speed of the records, rad/s.
     shifts : sequence of Shift
         What errors of what is assumed move: what follows from the values at other speeds asks.
@@ -526,7 +519,7 @@ class Estimate:
     unbalance: tuple[Unbalance, ...] = ()
     provenance: Provenance | None = None
     evidence: Evidence | None = None
-    speeds: Numbers = ()
+    speeds: tuple[Number, Number] | None = None
     shifts: tuple[Shift, ...] = ()
 
     def __post_init__(self) -> None:

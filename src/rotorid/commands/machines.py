@@ -125,6 +125,7 @@ def balance(
     masses: str | None,
     holes: int | None,
     record: int,
+    strict: bool,
     answer: Outputs,
 ) -> int:
     targets = answer.check()
@@ -149,8 +150,9 @@ def balance(
     def html() -> str:
         return balance_report(found, centred, own_model(estimate), done(answer.given, [result]))
 
-    answer.give(balance_page(found, centred), balance_content(found, centred), html)
-    return OK if found.status in ("ok", "rejected") else NO_ANSWER
+    content = balance_content(found, centred)
+    answer.give(balance_page(found, centred), content, html)
+    return _code(content, strict)
 
 
 def _weighed(text: str) -> tuple[str, float]:
@@ -209,5 +211,7 @@ def balance_content(found: Balance, centred: Sequence[Feedforward]) -> dict[str,
         "feedforward": centred,
         "model": found.model,
         "status": found.status,
+        "verdict": under(found.status, found.notes),
+        "notes": found.notes,
         "remarks": found.remarks,
     }

@@ -94,7 +94,9 @@ class Assumed:
     step: Floats | float = 0.0  # (free, error): what they do to the unknowns by themselves
     least: float = MATTERS  # deviations from which on it is told
     errors: tuple[str, ...] = ()  # the names of several errors: "gain[x1]"
-    held: Mapping[str, float] = field(default_factory=dict)  # what it adds to values that are held
+    # what it adds to values that are held; None of a machine's part that stands in no value, with
+    # which what follows from the others moves otherwise
+    held: Mapping[str, float] | None = field(default_factory=dict)
     # what it adds to values that follow the speed, over Omega^2, as the effect is
     grows: Mapping[str, float] = field(default_factory=dict)
     shown: bool = False  # the records themselves hold what makes it
@@ -123,7 +125,7 @@ class Assumed:
         """Return the same for what follows from the unknowns, and from values that are held."""
         ways, moved = self._unseen(fit)
         every = dict(zip(fit.layout.names(), moved, strict=True))
-        every |= {name: size * ways[0] for name, size in self.held.items()}
+        every |= {name: size * ways[0] for name, size in (self.held or {}).items()}
         moves = {name: tuple(float(f"{x:.4g}") for x in by) for name, by in every.items()}
         grows, seen = dict(self.grows), 0.0
         if grows:
@@ -146,9 +148,11 @@ def assumed(estimate: Estimate, fit: Fit) -> Estimate:
     if not len(fit.layout.free):
         return estimate
     names, every = fit.layout.names(), list(assumptions(fit))
-    shifts = [one.shift(fit) for one in (*every, *following(fit))]
-    found = ((s, one.moved(fit), one.least) for s, one in zip(shifts, every, strict=False))
+    shifts = [one.shift(fit) for one in every]
+    found = ((s, one.moved(fit), one.least) for s, one in zip(shifts, every, strict=True))
     total, notes = weighed(found, names)
+    shifts = [s for s, one in zip(shifts, every, strict=True) if one.held is not None]
+    shifts += [one.shift(fit) for one in following(fit)]
     if every:
         of = dict(zip(names, total.tolist(), strict=True))
         parameters = tuple(
@@ -157,7 +161,7 @@ def assumed(estimate: Estimate, fit: Fit) -> Estimate:
         )
         estimate = estimate.with_(parameters=parameters)
     speeds = np.abs(np.concatenate([*(r.lines.speed for r in fit.records), []]))
-    ends = (float(speeds.min()), float(speeds.max())) if len(speeds) else ()
+    ends = (float(speeds.min()), float(speeds.max())) if len(speeds) else None
     estimate = estimate.with_(speeds=ends, shifts=tuple(shifts))
     there = {one.about for one in every if one.shown}
     notes.sort(key=lambda note: note.about not in there or (note.value or 0.0) <= BEYOND)
@@ -354,7 +358,8 @@ def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:
     for name, column in columns.items():
         text = f"complete: a missing {name} of 1 % of all ({mass:.2g} kg)"
         cure = "lines about higher modes or a sensor there show it"
-        yield Assumed("model", "1 %", text, cure, mass * column, least=BEYOND, errors=(name,))
+        effect, errors = mass * column, (name,)
+        yield Assumed("model", "1 %", text, cure, effect, least=BEYOND, errors=errors, held=None)
 
 
 def _geometry(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[Assumed]:
@@ -473,7 +478,7 @@ def _numbers(fit: Fit, structure: Structure, model: RotorModel) -> Iterator[Assu
             effect, names = _joined(fit, found)
             size, cure = f"{100 * share:g} %", f"state it: {kind} in [tolerances] of the rotor file"
             text = f"exact: {size} of error"
-            yield Assumed(f"drawn {kind}", size, text, cure, effect, errors=names)
+            yield Assumed(f"drawn {kind}", size, text, cure, effect, errors=names, held=None)
 
 
 def _places(fit: Fit, structure: Structure, rotor: Rotor, magnets: Mapping[str, Floats]) -> Assumed:

@@ -57,7 +57,7 @@ def _assumed(notes: Iterable[Note]) -> list[str]:
     return [*told.values()][:NAMED_ASSUMPTIONS]
 
 
-def assumed_by(*found: Modes | Campbell | UnbalanceResponse | None) -> list[Note]:
+def assumed_by(*found: Modes | Campbell | UnbalanceResponse | Balance | None) -> list[Note]:
     """Return the notes on what results assume."""
     return [note for each in found if each is not None for note in each.notes]
 
@@ -105,6 +105,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
             each.plane,
             f"{each.unbalance_kg_m * GMM:.5g}",
             _told(each.std_kg_m, GMM),
+            _told(each.std_assumed_kg_m, GMM),
             f"{np.degrees(each.angle_rad):.1f}",
             _told(each.angle_std_rad, DEGREES),
         )
@@ -114,7 +115,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
         "What to add",
         "Angles count in the rotor, from x to y, from what stands along x where the rotor "
         "angle is 0: at its mark. Taking away is adding on the other side.",
-        table(("correction", "g mm", "std", "at deg", "std"), rows),
+        _table(("correction", "g mm", "std", ERR, "at deg", "std"), rows),
     )
     masses = [
         (each.plane, f"{1e3 * mass:.4g}", f"{np.degrees(angle) % 360:.1f}")
@@ -168,7 +169,9 @@ def _balance_sentence(found: Balance) -> str:
 
 
 def _said_of(found: Balance) -> list[str]:
-    said = list(found.remarks)
+    verdict = under(found.status, found.notes)
+    said = [*([f"{found.model}: {verdict}"] if verdict == UNDER else []), *found.remarks]
+    said += _assumed(found.notes)
     if found.grade_mm_s is not None and found.rotor_mass is not None:
         said.append(
             f"grade of all planes together: below G {found.grade_mm_s:.3g} mm/s "
@@ -450,7 +453,7 @@ def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> P
     critical = critical_table(diagram) if diagram is not None and diagram.critical else None
     return Passage(
         f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill",
-        said=(f"{whose}.", *summary(found), *_assumed(assumed_by(found, diagram, response))),
+        said=(f"{whose}.", *summary(found), *_assumed(assumed_by(found, diagram))),
         parts=(
             Passage("Natural frequencies", table=mode_table(found)),
             Passage("Critical speeds", table=critical),

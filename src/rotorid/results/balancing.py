@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -18,6 +19,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.core.distributions import bound_of_length
 from rotorid.core.errors import InputError, require_positive
+from rotorid.core.notes import Note
 from rotorid.core.units import finite_speed, quantity
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.models.rotor import RotorModel
@@ -176,6 +178,7 @@ class Correction:
     std_kg_m: float | None
     angle_std_rad: float | None
     masses: Mounted = ()  # what to mount, where radius or masses were given
+    std_assumed_kg_m: float = np.nan  # if what is assumed is wrong; NaN at the speeds of records
 
 
 @frozen
@@ -206,6 +209,7 @@ class Balance:
     grade_mm_s: float | None  # of all planes together, at their worst
     status: str
     remarks: tuple[str, ...]
+    notes: tuple[Note, ...] = ()  # what is assumed at the highest speed, and what that may move
 
 
 def balance(
@@ -291,6 +295,7 @@ def balance(
         own = None if root is None else root[:, k]
         corrections.append(_correction(plane, complex(applied[k]), own, mounted[k]))
         residual.append(_residual(plane, complex(applied[k] - ideal[k]), part, weighed, top))
+    corrections, notes = _assuming(machine, task, corrections)
     grades = [each.grade_mm_s for each in residual]
     return Balance(
         machine.model.name,
@@ -303,7 +308,21 @@ def balance(
         None if None in grades else float(sum(g for g in grades if g is not None)),
         machine.status,
         (*machine.remarks, *_said_of(estimate), *_too_coarse(planes, applied, ideal, kit)),
+        tuple(notes),
     )
+
+
+def _assuming(
+    machine: Machine, task: _Task, corrections: Sequence[Correction]
+) -> tuple[list[Correction], list[Note]]:
+    """Return corrections with what errors of what is assumed move them by, and notes on it."""
+    toward = np.exp(-1j * np.array([each.angle_rad for each in corrections]))
+    names = [f"the correction in {each.plane}" for each in corrections]
+    std = np.array([each.std_kg_m or 0.0 for each in corrections])
+    top = float(np.abs(task.speeds).max())
+    moved, notes = machine.assumed_of(top, names, std, lambda at: task.solution(at) * toward)
+    pairs = zip(corrections, moved.tolist(), strict=True)
+    return [replace(each, std_assumed_kg_m=far) for each, far in pairs], notes
 
 
 def _speeds(speed: float | str | Sequence[float | str]) -> Floats:

@@ -17,6 +17,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
+from rotorid.core.notes import Note
 from rotorid.core.units import finite_speed
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.models import Model
@@ -89,6 +90,9 @@ class LoopSensitivity:
     axes: tuple[AxisSensitivity, ...]
     frequency_hz: Floats  # (line,)
     return_difference: Complexes  # (line,): ``det(I + L)``
+    # (axis,): how far each peak may move if what is assumed is wrong; NaN at the speeds of records
+    peak_std_assumed: Floats
+    notes: tuple[Note, ...]
 
 
 def loop_sensitivity(
@@ -183,7 +187,11 @@ def loop_sensitivity(
         interval = (max(float(top[j]) - reach, 0.0), float(top[j]) + reach)
         found = (here[:, j], std, float(top[j]), float(where[j]), interval, caveat)
         axes.append(AxisSensitivity(name, hertz, *found))
-    return LoopSensitivity(tuple(axes), hertz, np.linalg.det(returned))
+    names = [f"the peak of {name}" for name in machine.model.inputs]
+    assumed, notes = machine.assumed_of(
+        turning, names, deviations[-1], lambda at: lines_and_peaks(at)[-1]
+    )
+    return LoopSensitivity(tuple(axes), hertz, np.linalg.det(returned), assumed, tuple(notes))
 
 
 def _loops(

@@ -76,6 +76,8 @@ STEP = 1e-4
 degree, and central differences of a cubic are right to the square of this."""
 SIDE = 0.05
 """Share of a deviation by which the values are moved to either side for a derivative."""
+SMALL = 1e-3
+"""Share of a value by which it is moved for the derivative by that value alone."""
 NEAR = 0.01
 """Share by which values are moved to see which modes are one in general, and not by chance."""
 
@@ -105,7 +107,7 @@ class Machine:
     remarks: tuple[str, ...] = ()  # what is to be said with every answer
     undetermined: tuple[str, ...] = ()  # parameters that are taken as zero
     record: int = 0  # whose values these are
-    speeds: tuple[float, ...] = ()  # the lowest and the highest of the records
+    speeds: tuple[float, float] | None = None  # the lowest and the highest of the records
     shifts: tuple[Shift, ...] = ()  # what errors of what is assumed move
     _pencils: dict[float, Pencil] = field(
         default_factory=dict, init=False, compare=False, repr=False
@@ -217,6 +219,10 @@ class Machine:
     def _moved(self, by: Floats) -> Machine:
         return replace(self, values=self.values + by)
 
+    def recorded(self, speed: float) -> bool:
+        low, high = self.speeds or (0.0, np.inf)
+        return low * (1 - SAME_SPEED) <= abs(speed) <= high * (1 + SAME_SPEED)
+
     def assumed(
         self, speed: float, names: Sequence[str], std: Floats, by: Callable[[Floats], Floats]
     ) -> tuple[Floats, list[Note]]:
@@ -225,17 +231,25 @@ class Machine:
         NaN at the speeds of the records. `by` says what the results deviate by for a root of the
         covariance, (unknown, column): what an error moves is one too.
         """
-        low, high = self.speeds or (0.0, np.inf)
-        if low * (1 - SAME_SPEED) <= abs(speed) <= high * (1 + SAME_SPEED) or not std.size:
+        if self.speeds is None or self.recorded(speed) or not std.size:
             return np.full(std.shape, np.nan), []
         scale, found = np.where(std > 0, std, np.inf), list[tuple[Shift, Floats, float]]()
         for shift in self.shifts:
-            moves = shift.at(abs(speed), high)
+            moves = shift.at(abs(speed), self.speeds[1])
             none = np.zeros(len(next(iter(moves.values()))))
             own = [moves.get(f"{n}[{self.record}]", moves.get(n, none)) for n in self.names]
             found.append((shift, (by(np.array(own)) / scale).ravel(), MATTERS))
         total, notes = weighed(found, names)
         return total.reshape(std.shape) * std, notes
+
+    def assumed_of(
+        self, speed: float, names: Sequence[str], std: Floats, found: Callable[[Machine], Complexes]
+    ) -> tuple[Floats, list[Note]]:
+        """Return the same of the real parts of what is found, by differences."""
+        size = SMALL * np.where(self.values != 0, np.abs(self.values), 1.0)
+        beyond = not self.recorded(speed)
+        slopes = self.changes(found, np.diag(size)).real.T / size if beyond else np.zeros(())
+        return self.assumed(speed, names, std, lambda by: np.linalg.norm(slopes @ by, axis=1))
 
     @property
     def needed(self) -> list[int]:
