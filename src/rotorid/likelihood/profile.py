@@ -4,8 +4,7 @@ The profile of an unknown is the least cost with the unknown held, the others fo
 Moolgavkar 1988). Two deviations to either side it is asked to second order, which costs one
 residual: with r the residual, U its range and u the direction in it of the unknown, of length one,
 a step of t deviations along a straight line gives ``r + t U u + q``. The others take over what of q
-lies in U, save along u; q is the same on both sides. What differs from a parabola there is followed
-by Gauss-Newton steps to where the interval ends.
+lies in U, save along u; q is the same on both sides. Where that is no parabola, minima are sought.
 """
 
 from __future__ import annotations
@@ -88,8 +87,7 @@ class _Held:
             return np.array([np.inf])
         with np.errstate(all="ignore"):
             there = point.problem.at(self.near[1])
-            pairs = zip(there.records, point.records, strict=True)
-            turned = [at.residual_like(other) for at, other in pairs]
+            turned = [a.residual_like(b) for a, b in zip(there.records, point.records, strict=True)]
         straight = ASKED * self.wider * (told @ self.unit)
         missed = np.concatenate([*turned, there.known]) - point.residual - straight
         taken = told.T @ missed
