@@ -353,7 +353,7 @@ def closed_loop(coherence: float, periods: int) -> SimpleNamespace:
 @pytest.mark.parametrize(("chance", "explained"), [(0.9e-6, False), (1.1e-6, True)])
 def test_a_cost_that_chance_does_not_give_is_looked_at_again(chance, explained):
     expectation = SimpleNamespace(p_value=lambda cost: chance)
-    assert Inference(np.eye(1), None, 1.0, expectation, ()).explained == explained
+    assert Inference(np.eye(1), None, 1.0, expectation, (), np.ones(1)).explained == explained
 
 
 @pytest.mark.parametrize(("share", "gone"), [(0.9e-9, True), (1.1e-9, False)])
