@@ -330,7 +330,7 @@ def _constrained(fit: Fit) -> Iterator[Assumed]:
 def following(fit: Fit) -> Iterator[Assumed]:
     """Yield the growth with the square of the speed of each value that may follow the speed."""
     layout, point, values = fit.layout, fit.solution.point, fit.case.values
-    if layout.base or values is None or not np.isfinite(values).all():
+    if layout.base or not fit.records or values is None or not np.isfinite(values).all():
         return
     whole = getattr(layout.model, "whole", None) or layout.model  # a reduced rotor has no places
     may = {layout.model.parameter_names.index(name) for name in holding(whole, values)}
