@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import permutations
 from typing import TypeVar
@@ -237,12 +237,9 @@ def weigh_clock(
     overrule: bool,
     fundamental: float | None,
     limits: tuple[float, float | None],
-    unused: Mapping[str, Column],
+    unused: Iterable[tuple[str, Column]],
 ) -> RecordClock:
-    """Weigh what is said of the sample rate here, by the stamps, and by the file.
-
-    `unused` are columns that may be times, which nobody named: they too tell the rate.
-    """
+    """Weigh what is said of the sample rate here, by the stamps, the file, and `unused` times."""
     several = list(columns)
     stated = _stated_rate([column.rate for column in several if column.rate is not None])
     if stamps is not None:
@@ -265,7 +262,7 @@ def weigh_clock(
                 "give one",
             )
         rate = given or _whole_multiple(said, fundamental, exactly=True)
-        for name, column in unused.items() if not overrule else ():
+        for name, column in unused if not overrule else ():
             _check_unused(rate, fundamental, name, column)
         last = None if until is None else max(0, math.ceil(until * rate - 1e-6))
         clock = RecordClock(rate, end=last)

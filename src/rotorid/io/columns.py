@@ -127,13 +127,14 @@ def read_record(
     """
     table = open_tables(path, header_row=header_row)
     with naming(table.file):
-        sources, read, stamps, unused = _columns(table, columns, time, mask, overrule)
+        sources, read, stamps = _columns(table, columns, time, mask, overrule)
         read, warnings = (read, ()) if columns is not None else _of_one_length(read)
         kept = read.pop(_MASK, None)
         given, whole = _si(sample_rate, "Hz", "sample_rate"), _si(fundamental, "Hz", "fundamental")
         begin, end = _si(skip, "s", "skip") or 0.0, _si(until, "s", "until")
-        limits = begin, end
-        clock = weigh_clock(given, stamps, read.values(), overrule, whole, limits, unused)
+        rows = max((len(column.values) for column in read.values()), default=0)
+        times = _unused_times(table, {} if columns is None else sources, rows)
+        clock = weigh_clock(given, stamps, read.values(), overrule, whole, (begin, end), times)
         into_si = _IntoSI(table, {name: sources[name] for name in read}, read)
         samples = into_si.samples(read)
         if not len(samples):
@@ -168,42 +169,27 @@ def _columns(
     time: str | Source | None,
     mask: str | None,
     overrule: bool,
-) -> tuple[dict[str, Source], dict[str, Column], Floats | None, dict[str, Column]]:
-    """Return what the channels come from, their columns and the mask's, and the sample times.
-
-    Last come the columns of times that nobody named.
-    """
+) -> tuple[dict[str, Source], dict[str, Column], Floats | None]:
+    """Return what the channels come from, their columns and the mask's, and the sample times."""
     said = {_TIME: time, _MASK: mask}
     beside = {k: Source(s) if isinstance(s, str) else s for k, s in said.items() if s is not None}
     sources = _sources(columns, table, beside.get(_TIME), overrule)
-    named = {**sources, **beside}
-    unused = {} if time is not None else _unused_times(table, {} if columns is None else sources)
-    try:
-        read = _read(table, {**named, **unused})
-    except InputError:  # a column of dates tells nothing here
-        unused, read = {}, _read(table, named)
-    times = {key: read.pop(key) for key in unused}
-    rows = max((len(column.values) for column in read.values()), default=0)
-    told = _of_rows(unused, times, rows)
+    read = _read(table, {**sources, **beside})
     stamps = _stamps(read.pop(_TIME), beside[_TIME], table) if _TIME in beside else None
-    return sources, read, stamps, told
+    return sources, read, stamps
 
 
-def _of_rows(
-    sources: Mapping[str, Source], read: Mapping[str, Column], rows: int
-) -> dict[str, Column]:
-    """Return columns of so many rows by their names in the file."""
-    return {sources[key].column: one for key, one in read.items() if len(one.values) == rows}
-
-
-def _unused_times(table: ColumnFile, sources: Mapping[str, Source]) -> dict[str, Source]:
-    """Return the columns that are times by their names, and nothing else."""
-    used, found = set(_find(table, sources).values()), dict[str, Source]()
+def _unused_times(
+    table: ColumnFile, used: Mapping[str, Source], rows: int
+) -> Iterator[tuple[str, Column]]:
+    """Yield the columns of so many rows that are times by their names, and nothing else."""
+    taken = _find(table, used).values()
     for name in table.names:
-        with suppress(InputError):  # a name of several columns
-            if is_time(name, None) and table.find(name) not in used:
-                found[f"{_TIME} {name}"] = Source(name)
-    return found
+        with suppress(InputError):  # a name of several columns, a column of dates
+            if is_time(name, None) and (key := table.find(name)) not in taken:
+                column = table.read([key])[key]
+                if len(column.values) == rows:
+                    yield name, column
 
 
 def _of_one_length(read: dict[str, Column]) -> tuple[dict[str, Column], tuple[str, ...]]:
@@ -398,14 +384,9 @@ def open_blocks(
         if (first := next(table.blocks(keys, 1), None)) is None:
             return None
         stamps = None if time is None else _stamps(_read(table, {_TIME: time})[_TIME], time, table)
-        limits = (0.0, until)
-        unused = dict[str, Column]()
-        with suppress(InputError):  # a column of dates
-            beside = {} if time is not None else _unused_times(table, columns)
-            unused = _of_rows(beside, _read(table, beside), size // (8 * len(keys)))
-        clock = weigh_clock(
-            sample_rate, stamps, first.values(), overrule, fundamental, limits, unused
-        )
+        limits, times = (0.0, until), _unused_times(table, columns, size // (8 * len(keys)))
+        told = sample_rate, stamps, first.values(), overrule, fundamental
+        clock = weigh_clock(*told, limits, times)
         if clock.stamps is not None:
             return None
         sources = _sources(columns, table, time, overrule)

@@ -13,16 +13,18 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import combinations, combinations_with_replacement
+from itertools import product as product_of
 
 import numpy as np
 
 from rotorid.core.linalg import coupled
 from rotorid.core.values import Floats
 from rotorid.likelihood.case import Case, Rival, freed, rivals
-from rotorid.likelihood.effects import Drives, Entry, RowLoad
+from rotorid.likelihood.effects import Drives, Entry, Replaces, RowLoad
 from rotorid.likelihood.mode_rows import ModalRows
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Limit
+from rotorid.likelihood.rivals_read import quarter, worst_records
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import Scalar, Unknown, amount
 from rotorid.models import Model
@@ -242,6 +244,70 @@ def _terms(case: Case) -> Iterator[Rival]:
     add = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
     for term in find_candidates(structure, units, still=still):
         yield freed(replace(term, cure=add) if drawn else term)
+
+
+@rivals("term")
+def _at_magnets(case: Case) -> Iterator[Rival]:
+    """Yield what bearings add where forces act, a value for each: B diag(k) B' in K."""
+    model, structure = case.model, case.structure
+    driven = any(channel.drive for record in case.records for channel in record.inputs)
+    if structure is None or case.values is None or driven or isinstance(model, RotorModel):
+        return
+    matrix = model.require_linear().input_matrix(model.monomial_values(case.values))
+    acting = structure.forces(matrix).T[[model.units[name] == "N" for name in model.inputs]]
+    turn = structure.turn()
+    pairs = [(a, s * b) for a, b in combinations(acting, 2) if (s := quarter(turn, a, b))]
+    cure = "write the forces with ki and ks (law), or add the term to the equations"
+    kinds = {
+        "ks": [{K: -np.outer(a, a) - np.outer(b, b)} for a, b in pairs],
+        "cross-coupling of the bearings": [{K: np.outer(a, b) - np.outer(b, a)} for a, b in pairs],
+    }
+    for name, parts in kinds.items() if pairs else ():
+        term = _term(structure, name, "N/m", *parts)
+        yield freed(replace(term, cure=cure, size=lambda values: float(np.mean(values))))
+
+
+@rivals("term")
+def _between_records(case: Case) -> Iterator[Rival]:
+    structure, layout = case.structure, case.prepared.layout
+    if structure is None or layout.base or len(case.records) < 2:
+        return
+    taken = {effect.parameter for _, effect, _ in layout.replaced}
+    for record, (name, matrix) in product_of(worst_records(case), structure.masses):
+        if (at := layout.index[name]) not in taken:
+            added = _term(structure, f"{name}[{record}]", "1", {M: matrix})
+            yield _own(replace(added, record=record), at, name)
+
+
+def _own(added: Unknown, at: int, name: str) -> Rival:
+    """Return the rival that a record has a mass to itself, as with `each`.
+
+    It is scored as inertia `added` in that record: a value of its own takes the record from the
+    common one, and beside that other rivals would be scored wrongly.
+    """
+    record, term = added.record, added.term
+
+    def change(case: Case) -> Case:
+        here, shared = float(case.unknowns[at]), case.prepared.layout.unknowns[at]
+        scalar = replace(shared, name=term, start=here, std=None)
+        return case.plus(replace(added, scalars=(scalar,), effects=(Replaces(at, alone=False),)))
+
+    def value(point: Point) -> float:
+        own, others = point.unknowns[[point.problem.layout.index[term], at]]
+        return float(own / others - 1)
+
+    which = f"record {(record or 0) + 1}"
+    return replace(
+        freed(added, on=(which,)),
+        term=f"differs between records: {name}",
+        says=lambda share: (
+            f"{name} of {which} off that of the others by the share{amount(share, '1')}"
+        ),
+        cure=f"say what was changed on the rotor, or let it differ: {name} = {{ each = true }}",
+        change=change,
+        value=value,
+        size=None,
+    )
 
 
 @rivals("drawn")

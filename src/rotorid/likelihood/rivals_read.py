@@ -177,10 +177,10 @@ def planes(case: Case) -> list[tuple[str, str]]:
     # Sensors by what they read, inputs by the pattern of what they push.
     turn = structure.turn()
     kinds = (turn, _read(case)), (np.abs(turn), pushed)
-    return [(a, b) for by, of in kinds for a, b in combinations(of, 2) if _side(by, of[a], of[b])]
+    return [(a, b) for by, of in kinds for a, b in combinations(of, 2) if quarter(by, of[a], of[b])]
 
 
-def _side(turn: Floats, one: Floats, other: Floats) -> float:
+def quarter(turn: Floats, one: Floats, other: Floats) -> float:
     """Return the sign with which a turn by a right angle carries one into the other; 0: none."""
     image = turn @ one
     side = float(np.sign(image @ other))
@@ -330,7 +330,7 @@ def _beside_planes(
     """Yield planes of which both sensors, and all sensors, are further along the shaft."""
     found: list[tuple[int, Shares]] = []
     for one, other in combinations(rows, 2):
-        side = _side(turn, rows[one], rows[other])
+        side = quarter(turn, rows[one], rows[other])
         for angle in tilts[place[one]] if side and one in place else ():
             size = float(rows[one][place[one]])
             across = side * size * turn[:, angle]
@@ -382,7 +382,7 @@ def _speeds_of_lines(case: Case) -> dict[int, list[float]]:
     if case.values is None:
         return {}
     found, costs = {}, [at.line_costs for at in case.point.records]
-    for number in np.argsort([-np.mean(c) for c in costs], kind="stable")[:ASKED].tolist():
+    for number in worst_records(case):
         lines = case.records[number].lines
         given = np.abs(lines.speed).mean() / (2 * np.pi)
         nearest = int(np.abs(lines.frequency - given).argmin())
@@ -390,6 +390,11 @@ def _speeds_of_lines(case: Case) -> dict[int, list[float]]:
         hertz = (float(lines.frequency[k]) for k in order)
         found[number] = list(dict.fromkeys(2 * np.pi * f for f in hertz if f > 0))
     return found
+
+
+def worst_records(case: Case) -> list[int]:
+    means = [-float(np.mean(at.line_costs)) for at in case.point.records]
+    return [int(k) for k in np.argsort(means, kind="stable")[:ASKED]]
 
 
 def _mistaken(given: Mapping[int, float], shown: Sequence[float], which: str) -> Iterator[Rival]:

@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 from bank import agrees, stated, steady, times
 from model_text import model_text
-from rotor_bank import COORDINATES, Rotor, three_mass_rotor
+from rotor_bank import COORDINATES, Rotor, rigid_rotor, three_mass_rotor
 from rotor_files import CORED
 
 import rotorid as rid
@@ -456,3 +456,69 @@ def test_the_end_is_told_where_the_shaft_is_another_from_either():
     assert estimate.suspects[0].value == pytest.approx(0.05, rel=0.02)
     assert not any("which end" in text for text in estimate.warnings)
     assert identified(modes, KNOWN, with_mass(CORED, "0 mm")).status == "ok"
+
+
+# What bearings add where forces act, and a mass that one record has to itself.
+
+TWO = (60.0, 40.0)
+"""Hz, of the records between which a mass changes."""
+LEFT_OUT = {
+    "ks": lambda rng: np.diag(np.repeat(rng.uniform(3e4, 2e5, 2), 2)),
+    "cross-coupling of the bearings": lambda rng: np.kron(
+        np.diag(rng.uniform(1e4, 5e4, 2)), [[0.0, 1.0], [-1.0, 0.0]]
+    ),
+}
+OWN = ("m", "I_t")
+
+
+def on_bearings(what: str, seed: int) -> tuple[list[rid.PeriodicRecord], dict[str, float]]:
+    """Return records of a random rigid rotor that the shipped model does not describe."""
+    rng, model = np.random.default_rng([seed, 20]), load_model("rigid")
+    truth = {n: v * float(np.exp(0.3 * rng.standard_normal())) for n, v in model.nominal.items()}
+    truth["I_p"] = min(truth["I_p"], 1.5 * truth["I_t"])
+    own = what.rpartition(" ")[2]
+    lines, records = [1, 3, 5, 6, 7, 9, 11, 13, 17, 21, 25], []
+    for hertz in TWO if own in OWN else TWO[:1]:
+        changed = {own: truth[own] * (1 + rng.uniform(0.02, 0.1))} if records else {}
+        forces = 10 * (rng.standard_normal((11, 4, 2)) @ [1, 1j])
+        forces[lines.index(6)] = 0
+        clean = steady(model, truth, forces, lines, hertz=hertz)
+        rotor, spectra = rigid_rotor(truth | changed), clean.spectra.copy()
+        if what in LEFT_OUT:
+            rotor = rotor._replace(K=rotor.K - rotor.B @ LEFT_OUT[what](rng) @ rotor.B.T)
+        spectra[:, :, 4:] = rotor.lines(clean.speed, clean.omega, spectra[0, :, :4])
+        level = np.sqrt((np.abs(spectra[0]) ** 2).mean(axis=0) * clean.samples)
+        noise = dict(zip(clean.names, 3e-3 * level, strict=True))
+        records.append(add_noise(replace(clean, spectra=spectra), noise, rng))
+    return records, truth
+
+
+def told_on_bearings(what: str, seed: int, each: tuple[str, ...] = ()) -> rid.Estimate:
+    records, truth = on_bearings(what, seed)
+    fixed = {name: truth[name] for name in ("L_a", "L_b")}
+    start = {name: 1.1 * truth[name] for name in {"m", "I_t", "I_p"} - {*each}}
+    start |= {f"{name}[{k}]": 1.1 * truth[name] for name in each for k in range(2)}
+    return identify(load_model("rigid"), records, MaximumLikelihood(fixed, start=start, each=each))
+
+
+NAMES = [*LEFT_OUT, *(f"differs between records: {name}" for name in OWN)]
+
+
+@pytest.mark.parametrize("what", NAMES)
+def test_what_bearings_add_and_a_mass_that_changed_are_named(what):
+    found = told_on_bearings(what, 0)
+    assert (found.status, found.suspects[0].term) == ("rejected", what)
+    assert found.suspects[0].share > 0.99
+    if (
+        what not in LEFT_OUT
+    ):  # what it says to write is accepted, and where nothing changed it is ok
+        own = what.rpartition(" ")[2]
+        assert told_on_bearings(what, 0, each=(own,)).status == "ok"
+        assert told_on_bearings("", 0).status == "ok"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", NAMES)
+def test_nine_of_ten_are_named(what):
+    named = [told_on_bearings(what, seed).suspects[0].term == what for seed in range(1, 11)]
+    assert sum(named) >= 9

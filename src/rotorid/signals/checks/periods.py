@@ -18,7 +18,6 @@ from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import inputs_of, is_input, sensors_of
 from rotorid.signals.checks.registry import (
     NO_SCATTER,
-    PERIOD,
     Seen,
     first_used,
     period_check,
@@ -461,7 +460,7 @@ LOOKED_AT = 1 << 15
 
 
 @record_check(
-    PERIOD,
+    "period",
     "the record repeats with the period given",
     needs=lambda seen: seen.periods is not None and seen.untorn,
 )
@@ -489,7 +488,7 @@ def check_period(seen: Seen) -> Iterator[Note]:
         return
     hertz = periods.fundamental
     yield Note(
-        PERIOD,
+        "period",
         "refuses",
         f"the record repeats after {best} samples, not after the {size} given: the lines given "
         f"hold {100 * shown:.2g} % of a channel's power there, {100 * given:.2g} % here",
@@ -516,7 +515,7 @@ SYNCHRONOUS = 0.05
 @record_check(
     "multiple period",
     "the record repeats after one period",
-    PERIOD,
+    "period",
     needs=lambda seen: seen.periods is not None and seen.untorn,
 )
 def check_multiple(seen: Seen) -> list[Note]:

@@ -25,9 +25,6 @@ from rotorid.data.record import Channel, PeriodicRecord, Record
 NO_SCATTER = 1e-9
 """Scatter over level below which periods are the same: rounding is 1e-13, a converter 1e-8."""
 
-PERIOD = "period"
-"""The check of the period given: where it refuses, others would tell of nothing else."""
-
 F = TypeVar("F", bound=Callable[..., Iterable[Note]])
 
 
@@ -136,5 +133,5 @@ def check_record(
 
 def check_periods(periods: PeriodicRecord, seen: Iterable[Note] = ()) -> tuple[Note, ...]:
     """Return notes on periods, unless what was `seen` is that they are none."""
-    wrong = any(note.about == PERIOD and note.severity == "refuses" for note in seen)
+    wrong = any(note.about == "period" and note.severity == "refuses" for note in seen)
     return () if wrong else found_by("periods", periods)

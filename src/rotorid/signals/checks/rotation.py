@@ -17,14 +17,7 @@ from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.record import PeriodicRecord, Record, Steady, unread
 from rotorid.signals.checks.channels import sensors_of
-from rotorid.signals.checks.registry import (
-    NO_SCATTER,
-    PERIOD,
-    Seen,
-    first_used,
-    period_check,
-    record_check,
-)
+from rotorid.signals.checks.registry import NO_SCATTER, Seen, first_used, period_check, record_check
 from rotorid.signals.spectrum import top_of
 
 _FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
@@ -284,7 +277,7 @@ def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
     ]
 
 
-@record_check("speed", "no line contradicts the speed", PERIOD, needs=lambda seen: seen.untorn)
+@record_check("speed", "no line contradicts the speed", "period", needs=lambda seen: seen.untorn)
 def check_speed(seen: Seen) -> list[Note]:
     record, periods = seen.record, seen.periods
     given = abs(record.speed) / _TURN
