@@ -135,9 +135,9 @@ def other_terms(layout: Layout, observation: Observation) -> list[Entry]:
                 coefficient = size * ks * t.coefficient
                 terms.append(Entry(row, t.coordinate, 0, coefficient, factors=there))
                 there_too = [(*arm, at) for of, at in arms for arm in of.get(t.coordinate, ())]
-                for column, share, at in () if lever else there_too:
+                for slope_at, share, at in () if lever else there_too:
                     gained = coefficient * share
-                    terms.append(Entry(row, column, 0, gained, factors=there + at))
+                    terms.append(Entry(row, slope_at, 0, gained, factors=there + at))
     further = at_unknowns(layout.acting(Entry))
     return [*terms, *further, *_sensor_rows(layout, observation)]
 
