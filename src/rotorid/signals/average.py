@@ -27,7 +27,7 @@ from rotorid.data.record import (
 from rotorid.signals.checks.periods import LOOKED_AT, ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording
-from rotorid.signals.turning import SURE, orders_apart, turning
+from rotorid.signals.turning import SURE, orders_apart, slip, turning
 
 KEYS = frozenset({"fundamental", "period_samples", "harmonics", "band", "skip"})
 """What an error of this module is about, by the place that it names."""
@@ -388,8 +388,9 @@ class PeriodSums:
         )
 
 
-ROUNDS = 4
-"""Of finding the speed: a step leaves the square of the angle in rad that it was off by."""
+SETTLED = (SURE, 0.1, 0.1, np.inf)
+"""Deviations by which the speed may be off in each round of finding it: a step leaves the square of
+the angle in rad that it was off by."""
 
 
 def _with_rotation(
@@ -404,38 +405,45 @@ def _with_rotation(
     Where no mark measures the angle, the speed is estimated with the lines, and takes the place of
     the one stated where that is surely off.
     """
-    speed, turns = told["speed"], abs(told["speed"]) / (2 * np.pi) * sums.size / sums.sample_rate
-    orders = orders_apart(turns, sums.count, sums.size)
+    speed, size = told["speed"], sums.size
+    orders = orders_apart(abs(speed) / (2 * np.pi) * size / sums.sample_rate, sums.count, size)
     # What bends a force with the displacement asks for the samples of a mean period that has both.
     if not orders or any(channel.law is not None for channel in sums.channels):
         return sums.periods(time, angle, **told), sums
 
-    def parts(angle: Steady | Floats) -> Iterator[tuple[Floats, Floats, Floats]]:
+    def parts(angle: Steady | Floats) -> Iterator[tuple[Floats, Floats]]:
         begin = 0
         for periods in passes():
-            end = begin + len(periods)
-            yield periods, some_periods(time, begin, end), some_periods(angle, begin, end)
-            begin = end
+            yield periods, some_periods(angle, begin, begin + len(periods))
+            begin += len(periods)
 
-    for number in range(ROUNDS):
-        rest = PeriodSums(sums.channels, sums.sample_rate, sums.size, sums.lines)
+    begins = np.arange(sums.count) * size / sums.sample_rate + some_periods(time, 0, 1)[0, 0]
+    for settled in SETTLED:
+        rest = PeriodSums(sums.channels, sums.sample_rate, size, sums.lines)
         found = turning(partial(parts, angle), sums.mean, orders, sums.lines, rest.add)
-        sure = abs(found.off) > found.std * (0.1 if number else SURE)
-        if not isinstance(angle, Steady) or not sure:
+        if not isinstance(angle, Steady):
             break
-        angle = replace(angle, slope=angle.slope + found.off)
-    if isinstance(angle, Steady) and angle.slope != speed:
+        off, std = slip(found, begins, angle.offset + angle.slope * begins)
+        if abs(off) <= settled * std:
+            break
+        angle = replace(angle, slope=angle.slope + off)
         told["speed"] = angle.slope
-        told["phase_std"] = float(np.hypot(told["phase_std"], found.std * abs(found.middle)))
-        true, error, given = (30 * each / np.pi for each in (angle.slope, found.std, speed))
-        text = (
-            f"the rotation turns with {true:.8g} +- {error:.2g} rpm, not {given:.8g}: that speed "
-            "is used, with its deviation; state it, or record a mark (encoder or keyphasor)"
-        )
-        told["checks"] = (Note("speed", "says", text),)
+    if told["speed"] != speed:
+        told["phase_std"] = float(np.hypot(told["phase_std"], std * abs(begins.mean())))
+        told["checks"] = (_speed_note(told["speed"], std, speed),)
     hertz = np.array([abs(told["speed"]) / (2 * np.pi)])
     factor = transfer_of_recording(sums.channels, hertz, sums.sample_rate)
-    own = found.line if speed > 0 else found.line.conj()
-    periods = rest.periods(time, angle, rotation=RotationLine(orders, own * factor), **told)
+    own = (found.line + found.width * found.noise) * np.exp(1j * some_periods(angle, 0, 1)[0, 0])
+    own = RotationLine(orders, (own if speed > 0 else own.conj()) * factor)
+    periods = rest.periods(time, angle, rotation=own, **told)
     mean = periods.mean_spectrum
     return changed(periods, spectra=mean + (periods.spectra - mean) * found.widths[:, None]), rest
+
+
+def _speed_note(speed: float, std: float, stated: float) -> Note:
+    true, error, given = (30 * each / np.pi for each in (speed, std, stated))
+    text = (
+        f"the rotation turns with {true:.8g} +- {error:.2g} rpm, not {given:.8g}: that speed is "
+        "used, with its deviation; state it, or record a mark (encoder or keyphasor)"
+    )
+    return Note("speed", "says", text)

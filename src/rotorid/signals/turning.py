@@ -55,28 +55,27 @@ def without_waves(values: Floats, angle: Floats, orders: Iterable[int]) -> tuple
 class Turning:
     """The line of a rotation beside the periods."""
 
-    line: Complexes  # (period, channel): from the first sample on
-    widths: Floats  # (line,): factors that make the scatter of the periods' lines the joint one
-    # by how much the speed is off, rad/s; and the mean time, s
-    off: float
-    std: float
-    middle: float
+    line: Complexes  # (channel,): where the angle is zero
+    noise: Complexes  # (period, channel): what else is at its frequency
+    # factors that make scatter that of the joint solution: of that noise, and of each line, (line,)
+    width: float
+    widths: Floats
 
 
 def turning(
-    parts: Callable[[], Iterable[tuple[Floats, Floats, Floats]]],
+    parts: Callable[[], Iterable[tuple[Floats, Floats]]],
     recorded: Floats,
     orders: tuple[int, ...],
     lines: Integers,
     add: Callable[[Floats], None],
 ) -> Turning:
-    """Find the rotation in periods, times and angles of `parts`, and `add` the periods without it.
+    """Find the rotation in periods with their angles, and `add` the periods without it.
 
     `recorded`: their mean period.
     """
     count, size, each = 0, len(recorded), 2 * len(orders)
     gram, moment, period = (np.zeros((n, each)) for n in (each, recorded.shape[1], size))
-    for periods, _, angle in parts():
+    for periods, angle in parts():
         turned = waves(angle, orders)
         flat = turned.reshape(-1, each)
         gram += flat.T @ flat
@@ -88,28 +87,25 @@ def turning(
     moment = moment / (count * size) - recorded.T @ period / size
     # Columns of one size, and no more alike than APART leaves: no digits are at stake.
     found = np.linalg.solve(gram, moment.T)
-    leak, mean = line_spectra(period, lines), recorded - period @ found
+    leak, mean, noise = line_spectra(period, lines), recorded - period @ found, list[Complexes]()
     brought = (leak.conj() * np.linalg.solve(gram, leak.T).T).sum(axis=1).real
     own = float(np.trace(np.linalg.solve(gram, np.eye(each))[:2, :2])) / 4
-    noise, starts = list[Complexes](), list[Floats]()
-    for periods, time, angle in parts():
+    for periods, angle in parts():
         cleared = periods - waves(angle, orders) @ found
         add(cleared)
         noise.append((np.exp(-1j * angle)[:, None] @ (cleared - mean))[:, 0] / size)
-        starts.append(np.stack([time[:, 0], angle[:, 0]]))
-    line, width = (found[0] - 1j * found[1]) / 2, float(np.sqrt(own * (count - 1) / (count - 2)))
-    left, (times, angles) = np.concatenate(noise), np.concatenate(starts, axis=1)
-    begun = (line + width * left) * np.exp(1j * angles[0])
-    off, std = _slip(line, left, times, angles)
-    return Turning(begun, np.sqrt(1 + brought), off, std, float(times.mean()))
+    width = float(np.sqrt(own * (count - 1) / (count - 2)))
+    line = (found[0] - 1j * found[1]) / 2
+    return Turning(line, np.concatenate(noise), width, np.sqrt(1 + brought))
 
 
-def _slip(line: Complexes, noise: Complexes, time: Floats, angle: Floats) -> tuple[float, float]:
+def slip(found: Turning, time: Floats, angle: Floats) -> tuple[float, float]:
     """Return by how many rad/s a rotation is faster than its angle, and the deviation of that.
 
-    `noise` at its frequency, (period, channel), has a slope of its phase, less what the mean period
-    and the line took of it.
+    Its noise has a slope, less what the mean period and the line took of it; `time` and `angle`:
+    where each period begins.
     """
+    line, noise = found.line, found.noise
     basis, _ = np.linalg.qr(np.column_stack([np.ones(len(time)), np.exp(-1j * angle)]))
     column = time - time.mean() + 0j
     column -= basis @ (basis.conj().T @ column)
