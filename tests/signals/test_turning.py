@@ -125,13 +125,6 @@ def identified(seed, turns, periods):
     return rid.identify(MODEL, periods_of(record), rid.MaximumLikelihood())
 
 
-def test_least_squares_states_no_unbalance_that_its_lines_do_not_hold():
-    record, *_ = shaft(3.75, rng=np.random.default_rng(4))
-    found = rid.identify(MODEL, periods_of(record), rid.Batch())
-    assert found.status == "not_identifiable"
-    assert found.value("m") == pytest.approx(TRUTH["m"], rel=0.02)
-
-
 @pytest.mark.parametrize(("strays", "severity"), [(0.2, "passes"), (0.5, "warns")])
 def test_a_speed_that_wanders_is_told_where_it_takes_some_of_the_line(strays, severity):
     t = np.arange(60 * SIZE) / RATE

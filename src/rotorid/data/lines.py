@@ -65,13 +65,13 @@ class SampledClock(Arrays):
     @classmethod
     def of(cls, record: PeriodicRecord) -> SampledClock:
         time, angle = (unread(record, name) for name in ("time", "angle"))
-        orders = () if record.rotation is None else record.rotation.orders
-        return cls(np.asarray(record.speed), record.harmonics, time, angle, orders)
+        return cls(np.asarray(record.speed), record.harmonics, time, angle)
 
-    def with_turning(self, at: int, nearest: int) -> SampledClock:
-        """Return the clock with a line more, that of the rotation beside the periods."""
+    def beside(self, orders: tuple[int, ...], at: int, nearest: int) -> SampledClock:
+        """Return the clock with a line more, of a rotation beside the periods."""
         harmonics = np.insert(self.harmonics, at, nearest)
-        return changed(self, harmonics=harmonics, turning=np.arange(len(harmonics)) == at)
+        own = np.arange(len(harmonics)) == at
+        return changed(self, harmonics=harmonics, orders=orders, turning=own)
 
     def at(self, chosen: Integers) -> SampledClock:
         """Return the clock of some of the lines."""
@@ -317,7 +317,7 @@ class Lines(OfMachine):
             at = int(np.searchsorted(frequency, own))
             spectra = np.insert(spectra, at, record.rotation.spectra, axis=1)
             frequency, multiplicity = np.insert(frequency, at, own), np.insert(multiplicity, at, 2)
-            clock = clock.with_turning(at, round(record.turns))
+            clock = clock.beside(record.rotation.orders, at, round(record.turns))
         return cls(
             channels=record.channels,
             frequency=frequency,

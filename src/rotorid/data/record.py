@@ -407,6 +407,7 @@ class RotationLine(Arrays):
 
     orders: tuple[int, ...]  # multiples that the periods are without
     spectra: Complexes  # (period, channel): of the first multiple, from the first sample used on
+    recorded: Complexes  # (period, line, channel): the lines of the periods with it
 
 
 @frozen
@@ -516,6 +517,11 @@ class PeriodicRecord(Drawn, OfMachine):
     def omega(self) -> Floats:
         """Angular frequencies of the lines in rad/s, shape (line,)."""
         return 2 * np.pi * self.frequency
+
+    @property
+    def recorded(self) -> Complexes:
+        """The lines of each period with all of the rotation that leaks into them."""
+        return self.spectra if self.rotation is None else self.rotation.recorded
 
     @cached_property
     def mean_spectrum(self) -> Complexes:

@@ -26,7 +26,6 @@ from rotorid.models.equations import DERIVATIVES
 from rotorid.models.expressions import Expression, evaluate, is_usable, symbol
 from rotorid.models.linear_form import speed_factor
 from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
-from rotorid.signals.turning import without_waves
 
 ROUNDING = 1e-12
 
@@ -175,7 +174,7 @@ class Regression(Equations):
         """Return the lines of columns in the periods that are used, (period, line, column)."""
         middle = self.record.periods // 2
         used = (slice(None), slice(middle), slice(middle, None))[self.half]
-        return self.record.spectra[used][..., columns]
+        return self.record.recorded[used][..., columns]
 
     @cached_property
     def coordinates(self) -> Complexes:
@@ -202,16 +201,12 @@ class Regression(Equations):
         if model.nonlinear:
             waves = [synthesize(d, record.harmonics, record.samples) for d in derivatives]
         timed = any(symbol("t") in signal.free_symbols for signal in model.signals)
-        clock = SampledClock.of(record)
-        time, angle = clock.grid(timed=timed)
+        time, angle = SampledClock.of(record).grid(timed=timed)
         motion = Motion(waves[0], waves[1], waves[2], time, angle, record.speed)
         lines = np.empty((*coordinates.shape[:-1], len(model.signals)), dtype=np.complex128)
         for index, factor in enumerate(model.motion_factors):
             if factor is None:
                 value = self._value(index, motion)
-                if clock.orders and not model.moves(index):  # the lines are without it too
-                    every = np.broadcast_to(value, angle.shape)[..., None]
-                    value = without_waves(every, angle, clock.orders)[0][..., 0]
                 mean = value.mean(axis=0) if value.ndim >= coordinates.ndim else value
                 whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
                 own = line_spectra(whole[..., None], record.harmonics)[..., 0]

@@ -434,7 +434,8 @@ def _with_rotation(
     hertz = np.array([abs(told["speed"]) / (2 * np.pi)])
     factor = transfer_of_recording(sums.channels, hertz, sums.sample_rate)
     own = (found.line + found.width * found.noise) * np.exp(1j * some_periods(angle, 0, 1)[0, 0])
-    own = RotationLine(orders, (own if speed > 0 else own.conj()) * factor)
+    recorded = sums.periods(time, angle, speed=speed).spectra
+    own = RotationLine(orders, (own if speed > 0 else own.conj()) * factor, recorded)
     periods = rest.periods(time, angle, rotation=own, **told)
     mean = periods.mean_spectrum
     return changed(periods, spectra=mean + (periods.spectra - mean) * found.widths[:, None]), rest
