@@ -175,3 +175,23 @@ def test_a_tolerance_of_the_drawing_is_what_is_assumed():
     assert assumed(found, "drawn E").names == ("E[steel]",)
     with pytest.raises(rid.InputError, match="tolerances"):
         rid.parse_model(text.replace('"0.5 %"', '"-1 %"'))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [-0.05, 0.05])
+def test_a_wrong_modulus_beside_a_free_section_is_never_plainly_ok(share):
+    """It is wrong by five times what is plausible, and so is what the free section takes over."""
+    modulus = f'E = "{210 * (1 + share)} GPa", G = "{81 * (1 + share)} GPa"'
+    true = DRAWN.replace('E = "210 GPa", G = "81 GPa"', modulus)
+    noise = {name: 30 * size for name, size in NOISE.items()}
+    record = add_noise(clean(true), noise, np.random.default_rng(5))
+    model = rid.parse_model(DRAWN)
+    start = {name: value for name, value in model.nominal.items() if name not in "uv"}
+    found = rid.identify(model, record, rid.MaximumLikelihood(start=start))
+    assert found.status == "ok"
+    assert found.verdict != "ok"
+    told = next(one for one in found.assumptions if one.assumed == "drawn E")
+    off = abs(found.value("s") - 1) / found.std("s")
+    assert off > 5
+    assert told.parameter == "s"
+    assert off == pytest.approx(5 * told.moves, rel=0.3)

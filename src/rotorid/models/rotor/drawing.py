@@ -350,7 +350,7 @@ class Tolerances(Schema):
     density: Share = 0.01
     lengths: Share = 0.01  # all alike: a ruler, or a scale
     diameters: Share = 0.001  # each: what parts fit on is measured to hundredths of a mm
-    places: Annotated[Metres, Field(ge=0)] | None = None  # None: 1 % of the length
+    places: Annotated[float, Field(ge=0), _in_si("m")] | None = None  # None: 1 % of the length
 
 
 @frozen
