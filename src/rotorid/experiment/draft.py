@@ -23,7 +23,7 @@ from rotorid.core.units import converts, si_factor
 from rotorid.core.values import Floats, frozen, grouped
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
-from rotorid.io.clock import is_time, leaf, read_clock, unit_of_time
+from rotorid.io.clock import UNITS, is_time, leaf, read_clock, unit_of_time
 from rotorid.io.columns import check_magnitude, largest_of
 from rotorid.io.table import OneFile, Rate
 from rotorid.models import Model, load_model
@@ -279,7 +279,6 @@ def _plain(name: str) -> str:
     return "".join(_WORDS.get(part, part) for part in parts)
 
 
-_CLOCK_UNITS = ("s", "ms", "us")
 _SLOWEST = 20.0  # Hz; a logger of vibrations is faster, so slower times are no seconds
 _STRIPES, _POWER = 400, 0.03  # of the spectrum, and of its largest: what is above was driven
 _DRIVES = ("N", "N m", "A", "V")
@@ -429,7 +428,7 @@ def _clock(columns: Sequence[Found], stated: Rate | None) -> tuple[float | None,
 
 def _likely_unit(told: float, stated: float | None) -> str:
     """Return the unit in which sample times tell the stated rate, or else one of a logger."""
-    rates = {unit: told / si_factor(unit, "s") for unit in _CLOCK_UNITS}
+    rates = {unit: told / si_factor(unit, "s") for unit in UNITS}
     likely = [unit for unit, rate in rates.items() if stated and abs(rate / stated - 1) < 0.01]
     return (likely or [unit for unit, rate in rates.items() if rate >= _SLOWEST] or ["s"])[0]
 

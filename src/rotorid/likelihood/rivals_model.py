@@ -61,6 +61,7 @@ def find_candidates(
     return [
         *(_term(structure, *each) for each in _of_parts(structure, still)),
         *bending,
+        *_sleeves(structure, units),
         *_to_ground(structure, units, still),
         *parts_between(structure, units),
     ]
@@ -99,15 +100,32 @@ def _bending(structure: Structure, units: Sequence[str]) -> Unknown:
     heavy, parts = _sum(structure.masses), list[Matrices]()
     for one, other in combinations_with_replacement(structure.pairs, 2):
         alike = (units[one[0]] == "m") == (units[other[0]] == "m")
-        matrix = np.zeros_like(heavy)
-        for a in (0, 1):  # lengths go with tilts of their plane: x with theta_y, y with -theta_x
-            b, sign = (a, 1.0) if alike else (1 - a, 1.0 - 2.0 * a)
-            matrix[one[a], other[b]] = matrix[other[b], one[a]] = sign
+        matrix = _in_both_planes(len(heavy), one, other, alike=alike)
         parts.append({(BENDING, 0): heavy @ matrix @ heavy})
     unit = "m/N" if units[structure.pairs[0][0]] == "m" else "rad/(N m)"
     # Its unknowns have units of their own.
     term = _term(structure, BENDS, unit, *parts)
     return replace(term, cure=STIFFEN, size=lambda v: float(v[0]))
+
+
+def _in_both_planes(
+    size: int, one: tuple[int, int], other: tuple[int, int], *, alike: bool
+) -> Floats:
+    matrix = np.zeros((size, size))
+    for a in (0, 1):  # lengths go with tilts of their plane: x with theta_y, y with -theta_x
+        b, sign = (a, 1.0) if alike else (1 - a, 1.0 - 2.0 * a)
+        matrix[one[a], other[b]] = matrix[other[b], one[a]] = sign
+    return matrix
+
+
+def _sleeves(structure: Structure, units: Sequence[str]) -> Iterator[Unknown]:
+    """Yield a mass on a rigid rotor off its centre: what of it no mass and no inertia takes up."""
+    for one, other in combinations(structure.pairs, 2) if not structure.springs else ():
+        if units[one[0]] == "m" and units[other[0]] == "rad":
+            places = ", ".join(structure.coordinates[k] for k in one)
+            matrix = _in_both_planes(len(units), one, other, alike=False)
+            term = _term(structure, f"mass beside {places}", "kg m", {M: matrix})
+            yield replace(term, cure="add it where it sits, as mass times distance and its square")
 
 
 def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:

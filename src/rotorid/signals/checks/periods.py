@@ -482,8 +482,10 @@ def check_period(seen: Seen) -> Iterator[Note]:
         return
     samples = record.samples[first : first + max(LOOKED_AT, 8 * size), chosen]
     found = {round(p.samples) for column in samples.T if (p := find_period(column)) is not None}
-    each = ((held(_mean_period(samples, n)), n) for n in found - {size})
-    shown, best = max(each, default=(0.0, size))
+    cut = (
+        (samples[: len(samples) // n * n].reshape(-1, n, len(chosen)), n) for n in found - {size}
+    )
+    shown, best = max(((held(part.mean(axis=0)), n) for part, n in cut), default=(0.0, size))
     if shown < max(HELD, BETTER * given):
         return
     hertz = periods.fundamental
@@ -495,11 +497,6 @@ def check_period(seen: Seen) -> Iterator[Note]:
         f"write period_samples = {best} in place of the fundamental; or, if the fundamental is "
         f'{hertz:.9g} Hz, sample_rate = "{hertz * best:.9g} Hz"',
     )
-
-
-def _mean_period(samples: Floats, size: int) -> Floats:
-    count = len(samples) // size
-    return np.asarray(samples[: count * size].reshape(count, size, -1).mean(axis=0))
 
 
 MULTIPLES = (2, 3)
