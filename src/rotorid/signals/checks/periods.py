@@ -14,7 +14,7 @@ import numpy as np
 from rotorid.core.distributions import f_limit, median
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats, frozen
-from rotorid.data.record import PeriodicRecord, Record
+from rotorid.data.record import PeriodicRecord, Record, some_periods, unread
 from rotorid.signals.checks.channels import inputs_of, is_input, sensors_of
 from rotorid.signals.checks.registry import (
     NO_SCATTER,
@@ -24,6 +24,7 @@ from rotorid.signals.checks.registry import (
     record_check,
 )
 from rotorid.signals.period_search import find_period
+from rotorid.signals.turning import without_waves
 
 LEAST_PERIODS = 8
 """Periods below which a transient cannot be told from the scatter."""
@@ -527,6 +528,9 @@ def check_multiple(seen: Seen) -> list[Note]:
     samples = record.samples[first : first + count * size, chosen]
     samples = samples.reshape(count, size, len(chosen))
     power = np.asarray(samples.var(axis=(0, 1)))
+    if periods.rotation is not None:
+        angle = some_periods(unread(periods, "angle"), 0, count)
+        samples, _ = without_waves(samples, angle, periods.rotation.orders)
     alone = _difference(samples, 1, power)
     turns = periods.turns
     for multiple in MULTIPLES:

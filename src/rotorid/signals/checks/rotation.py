@@ -293,7 +293,7 @@ def check_speed(seen: Seen) -> list[Note]:
             "the speed if it is the rotation; else hum, or another machine"
         )
         return [Note("speed", "says", text, on=(tone.channel,))]
-    if any(abs(tone.frequency - given) <= width for tone in found):
+    if any(abs(tone.frequency - given) <= width for tone in found) or _is_shown(periods):
         return []
     orders = [max(1, round(tone.frequency / given)) for tone in found]
     others = [
@@ -306,6 +306,15 @@ def check_speed(seen: Seen) -> list[Note]:
     orbits = others[0].strength > CLEAR and _orbits(record, periods, others[0])
     excited = periods is not None and (np.abs(periods.frequency - given) < 2 * width).any()
     return [_wrong_speed(others, given, bool(excited and not orbits))]
+
+
+def _is_shown(periods: PeriodicRecord | None) -> bool:
+    """Tell whether a rotation beside the periods stands out of the noise, as only the right can."""
+    if periods is None or periods.rotation is None:
+        return False
+    own = periods.rotation.spectra
+    noise = own.std(axis=0) / np.sqrt(len(own))
+    return bool((np.abs(own.mean(axis=0)) ** 2 > TONE * noise**2).any())
 
 
 def _orbits(record: Record, periods: PeriodicRecord | None, tone: Tone) -> bool:
