@@ -96,7 +96,7 @@ def test_the_speed_that_the_lines_show_takes_the_place_of_one_that_is_off():
     right = periods_of(shaft(turns, rng=rng)[0])
     assert right.speed == true
     assert not told_of_speed(right)
-    for off in (3e-4, -6e-3):  # .012 and .24 turns in the record
+    for off in (3e-4, -6e-3, 0.02):  # .012, .24 and .8 turns in the record
         found = periods_of(shaft(turns, rng=rng, stated=turns + off)[0])
         assert "that speed is used" in told_of_speed(found)[0].text
         assert abs(found.speed - true) < 4 * found.phase_std / 1.0  # the middle is at 1 s
@@ -123,6 +123,14 @@ def test_deviations_are_those_of_the_joint_solution():
 def identified(seed, turns, periods):
     record, *_ = shaft(turns, periods, rng=np.random.default_rng([seed, 5]), order=3)
     return rid.identify(MODEL, periods_of(record), rid.MaximumLikelihood())
+
+
+@pytest.mark.parametrize(("turns", "stated"), [(1.58, 1.58), (2.33, 2.33), (3.9, 3.75)])
+def test_a_rotation_beside_the_periods_is_no_other_tone_and_no_longer_period(turns, stated):
+    record, *_ = shaft(turns, 20, rng=np.random.default_rng(6), stated=stated, noise=(0.03, 1e-7))
+    told = {c.about for c in periods_of(record).checks if c.severity == "warns"}
+    assert ("speed" in told) == (turns != stated)
+    assert turns != stated or not told
 
 
 @pytest.mark.parametrize(("strays", "severity"), [(0.2, "passes"), (0.5, "warns")])

@@ -388,9 +388,9 @@ class PeriodSums:
         )
 
 
-SETTLED = (SURE, 0.1, 0.1, np.inf)
-"""Deviations by which the speed may be off in each round of finding it: a step leaves the square of
-the angle in rad that it was off by."""
+SETTLED = (SURE, *[0.1] * 7, np.inf)
+"""Deviations by which the speed may be off in each round of finding it: from a turn off within the
+record it takes six, from a tenth of one three."""
 
 
 def _with_rotation(
