@@ -27,6 +27,11 @@ SUSPICIOUS = 1e-6
 """Below this p-value a minimum may be a local one."""
 
 
+LEAST_DOF = 3.0
+"""Degrees of freedom of a line's noise to which fewer are counted up: with two, E w^2 of weights is
+infinite, and 25 lines scatter by as much as with three."""
+
+
 def shared_variance(mean: Floats, left: Floats, at: Evaluation) -> Floats:
     """Return the variance of the costs of lines that share an estimate of C (section 12)."""
     noise = at.problem.noise
@@ -38,15 +43,17 @@ def shared_variance(mean: Floats, left: Floats, at: Evaluation) -> Floats:
 def effective_dof(at: Evaluation) -> Floats:
     """Return the degrees of freedom with which V is known on each line, shape (line,).
 
-    Where C was mixed with its diagonal, ``(1 - a) C + a diag(C)``, more than C itself has: a
-    quadratic form of V has the relative variance ``((1 - a)^2 + (1 - (1 - a)^2) kappa) / n``, kappa
-    the sum of the squared shares of the channels in it, averaged over all forms.
+    Where C was mixed with its diagonal, ``(1 - a) C + a diag(C)``, more than C itself has. With
+    V = V_0 + D the mean of ``V_0 V^-1`` is ``1 + D V_0^-1 D V_0^-1``, of trace ``e^2 / n`` where C
+    is whole, and ``sum s_i^2 / n`` where it is diagonal, s_i the shares of the channels in V_0:
+    the off-diagonal of C, times 1 - a, has ``(1 - a)^2`` of the former and leaves the rest of the
+    latter. Shares are of sum e here; those of a C that is not whole come to more.
     """
     noise, count = at.problem.noise, at.problem.equations
     if noise.shrunk == 0:
         return np.full(at.problem.lines, noise.dof)
     share = at.channel_shares()
-    kappa = 2 * (share**2).sum(axis=1) / (count * (count + 1))
+    kappa = (share**2).sum(axis=1) / share.sum(axis=1) ** 2
     kept = (1 - noise.shrunk) ** 2
     return np.asarray(np.maximum(noise.dof / (kept + (1 - kept) * kappa), count + 2.0))
 
@@ -110,6 +117,11 @@ def _expected(at: Evaluation, leverage: Floats) -> RecordCost:
     if likelihood.noise.shared > 1:
         variance = shared_variance(mean, left, at)
     ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
+    if likelihood.noise.shrunk == 0:
+        # Weights that scatter lose information: inverses w of sizes of q degrees of freedom have
+        # E w^2 / (E w)^2 = (q - 1) / (q - 2), of which the mean tells q / (q - 1).
+        q = np.maximum(likelihood.noise.dof - t + 1, LEAST_DOF)
+        ratio = ratio * np.sqrt(1 - 1 / (q - 1) ** 2)
     weights = np.repeat(ratio, 2 * likelihood.equations)
     return RecordCost(means, apart * float(variance.sum()), t, float(left.sum()), weights)
 

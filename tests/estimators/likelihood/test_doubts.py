@@ -260,7 +260,9 @@ def test_deviations_are_widened_by_how_few_lines_tell_them(periods, widest):
     jacobian = point.jacobian * scale
     left = np.linalg.svd(jacobian, full_matrices=False)[0]
     t = equations - (left**2).reshape(lines, -1).sum(axis=1) / 2
-    weighted = np.repeat((n - t) / n, 2 * equations)[:, None] * jacobian
+    # What the size of V tells too little of, and what weights that scatter lose.
+    weight = (n - t) / n * np.sqrt(1 - 1 / (n - t) ** 2)
+    weighted = np.repeat(weight, 2 * equations)[:, None] * jacobian
     influence = scale[:, None] * np.linalg.pinv(weighted)
     power = (influence**2).reshape(len(influence), lines, -1).sum(axis=2)
     share = power / power.sum(axis=1, keepdims=True)

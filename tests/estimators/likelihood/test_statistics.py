@@ -10,6 +10,8 @@ from bank import times
 from scipy.stats import norm
 
 from rotorid import Channel, MaximumLikelihood, predict_accuracy
+from rotorid.demo import demo_plan
+from rotorid.testing import add_noise
 
 pytestmark = pytest.mark.slow
 
@@ -161,6 +163,25 @@ def test_few_periods(demo, statistics):
         return [demo.noisy(clean, rng)], estimator
 
     check(statistics.over_seeds(demo.model, demo.truth, draw, SEEDS, seed=105), joint=False)
+
+
+@pytest.mark.parametrize(("periods", "every"), [(3, True), (4, False), (6, False)])
+def test_very_few_periods(demo, bearings, statistics, periods, every):
+    """C is mixed with its diagonal: four and eight sensors, of 3 to 6 periods.
+
+    Parameters of a record err together: the mean cover of 100 records is known to 1 %.
+    """
+    clean = demo.record(None if every else bearings, periods=periods)
+    noise = {name: 0.15 * std for name, std in demo_plan(demo.model).noise.items()}
+    fixed = {} if every else {"L1": 0.3}
+
+    def draw(rng):
+        return [add_noise(clean, noise, rng)], quick(fixed=fixed, start=near(demo, rng, fixed))
+
+    found = statistics.over_seeds(demo.model, demo.truth, draw, SEEDS, seed=115)
+    assert found.statuses.count("ok") == SEEDS
+    assert 0.93 <= found.coverage.mean() <= 0.98
+    assert 0.7 < np.median(found.p_values) / 0.5 < 1.4
 
 
 def test_gains_with_priors_cover(demo, bearings, statistics):
