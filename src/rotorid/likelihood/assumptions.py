@@ -470,11 +470,11 @@ def _numbers(fit: Fit, structure: Structure, model: RotorModel) -> Iterator[Assu
         lines.append((known, record.lines.omega, record.lines.speed, -_motion(at, structure)))
     for kind, numbers in exact_numbers(model.rotor).items():
         share, found = getattr(model.rotor.tolerances, kind), list[Rows]()
-        pieces = {(kind, (name,)): by_share(model.rotor, *of) for name, of in numbers.items()}
+        blocks = {(kind, (name,)): by_share(model.rotor, *of) for name, of in numbers.items()}
         for at, motion in zip(evaluations, lines, strict=True):
-            forces = {name: share * pushed(each, *motion) for name, each in pieces.items()}
+            forces = {name: share * pushed(each, *motion) for name, each in blocks.items()}
             found.append({name: _rows(at, structure, each) for name, each in forces.items()})
-        if pieces and share:
+        if blocks and share:
             effect, names = _joined(fit, found)
             size, cure = f"{100 * share:g} %", f"state it: {kind} in [tolerances] of the rotor file"
             text = f"exact: {size} of error"

@@ -8,7 +8,7 @@ then the mass is held, and turned by that angle alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -32,7 +32,7 @@ from rotorid.models.expressions import Expression, product, symbol
 from rotorid.models.knowledge import Mode, number
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.drawing import PLANES
-from rotorid.models.rotor.fem import Piece, by_share, spans
+from rotorid.models.rotor.fem import Piece, Span, by_share, gathered, spans
 from rotorid.models.structure import Structure
 
 BENDS = "bending of the shaft"
@@ -203,23 +203,22 @@ def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) ->
     """Yield what may be otherwise than drawn of the shaft, as a share of what is drawn."""
     known = dict(zip(model.parameter_names, values.tolist(), strict=True)) | dict(model.held)
     rotor = model.rotor
-    sections = [section for _, section, _ in spans(rotor)]
-    every = range(len(sections))
-    groups: list[tuple[str, str, Collection[int]]] = [
+    every = list(spans(rotor))
+    groups: list[tuple[str, str, list[Span]]] = [
         ("stiffness shaft", "correct E of the material, or give it a parameter", every)
     ]
     borders = np.cumsum([section.length for section in rotor.sections])
     for place, (section, right) in enumerate(zip(rotor.sections, borders, strict=True), 1):
-        inside = [k for k in every if sections[k] is section]
+        inside = [span for span in every if span[1] is section]
         left = 1e3 * (right - section.length)
         cure = f"give the section from {left:g} to {1e3 * right:g} mm a parameter: stiffness"
         groups.append((f"stiffness section {place}", cure, inside))
     for place, border in enumerate(borders[:-1], 1):
         node = rotor.node(border)
         cure = "divide the sections there, and give the short ones a parameter: stiffness"
-        groups.append((f"stiffness joint {place}, {place + 1}", cure, (node - 1, node)))
+        groups.append((f"stiffness joint {place}, {place + 1}", cure, every[node - 1 : node + 1]))
     for name, cure, elements in groups:
-        pieces = by_share(rotor, "E", elements)
+        pieces = gathered(rotor, by_share(rotor, "E", elements))
         matrices = _elastic(pieces, known, len(structure.coordinates))
         yield replace(_term(structure, name, "1", matrices), cure=cure)
 

@@ -12,7 +12,7 @@ lines: a reduced basis (Quarteroni, Manzoni and Negri 2016; docs/rotors.md).
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -124,7 +124,10 @@ def _both_planes(plane: Floats) -> Floats:
     return _ALONG @ plane @ _ALONG.T + _ACROSS @ plane @ _ACROSS.T
 
 
-def spans(rotor: Rotor) -> Iterator[tuple[int, Section, Beam]]:
+Span = tuple[int, Section, Beam]
+
+
+def spans(rotor: Rotor) -> Iterator[Span]:
     """Yield every element: its left node, its section, and its beam."""
     borders, place = np.cumsum([s.length for s in rotor.sections]), rotor.positions
     for k, (left, right) in enumerate(pairwise(place)):
@@ -169,7 +172,7 @@ Block = tuple[Quantity, int, int, Floats, bool]
 matrix, and whether it is structural damping."""
 
 
-def _gathered(rotor: Rotor, blocks: Iterable[Block]) -> tuple[Piece, ...]:
+def gathered(rotor: Rotor, blocks: Iterable[Block]) -> tuple[Piece, ...]:
     """Add up blocks of matrices by what multiplies them."""
     entries: dict[tuple[Factors, int, int, bool], list[tuple[Floats, Integers, Integers]]]
     entries = defaultdict(list)
@@ -189,7 +192,7 @@ def _gathered(rotor: Rotor, blocks: Iterable[Block]) -> tuple[Piece, ...]:
 
 
 def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
-    return _gathered(rotor, _blocks(rotor))
+    return gathered(rotor, _blocks(rotor))
 
 
 _SPEED = Quantity(((((SPEED, 1),), 1.0),))
@@ -236,37 +239,36 @@ STEP = 1e-3
 """Share of a length or a diameter of central differences: they err by its square, 1e-6."""
 
 
-def by_share(rotor: Rotor, number: str, elements: Collection[int]) -> tuple[Piece, ...]:
+def by_share(rotor: Rotor, number: str, elements: Iterable[Span]) -> list[Block]:
     """Return the derivative of the matrices by a share of a number of some elements.
 
-    `number`: E, density, or one of a beam; `elements` by their left nodes. Nodes go along with
-    their elements, and so does what sits on them.
+    `number`: E, density, or one of a beam. Nodes go along with their elements, and so does what
+    sits on them.
     """
     blocks = list[Block]()
-    for node, section, beam in spans(rotor):
+    for node, section, beam in elements:
         of = (rotor, PLANES * node, section)
-        if node in elements and number in ("E", "density"):
+        if number in ("E", "density"):
             blocks += _elastic(*of, beam) if number == "E" else _inertial(*of, beam)
-        elif node in elements:
-            for step in (STEP, -STEP):
-                other = replace(beam, **{number: (1 + step) * getattr(beam, number)})
-                every = (*_elastic(*of, other), *_inertial(*of, other))
-                blocks += [(q, n, at, block / (2 * step), lags) for q, n, at, block, lags in every]
-    return _gathered(rotor, blocks)
+            continue
+        for step in (STEP, -STEP):
+            other = replace(beam, **{number: (1 + step) * getattr(beam, number)})
+            every = (*_elastic(*of, other), *_inertial(*of, other))
+            blocks += [(q, n, at, block / (2 * step), lags) for q, n, at, block, lags in every]
+    return blocks
 
 
-def exact_numbers(rotor: Rotor) -> dict[str, dict[str, tuple[str, list[int]]]]:
+def exact_numbers(rotor: Rotor) -> dict[str, dict[str, tuple[str, list[Span]]]]:
     """Return by kind what is drawn as numbers: by its name, of which elements it is which one."""
-    spanned = list(spans(rotor))
-    found: dict[str, dict[str, tuple[str, list[int]]]] = {"E": {}, "density": {}}
+    every = list(spans(rotor))
+    found: dict[str, dict[str, tuple[str, list[Span]]]] = {"E": {}, "density": {}}
     for name, material in rotor.materials.items():
-        own = [node for node, section, _ in spanned if section.material == material]
+        own = [span for span in every if span[1].material == material]
         for number in ("E", "density"):
             if own and getattr(material, number).number is not None:
                 found[number][name] = number, own
-    every = [node for node, _, _ in spanned]
     sides = {
-        f"{side} {k}": (side, [node for node, own, _ in spanned if own is section])
+        f"{side} {k}": (side, [span for span in every if span[1] is section])
         for k, section in enumerate(rotor.sections, 1)
         for side in ("outer", "inner")
         if getattr(section, side)
@@ -275,14 +277,16 @@ def exact_numbers(rotor: Rotor) -> dict[str, dict[str, tuple[str, list[int]]]]:
 
 
 def pushed(
-    pieces: Iterable[Piece], values: Mapping[str, float], omega: Floats, speed: Floats, q: Complexes
+    blocks: Iterable[Block], values: Mapping[str, float], omega: Floats, speed: Floats, q: Complexes
 ) -> Complexes:
-    """Return ``Z q`` of some pieces on lines, (line, coordinate); omega and speed are (line,)."""
-    found = np.zeros_like(q)
-    for piece in pieces:
-        weight = piece.value(values) * (1j * omega) ** piece.order * speed**piece.power
-        lags = 1j * (omega > 0) if piece.structural else 1.0
-        found += (weight * lags * (piece.matrix @ q.T)).T
+    """Return ``Z q`` of some blocks on lines, (line, coordinate); omega and speed are (line,)."""
+    found, known = np.zeros_like(q), dict[str, Any](values) | {SPEED: speed}
+    powers, lags = (1j * omega) ** np.arange(3)[:, None], 1j * (omega > 0)
+    for quantity, order, first, block, structural in blocks:
+        if quantity.terms:
+            weight = quantity.value(known) * powers[order] * (lags if structural else 1.0)
+            where = slice(first, first + len(block))
+            found[:, where] += weight[:, None] * (q[:, where] @ block.T)
     return found
 
 
