@@ -125,6 +125,13 @@ def identified(seed, turns, periods):
     return rid.identify(MODEL, periods_of(record), rid.MaximumLikelihood())
 
 
+def test_least_squares_says_what_leaks_into_the_lines_that_it_uses():
+    periods = periods_of(shaft(3.74, rng=np.random.default_rng(4))[0])
+    for method, said in ((rid.Batch(), True), (rid.MaximumLikelihood(), False)):
+        notes = rid.identify(MODEL, periods, method).notes
+        assert any("not synchronous" in note.text for note in notes) == said
+
+
 @pytest.mark.parametrize(("turns", "stated"), [(1.58, 1.58), (2.33, 2.33), (3.9, 3.75)])
 def test_a_rotation_beside_the_periods_is_no_other_tone_and_no_longer_period(turns, stated):
     record, *_ = shaft(turns, 20, rng=np.random.default_rng(6), stated=stated, noise=(0.03, 1e-7))

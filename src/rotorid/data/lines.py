@@ -73,11 +73,6 @@ class SampledClock(Arrays):
         own = np.arange(len(harmonics)) == at
         return changed(self, harmonics=harmonics, orders=orders, turning=own)
 
-    def at(self, chosen: Integers) -> SampledClock:
-        """Return the clock of some of the lines."""
-        turning = None if self.turning is None else self.turning[chosen]
-        return changed(self, harmonics=self.harmonics[chosen], turning=turning)
-
     @property
     def period(self) -> Floats:
         """Times of the first period, shape (sample,)."""

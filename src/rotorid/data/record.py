@@ -518,11 +518,6 @@ class PeriodicRecord(Drawn, OfMachine):
         """Angular frequencies of the lines in rad/s, shape (line,)."""
         return 2 * np.pi * self.frequency
 
-    @property
-    def recorded(self) -> Complexes:
-        """The lines of each period with all of the rotation that leaks into them."""
-        return self.spectra if self.rotation is None else self.rotation.recorded
-
     @cached_property
     def mean_spectrum(self) -> Complexes:
         """Mean over periods of the lines, shape (line, channel)."""

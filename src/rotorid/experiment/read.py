@@ -491,4 +491,6 @@ def _settled(cut: Callable[..., PeriodicRecord], entry: RecordEntry) -> Periodic
         else:
             after = f"after skip = {entry.skip:g} s: skip {found.drop:g} s more"
             warnings.append(f"{found.told}, {after}")
-    return changed(periods, warnings=(*periods.warnings, *warnings, *rotation_warnings(periods)))
+    if periods.rotation is None:
+        warnings += rotation_warnings(periods)
+    return changed(periods, warnings=(*periods.warnings, *warnings))

@@ -22,6 +22,7 @@ import numpy as np
 from rotorid.core.values import Floats, Integers, frozen
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation, Records, bind, combined
+from rotorid.data.record import changed
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, outside
@@ -55,8 +56,10 @@ def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
         return record
     if not isinstance(clock, SampledClock) or (lines.transient is None and not periodic):
         return record
+    if clock.orders:  # one of its lines is the rotation's own
+        return record
     chosen = _chosen(record, few)
-    clock = clock.at(chosen)
+    clock = changed(clock, harmonics=clock.harmonics[chosen])
     names, samples = ("frequency", "speed", "mean", "multiplicity"), lines.samples
     changes: dict[str, Any] = {name: getattr(lines, name)[chosen] for name in names}
     changes["covariance"] = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])

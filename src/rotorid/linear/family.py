@@ -182,7 +182,7 @@ class Posed:
         units = self.full.parameter_units
         known, number = np.where(found, base, 0.0), solution.condition_number
         notes = (
-            *remarks("record", (w for r in self.regressions for w in r.record.warnings)),
+            *remarks("record", (w for r in self.regressions for w in r.warnings)),
             *self._told(solution.undetermined),
         )
         return Estimate(

@@ -25,6 +25,7 @@ from rotorid.models import Model, Motion
 from rotorid.models.equations import DERIVATIVES
 from rotorid.models.expressions import Expression, evaluate, is_usable, symbol
 from rotorid.models.linear_form import speed_factor
+from rotorid.signals.checks.rotation import rotation_warnings
 from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 
 ROUNDING = 1e-12
@@ -78,6 +79,10 @@ class Equations(ABC):
     @property
     def model(self) -> Model:
         return self.observation.model
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self.observation.lines.warnings
 
     @cached_property
     def sensed(self) -> tuple[list[int], Floats]:
@@ -174,7 +179,14 @@ class Regression(Equations):
         """Return the lines of columns in the periods that are used, (period, line, column)."""
         middle = self.record.periods // 2
         used = (slice(None), slice(middle), slice(middle, None))[self.half]
-        return self.record.recorded[used][..., columns]
+        beside = self.record.rotation
+        recorded = self.record.spectra if beside is None else beside.recorded
+        return recorded[used][..., columns]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        leaks = () if self.record.rotation is None else rotation_warnings(self.record)
+        return (*super().warnings, *leaks)
 
     @cached_property
     def coordinates(self) -> Complexes:

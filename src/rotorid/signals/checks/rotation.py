@@ -73,7 +73,8 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
 
 
 def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
-    if periods.speed == 0 or periods.rotation is not None:
+    """Say how far a rotation leaks into the lines of the period as they were recorded."""
+    if periods.speed == 0:
         return ()
     found = synchronism(periods)
     worst = int(np.argmax(found.leakage))
