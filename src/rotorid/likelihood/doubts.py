@@ -21,13 +21,13 @@ from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.assumptions import assumed
 from rotorid.likelihood.doubts_angle import ANGLE, against_angle, told
 from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.inference import likeness
 from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.profile import profiled
 from rotorid.likelihood.rivals_read import SPEEDS, is_response, is_table
 from rotorid.likelihood.unknowns import Scalar
 from rotorid.models import Model
 from rotorid.models.modal import eigenmodes
-from rotorid.signals.covariance import lag_one_correlation
 
 Doubt = Callable[[Fit], Iterable[Note]]
 CATALOGUE: list[tuple[Doubt, tuple[Status, ...]]] = []
@@ -291,11 +291,6 @@ ORDERLY = 3.0
 """Deviations of a correlation from row to row beyond which rows are not independent."""
 STILL = 1e-6
 """Scatter over a deviation below which no block tells a value: it is as known beforehand."""
-ALIKE = 0.2
-"""Correlation of the residuals of neighbouring lines from which they are not independent: those of
-a Hann window have .44, independent ones .1 at most where there are a hundred."""
-LEAST = 50
-"""Lines below which chance makes neighbours as alike."""
 BLOCKS = 8
 """Parts of a record whose scatter is told beside the stated deviations."""
 
@@ -374,17 +369,14 @@ def sensors_alike(fit: Fit) -> Iterator[Note]:
 def lines_alike(fit: Fit) -> Iterator[Note]:
     misfit = fit.inference.expectation.p_value(fit.solution.point.cost) < MISFIT
     for record, at in zip(fit.records, fit.solution.point.records, strict=True):
-        if misfit or not is_response(record) or len(at.whitened) < LEAST:
-            continue
-        correlation = lag_one_correlation(at.whitened[:, :, None])
-        if correlation < ALIKE:
+        correlation = likeness(at, record)
+        if misfit or not correlation:
             continue
         names = ", ".join(sensor.channel.name for sensor in record.sensors)
         text = (
             f"the residuals of neighbouring lines of {names} are alike (correlation "
-            f"{correlation:.2f}), as a window such as Hann makes them: the deviations are too "
-            f"small by a factor of about {np.sqrt(1 + 2 * correlation):.2g}; keep every second "
-            "line (every = 2)"
+            f"{correlation:.2f}), as a window such as Hann makes them: deviations and misfit "
+            "hold what lines through one have in common; keep every second line (every = 2)"
         )
         yield Note("neighbouring lines", "doubts", text)
 

@@ -19,7 +19,7 @@ from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.case import Case
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.expected_cost import by_equation_errors
-from rotorid.likelihood.inference import Inference, SharedNoise, shared_noise
+from rotorid.likelihood.inference import Inference, SharedNoise, in_common, shared_noise
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.other_answers import questioned
 from rotorid.likelihood.preparation import prepare
@@ -260,6 +260,7 @@ def answered(found: Fit, *, ask: bool = True) -> Fit:
     common = None
     if solution.converged and inference.explained:
         common = shared_noise(solution.point, inference, found.records)
+        inference = in_common(solution.point, inference, found.records)
     if common is not None:
         inference = replace(inference, covariance=common.covariance)
     notes += mirrors.notes(solution, inference) if solution.converged else []

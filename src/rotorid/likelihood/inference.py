@@ -9,6 +9,7 @@ weights hold what it adds.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -20,6 +21,7 @@ from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.problem import Point
+from rotorid.signals.covariance import lag_one_correlation
 
 TAIL, NORMAL = 0.025, 1.959964
 """Chance beyond either end of an interval, and the deviations to there of a normal distribution."""
@@ -144,6 +146,55 @@ def infer(point: Point) -> Inference:
     variance = sum(cost.variance for cost in costs) + max(2 * float(rest.sum()), 0.0)
     expectation = Expectation(max(mean, 0.0), variance, dof)
     return Inference(covariance, linear, point.cost, expectation, costs, np.ones(len(covariance)))
+
+
+ALIKE = 0.2
+"""Correlation of the residuals of neighbouring lines from which they are not independent: those of
+a Hann window have .44, independent ones .1 at most where there are a hundred."""
+ENOUGH = 50
+"""Lines below which chance makes neighbours as alike."""
+HANN = (4 / 9, 1 / 36)
+"""Correlations of responses through a Hann window with the next line and the second next: squares
+of those of a spectrum."""
+
+
+def likeness(at: Evaluation, record: Observation) -> float:
+    """Return the correlation of the residuals of neighbouring lines of a response, 0 by chance."""
+    if record.lines.analyser is None or len(at.whitened) < ENOUGH:
+        return 0.0
+    found = lag_one_correlation(at.whitened[:, :, None])
+    return found if found >= ALIKE else 0.0
+
+
+def in_common(point: Point, inference: Inference, records: Records) -> Inference:
+    """Add to covariance and spread of the misfit what responses have in common.
+
+    Lines that a Hann window made their noise, pooled ones a size that is not their own.
+    """
+    linear, added = point.linear, np.zeros((point.linear.rank,) * 2)
+    variance = inference.expectation.variance
+    every = zip(point.records, records, point.by_line(linear.range), inference.records, strict=True)
+    for at, record, told, cost in every:
+        times, made = 1.0, record.lines.analyser
+        if made is not None and made.averages is not None:
+            # 1 / power of the force, in all sensors of a line: of relative variance 1 / (n - 2),
+            # but for the part that the line's own size makes of the pooled one
+            own = (made.averages - 1) / at.problem.noise.dof
+            times += (1 - own) ** 2 * (at.problem.equations + 1) / max(made.averages - 2, 1)
+        alike = likeness(at, record) > 0
+        variance += cost.variance * (times * (1 + 2 * alike * float(np.square(HANN).sum())) - 1)
+        if not alike:
+            continue
+        real, imaginary = np.split(told, 2, axis=1)
+        noise = at.whitened_columns() @ at.problem.noise.factor
+        along = noise.conj().swapaxes(1, 2) @ (real + 1j * imaginary)
+        for lag, correlation in enumerate(HANN, start=1):
+            both = np.einsum("kcf,kcg->fg", along[:-lag].conj(), along[lag:]).real
+            added += correlation * (both + both.T)
+    more = linear.root @ added @ linear.root.T
+    expectation = replace(inference.expectation, variance=variance)
+    covariance = inference.covariance + more
+    return replace(inference, covariance=covariance, expectation=expectation)
 
 
 APART = frozenset({"stated", "coherence"})
