@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -417,10 +418,13 @@ def _with_rotation(
             yield periods, some_periods(angle, begin, begin + len(periods))
             begin += len(periods)
 
+    few = max(1, LOOKED_AT // size)
     begins = np.arange(sums.count) * size / sums.sample_rate + some_periods(time, 0, 1)[0, 0]
     for settled in SETTLED:
         rest = PeriodSums(sums.channels, sums.sample_rate, size, sums.lines)
-        found = turning(partial(parts, angle), sums.mean, orders, sums.lines, rest.add)
+        ends = pairwise([*range(0, sums.count, few), sums.count])
+        angles = (some_periods(angle, *each) for each in ends)
+        found = turning(angles, partial(parts, angle), sums.mean, orders, sums.lines, rest.add)
         if not isinstance(angle, Steady):
             break
         off, std = slip(found, begins, angle.offset + angle.slope * begins)

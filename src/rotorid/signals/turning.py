@@ -2,7 +2,7 @@
 
 All samples of a channel hold the lines of the period and the waves cos(m phi), sin(m phi) together.
 What the waves have in common with the lines is their own mean period. So the joint solution is that
-of v, the waves less that mean: mean(v v') a = mean(v x'), and the periods are those of x - waves a.
+of v, the waves less that mean: v a = x less its own, and the periods are those of x - waves a.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from rotorid.core.linalg import triangle
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.signals.spectrum import line_spectra
 
@@ -63,6 +64,7 @@ class Turning:
 
 
 def turning(
+    angles: Iterable[Floats],
     parts: Callable[[], Iterable[tuple[Floats, Floats]]],
     recorded: Floats,
     orders: tuple[int, ...],
@@ -71,25 +73,24 @@ def turning(
 ) -> Turning:
     """Find the rotation in periods with their angles, and `add` the periods without it.
 
-    `recorded`: their mean period.
+    `recorded`: their mean period. What is kept of all samples is the triangle of QR.
     """
-    count, size, each = 0, len(recorded), 2 * len(orders)
-    gram, moment, period = (np.zeros((n, each)) for n in (each, recorded.shape[1], size))
-    for periods, angle in parts():
-        turned = waves(angle, orders)
-        flat = turned.reshape(-1, each)
-        gram += flat.T @ flat
-        moment += periods.reshape(len(flat), -1).T @ flat
-        period += turned.sum(axis=0)
-        count += len(periods)
+    size, each = recorded.shape[0], 2 * len(orders)
+    period, count = np.zeros((size, each)), 0
+    for angle in angles:
+        period += waves(angle, orders).sum(axis=0)
+        count += len(angle)
     period /= count
-    gram = gram / (count * size) - period.T @ period / size
-    moment = moment / (count * size) - recorded.T @ period / size
-    # Columns of one size, and no more alike than APART leaves: no digits are at stake.
-    found = np.linalg.solve(gram, moment.T)
+    root = np.zeros((0, each + recorded.shape[1]))
+    for periods, angle in parts():
+        beside = np.concatenate([waves(angle, orders) - period, periods - recorded], axis=2)
+        root = triangle(np.concatenate([root, beside.reshape(-1, beside.shape[2])]))
+    root /= np.sqrt(count * size)
+    root, right = root[:each, :each], root[:each, each:]
+    found = np.linalg.solve(root, right)
     leak, mean, noise = line_spectra(period, lines), recorded - period @ found, list[Complexes]()
-    brought = (leak.conj() * np.linalg.solve(gram, leak.T).T).sum(axis=1).real
-    own = float(np.trace(np.linalg.solve(gram, np.eye(each))[:2, :2])) / 4
+    brought = (np.abs(np.linalg.solve(root.T, leak.T)) ** 2).sum(axis=0)
+    own = float((np.linalg.solve(root, np.eye(each))[:2] ** 2).sum()) / 4
     for periods, angle in parts():
         cleared = periods - waves(angle, orders) @ found
         add(cleared)
