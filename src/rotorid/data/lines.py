@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -73,6 +73,11 @@ class SampledClock(Arrays):
         own = np.arange(len(harmonics)) == at
         return changed(self, harmonics=harmonics, orders=orders, turning=own)
 
+    def at(self, chosen: Integers | Booleans) -> SampledClock:
+        """Return the clock of some of the lines."""
+        turning = None if self.turning is None else self.turning[chosen]
+        return changed(self, harmonics=self.harmonics[chosen], turning=turning)
+
     @property
     def period(self) -> Floats:
         """Times of the first period, shape (sample,)."""
@@ -130,7 +135,7 @@ class SampledClock(Arrays):
         given = unread(self, "time")
         even = isinstance(given, Steady)
         angle = replace(given, slope=speed * given.slope) if even else speed * given
-        return changed(self, speed=np.asarray(speed), angle=angle)
+        return changed(self, speed=np.asarray(speed), angle=angle, orders=(), turning=None)
 
 
 @frozen
@@ -341,15 +346,35 @@ class Lines(OfMachine):
         """Number of periods; 1 where there are none."""
         return 1 if self.scatter is None else int(self.scatter.shape[0])
 
+    def among(self, chosen: Integers | Booleans) -> Lines:
+        """Return some of the lines of samples."""
+        assert isinstance(self.clock, SampledClock)
+        names, samples = ("frequency", "speed", "mean", "multiplicity"), self.samples
+        changes: dict[str, Any] = {name: getattr(self, name)[chosen] for name in names}
+        matrices = self.covariance.matrices[chosen]
+        changes["covariance"] = replace(self.covariance, matrices=matrices)
+        if samples is not None:
+            changes["samples"] = replace(samples, lines_kept=samples.lines_kept[chosen])
+        if self.scatter is not None:
+            changes["scatter"] = self.scatter[:, chosen]
+        return replace(self, clock=self.clock.at(chosen), beside=None, **changes)
+
     def at_speed(self, speed: float) -> Lines:
-        """Return the same run at another speed in rad/s: the plan of a further record."""
+        """Return the same run at another speed in rad/s: the plan of a further record.
+
+        The line of a rotation beside the periods is none at another speed.
+        """
+        clock = self.clock
+        own = clock.turning if isinstance(clock, SampledClock) else None
+        if own is not None and own.any():
+            return self.among(~own).at_speed(speed)
         turning = np.full(len(self.frequency), speed)
-        own = isinstance(self.clock, PhasorClock)  # its lines are the speed itself
+        shifted = isinstance(clock, PhasorClock)  # its lines are the speed itself
         return replace(
             self,
-            frequency=np.abs(turning) / (2 * np.pi) if own else self.frequency,
+            frequency=np.abs(turning) / (2 * np.pi) if shifted else self.frequency,
             speed=turning,
-            clock=self.clock.at_speed(speed),
+            clock=clock.at_speed(speed),
             phase_known=True,
             phase_std=0.0,
             shown=None,

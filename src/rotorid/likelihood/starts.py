@@ -15,14 +15,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from rotorid.core.values import Floats, Integers, frozen
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation, Records, bind, combined
-from rotorid.data.record import changed
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, outside
@@ -58,14 +56,7 @@ def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
         return record
     if clock.orders:  # one of its lines is the rotation's own
         return record
-    chosen = _chosen(record, few)
-    clock = changed(clock, harmonics=clock.harmonics[chosen])
-    names, samples = ("frequency", "speed", "mean", "multiplicity"), lines.samples
-    changes: dict[str, Any] = {name: getattr(lines, name)[chosen] for name in names}
-    changes["covariance"] = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
-    if samples is not None:
-        changes["samples"] = replace(samples, lines_kept=samples.lines_kept[chosen])
-    return record.with_lines(replace(lines, clock=clock, scatter=None, beside=None, **changes))
+    return record.with_lines(replace(lines.among(_chosen(record, few)), scatter=None))
 
 
 def _chosen(record: Observation, few: int) -> Integers:
