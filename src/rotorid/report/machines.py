@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.answer.estimate import UNDER, Estimate, under
-from rotorid.answer.estimate_tables import NAMED_ASSUMPTIONS
+from rotorid.answer.estimate_tables import NAMED_ASSUMPTIONS, two_digits
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, by_hand, table
@@ -35,9 +35,11 @@ from rotorid.results.sensitivity import LIMITS, AxisSensitivity, worst_of
 DEGREES = 180 / np.pi
 
 
-def _told(value: float | None, factor: float = 1.0, form: str = ".2g") -> str:
-    """Return a number, a deviation if nothing else is said; a dash where there is none."""
-    return cell(value, form, factor, none="-")
+def _told(value: float | None, factor: float = 1.0, form: str = "") -> str:
+    """Return a number, a deviation if no form is given; a dash where there is none."""
+    if form or value is None or not np.isfinite(value):
+        return cell(value, form, factor, none="-")
+    return two_digits(value * factor)
 
 
 ERR = "if assumptions err"
