@@ -365,24 +365,26 @@ def test_a_period_that_the_record_contradicts_is_refused(size, periods, noise):
     """2.4 % off, by one sample, by a factor; what it says to write is accepted."""
     record = machine(periods, noise=noise)
     wrong = average(record, period_samples=size, harmonics=LINES.tolist())
-    found = only(list(wrong.checks), "period")
+    found = only(list(wrong.checks), "given period")
     assert f"write period_samples = {SIZE} in place" in found.text
-    assert not of_check(average(record, period_samples=SIZE, harmonics=LINES).checks, "period")
+    assert not of_check(
+        average(record, period_samples=SIZE, harmonics=LINES).checks, "given period"
+    )
     if found.verdict == "refused":  # else the lines still hold some of it
         assert f'sample_rate = "{RATE * SIZE / size:.9g} Hz"' in found.text
         with pytest.raises(InputError, match=f"write period_samples = {SIZE}"):
             rid.identify(MODEL, wrong, "ml")
         again = replace(record, sample_rate=RATE * SIZE / size)
-        assert not of_check(told(again, fundamental=RATE / size), "period")
+        assert not of_check(told(again, fundamental=RATE / size), "given period")
 
 
 def test_a_period_of_which_the_lines_are_multiples_is_as_good():
     """As is one whose lines hold little of what repeats, and one of a rotation between lines."""
     assert not told(machine(), fundamental=F0 / 2, lines=2 * LINES)
-    assert not of_check(told(machine(), lines=[2, 4, 6]), "period")
+    assert not of_check(told(machine(), lines=[2, 4, 6]), "given period")
     record = machine(noise=2.0, speed=2 * np.pi * 93.37)
     turning = 100 * SCALE * np.cos(record.rotor_angle())[:, None]
-    assert not of_check(told(replace(record, samples=record.samples + turning)), "period")
+    assert not of_check(told(replace(record, samples=record.samples + turning)), "given period")
 
 
 def test_a_rotation_half_way_between_the_lines_is_no_longer_period():

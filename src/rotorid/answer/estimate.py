@@ -779,8 +779,10 @@ def _encodable(data: Any) -> Any:
     return data.encode("utf-8", "backslashreplace").decode() if is_text else data
 
 
-_FULL = {"fixed", "std_inflated", "std_assumed"}
-_LEFT_OUT: Any = {"nuisance": {"__all__": {*_FULL, "interval"}}, "derived": {"__all__": _FULL}}
+_LEFT_OUT: Any = {
+    "nuisance": {"__all__": {"fixed", "std_assumed", "interval"}},
+    "derived": {"__all__": {"fixed", "std_inflated", "std_assumed"}},
+}
 
 
 @cache

@@ -109,8 +109,10 @@ class SampledClock(Arrays):
         if self.orders:
             return self._lines_beside(signal, timed)
         time, angle = self.grid(timed=timed)
-        mean = signal(time, angle, self.speed).mean(axis=0)
-        return without_rounding(line_spectra(mean, self.harmonics), mean)
+        values = signal(time, angle, self.speed)
+        mean = values.mean(axis=0)  # of a rotation that fits no period: rounding alone, perhaps
+        size = np.sqrt((values**2).mean(axis=tuple(range(values.ndim - 1))))
+        return above_rounding(line_spectra(mean, self.harmonics), size)
 
     def _lines_beside(self, signal: Signal, timed: bool) -> Complexes:
         """Take the rotation out of signals as it was taken out of the channels.
@@ -129,13 +131,16 @@ class SampledClock(Arrays):
         lines, turned = line_spectra(mean, self.harmonics), head_of(self, "angle")[0, 0]
         once = once * np.exp(1j * turned)
         lines[self.turning] = once if self.speed > 0 else once.conj()
-        return np.where(np.abs(lines) > ROUNDING * size, lines, 0.0)
+        return above_rounding(lines, size)
 
     def at_speed(self, speed: float) -> SampledClock:
         given = unread(self, "time")
         even = isinstance(given, Steady)
         angle = replace(given, slope=speed * given.slope) if even else speed * given
-        return changed(self, speed=np.asarray(speed), angle=angle, orders=(), turning=None)
+        other = changed(self, speed=np.asarray(speed), angle=angle)
+        if abs(speed) == np.abs(self.speed).max():  # the other way, the same line
+            return other
+        return changed(other, orders=(), turning=None)
 
 
 @frozen
@@ -156,7 +161,7 @@ class PhasorClock(Arrays):
         values = np.broadcast_to(values, (len(self.speed), TURN, values.shape[-1]))
         back = np.exp(-1j * np.sign(self.speed)[:, None] * turn)
         found = np.einsum("ls,lsk->lk", back, values) / TURN
-        return without_rounding(found, values, axis=1)
+        return above_rounding(found, np.sqrt((values**2).mean(axis=1)))
 
     def at_speed(self, speed: float) -> PhasorClock:
         return PhasorClock(np.full(len(self.speed), speed))
@@ -224,9 +229,8 @@ class Analyser:
     averages: int | None = None  # of the coherence that told the noise; None where a std did
 
 
-def without_rounding(lines: Complexes, samples: Floats, axis: int = 0) -> Complexes:
-    """Set lines (line, signal) to zero that are rounding of their samples, along `axis`."""
-    size = np.sqrt((samples**2).mean(axis=axis))
+def above_rounding(lines: Complexes, size: Floats) -> Complexes:
+    """Set lines (line, signal) to zero that are rounding of signals of that size."""
     return np.where(np.abs(lines) > ROUNDING * size, lines, 0.0)
 
 
@@ -366,7 +370,7 @@ class Lines(OfMachine):
         """
         clock = self.clock
         own = clock.turning if isinstance(clock, SampledClock) else None
-        if own is not None and own.any():
+        if own is not None and own.any() and abs(speed) != abs(self.speed[0]):
             return self.among(~own).at_speed(speed)
         turning = np.full(len(self.frequency), speed)
         shifted = isinstance(clock, PhasorClock)  # its lines are the speed itself

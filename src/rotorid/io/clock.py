@@ -35,8 +35,11 @@ _UNIT_IN_NAME = re.compile(
 )
 """Sample times with the unit in their name: t/ms, time_ms, t [ms]."""
 _NO_PATH = re.compile(r"\b([A-Za-z0-9])/([xyzXYZ])\b")  # plane and axis
-UNITS = ("s", "ms", "us", "ns", "min")
+UNITS = ("s", "ms", "us", "ns", "min", "h")
 """Units in which sample times are written."""
+STRANGE = 3.0
+"""Factor between the rate stated and that of a column without a unit, in whatever unit is nearest,
+from which on it is none of times in such a unit: rates are misstated by two, by a half."""
 
 Numbers = TypeVar("Numbers", Floats, Complexes)
 
@@ -335,7 +338,9 @@ def _check_unused(rate: float, fundamental: float | None, name: str, column: Col
         return
     rates = {u: told.hertz / si_factor(u, "s") for u in ((unit,) if unit else UNITS)}
     likely, found = min(rates.items(), key=lambda pair: abs(math.log(pair[1] / rate)))
-    if abs(rate / found - 1) <= SAME_RATE + told.rounding:
+    # Ticks of a counter, hours or what else it may be says nothing of the rate.
+    strange = unit is None and abs(math.log(found / rate)) > math.log(STRANGE)
+    if strange or abs(rate / found - 1) <= SAME_RATE + told.rounding:
         return
     said = f'"{name}"' if column.unit else f'{{ column = "{name}", unit = "{likely}" }}'
     cure = (

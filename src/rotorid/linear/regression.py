@@ -223,7 +223,7 @@ class Regression(Equations):
                 whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
                 own = line_spectra(whole[..., None], record.harmonics)[..., 0]
                 # What rounding leaves on a line is no signal: an unbalance whose line is not kept.
-                told = np.abs(own) > ROUNDING * np.abs(whole).max()
+                told = np.abs(own) > ROUNDING * np.abs(value).max()
                 lines[..., index] = np.where(told, own, 0)
             else:
                 column, order, scale = factor

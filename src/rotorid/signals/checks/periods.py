@@ -461,7 +461,7 @@ LOOKED_AT = 1 << 15
 
 
 @record_check(
-    "period",
+    "given period",
     "the record repeats with the period given",
     needs=lambda seen: seen.periods is not None and seen.untorn,
 )
@@ -491,7 +491,7 @@ def check_period(seen: Seen) -> Iterator[Note]:
         return
     hertz = periods.fundamental
     yield Note(
-        "period",
+        "given period",
         "refuses",
         f"the record repeats after {best} samples, not after the {size} given: the lines given "
         f"hold {100 * shown:.2g} % of a channel's power there, {100 * given:.2g} % here",
@@ -513,7 +513,7 @@ SYNCHRONOUS = 0.05
 @record_check(
     "multiple period",
     "the record repeats after one period",
-    "period",
+    "given period",
     needs=lambda seen: seen.periods is not None and seen.untorn,
 )
 def check_multiple(seen: Seen) -> list[Note]:

@@ -133,5 +133,5 @@ def check_record(
 
 def check_periods(periods: PeriodicRecord, seen: Iterable[Note] = ()) -> tuple[Note, ...]:
     """Return notes on periods, unless what was `seen` is that they are none."""
-    wrong = any(note.about == "period" and note.severity == "refuses" for note in seen)
+    wrong = any(note.about == "given period" and note.severity == "refuses" for note in seen)
     return () if wrong else found_by("periods", periods)

@@ -278,7 +278,9 @@ def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
     ]
 
 
-@record_check("speed", "no line contradicts the speed", "period", needs=lambda seen: seen.untorn)
+@record_check(
+    "speed", "no line contradicts the speed", "given period", needs=lambda seen: seen.untorn
+)
 def check_speed(seen: Seen) -> list[Note]:
     record, periods = seen.record, seen.periods
     given = abs(record.speed) / _TURN
