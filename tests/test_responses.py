@@ -358,6 +358,12 @@ class TestFiles:
             with pytest.raises(InputError, match=told):
                 load(folder, channel, "tap0.uff").records("ml")
 
+    def test_a_frequency_that_stands_twice_is_told(self, folder):
+        head, row, *_ = (folder / "tap.csv").read_text().splitlines()
+        (folder / "same.csv").write_text("\n".join([head, row, row]) + "\n")
+        with pytest.raises(InputError, match="stands there twice; expected two lines"):
+            load(folder, TABLE, "same.csv").records("ml")
+
     def test_keys_of_responses_are_none_of_samples(self, folder):
         load(folder, TABLE)
         text = (folder / "run.toml").read_text().replace('kind = "responses"', "")

@@ -380,6 +380,8 @@ def response_lines(
 def line_spacing(hertz: Floats) -> float:
     """Return the even step of frequencies, some of which may be missing; 0 where there is none."""
     steps = np.diff(np.unique(hertz))
+    if not len(steps):
+        return 0.0
     count = np.round(steps / steps.min())
     step = float(steps.sum() / count.sum())
     return step if (np.abs(steps - count * step) <= EVEN * step).all() else 0.0

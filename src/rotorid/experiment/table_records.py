@@ -272,6 +272,6 @@ def _lines(group: Sequence[_Read], plan: Recording) -> Lines:
         averages=entry.averages,
         speed=entry.speed.value,
         window=entry.window,
-        spacing=line_spacing(hertz) if len(hertz) > 1 else None,
+        spacing=line_spacing(hertz),
         source=entry.paths[0],
     )
