@@ -8,6 +8,7 @@ from tomllib import loads as parse
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 from io_writers import write_table
 from working_folder import load, shaken
 
@@ -103,6 +104,61 @@ def test_what_is_left_open_is_told_in_one_line(tmp_path, output, refusal):
     for command, name in (("new", "gone.csv"), ("inspect", "gone.csv"), ("inspect", "gone.toml")):
         told = refusal(command, tmp_path / name)
         assert f"{name}: found no such file; expected a " in told
+
+
+def test_arrays_of_a_matlab_file(tmp_path, output):
+    """Matrices, however they lie, are columns, and scalars state the rate."""
+    rng = np.random.default_rng(3)
+    across, down = rng.normal(size=(3, 400)), rng.normal(size=(400, 2))
+    held = {"Acceleration": across, "result": down, "K": np.eye(3), "Fs": 400.0}
+    scipy.io.savemat(tmp_path / "run.mat", held)
+    out = tmp_path / "run.toml"
+    told = output("new", tmp_path / "run.mat", "--model", "jeffcott", "--out", out)
+    named = "3 things open: speed of records.0; column of channels.F_x, channels.F_y"
+    assert f"wrote {out}: {named}; next: rotorid inspect {out}" in told
+    text = out.read_text()
+    assert f"# {named}." in text
+    assert parse(text)["records"][0]["sample_rate"] == "400 Hz"
+    used = re.findall(r"# not used: ([^,]+),", text)
+    assert used == [*(f"Acceleration[{k}]" for k in range(3)), "result[0]", "result[1]"]
+    assert "# Acceleration, 3 x 400: its columns are Acceleration[0] to Acceleration[2]" in text
+    assert "# K, 3 x 3: no columns of 400 samples" in text
+    record = rid.read_record(tmp_path / "run.mat", sample_rate=400.0)
+    assert np.array_equal(record.column("Acceleration[2]"), across[2])
+    scipy.io.savemat(tmp_path / "run.mat", {"result": down, "dt": 0.01, "Fs": 0.0})
+    assert (
+        parse(draft([tmp_path / "run.mat"], None, tmp_path))["records"][0]["sample_rate"]
+        == "100 Hz"
+    )
+
+
+@pytest.mark.parametrize(("step", "time"), [(0.0025, {"column": "0", "unit": "s"}), (1.0, None)])
+def test_equal_steps_without_a_name_are_times_unless_they_count(tmp_path, step, time):
+    noise = np.random.default_rng(1).normal(size=400)
+    np.savetxt(tmp_path / "run.csv", np.column_stack([step * np.arange(400), noise]), delimiter=",")
+    assert parse(draft([tmp_path / "run.csv"], None, tmp_path))["records"][0].get("time") == time
+
+
+@pytest.mark.parametrize(("other", "found"), [(250, 500), (173, None)])
+def test_a_period_is_one_that_columns_share(tmp_path, other, found):
+    """What comes back in its own time in every column is no period."""
+    rng, place = np.random.default_rng(2), np.arange(4000)
+    columns = [rng.normal(size=n)[place % n] for n in (500, other)]
+    write_table(tmp_path / "run.csv", "a,b", np.column_stack(columns))
+    assert (
+        parse(draft([tmp_path / "run.csv"], None, tmp_path))["records"][0].get("period_samples")
+        == found
+    )
+
+
+def test_a_nonlinear_model_takes_every_line(tmp_path):
+    place = np.arange(4000) / 500
+    motion = np.sin(2 * np.pi * place) + 0.3 * np.sin(6 * np.pi * place)
+    write_table(tmp_path / "run.csv", "q_m,F_N", np.column_stack([motion, motion]))
+    (record,) = parse(draft([tmp_path / "run.csv"], "emps", tmp_path))["records"]
+    assert record["period_samples"] == 500
+    assert "harmonics" not in record
+    assert record["band"] == ["?", "?"]  # the sample rate is open
 
 
 def test_currents_need_a_law(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 from importlib import import_module
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def models(name: str | None) -> int:
 
 
 def new(files: tuple[Path, ...], model: str | None, out: Path | None, force: bool) -> int:
-    from rotorid.experiment.draft import DRAFT, draft
+    from rotorid.experiment.draft import DRAFT, draft, things_open
 
     targets = check_outputs((out, DRAFT), force=force)
     check_apart(targets, [*files, *([] if model is None else [Path(model)])])
@@ -46,6 +47,9 @@ def new(files: tuple[Path, ...], model: str | None, out: Path | None, force: boo
     folder = Path() if out is None else out.parent
     text = printable(draft(files, model, folder), keep="\n")
     write((STDOUT if out is None else out, as_text(lambda: text, DRAFT)))
+    if out is not None:
+        left = printable(things_open(tomllib.loads(text)))
+        show([f"wrote {out}: {left}; next: rotorid inspect {out}"])
     return OK
 
 

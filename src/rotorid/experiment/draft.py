@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Container, Generator, Iterable, Iterator, Mapping, Sequence, Set
@@ -21,15 +22,15 @@ from rotorid.core.files import MARK, Kind
 from rotorid.core.toml import inline
 from rotorid.core.units import converts, si_factor
 from rotorid.core.values import Floats, frozen, grouped
-from rotorid.experiment.schema import OPEN
+from rotorid.experiment.schema import OPEN, left_open
 from rotorid.io import open_table
-from rotorid.io.clock import UNITS, is_time, leaf, read_clock, unit_of_time
+from rotorid.io.clock import UNITS, even_rate, is_time, leaf, read_clock, unit_of_time
 from rotorid.io.columns import check_magnitude, largest_of
-from rotorid.io.table import OneFile, Rate
+from rotorid.io.table import RATES, OneFile, Rate, columns_across
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.models.equations import combination_text
-from rotorid.signals.period_search import Period, find_period, only_rotation
+from rotorid.signals.period_search import Period, common_period
 
 _Line = tuple[str, Any, str]
 """A key, its value, and what is told of it; a remark without a key."""
@@ -59,6 +60,9 @@ _AXES = ("xyz", "vw", "hv")
 _MAGNETS = ("13", "24")
 """Figures of V13 and W24, the axes of a bearing by the numbers of their magnets."""
 _FIRST_OF_POSITION = ("p", "s", "d", "x")
+_RATE = re.compile(r"(?P<rate>fs|sampl(e|ing)_?(rate|freq\w*))|dt|ts", re.I)
+"""What scalars are called that hold the sample rate, or its inverse."""
+_NAMELESS = re.compile(r"^\d+$|\[\d+\]$")
 _EXCITATION = re.compile(
     r"(ex|exc\w*|ref\w*|dist(urb\w*)?|noise|chirp|sweep|inj\w*|add\w*)(_|\d|\b)", re.I
 )
@@ -300,6 +304,7 @@ class _Run:
     columns: tuple[Found, ...]
     rate: float | None  # Hz
     clock: _Line  # what is said of it
+    arrays: tuple[str, ...]  # what is told of those that are not one column of the record
 
     def channels(self) -> list[Found]:
         return [c for c in self.columns if c.role == "channel" and np.isfinite(c.values).all()]
@@ -315,6 +320,9 @@ _HEAD = f"""#:schema experiment.schema.json
 
 # Draft by `rotorid new`. What it could not find is left open as
 # "{OPEN}"; the file is refused until each of these is said.
+# %s.
+# Next: rotorid inspect, which takes a draft; when nothing is open, rotorid identify.
+
 """
 
 
@@ -322,8 +330,7 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     """Return an experiment file; files of one length that share no column are one record."""
     loaded = None if model is None else load_model(model, folder=folder)
     runs = _runs(files)
-    text = tomlkit.parse(_HEAD)
-    text.add(tomlkit.nl())
+    text = tomlkit.document()
     told = "" if model else "rotorid models lists those that there are"
     _written(text, [("model", model or OPEN, told)])
     records = tomlkit.aot()
@@ -337,7 +344,13 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
         text["parameters"] = _written(tomlkit.table(), _parameters(loaded))
     text.add(tomlkit.nl())
     text.add(tomlkit.comment(f"as written: {MARK}"))
-    return tomlkit.dumps(text)
+    return _HEAD % things_open(text.unwrap()) + tomlkit.dumps(text)
+
+
+def things_open(entry: Mapping[str, Any]) -> str:
+    """Say how many things a draft leaves open, and which."""
+    count, told = left_open(entry)
+    return f"{count} thing{'s' * (count > 1)} open: {told}" if count else "nothing open"
 
 
 def _runs(files: Sequence[Path]) -> list[_Run]:
@@ -354,9 +367,9 @@ def _runs(files: Sequence[Path]) -> list[_Run]:
         for path, c in every:
             said = c.name if times[c.name] == 1 else f"{path.name}:{c.name}"
             kept.setdefault(c.name, replace(c, name=said))
-        return [_run(tuple(files), list(kept.values()), tables[0])]
+        return [_run(tuple(files), list(kept.values()), tables)]
     runs = zip(files, read, tables, strict=True)
-    return [_run((path,), columns, table) for path, columns, table in runs]
+    return [_run((path,), columns, [table]) for path, columns, table in runs]
 
 
 def _columns(table: OneFile) -> list[Found]:
@@ -387,17 +400,58 @@ def _columns(table: OneFile) -> list[Found]:
         if refused and not found:
             raise refused[0]
         raise ReadError("no columns of numbers", "samples", "check the file", file=table.file)
-    return [c for c in found if len(c.values) == longest]
+    return _timed([c for c in found if len(c.values) == longest])
 
 
-def _run(files: tuple[Path, ...], columns: list[Found], table: OneFile) -> _Run:
+def _timed(columns: list[Found]) -> list[Found]:
+    """Take the first column whose name says nothing for the time, if it rises as times do.
+
+    Steps of 1 may be of an index.
+    """
+    for place, column in enumerate(columns):
+        told = column.role == "time" or not _NAMELESS.search(column.name)
+        if not told and even_rate(column.values) and column.values[1] - column.values[0] != 1:
+            timed = replace(column, role="time", assumed="it rises in equal steps: check")
+            columns = [*columns[:place], timed, *columns[place + 1 :]]
+        if column.role == "time" or columns[place] is not column:
+            break
+    return columns
+
+
+def _run(files: tuple[Path, ...], columns: list[Found], tables: Sequence[OneFile]) -> _Run:
     # The first of the file may be no numbers.
-    key = table.find(columns[0].name.removeprefix(f"{files[0].name}:"))
-    return _Run(files, tuple(columns), *_clock(columns, table.read([key])[key].rate))
+    key = tables[0].find(columns[0].name.removeprefix(f"{files[0].name}:"))
+    stated = tables[0].read([key])[key].rate
+    scalars = [one for table in tables for one in _stated_rates(table)]
+    told = (text for table in tables for text in _arrays(table, len(columns[0].values)))
+    return _Run(files, tuple(columns), *_clock(columns, stated, scalars), tuple(told))
 
 
-def _clock(columns: Sequence[Found], stated: Rate | None) -> tuple[float | None, _Line]:
-    """Return the sample rate, and the line of the column of times."""
+def _stated_rates(table: OneFile) -> Iterator[tuple[float, str]]:
+    """Yield the sample rates that scalars of a file state, in Hz, and what is told of each."""
+    for path, shape in table.sizes.items():
+        if (named := _RATE.fullmatch(leaf(path))) and math.prod(shape) == 1:
+            with suppress(InputError, ZeroDivisionError):
+                value = table.scalar(path)
+                rate = value if named["rate"] else 1 / value
+                if RATES[0] <= rate <= RATES[1]:
+                    yield rate, f"the file states {path} = {value:.9g}: check"
+
+
+def _arrays(table: OneFile, samples: int) -> Iterator[str]:
+    """Tell of matrices, and of arrays that are no columns of the record."""
+    for path, shape in table.sizes.items():
+        size, across = " x ".join(map(str, shape)), columns_across(shape)
+        if across > 1 and max(shape) == samples:
+            yield f"{path}, {size}: its columns are {path}[0] to {path}[{across - 1}]"
+        elif math.prod(shape) > 1 and (not across or max(shape) != samples):
+            yield f"{path}, {size}: no columns of {samples} samples"
+
+
+def _clock(
+    columns: Sequence[Found], stated: Rate | None, scalars: Iterable[tuple[float, str]] = ()
+) -> tuple[float | None, _Line]:
+    """Return the sample rate, and the line of the column of times, or that of the rate."""
     rate = None if stated is None else stated.hertz
     for column in columns:
         with np.errstate(invalid="ignore"):  # infinity less infinity
@@ -405,24 +459,26 @@ def _clock(columns: Sequence[Found], stated: Rate | None) -> tuple[float | None,
         if column.role != "time" or not rises:
             continue
         said: Any = column.name if column.unit else {"column": column.name, "unit": OPEN}
-        note = ""
+        note = column.assumed
         try:
-            told = read_clock(column.values).rate.hertz
+            found = read_clock(column.values).rate.hertz
         except ReadError as error:
             said, note = _column(column), str(error.found)
         else:
             said_unit = unit_of_time(column.name, column.unit)
-            unit = said_unit or _likely_unit(told, rate)
-            rate = told / si_factor(unit, "s")
+            unit = said_unit or _likely_unit(found, rate)
+            rate = found / si_factor(unit, "s")
             if not column.unit:
                 said["unit"] = unit
                 if unit != "s" and said_unit is None:
-                    note = f"taken for {unit}: in s it were {told:.4g} Hz"
+                    note = _and(f"taken for {unit}: in s it were {found:.4g} Hz", note)
         if rate is not None:
             note = _and(f"{rate:.6g} Hz, {len(column.values) / rate:.4g} s", note)
         return rate, ("time", said, note)
     if rate is not None:
         return rate, ("", None, f"the file states {rate:.9g} Hz")
+    for rate, note in scalars:
+        return rate, ("sample_rate", f"{rate:.9g} Hz", note)
     return None, ("sample_rate", OPEN, 'nothing in the file tells it; write it as "5 kHz"')
 
 
@@ -471,27 +527,26 @@ def unbalanced(model: Model) -> bool:
 
 def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
     sources = run.driving() or run.channels()
-    periods = [find_period(c.values) for c in sources]
-    found = [(c, p) for c, p in zip(sources, periods, strict=True) if p is not None]
-    rate = run.rate
-    if not found or only_rotation([c.values for c in sources], periods):
-        filtered = model is not None and model.linear is None
-        yield from _filter(run, rate) if filtered else _whole_record(run, rate)
+    found, rate = common_period([c.values for c in sources]), run.rate
+    bends = model is not None and model.linear is None
+    if found is None:
+        yield from _filter(run, rate) if bends else _whole_record(run, rate)
         return
-    column, period = max(found, key=lambda pair: pair[1].correlation)
-    told = f"found in {column.name}, correlation {period.correlation:.3g}"
+    period, repeating = found
+    told = f"found in {sources[repeating[0]].name}, correlation {period.correlation:.3g}"
     frequency = None if rate is None else period.fundamental(rate)
     if frequency is not None:
         yield "fundamental", f"{frequency:.12g} Hz", told
     else:
         yield "period_samples", round(period.samples), told
-    lines = _lines([c.values for c, _ in found], period)
-    if len(lines) <= _MOST_LINES:
+    lines = _lines([sources[k].values for k in repeating], period)
+    if len(lines) <= _MOST_LINES and not bends:
         yield "harmonics", lines, "with that of the rotation, if the rotor turns"
     else:
         spacing = None if rate is None else rate / round(period.samples)
-        ends = (lines[0], lines[-1] + 0.5)
-        yield "band", [f"{k * spacing:.6g} Hz" if spacing else OPEN for k in ends], ""
+        ends = (0 if bends else lines[0], lines[-1] + 0.5)
+        told = "the mean and every line: the model is not linear" if bends else ""
+        yield "band", [f"{k * spacing:.6g} Hz" if spacing else OPEN for k in ends], told
 
 
 def _widest(columns: Iterable[Found]) -> Found | None:
@@ -559,6 +614,7 @@ def _channels(run: _Run, model: Model | None, named: Set[str]) -> Iterator[_Line
             unit_text = f" [{column.unit}]" if column.unit else ""
             level = f"{column.values.min():.4g} to {column.values.max():.4g}"
             yield "", None, f"not used: {column.name}{unit_text}, {level}"
+    yield from (("", None, told) for told in run.arrays[:_MOST_LINES])
 
 
 def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None, set[str]]:

@@ -558,20 +558,26 @@ OPEN = "?"
 """What `rotorid new` writes where it found nothing."""
 
 
+def left_open(entry: object) -> tuple[int, str]:
+    """Return how many things a draft leaves open, and which: keys, and the tables they are of."""
+    places = [place.rstrip(".0123456789") for place, said in members(entry) if said == OPEN]
+    parts = [place.rpartition(".") for place in dict.fromkeys(places)]
+    tables = grouped((table, key) for table, _, key in parts)
+    alike = grouped((", ".join(keys), table) for table, keys in tables.items())
+    told = (k + f" of {', '.join(t)}" * any(t) for k, t in alike.items())
+    return len(parts), "; ".join(told)
+
+
 class ExperimentFile(Schema):
     """An experiment file."""
 
     @model_validator(mode="before")
     @classmethod
     def _nothing_left_open(cls, value: object) -> object:
-        places = [place.rstrip(".0123456789") for place, said in members(value) if said == OPEN]
-        if places:
-            parts = (place.rpartition(".") for place in dict.fromkeys(places))
-            tables = grouped((table, key) for table, _, key in parts)
-            alike = grouped((", ".join(keys), table) for table, keys in tables.items())
-            told = (k + f" of {', '.join(t)}" * any(t) for k, t in alike.items())
+        count, told = left_open(value)
+        if count:
             raise InputError(
-                f'"{OPEN}" for {"; ".join(told)}',
+                f'"{OPEN}" for {told}',
                 "their values",
                 "fill them in, as the comments there say",
             )

@@ -75,7 +75,7 @@ def read_record(
         files (.uff, .unv) or MDF (.mf4, .mdf); or several files of one clock.
     columns : mapping or sequence of str, optional
         Channel names to columns; or the columns, each under its own name. Without it, all
-        one-dimensional columns of the length of the longest that hold a number.
+        columns of the length of the longest that hold a number, of matrices too: ``name[0]``.
     sample_rate : float or str
         In Hz, or with a unit: ``"5 kHz"``.
     time : str or Source, optional

@@ -30,6 +30,10 @@ RATES = (1e-9, 1e12)
 COLUMNS = 10_000
 """Of a file: loggers have hundreds of channels."""
 
+ACROSS, SLENDER = 100, 4
+"""Columns of a matrix of samples at most, and what it is longer than wide at least: others are
+pictures, gains, coefficients."""
+
 DEPTH = 64
 """Groups in groups, and structures in structures: loggers nest up to five."""
 
@@ -87,7 +91,7 @@ class ColumnFile(Protocol):
 
     @property
     def names(self) -> Sequence[str]:
-        """Names of the one-dimensional columns, in the file's order."""
+        """Names of the columns, in the file's order; ``name[3]`` of a matrix."""
 
     def find(self, name: str) -> str:
         """Return the file's own name of a column."""
@@ -99,6 +103,10 @@ class ColumnFile(Protocol):
 
 
 class OneFile(ColumnFile, Protocol):
+    @property
+    def sizes(self) -> Mapping[str, tuple[int, ...]]:
+        """The shapes of the file's arrays, of scalars too; of a text table none."""
+
     def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]: ...
 
 
@@ -192,13 +200,19 @@ class ArrayFile:
         return os.path.getsize(self.file)
 
     def names(self) -> list[str]:
-        """Return the names of one-dimensional arrays: leaf names where these are unique."""
-        paths = [p for p, shape in self.shapes.items() if is_column(shape) and max(shape) > 1]
+        """Return the names of columns, of matrices too: leaf names where these are unique."""
+        across = {path: columns_across(shape) for path, shape in self.shapes.items()}
+        paths = [path for path, count in across.items() if count]
         leaves = [path.rsplit("/", 1)[-1] for path in paths]
         counts = Counter(leaves)
-        return [
-            leaf if counts[leaf] == 1 else path for path, leaf in zip(paths, leaves, strict=True)
-        ]
+        found = list[str]()
+        for path, leaf in zip(paths, leaves, strict=True):
+            name, count = leaf if counts[leaf] == 1 else path, across[path]
+            found += [name] if count == 1 else [f"{name}[{k}]" for k in range(count)]
+        return found
+
+    def sizes(self) -> dict[str, tuple[int, ...]]:
+        return dict(self.shapes)
 
     def find(self, name: str) -> str:
         """Return the path of a column, with its index where it is one of a 2-D array."""
@@ -285,6 +299,14 @@ def is_column(shape: tuple[int, ...]) -> bool:
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
 
 
+def columns_across(shape: tuple[int, ...]) -> int:
+    """Return how many columns of samples an array holds: of a matrix, as many as it is narrow."""
+    if is_column(shape):
+        return int(max(shape) > 1)
+    narrow = len(shape) == 2 and 1 < min(shape) <= ACROSS and max(shape) > SLENDER * min(shape)
+    return min(shape) if narrow else 0
+
+
 def _not_a_column(name: str, shape: tuple[int, ...]) -> ReadError:
     size = " x ".join(map(str, shape)) or "a scalar"
     cure = "write name[0] for the first of its columns" if len(shape) == 2 else "name a column"
@@ -349,6 +371,10 @@ class Stored(Sandbox):
     @cached_property
     def names(self) -> list[str]:
         return list(self.ask("names"))
+
+    @cached_property
+    def sizes(self) -> dict[str, tuple[int, ...]]:
+        return {path: tuple(shape) for path, shape in self.ask("sizes").items()}
 
     def find(self, name: str) -> str:
         return str(self.ask("find", name))

@@ -9,7 +9,7 @@ import csv
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice, takewhile
@@ -372,6 +372,10 @@ class DelimitedTable:
     @property
     def names(self) -> tuple[str, ...]:
         return self.dialect.names
+
+    @property
+    def sizes(self) -> Mapping[str, tuple[int, ...]]:
+        return {}
 
     def find(self, name: str) -> str:
         if name not in self._places:

@@ -15,7 +15,7 @@ from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.average import average
 from rotorid.signals.checks.channels import is_input
 from rotorid.signals.checks.registry import check_record
-from rotorid.signals.period_search import find_period, only_rotation
+from rotorid.signals.period_search import common_period
 
 
 @frozen
@@ -209,20 +209,11 @@ def inspect_record(
 
 
 def _period(record: Record, skip: float) -> int | None:
-    """Return the samples of a period: that of most channels, of the one that repeats best."""
     first = round(skip * record.sample_rate)
-    columns = list(record.samples[first:].T)
-    found = [find_period(column) for column in columns]
-    clear = [period for period in found if period is not None]
-    if not clear or only_rotation(columns, found):
+    found = common_period(list(record.samples[first:].T))
+    if found is None:
         return None
-    # A counter of the rotor angle repeats best of all, with a period of its own.
-    agree = [
-        sum(abs(other.samples - p.samples) <= other.accuracy + p.accuracy + 1 for other in clear)
-        for p in clear
-    ]
-    most = [p for p, count in zip(clear, agree, strict=True) if count == max(agree)]
-    best = max(most, key=lambda period: period.correlation)
+    best = found[0]
     nice = best.fundamental(record.sample_rate)
     size = round(best.samples) if nice is None else round(record.sample_rate / nice)
     return size if 2 <= size <= (len(record.samples) - first) // 2 else None

@@ -66,24 +66,46 @@ def find_period(samples: Floats) -> Period | None:
     return _refined(correlation, first)
 
 
-def only_rotation(columns: Sequence[Floats], found: Sequence[Period | None]) -> bool:
-    """Tell whether what repeats is one wave, in some columns, while others move without a period.
+def common_period(columns: Sequence[Floats]) -> tuple[Period, list[int]] | None:
+    """Return the period that most columns share, and which repeat, the clearest first; or none.
 
-    So it is where a rotor turns while one axis is swept: the wave is its unbalance. What somebody
-    repeats on purpose holds several lines, or is in all columns.
+    There is none where all that repeats is one wave, in some columns, while others move without a
+    period. So it is where a rotor turns while one axis is swept: the wave is its unbalance. What
+    somebody repeats on purpose holds several lines, or is in all columns. Nor is there one that
+    half of the columns of several lines do not have: motions under control come back by and by,
+    each in its own time. The counter of a rotor angle, which repeats best of all, is one of many.
     """
-    moving = [(c, p) for c, p in zip(columns, found, strict=True) if np.ptp(c)]
-    repeating = [(c, p) for c, p in moving if p is not None]
-    if not repeating or len(repeating) == len(moving):
-        return False
-    for column, period in repeating:
-        middle = _middle(column)
-        window = np.hanning(len(middle))
-        power = np.abs(np.fft.rfft((middle - middle.mean()) * window)) ** 2
-        top = int(np.argmax(power))
-        if power[max(top - 3, 0) : top + 4].sum() <= _ALONE * period.correlation * power.sum():
-            return False
-    return True
+    moving = [k for k, column in enumerate(columns) if np.ptp(column)]
+    found = {k: p for k in moving if (p := find_period(columns[k])) is not None}
+    several = {k: p for k, p in found.items() if not _is_one_wave(columns[k], p)}
+    if not found or (not several and len(found) < len(moving)):
+        return None
+    several = several or found
+
+    def shared(k: int) -> tuple[bool, int, int, float]:
+        one = several[k]
+        times = [round(one.samples / p.samples) for p in several.values() if _divides(p, one)]
+        return times.count(1) > 1, len(times), times.count(1), one.correlation
+
+    best = max(several, key=shared)
+    if 2 * shared(best)[1] <= len(several):
+        return None
+    return several[best], [best, *(k for k in found if k != best)]
+
+
+def _divides(period: Period, longer: Period) -> bool:
+    count = round(longer.samples / period.samples)
+    off = abs(longer.samples - count * period.samples)
+    return count > 0 and off <= longer.accuracy + count * period.accuracy + 1
+
+
+def _is_one_wave(column: Floats, period: Period) -> bool:
+    middle = _middle(column)
+    window = np.hanning(len(middle))
+    power = np.abs(np.fft.rfft((middle - middle.mean()) * window)) ** 2
+    top = int(np.argmax(power))
+    alone = power[max(top - 3, 0) : top + 4].sum()
+    return bool(alone > _ALONE * period.correlation * power.sum())
 
 
 def _middle(samples: Floats) -> Floats:
