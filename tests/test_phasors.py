@@ -46,6 +46,46 @@ def test_exact_phasors_give_the_rotor_back(folder, senses):
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-9)
 
 
+CONDITIONS = """
+[[records]]
+kind = "phasors"
+file = "all.csv"
+rows = { column = "run", is = "bare" }
+speed = { column = "n", unit = "rpm" }
+same_speed = "0.1 rpm"
+[[records]]
+kind = "phasors"
+file = "all.csv"
+rows = { column = "run", is = "with 2 g" }
+speed = { column = "n", unit = "rpm" }
+same_speed = "0.1 rpm"
+"""
+
+
+def test_conditions_of_one_table_are_records(folder):
+    """Chosen by a column of text; readings at speeds that differ a little are repeated ones."""
+    rng, rows = np.random.default_rng(1), ["run,n,xr,xi,yr,yi"]
+    for name in ("bare", "with 2 g"):
+        for rpm in np.repeat(RPM, 3) + rng.uniform(-0.04, 0.04, 3 * len(RPM)):
+            noise = 1e-6 * (rng.normal(size=2) + 1j * rng.normal(size=2))
+            ((x, y),) = (coast(np.array([rpm])) + noise).tolist()
+            rows.append(f"{name},{rpm},{x.real},{x.imag},{y.real},{y.imag}")
+    (folder / "all.csv").write_text("\n".join(rows))
+    channels = "\n".join(f'{c} = {{ real = "{c}r", imag = "{c}i", unit = "m" }}' for c in "xy")
+    _, head, known = EXPERIMENT.partition("[parameters]")
+    text = f'model = "model.toml"{CONDITIONS}[channels]\n{channels}\n{head}{known}'
+    records = load(folder, text).records()
+    assert [len(one.speed) for one in records] == [len(RPM), len(RPM)]
+    assert identify(folder, text).value("k") == pytest.approx(TRUTH["k"], rel=1e-3)
+    for old, new, told in (
+        ('"with 2 g"', '"with 2g"', "rows.is: found no row whose run is 'with 2g'.*with 2 g"),
+        ('"with 2 g"', '"bare"', "the phasors of records.0 again.*give each its own rows"),
+        ('"0.1 rpm"', '"0.001 rpm"', "no std"),
+    ):
+        with pytest.raises(InputError, match=told):
+            identify(folder, text.replace(old, new))
+
+
 def test_the_loads_lie_on_their_own_lines():
     lines = phasor_lines([rid.Channel("x")], [-200.0, 300.0], [[1j], [1j]], 1e-3)
 

@@ -46,12 +46,14 @@ def phasor_lines(
     phasors: ArrayLike,
     std: ArrayLike | None = None,
     *,
+    same_speed: float = 0.0,
     source: str = "",
     checks: Sequence[Note] = (),
 ) -> Lines:
     """Return the lines of a table of 1x phasors, a row per speed.
 
-    Noise is told by `std`, or by repeated readings at the same speed: these are averaged, and their
+    Noise is told by `std`, or by repeated readings at the same speed, or at speeds within
+    `same_speed` in rad/s of the lowest of them: these are averaged, and their
     scatter, pooled over all speeds with the cross terms between channels kept, is the covariance of
     each reading. Where it grows with the amplitude, its variance is ``a + b |X|^2``.
 
@@ -71,14 +73,14 @@ def phasor_lines(
         as_lines = np.asarray(np.where(turning[:, None] < 0, as_lines.conj(), as_lines))
         rows, told = _without_doubles(turning[order], as_lines[order])
         turning, recorded = turning[order[rows]], as_lines[order[rows]]
-        groups = _groups(turning)
+        groups = _groups(turning, same_speed)
         count = np.bincount(groups)
         mean = np.zeros((len(count), recorded.shape[1]), dtype=np.complex128)
         np.add.at(mean, groups, recorded)
         scatter = recorded - (mean / count[:, None])[groups]
         if known is None:
             first = np.flatnonzero(np.diff(groups, prepend=-1))
-            turning, recorded = turning[first], (recorded - scatter)[first]
+            turning, recorded = np.bincount(groups, turning) / count, (recorded - scatter)[first]
             covariance, said = _repeated(scatter, groups, recorded, channels)
         else:
             stated = known[order[rows]]
@@ -165,10 +167,14 @@ def _deviations(std: ArrayLike, values: Complexes, cure: str, row: bool = True) 
     return found
 
 
-def _groups(speed: Floats) -> Integers:
+def _groups(speed: Floats, same: float = 0.0) -> Integers:
     """Return the number of the reading of the speed, of rows that are sorted by it."""
-    apart = np.diff(speed) > SAME_SPEED * np.abs(speed[1:])
-    return np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)
+    found, first = [0], float(speed[0])
+    for each in speed[1:].tolist():
+        apart = each - first > max(same, SAME_SPEED * abs(each))
+        found.append(found[-1] + apart)
+        first = each if apart else first
+    return np.array(found)
 
 
 def _without_doubles(speed: Floats, lines: Complexes) -> tuple[Integers, tuple[str, ...]]:

@@ -26,7 +26,7 @@ from rotorid.experiment.schema import OPEN, left_open
 from rotorid.io import open_table
 from rotorid.io.clock import UNITS, even_rate, is_time, leaf, read_clock, unit_of_time
 from rotorid.io.columns import check_magnitude, largest_of
-from rotorid.io.table import RATES, OneFile, Rate, columns_across
+from rotorid.io.table import RATES, OneFile, Rate, Stored, columns_across
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.models.equations import combination_text
@@ -404,30 +404,30 @@ def _columns(table: OneFile) -> list[Found]:
 
 
 def _timed(columns: list[Found]) -> list[Found]:
-    """Take the first column whose name says nothing for the time, if it rises as times do.
-
-    Steps of 1 may be of an index.
-    """
-    for place, column in enumerate(columns):
-        told = column.role == "time" or not _NAMELESS.search(column.name)
-        if not told and even_rate(column.values) and column.values[1] - column.values[0] != 1:
-            timed = replace(column, role="time", assumed="it rises in equal steps: check")
-            columns = [*columns[:place], timed, *columns[place + 1 :]]
-        if column.role == "time" or columns[place] is not column:
-            break
-    return columns
+    """Take the first column without a name for the time if it rises so: by 1, it may count."""
+    timed = (
+        c
+        for c in columns
+        if c.role == "time"
+        or (_NAMELESS.search(c.name) and even_rate(c.values) and np.diff(c.values[:2]) != 1)
+    )
+    if (first := next(timed, None)) is None or first.role == "time":
+        return columns
+    assumed = replace(first, role="time", assumed="it rises in equal steps: check")
+    return [assumed if c is first else c for c in columns]
 
 
 def _run(files: tuple[Path, ...], columns: list[Found], tables: Sequence[OneFile]) -> _Run:
     # The first of the file may be no numbers.
     key = tables[0].find(columns[0].name.removeprefix(f"{files[0].name}:"))
     stated = tables[0].read([key])[key].rate
-    scalars = [one for table in tables for one in _stated_rates(table)]
-    told = (text for table in tables for text in _arrays(table, len(columns[0].values)))
-    return _Run(files, tuple(columns), *_clock(columns, stated, scalars), tuple(told))
+    arrays = [each for table in tables if isinstance(table, Stored) for each in table.sizes.items()]
+    rates = (rate for table in tables if isinstance(table, Stored) for rate in _stated_rates(table))
+    told = tuple(_arrays(arrays, len(columns[0].values)))
+    return _Run(files, tuple(columns), *_clock(columns, stated, rates), told)
 
 
-def _stated_rates(table: OneFile) -> Iterator[tuple[float, str]]:
+def _stated_rates(table: Stored) -> Iterator[tuple[float, str]]:
     """Yield the sample rates that scalars of a file state, in Hz, and what is told of each."""
     for path, shape in table.sizes.items():
         if (named := _RATE.fullmatch(leaf(path))) and math.prod(shape) == 1:
@@ -438,9 +438,9 @@ def _stated_rates(table: OneFile) -> Iterator[tuple[float, str]]:
                     yield rate, f"the file states {path} = {value:.9g}: check"
 
 
-def _arrays(table: OneFile, samples: int) -> Iterator[str]:
+def _arrays(arrays: Iterable[tuple[str, tuple[int, ...]]], samples: int) -> Iterator[str]:
     """Tell of matrices, and of arrays that are no columns of the record."""
-    for path, shape in table.sizes.items():
+    for path, shape in arrays:
         size, across = " x ".join(map(str, shape)), columns_across(shape)
         if across > 1 and max(shape) == samples:
             yield f"{path}, {size}: its columns are {path}[0] to {path}[{across - 1}]"

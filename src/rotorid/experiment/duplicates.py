@@ -166,9 +166,10 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording]) -> None:
             begin = max(entry.skip or 0.0, other.skip or 0.0)
             apart = any(each.until is not None and each.until <= begin for each in (entry, other))
             if paths & files and sensors & columns and not apart and _lines_overlap(entry, other):
+                own = "times by skip and until" if entry.kind == "samples" else "rows"
                 raise _twice(
-                    f"the samples of records.{before} again ({min(paths & files).name[:120]})",
-                    "remove one of the two, or give each its own times by skip and until",
+                    f"the {entry.kind} of records.{before} again ({min(paths & files).name[:120]})",
+                    f"remove one of the two, or give each its own {own}",
                     place=plan.place,
                 )
         read_from.append((entry, paths, sensors))
@@ -340,6 +341,8 @@ def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:
     """Tell whether two records of the same samples may use the same of them, and a same line."""
     if first.mask != second.mask and None not in (first.mask, second.mask):
         return False
+    if first.rows and second.rows and first.rows.column == second.rows.column:
+        return first.rows.value == second.rows.value
     periods = {(each.fundamental, each.period_samples) for each in (first, second)}
     if first.harmonics and second.harmonics and len(periods) == 1:
         return not set(first.harmonics).isdisjoint(second.harmonics)

@@ -327,14 +327,21 @@ _MADE: dict[str, tuple[set[str], str, str]] = {
     ),
     "filtered": (_SAMPLES | {"cutoff", "decimate", "leave_out"}, "beside cutoff", "add cutoff"),
     "run-up": ((_FILES | _TIMES | {"revolutions"}) - {"speed"}, "in a table of phasors", _TURN_UP),
-    "phasors": (_FILES, "in a table of phasors", 'say kind = "phasors"'),
+    "phasors": (_FILES | {"rows", "same_speed"}, "in a table of phasors", 'say kind = "phasors"'),
     "responses": (
-        _FILES | {"frequency", "averages", "window", "band", "every"},
+        _FILES | {"rows", "frequency", "averages", "window", "band", "every"},
         "in a table of responses",
         'say kind = "responses"',
     ),
 }
 """What is made of a record: its keys, how others beside them are told, and how to ask for it."""
+
+
+class RowsEntry(Schema):
+    """The rows of a table that a record takes: those in which a column holds a text or number."""
+
+    column: str
+    value: str | int | float = Field(alias="is")
 
 
 class RecordKeys(Schema):
@@ -348,6 +355,8 @@ class RecordKeys(Schema):
     file: str | None = None
     files: Annotated[list[str] | None, Field(min_length=1)] = None
     header_row: Count | None = None
+    rows: RowsEntry | None = None
+    same_speed: Annotated[float, si("rad/s"), Field(ge=0, le=1e6)] = 0.0
     sample_rate: Hertz | None = None
     overrule: StrictBool = False
     time: Annotated[TimeEntry | None, _short("column", str)] = None

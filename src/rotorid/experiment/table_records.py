@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming
+from rotorid.core.errors import NAME_CHARACTERS, InputError, naming, nearest
 from rotorid.core.units import si_factor, to_si
-from rotorid.core.values import Complexes, Floats, grouped
+from rotorid.core.values import Complexes, Floats, Integers, grouped
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.table_lines import line_spacing, phasor_lines, response_lines
 from rotorid.experiment.read import Recording, reading_factor
-from rotorid.experiment.schema import ChannelEntry
+from rotorid.experiment.schema import ChannelEntry, RecordEntry, RowsEntry
 from rotorid.io import formats, open_tables
 from rotorid.io.columns import check_magnitude, largest_of, unit_of
 from rotorid.io.formats import StoredResponse
@@ -26,9 +26,11 @@ from rotorid.signals.checks.channels import check_phases, check_probes
 class Columns:
     """The columns of a table, in SI and of one length."""
 
-    def __init__(self, table: ColumnFile, overrule: bool) -> None:
-        self.table, self.overrule = table, overrule
+    def __init__(self, table: ColumnFile, entry: RecordEntry) -> None:
+        self.table, self.overrule = table, entry.overrule
         self.rows: int | None = None
+        # rows of the file, from 0
+        self.chosen = slice(None) if entry.rows is None else chosen_rows(table, entry.rows)
 
     def si(self, column: str, unit: str | None, expected: str, place: str) -> Floats:
         with naming(place=place):
@@ -39,21 +41,40 @@ class Columns:
             told = f"a unit that converts to {expected}"
             raise InputError("no unit", told, "write it", place=place)
         factor = si_factor(declared, expected, place=f"{place}.unit")
-        wrong = ~np.isfinite(found.values)
+        values = found.values[self.chosen]
+        wrong = ~np.isfinite(values)
         if wrong.any():
+            row = np.arange(len(found.values))[self.chosen][wrong][0]
             raise InputError(
-                f"{found.values[wrong][0]} in row {int(wrong.argmax()) + 1} of {column!r}",
+                f"{values[wrong][0]} in row {row + 1} of {column!r}",
                 "a number in every row",
                 "fill it in, or delete the row",
                 place=place,
             )
-        check_magnitude(largest_of(found.values), factor, place)
-        rows = len(found.values)
+        check_magnitude(largest_of(values), factor, place)
+        rows = len(values)
         if self.rows not in (None, rows):
             told = f"{rows} and {self.rows} rows"
             raise InputError(told, "columns of one length", "cut them", place=place)
         self.rows = rows
-        return np.asarray(found.values * factor)
+        return np.asarray(values * factor)
+
+
+def chosen_rows(table: ColumnFile, entry: RowsEntry) -> Integers:
+    with naming(place="rows"):
+        texts = table.texts(table.find(entry.column))
+    wanted = str(entry.value).removesuffix(".0")
+    found = [row for row, text in enumerate(texts) if text.removesuffix(".0") == wanted]
+    if not found:
+        there = list(dict.fromkeys(texts))
+        shown = ", ".join(text[:NAME_CHARACTERS] for text in there[:8]) + " .." * (len(there) > 8)
+        raise InputError(
+            f"no row whose {entry.column} is {wanted[:NAME_CHARACTERS]!r}",
+            f"one of {shown}",
+            nearest(wanted, there),
+            place="rows.is",
+        )
+    return np.array(found)
 
 
 def complex_column(rows: Columns, entry: ChannelEntry, expected: str, place: str) -> Complexes:
@@ -131,7 +152,7 @@ def _of_table(plan: Recording, rows: Columns, axis: Floats | None) -> list[_Read
 def read_phasors(plan: Recording) -> list[Lines]:
     entry, entries = plan.entry, plan.channels
     table = open_tables(plan.paths, header_row=entry.header_row)
-    rows, speed = Columns(table, entry.overrule), None
+    rows, speed = Columns(table, entry), None
     with naming(table.file):
         if entry.speed.column is not None:
             speed = rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
@@ -156,7 +177,8 @@ def read_phasors(plan: Recording) -> list[Lines]:
                 turned = rows.si(one.phase or "", one.phase_unit, "rad", place)
                 checks += check_phases(name, turned / factor, degrees=factor < 1)
         channels, source = [one.channel for one in found], table.file
-        return [phasor_lines(channels, found[0].axis, phasors, std, source=source, checks=checks)]
+        told: dict[str, Any] = {"source": source, "checks": checks, "same_speed": entry.same_speed}
+        return [phasor_lines(channels, found[0].axis, phasors, std, **told)]
 
 
 def read_responses(plan: Recording) -> list[Lines]:
@@ -171,6 +193,9 @@ def read_responses(plan: Recording) -> list[Lines]:
             place=f"channels.{stored[0]}",
         )
     with naming(", ".join(map(str, paths))):
+        if stored and entry.rows is not None:
+            cure = "remove rows: its responses are chosen by the column of each channel"
+            raise InputError("rows of a universal file", "rows of a table", cure, place="rows")
         if stored:
             found = _of_universal(plan)
         elif entry.frequency is None:
@@ -181,7 +206,7 @@ def read_responses(plan: Recording) -> list[Lines]:
                 place="frequency",
             )
         else:
-            rows = Columns(open_tables(paths, header_row=entry.header_row), entry.overrule)
+            rows = Columns(open_tables(paths, header_row=entry.header_row), entry)
             hertz = rows.si(entry.frequency.column, entry.frequency.unit, "Hz", "frequency")
             found = _of_table(plan, rows, hertz)
         return [_lines(group, plan) for group in _groups(found)]

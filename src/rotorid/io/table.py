@@ -99,14 +99,13 @@ class ColumnFile(Protocol):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
 
+    def texts(self, name: str) -> list[str]:
+        """Return a column as it is written, a text a row; of a binary file its numbers."""
+
     def scalar(self, name: str) -> float: ...
 
 
 class OneFile(ColumnFile, Protocol):
-    @property
-    def sizes(self) -> Mapping[str, tuple[int, ...]]:
-        """The shapes of the file's arrays, of scalars too; of a text table none."""
-
     def read_each(self, names: Sequence[str]) -> dict[str, Column | InputError]: ...
 
 
@@ -374,6 +373,7 @@ class Stored(Sandbox):
 
     @cached_property
     def sizes(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of the file's arrays, of scalars too."""
         return {path: tuple(shape) for path, shape in self.ask("sizes").items()}
 
     def find(self, name: str) -> str:
@@ -396,6 +396,9 @@ class Stored(Sandbox):
             except InputError as error:
                 found[name] = error
         return found
+
+    def texts(self, name: str) -> list[str]:
+        return list(map(str, self.read([name])[name].values.tolist()))
 
     def scalar(self, name: str) -> float:
         return float(self.ask("scalar", name))
@@ -457,6 +460,10 @@ class JoinedTables:
             mine = [n.removeprefix(f"{file}:") for n in wanted if n.startswith(f"{file}:")]
             columns |= {f"{file}:{name}": c for name, c in table.read(mine).items()} if mine else {}
         return columns
+
+    def texts(self, name: str) -> list[str]:
+        file = next(file for file in self.tables if name.startswith(f"{file}:"))
+        return self.tables[file].texts(name.removeprefix(f"{file}:"))
 
     def scalar(self, name: str) -> float:
         for table in self.tables.values():

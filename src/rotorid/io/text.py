@@ -9,7 +9,7 @@ import csv
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice, takewhile
@@ -373,10 +373,6 @@ class DelimitedTable:
     def names(self) -> tuple[str, ...]:
         return self.dialect.names
 
-    @property
-    def sizes(self) -> Mapping[str, tuple[int, ...]]:
-        return {}
-
     def find(self, name: str) -> str:
         if name not in self._places:
             error = no_column(name, self.names, self.file)
@@ -447,6 +443,9 @@ class DelimitedTable:
         else:
             expected, cure = "a number", "cut the record there, or leave the column out"
         return ReadError(found, expected, cure, file=self.file, place=at)
+
+    def texts(self, name: str) -> list[str]:
+        return [fields[self._places[name]] for _, fields in self._rows()]
 
     def scalar(self, name: str) -> float:
         raise ReadError(
