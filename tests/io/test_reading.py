@@ -293,8 +293,15 @@ def test_jittered_samples_come_onto_the_grid(tmp_path):
     as_if_even = rid.read_record(path, columns=["x"], sample_rate=1000.0)
     assert np.abs(as_if_even.column("x") - wave(EVEN)).max() > 0.02
     (told,) = record.warnings
-    assert "jitter by 0.00011 s (rms): samples interpolated to 1000 Hz" in told
-    assert "at 20 Hz" in told
+    assert "jitter by 0.0001 s (rms): samples interpolated to equal steps" in told
+    assert "an error below 0.001 % at 20 Hz" in told
+
+
+def test_a_clock_that_wanders_is_told_by_its_steps():
+    """A clock that goes half a percent fast, then slow, is off by milliseconds, by no jitter."""
+    wander = EVEN + 5e-3 * np.sin(2 * np.pi * EVEN / 4.0) / (2 * np.pi / 4.0)
+    assert read_clock(wander).jitter == pytest.approx(5e-3 * 1e-3 / np.sqrt(2), rel=1e-3)
+    assert read_clock(JITTER).jitter == pytest.approx(2e-4 / np.sqrt(3), rel=0.03)
 
 
 def test_the_stated_error_is_the_error():

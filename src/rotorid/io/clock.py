@@ -65,11 +65,15 @@ def unit_of_time(name: str, unit: str | None) -> str | None:
 class FileClock:
     rate: Rate
     even: bool  # the steps are equal but for the digits in which the times are written
-    jitter: float  # root mean square of the deviation from equal steps, in s
+    # in s, root mean square: of the deviation from equal steps, or of a step, if clocks wander
+    jitter: float
 
 
-def read_clock(time: Floats) -> FileClock:
-    """Judge sample times in s; refuse those that stand still, run backward or miss samples."""
+def read_clock(time: Floats, first: float | None = None) -> FileClock:
+    """Judge sample times in s; refuse those that stand still, run backward or miss samples.
+
+    `first` is that of the file's first sample, from which a record's times count.
+    """
     if len(time) < 2 or not np.all(np.isfinite(time)):
         raise ReadError(
             "sample times that are not finite" if len(time) > 1 else "a single sample",
@@ -81,7 +85,7 @@ def read_clock(time: Floats) -> FileClock:
     step = float(np.median(steps))
     wrong = np.flatnonzero(~((steps < LATE * step) & (steps > EARLY * step)))
     if wrong.size or step <= 0:
-        raise _gap(time, step, wrong)
+        raise _gap(time, step, wrong, time[0] if first is None else first)
     count = len(time)
     span = float(time[-1] - time[0])
     index = np.arange(count) - (count - 1) / 2
@@ -94,7 +98,8 @@ def read_clock(time: Floats) -> FileClock:
         resolution <= slope / 2 and furthest <= _ROUNDED * resolution
     )
     rate = Rate((count - 1) / span, max(resolution, furthest) / span)
-    return FileClock(rate, even, float(np.sqrt(np.mean(deviation**2))))
+    jitter = min(np.sqrt(np.mean(deviation**2)), np.std(steps))
+    return FileClock(rate, even, float(jitter))
 
 
 def error_as_they_are(time: Floats, rate: float, frequency: float) -> float:
@@ -111,7 +116,7 @@ def even_rate(time: Floats) -> Rate | None:
     return clock.rate if clock.even else None
 
 
-def _gap(time: Floats, step: float, wrong: np.ndarray) -> ReadError:
+def _gap(time: Floats, step: float, wrong: np.ndarray, origin: float) -> ReadError:
     first = int(wrong[0]) if wrong.size else 0
     size = time[first + 1] - time[first]
     cure = "leave time out and give sample_rate, if only the time stamps are wrong"
@@ -119,9 +124,9 @@ def _gap(time: Floats, step: float, wrong: np.ndarray) -> ReadError:
     longest = int(np.argmax(np.diff(ends)))
     begin, end = int(ends[longest]) + 1, int(ends[longest + 1])
     if step > 0 and size >= LATE * step and end > begin:
-        stretch = [] if begin == 0 else [f'skip = "{time[begin] - time[0]:.6g} s"']
+        stretch = [] if begin == 0 else [f'skip = "{time[begin] - origin:.9g} s"']
         if end < len(time) - 1:
-            stretch.append(f'until = "{time[end] - time[0] + step / 2:.6g} s"')
+            stretch.append(f'until = "{time[end] + step / 2 - origin:.9g} s"')
         cure = f"use the longest stretch without: {' and '.join(stretch)}; or {cure}"
     return ReadError(
         f"a step of {size:.6g} s after sample {first} (t = {time[first]:.9g} s)"
@@ -247,7 +252,7 @@ def weigh_clock(
     stated = _stated_rate([column.rate for column in several if column.rate is not None])
     if stamps is not None:
         begin, end = _stretch(stamps, *limits)
-        told = read_clock(used := stamps[begin:end])
+        told = read_clock(used := stamps[begin:end], float(stamps[0]))
         if given is not None:
             _check_rate(given, told.rate, "the time column", "remove the wrong one")
         rate = given or _whole_multiple(told.rate, fundamental, exactly=told.even)
@@ -388,10 +393,12 @@ def on_grid(
             "time if the samples are equidistant and only their stamps are not",
             place="time",
         )
+    # in few digits, so that records of one logger say the same, which is told once
+    size = "below 0.001" if error < 1e-5 else f"of {100 * error:.1g}"
     told = (
-        f"the sample times jitter by {clock.jitter:.2g} s (rms): samples interpolated to "
-        f"{clock.rate:.9g} Hz, with an error of {100 * error:.1g} % at {frequency:.4g} Hz; if only "
-        "the stamps jitter, give sample_rate in place of time"
+        f"the sample times jitter by {clock.jitter:.1g} s (rms): samples interpolated to equal "
+        f"steps, with an error {size} % at {frequency:.4g} Hz; if only the stamps jitter, give "
+        "sample_rate in place of time"
     )
     clock = replace(clock, warnings=(*clock.warnings, told))
     return clock, found[:, :-1], found[:, -1] > 0.999

@@ -67,8 +67,9 @@ class Nuisances:
         Constants of the force laws to estimate: the force per current of each input; the force
         per displacement, one for all inputs whose laws state the same (those of a bearing), or one
         per input.
-    delays : sequence of {"force", "position"}
-        One unknown delay common to all channels of the kind.
+    delays : sequence of str
+        "force", "position": one unknown delay common to all channels of the kind; the name of a
+        channel: one of its own.
     each : sequence of str
         Parameters that every record has to itself: ``u_x[0]``, ``u_x[1]``, names that may stand
         in `fixed`, `known` and `start` too.
@@ -78,7 +79,7 @@ class Nuisances:
 
     runout: Annotated[bool, Strict()] = False
     gains: tuple[Literal["ki", "ks", "ks*"], ...] = ()
-    delays: tuple[Literal["force", "position"], ...] = ()
+    delays: tuple[str, ...] = ()
     each: tuple[str, ...] = ()
     force_scale_std: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
 
@@ -242,21 +243,24 @@ def multiplier(name: str, channels: Iterable[str], start: float = 1.0) -> Unknow
 
 def delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return by what channels lag; the lines are corrected for the stated delay already."""
-    asked = 'delay = { std = ".." } there'
     return [
-        _late(c.name, [c.name], asked, c.delay, None if wanted is None else c.delay_std)
+        _late(c.name, [c.name], c.delay, None if wanted is None else c.delay_std or None)
         for c in _channels(records)
-        if wanted is None or c.delay_std > 0
+        if wanted is None or c.delay_std > 0 or c.name in wanted.delays
     ]
 
 
 def common_delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     """Return one delay of all inputs, ``delay[force]``, or of all sensors, ``delay[position]``."""
     channels = {"force": _inputs(records), "position": _sensors(records)}
-    kinds = channels if wanted is None else wanted.delays
-    if wanted is not None and "force" in kinds:
-        _require_forces(records, "an unknown delay of the forces", "delays")
-    return [_late(kind, channels[kind], f'delays = ["{kind}"]') for kind in kinds]
+    if wanted is not None:
+        known = (*channels, *(channel.name for channel in _channels(records)))
+        require_names(
+            wanted.delays, known, cure="name one of these, or leave it out", place="delays"
+        )
+        if "force" in wanted.delays:
+            _require_forces(records, "an unknown delay of the forces", "delays")
+    return [_late(k, on, 0.0) for k, on in channels.items() if wanted is None or k in wanted.delays]
 
 
 def _require_forces(records: Records, what: str, place: str) -> None:
@@ -266,9 +270,7 @@ def _require_forces(records: Records, what: str, place: str) -> None:
         raise InputError(f"{what}, but no force in any record", expected, cure, place=place)
 
 
-def _late(
-    label: str, channels: Iterable[str], asked: str, known: float = 0.0, std: float | None = None
-) -> Unknown:
+def _late(label: str, channels: Iterable[str], known: float, std: float | None = None) -> Unknown:
     on = frozenset(channels)
     scales = Scales(
         on,
@@ -287,11 +289,12 @@ def _late(
         flat = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
         start = 1 / (2 * np.pi * abs(size))
         scalar = Scalar(f"bandwidth[{name}]", "Hz", start, positive=True)
-        cure = "declare it: dynamics = { bandwidth = .. } of the channels"
+        cure = f'declare it: dynamics = {{ bandwidth = {{ start = "{start:.3g} Hz" }} }}'
+        cure += " of the channels" + f', with shared = "{name}"' * (len(on) > 1)
         return _response((scalar,), on, flat, cure)
 
     scalar = Scalar(f"delay[{label}]", "s", known, std, additive=True)
-    cure = f"give delay or hold of the channels, or have it estimated: {asked}"
+    cure = f'give delay or hold of the channels, or have it estimated: delays = ["{label}"]'
     held = "leave it out of delays"
     return Unknown((scalar,), on, (scales,), rival="term", cure=cure, held=held, instead=instead)
 
