@@ -105,6 +105,15 @@ def test_validate(folder, output):
     assert json.loads((folder / "wrong_too.json").read_text())["verdict"] == "fails"
 
 
+def test_another_part_of_the_same_file_is_another_record(folder, output):
+    first, *others = (folder / f"{name}.toml" for name in ("first", "apart", "overlapping"))
+    for path, part in ((first, "until"), *zip(others, ("skip", "until"), strict=True)):
+        path.write_text(EXPERIMENT.replace("[channels]", f'{part} = "1 s"\n[channels]'))
+    output("identify", first, "--json", "run.json")
+    told = [output("validate", "run.json", other) for other in others]
+    assert ["which proves little" in one for one in told] == [False, True]
+
+
 def test_a_result_of_another_model(folder, output, refusal):
     """Its parameters may have the same names, and its equations be others."""
     output("identify", "run.toml", "--json", "run.json")

@@ -17,9 +17,12 @@ from rotorid.core.files import check_apart
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page
+from rotorid.core.toml import parse_toml
 from rotorid.core.watch import watch
 from rotorid.data.observation import Data, Measured
 from rotorid.experiment import Experiment, load_experiment
+from rotorid.experiment.duplicates import apart
+from rotorid.experiment.schema import ExperimentFile
 from rotorid.models import Model
 
 if TYPE_CHECKING:
@@ -140,7 +143,7 @@ def validate(result: Path, experiment: Path, answer: Outputs) -> int:
         for number, (_, angle) in enumerate(turned)
         if angle is not None
     ]
-    page = [*page, *fitted, *_its_own(estimate, plan.record_files), *reached.cures]
+    page = [*page, *fitted, *_its_own(estimate, plan), *reached.cures]
 
     def html() -> str:
         from rotorid.results.evidence import record_evidence
@@ -155,11 +158,23 @@ def validate(result: Path, experiment: Path, answer: Outputs) -> int:
     return OK if reached.verdict == "predicts" else NO_ANSWER
 
 
-def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:
-    made_of = () if estimate.provenance is None else estimate.provenance.files
-    sums = {source.sha256 for source in made_of} - {""}
+def _its_own(estimate: Estimate, plan: Experiment) -> list[str]:
+    """Return notes on records of which the result was made; other times or rows are others."""
+    made = estimate.provenance
+    if made is None:
+        return []
+    names = {source.sha256: Path(source.file).name for source in made.files if source.sha256}
+    before = parse_toml(made.experiment.encode(), ExperimentFile).records
+    there = {path: source_of(path).sha256 for path in set(plan.record_files) if path.is_file()}
+    again = [
+        path
+        for one in plan.channels
+        for path in one.paths
+        for entry in before
+        if names.get(there.get(path, ""), "") in {Path(each).name for each in entry.paths}
+        and not apart(entry, one.entry)
+    ]
     return [
         f"note: {path} is a record that the result was made of, which proves little: take another"
-        for path in dict.fromkeys(files)
-        if path.is_file() and source_of(path).sha256 in sums
+        for path in dict.fromkeys(again)
     ]

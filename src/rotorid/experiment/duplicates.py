@@ -163,9 +163,8 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording]) -> None:
             for column in columns_of(one)
         }
         for before, (other, files, columns) in enumerate(read_from):
-            begin = max(entry.skip or 0.0, other.skip or 0.0)
-            apart = any(each.until is not None and each.until <= begin for each in (entry, other))
-            if paths & files and sensors & columns and not apart and _lines_overlap(entry, other):
+            both = not apart(entry, other) and _lines_overlap(entry, other)
+            if paths & files and sensors & columns and both:
                 own = "times by skip and until" if entry.kind == "samples" else "rows"
                 raise _twice(
                     f"the {entry.kind} of records.{before} again ({min(paths & files).name[:120]})",
@@ -337,12 +336,18 @@ def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | N
     return np.asarray(product / np.sqrt(np.maximum(power, np.finfo(float).tiny)))
 
 
+def apart(first: RecordEntry, second: RecordEntry) -> bool:
+    """Tell whether two records of one file take other times of it, or other rows."""
+    begin = max(first.skip or 0.0, second.skip or 0.0)
+    if first.rows and second.rows and first.rows.column == second.rows.column:
+        return first.rows.value != second.rows.value
+    return any(each.until is not None and each.until <= begin for each in (first, second))
+
+
 def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:
     """Tell whether two records of the same samples may use the same of them, and a same line."""
     if first.mask != second.mask and None not in (first.mask, second.mask):
         return False
-    if first.rows and second.rows and first.rows.column == second.rows.column:
-        return first.rows.value == second.rows.value
     periods = {(each.fundamental, each.period_samples) for each in (first, second)}
     if first.harmonics and second.harmonics and len(periods) == 1:
         return not set(first.harmonics).isdisjoint(second.harmonics)
