@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 
@@ -218,7 +218,7 @@ def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:
 def refuse_unread(model: Model, bound: Records) -> None:
     """Refuse a model with a parameter that is in no equation, and that no sensor reads."""
     channels = [channel for record in bound for channel in record.channels]
-    said = [text for channel in channels for text in channel.combination]
+    said = [text for c in channels for text, _ in _spelt(c.combination, model)]
     said += [text for channel in channels if channel.drive for text in channel.drive.position]
     read = set(re.findall(r"\w+", " ".join(said)))
     alone = np.flatnonzero(~model.monomials.any(axis=0)).tolist()
@@ -228,6 +228,15 @@ def refuse_unread(model: Model, bound: Records) -> None:
             "every parameter in one of them",
             "use it, or remove it from the model",
         )
+
+
+def _spelt(combination: Mapping[str, float], model: Model) -> Iterator[tuple[str, float]]:
+    """Yield the terms of a combination in coordinates, for what the model reads besides them."""
+    for text, coefficient in combination.items():
+        *levers, moving = text.split("*")
+        name = moving.rstrip("'")
+        for inner, share in model.readings.get(name, {name: 1.0}).items():
+            yield "*".join([*levers, inner + moving[len(name) :]]), share * coefficient
 
 
 def _terms(channel: Channel, model: Model, source: str) -> tuple[SensorTerm, ...]:
@@ -245,7 +254,7 @@ def combined(
     }
     still = (0,) * len(model.parameters)
     found: list[SensorTerm] = []
-    for text, coefficient in combination.items():
+    for text, coefficient in _spelt(combination, model):
         if text in names:
             found.append(SensorTerm(*names[text], still, float(coefficient)))
             continue

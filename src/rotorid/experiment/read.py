@@ -71,7 +71,7 @@ _UNIT_OF = {
 def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source:
     """Return where a channel without force law comes from; a table is looked for in `folder`."""
     place, kind = f"channels.{name}", entry.kind
-    quantities = (*model.inputs, *model.coordinates)
+    quantities = (*model.inputs, *model.coordinates, *model.readings)
     if entry.input is not None:
         told = "{}, which is no input of the model"
         require_names([entry.input], model.inputs, told, place=f"{place}.input")
@@ -149,7 +149,7 @@ def _as_recorded(entry: Recorded, expected: str | None, dynamics: Dynamics | Non
 
 def _combination(entry: ChannelEntry, model: Model, place: str) -> dict[str, float] | None:
     """Return what a sensor reads, by dotted coordinates, or products of them with parameters."""
-    names, text = (model.coordinates, model.parameter_names), entry.reads
+    names, text = ((*model.coordinates, *model.readings), model.parameter_names), entry.reads
     if text is None:
         return None
     return linear_combination(text, *names, derivatives=True, place=f"{place}.reads")

@@ -485,11 +485,17 @@ def _places(fit: Fit, structure: Structure, rotor: Rotor, magnets: Mapping[str, 
     """Return the places of sensors and magnets; of these the columns of 1 m along the shaft."""
     stated, found = rotor.tolerances.places, list[Rows]()
     size = SHARE * rotor.length if stated is None else stated
-    for number, at in enumerate(fit.solution.point.records):
+    for number, (at, record) in enumerate(
+        zip(fit.solution.point.records, fit.records, strict=True)
+    ):
         beside = structure.own(_motion(at, structure) @ structure.along().T)
         read = size * at.readings_of(beside / at.problem.scales.coordinates)
+        free = {s.channel.name: any(any(t.powers) for t in s.terms) for s in record.sensors}
         sensors = enumerate(_names(fit, number)[at.forces :])
-        rows = {name: _misread(fit, number, k, name, read[:, [i]]) for i, (k, name) in sensors}
+        rows = {  # none of a sensor whose place is in the parameters
+            name: _misread(fit, number, k, name, read[:, [i]] * (not free[name]))
+            for i, (k, name) in sensors
+        }
         found.append({("plane", (name,)): each for name, each in rows.items()})
     effect, names = _joined(fit, found)
     effect = np.column_stack([effect, *(size * column for column in magnets.values())])

@@ -146,15 +146,8 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
         model = rotor_model(
             divided(rotor), parameters, name=name, title=rotor.title, source=rotor.source
         )
-        check_names(places=model.coordinates, actuators=model.inputs, parameters=declared)
-        for key in (name for name in declared if name not in model.used):
-            of_g = any(key in material.G.names for material in rotor.materials.values())
-            raise ModelError(
-                f"{key!r} in no quantity",
-                "every declared parameter in a quantity of the rotor",
-                "use it or remove it" + ("; G follows E, and holds none of its own" * of_g),
-                place=f"parameters.{key}",
-            )
+        places = (*model.coordinates, *model.readings)
+        check_names(places=places, actuators=model.inputs, parameters=declared)
     return model
 
 

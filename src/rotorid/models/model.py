@@ -135,6 +135,11 @@ class Model:
         """The model with no parameter replaced by a number."""
         return self.before or self
 
+    @property
+    def readings(self) -> Mapping[str, Mapping[str, float]]:
+        """Names that a sensor may read besides the coordinates, as combinations of these."""
+        return {}
+
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters, in order."""

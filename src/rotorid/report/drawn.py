@@ -619,7 +619,7 @@ def drawing(rotor: Source) -> Panel:
     for key, word, _, colour, height in MARKS:
         table = getattr(rotor, key)
         if table:
-            at = [member.at for member in table.values()]
+            at = [float(member.at) for member in table.values()]
             place = 1e3 * np.asarray(at, dtype=float)
             level = np.full(len(place), height * widest)
             curves.append(Curve(place, level, word, colour, "named", told=tuple(table)))

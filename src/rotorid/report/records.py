@@ -250,7 +250,7 @@ def drawing(rotor: Rotor) -> list[str]:
     marks = np.full((2, WIDTH), " ")
     for key, _, mark, *_ in MARKS:
         for member in getattr(rotor, key).values():
-            column = _column(rotor, member.at)
+            column = _column(rotor, float(member.at))
             marks[0 if marks[0, column] == " " else 1, column] = mark
     legend = ", ".join(f"{mark} {word}" for key, word, mark, *_ in MARKS if getattr(rotor, key))
     below = ["".join(row).rstrip() for row in marks if (row != " ").any()]

@@ -23,9 +23,8 @@ from rotorid.force.laws import Differential, Linear
 from rotorid.likelihood.mode_rows import Pencil
 from rotorid.likelihood.relations import Monomials
 from rotorid.models import LinearForm, Model, load_model, parse_model, shipped_models
-from rotorid.models.equations import sensor_terms
+from rotorid.models.equations import combination_text, sensor_terms
 from rotorid.models.linear_form import StiffnessTable, solved
-from rotorid.models.rotor import RotorModel
 from rotorid.models.structure import ForceBalance, force_balance
 
 
@@ -480,9 +479,8 @@ def shares_of(machine: Machine, text: str) -> Floats | None:
     """Return the coordinates that a text combines, shape (coordinate,); None where it does not."""
     model = machine.model
     names = list(model.coordinates)
-    if isinstance(model, RotorModel) and text in model.readings:
-        known = model.readings[text]
-        return np.array([known.get(name, 0.0) for name in names])
+    if text in model.readings:
+        text = combination_text(model.readings[text])
     values = {**dict(machine.fixed), **dict(zip(machine.names, machine.values, strict=True))}
     parameters = [name for name in values if name.isidentifier()]
     try:

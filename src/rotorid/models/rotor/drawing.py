@@ -69,6 +69,9 @@ class Quantity:
                 found[key] = found.get(key, 0.0) + a * b
         return Quantity(tuple(found.items()), self.nominal * other.nominal)
 
+    def __float__(self) -> float:
+        return self.nominal
+
     def value(self, values: Mapping[str, float]) -> float:
         return sum(c * prod(values[name] ** n for name, n in f) for f, c in self.terms)
 
@@ -273,9 +276,25 @@ class Disc(Schema):
 
 
 class ChannelPlace(Schema):
-    """An actuator or a sensor."""
+    """An actuator."""
 
     at: Metres
+
+
+def _place(value: Any, info: ValidationInfo) -> Any:
+    """Return a place in m, or, where it holds parameters, a quantity."""
+    if info.context is None:
+        return value
+    found = read_quantity(value, "m", info.context["parameters"])
+    if found.number is None:
+        _check_nominal(found, info.context["parameters"])
+    return found if found.number is None else found.number
+
+
+class SensorPlace(Schema):
+    """A sensor; its place may be unknown: made of parameters."""
+
+    at: Annotated[float | _Text, BeforeValidator(_place)]
 
 
 _Stiffness = Annotated[_Text, _of("N/m", speed=True)] | None
@@ -379,7 +398,7 @@ class Rotor(Schema):
     sections: tuple[Section, ...] = Field(min_length=1, max_length=MAX_SECTIONS)
     discs: dict[str, Disc] = _table()
     actuators: dict[str, ChannelPlace] = _table()
-    sensors: dict[str, ChannelPlace] = _table()
+    sensors: dict[str, SensorPlace] = _table()
     supports: dict[str, Support] = _table()
     unbalance: dict[str, DrawnUnbalance] = _table()
     damping: ShaftDamping = Field(default_factory=ShaftDamping)
@@ -413,18 +432,19 @@ class Rotor(Schema):
                         "rename it",
                         place=place,
                     )
-                if not -self._near <= member.at <= self.length + self._near:
+                there = float(member.at)
+                if not -self._near <= there <= self.length + self._near:
                     raise ModelError(
-                        f"a place at {member.at:g} m",
+                        f"a place at {there:g} m",
                         f"one on the shaft, which is {self.length:g} m long",
                         "measure from the left end",
                         place=f"{place}.at",
                     )
-                known, at = first.setdefault(name, (table, member.at))
-                if abs(at - member.at) > self._near:
+                known, at = first.setdefault(name, (table, there))
+                if abs(at - there) > self._near or (known != table and name in self.floating):
                     raise ModelError(
-                        f"{name!r} at {member.at:g} m and, in [{known}], at {at:g} m",
-                        "one place of that name",
+                        f"{name!r} at {there:g} m and, in [{known}], at {at:g} m",
+                        "one place of that name, and for a place of parameters a name of its own",
                         "give the other another name",
                         place=f"{place}.at",
                     )
@@ -433,7 +453,8 @@ class Rotor(Schema):
     @model_validator(mode="after")
     def _check_channels(self) -> Self:
         """Refuse two names of one place where channels would have to know which of them it has."""
-        shown = [(n, c.at) for table in (self.sensors, self.actuators) for n, c in table.items()]
+        named = [*self.sensors, *self.actuators]
+        shown = [(name, self.places[name]) for name in named if name not in self.floating]
         for (other, there), (name, at) in combinations(shown, 2):
             if name != other and abs(at - there) <= self._near:
                 raise ModelError(
@@ -453,13 +474,20 @@ class Rotor(Schema):
     def places(self) -> Mapping[str, float]:
         """Position of each named place; what names channels comes first."""
         tables = (self.sensors, self.actuators, self.discs, self.supports, self.unbalance)
-        return {name: member.at for table in tables for name, member in table.items()}
+        every = ((name, member.at) for table in tables for name, member in table.items())
+        return {name: at for name, at in every if not isinstance(at, Quantity)}
+
+    @cached_property
+    def floating(self) -> Mapping[str, Quantity]:
+        """Sensors whose places are made of parameters: no nodes, since these do not move."""
+        return {name: s.at for name, s in self.sensors.items() if isinstance(s.at, Quantity)}
 
     @cached_property
     def nodes(self) -> tuple[Place, ...]:
         """Nodes from left to right: borders of sections, places, and what divides the rest."""
         borders = np.concatenate([[0.0], np.cumsum([s.length for s in self.sections])])
-        held = self._merged([*borders, *self.places.values()])
+        floating = map(float, self.floating.values())  # whose polynomials are best near a node
+        held = self._merged([*borders, *self.places.values(), *floating])
         cuts = [held[0]]
         for section, left, right in zip(self.sections, borders[:-1], borders[1:], strict=True):
             inside = [z for z in held if left + self._near < z < right - self._near]

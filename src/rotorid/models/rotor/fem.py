@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,9 @@ from rotorid.core.errors import ModelError
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.models.expressions import Monomial
 from rotorid.models.rotor.drawing import (
+    AXES,
     MAX_ELEMENTS,
+    ONE,
     PLANES,
     SAME,
     SPEED,
@@ -308,6 +310,48 @@ def inputs_of(rotor: Rotor) -> Floats:
         first = PLANES * rotor.node(actuator.at)
         matrix[first, 2 * k] = matrix[first + 1, 2 * k + 1] = 1.0
     return matrix
+
+
+def readings_of(rotor: Rotor) -> dict[str, dict[str, float]]:
+    """Return what names besides the coordinates read, as combinations of these.
+
+    They are further names of a place, and sensors whose place is made of parameters: polynomials of
+    it within the element where it is at nominal values.
+    """
+    found = {
+        f"{axis}_{name}": {own: 1.0}
+        for node in rotor.nodes
+        for name in node.names[1:]
+        for axis, own in zip(AXES, node.coordinates, strict=True)
+    }
+    elements = list(spans(rotor)) if rotor.floating else []
+    for name, at in rotor.floating.items():
+        number = int(np.searchsorted(rotor.positions[1:-1], at.nominal, side="right"))
+        left, right = rotor.nodes[number : number + 2]
+        beam, ends = elements[number][2], (*left.coordinates, *right.coordinates)
+        share = Quantity((*at.terms, ((), -left.position))).times(Quantity.of(1 / beam.length))
+        powers = list(accumulate([ONE, share, share, share], Quantity.times))
+        for axis, shapes in zip(AXES, _shapes(beam), strict=True):
+            reading = found[f"{axis}_{name}"] = defaultdict(float)
+            for power, row in zip(powers, shapes, strict=True):
+                for (factors, size), k in product(power.terms, np.flatnonzero(row).tolist()):
+                    levers = [p for p, n in factors for _ in range(n)]
+                    reading["*".join([*levers, ends[k]])] += size * float(row[k])
+    return found
+
+
+def _shapes(beam: Beam) -> tuple[Floats, ...]:
+    """Return x, y, theta_x, theta_y within an element by those at its ends, (power of u, 8) each.
+
+    At rest, with u from 0 to 1 along the element, ``w = sum a_j u^j`` and, the shear being even,
+    ``slope = (w' + a_3 phi / 2) / length``.
+    """
+    sheared, length = beam.phi / 2, beam.length
+    held = [[1, 0, 0, 0], [0, 1, 0, sheared], [1, 1, 1, 1], [0, 1, 2, 3 + sheared]]
+    cubic = np.linalg.solve(np.array(held), np.diag([1.0, length, 1.0, length]))
+    slope = np.array([cubic[1] + sheared * cubic[3], 2 * cubic[2], 3 * cubic[3], 0 * cubic[0]])
+    shown = (cubic, _ALONG), (cubic, _ACROSS), (-slope / length, _ACROSS), (slope / length, _ALONG)
+    return tuple(shapes @ plane.T for shapes, plane in shown)
 
 
 CONVERGED = 1e-3

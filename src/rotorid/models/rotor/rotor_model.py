@@ -20,7 +20,6 @@ from rotorid.models.linear_form import InputTerm, StiffnessTable, StiffnessTerm,
 from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor import fem
 from rotorid.models.rotor.drawing import (
-    AXES,
     CROSSED,
     NONE,
     PLANES,
@@ -30,6 +29,7 @@ from rotorid.models.rotor.drawing import (
     Quantity,
     Rotor,
     Section,
+    SensorPlace,
     Support,
 )
 from rotorid.models.structure import Structure, energies, find_structure, force_balance
@@ -62,13 +62,7 @@ class RotorModel(Model):
 
     @cached_property
     def readings(self) -> dict[str, dict[str, float]]:
-        """Names besides the coordinates, of places that share a node, as combinations of these."""
-        return {
-            f"{axis}_{name}": {own: 1.0}
-            for node in self.rotor.nodes
-            for name in node.names[1:]
-            for axis, own in zip(AXES, node.coordinates, strict=True)
-        }
+        return fem.readings_of(self.rotor)
 
     @property
     def used(self) -> frozenset[str]:
@@ -289,7 +283,8 @@ def rotor_model(
 ) -> RotorModel:
     coordinates = tuple(name for node in rotor.nodes for name in node.coordinates)
     inputs = tuple(f"F_{axis}{place}" for place in rotor.actuators for axis in "xy")
-    units = {q: "rad" if q.startswith("theta") else "m" for q in coordinates}
+    shown = (*coordinates, *fem.readings_of(rotor))
+    units = {q: "rad" if q.startswith("theta") else "m" for q in shown}
     return RotorModel(
         name,
         title or name,
@@ -426,10 +421,8 @@ def from_ross(
         )
         for k, bearing in enumerate(rotor.bearing_elements)
     }
-    pushed, read = (
-        {name: ChannelPlace(at=float(at[node])) for name, node in (table or {}).items()}
-        for table in (actuators, sensors)
-    )
+    pushed = {n: ChannelPlace(at=float(at[node])) for n, node in (actuators or {}).items()}
+    read = {n: SensorPlace(at=float(at[node])) for n, node in (sensors or {}).items()}
     every = (s.material for s in sections)
     materials = {f"{m.E.nominal:g} Pa, {m.density.nominal:g} kg/m^3": m for m in every}
     parts: dict[str, Any] = {"sections": sections, "discs": discs, "supports": supports}
