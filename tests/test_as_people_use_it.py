@@ -1,9 +1,12 @@
 """Python as people use it: quantities as text, names of methods, views in a notebook."""
 
+import pickle
 import re
 from base64 import b64decode
+from contextlib import nullcontext
 
 import numpy as np
+import pandas as pd
 import pytest
 from working_folder import load, simulated
 
@@ -148,3 +151,79 @@ def test_records_draw_themselves_in_a_notebook(record):
         assert b64decode(image).startswith(b"\x89PNG")
         assert 5_000 < len(image) <= 150_000
         assert html.startswith("<table>")
+
+
+def three_mass() -> rid.Estimate:
+    """A result of the shipped rotor, each value within a thousandth."""
+    model = rid.load_model("three-mass")
+    found = [rid.Value(p.name, p.unit, p.nominal, 1e-3 * p.nominal) for p in model.parameters]
+    spread = np.diag([value.std**2 for value in found])
+    return rid.Estimate(model.name, "ml", "ok", tuple(found), covariance=spread)
+
+
+@pytest.mark.parametrize(
+    ("find", "told"),
+    [
+        (lambda e: rid.modes(e, "6000 rpm"), "the free rotor, without its bearings"),
+        (lambda e: rid.campbell(e, "20000 rpm"), "critical speed"),
+        (lambda e: rid.unbalance_response(e, "6000 rpm"), "at 6000 rpm"),
+        (lambda e: rid.balance(e, ["x1,y1", "x2,y2"], "6000 rpm"), "correction"),
+        (lambda e: e, "parameters"),
+    ],
+)
+def test_every_result_shows_itself(find, told):
+    """In a terminal, in a notebook and as a picture, all of one page; alike after a pickle."""
+    found = find(three_mass())
+    assert told in str(found)
+    html = found._repr_html_()
+    assert "<table>" in html
+    assert 'src="data:image/png' in html
+    assert "\n" not in repr(found)
+    assert found.plot()._repr_png_().startswith(b"\x89PNG")
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+def test_one_order_of_arguments():
+    """The speed is the second argument of whatever has one."""
+    model, speed = rid.load_model("three-mass"), "6000 rpm"
+    assert rid.modes(model, speed) == rid.modes(model, speed=speed)
+    assert (rid.state_space(model, speed).A == rid.state_space(model, speed=speed).A).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: rid.modes(None), "source: found None; expected Estimate or Model; rid.identify"),
+        (lambda: rid.campbell("run.json", 5.0), "found str 'run.json'; expected Estimate or Model"),
+        (lambda: rid.balance(3, ["x,y"], 5.0), "found int 3; expected Estimate or Model"),
+        (lambda: rid.identify(three_mass(), None, "ml"), "model: found Estimate; expected Model"),
+        (lambda: rid.identify(rid.load_model("jeffcott"), None, "ml"), "periods: found None"),
+        (lambda: rid.average(None, 5.0), "found None; expected Record; rid.read_record"),
+        (lambda: rid.read_record(pd.DataFrame({"x": [1.0]})), "by rid.Record.from_frame"),
+        (lambda: rid.load_estimate(three_mass()), "found Estimate; expected str or Path"),
+        (lambda: rid.Record.from_frame([1.0]), "found list; expected a pandas data frame"),
+    ],
+)
+def test_wrong_types_are_refused_with_what_is_taken(call, said):
+    with pytest.raises(rid.InputError, match=re.escape(said)) as found:
+        call()
+    assert isinstance(found.value, TypeError)
+
+
+def test_a_data_frame_is_a_record(record):
+    """There and back, by times or by dates; what is no even time is refused, and how uneven."""
+    frame = record.to_frame()
+    back = rid.Record.from_frame(frame, speed=record.speed)
+    assert (back.names, back.sample_rate, back.speed) == (record.names, 10e3, record.speed)
+    assert (back.samples == record.samples).all()
+    start = pd.Timestamp("2026-03-02 10:14")
+    small = pd.DataFrame({"x": [1, 2, 3]}, index=[start + pd.Timedelta(k, "ms") for k in range(3)])
+    found = rid.Record.from_frame(small, units={"x": "um"})
+    assert found == rid.Record([rid.Channel("x", "m")], [[1e-6], [2e-6], [3e-6]], "1 kHz")
+    assert rid.Record.from_frame(small.reset_index(drop=True), sample_rate="2 kHz").start == 0.0
+    with pytest.raises(rid.InputError, match="an index of int64, 3 long"):
+        rid.Record.from_frame(small.reset_index(drop=True))
+    for jitter, refused in ((0.019, False), (0.021, True)):  # half of it lies beside the middle
+        uneven = pd.DataFrame({"x": [1.0, 2.0, 3.0]}, index=[0.0, 1.0 + jitter / 2, 2.0])
+        with pytest.raises(rid.InputError, match="evenly") if refused else nullcontext():
+            rid.Record.from_frame(uneven)

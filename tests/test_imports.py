@@ -38,11 +38,12 @@ LAYERS = (
 )
 
 # What shows itself asks for its picture, or a model for ROSS, when that is called, not before.
-SHOWN_LATE = {"data.record", "data.lines", "answer.estimate", "models.rotor.rotor_model"}
+SHOWN_LATE = {"core.values", "data.record", "data.lines", "answer.estimate", "results.machine"}
+SHOWN_LATE |= {"models.rotor.rotor_model"}
 
 # Packages from outside that only some parts may import.
 CONFINED = {
-    "matplotlib": {"report", "answer", "data", "demo"},
+    "matplotlib": {"report", "core", "demo"},
     "jinja2": {"report"},
     "plotly": {"report"},
     "h5py": {"io", "rig"},

@@ -53,6 +53,11 @@ def test_a_rigid_rotor_in_two_planes_in_closed_form(planes, speed):
         for plane in found.residual:
             assert plane.grade_mm_s == pytest.approx(plane.unbalance_kg_m * 200 * np.pi / 10 * 1e3)
         assert found.grade_mm_s == pytest.approx(sum(p.grade_mm_s for p in found.residual))
+        total = sum(c.unbalance_kg_m for c in found.corrections)
+        before = total * 200 * np.pi / 10 * 1e3
+        assert found.grade_before_mm_s == pytest.approx(before)
+        off = np.hypot(0.01, np.radians(1.0))  # 1 % of a mass, 1 deg of its angle
+        assert found.grade_mounted_mm_s == pytest.approx(off * before)
 
 
 def test_the_covariance_is_that_of_the_unbalance():

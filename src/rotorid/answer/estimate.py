@@ -18,13 +18,12 @@ from rotorid.answer.judge import DIRECTION, EFFORT, Status, judge, ordered
 from rotorid.core.errors import InputError, ReadError, one_line
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.notes import VERDICTS, Note
-from rotorid.core.tables import Page, page_html, page_text
+from rotorid.core.tables import Page
 from rotorid.core.units import check_unit
-from rotorid.core.values import Floats, frozen, read_only
+from rotorid.core.values import Floats, Shown, frozen, import_pandas, read_only
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 
 RecordKind = Literal["periods", "lines", "phasors", "responses", "samples"]
@@ -446,7 +445,7 @@ else:
 
 
 @frozen
-class Estimate:
+class Estimate(Shown):
     """What an estimator found.
 
     Parameters
@@ -642,13 +641,6 @@ class Estimate:
 
         return page(self, intervals=intervals)
 
-    def __str__(self) -> str:
-        return page_text(self.page)
-
-    def _repr_html_(self) -> str:
-        """Return the tables for a notebook."""
-        return page_html(self.page)
-
     def with_(self, **changes: Any) -> Estimate:
         """Return a copy with some fields replaced."""
         return replace(self, **changes)
@@ -659,16 +651,8 @@ class Estimate:
             return self
         return replace(self, status=judge(more, self.status), notes=(*self.notes, *more))
 
-    def plot(self) -> Figure:
-        """Draw the deviations in percent and the correlations; returns a matplotlib figure.
-
-        Raises
-        ------
-        InputError
-            For an estimate without covariance.
-        """
-        from rotorid.report.drawn import correlation, deviations
-        from rotorid.report.figure import figure_of  # takes its time to load
+    def _drawn(self) -> tuple[list[Any], str]:
+        from rotorid.report.drawn import correlation, deviations  # takes its time to load
 
         if not 0 < len(self.free) == len(self.covariance):
             raise InputError(
@@ -679,7 +663,8 @@ class Estimate:
         with np.errstate(divide="ignore", invalid="ignore"):
             percent = 100 * deviation / size
         names = [value.name for value in self.free]
-        return figure_of([deviations(names, percent), correlation(names, self.correlation)], 2)
+        panels = [deviations(names, percent), correlation(names, self.correlation)]
+        return panels, "deviations in percent, and correlations"
 
     def to_frame(self) -> pd.DataFrame:
         """Return every quantity as a row of a pandas data frame, indexed by name.
@@ -691,12 +676,6 @@ class Estimate:
         ImportError
             Where pandas is not installed.
         """
-        try:
-            import pandas as pd
-        except ImportError:
-            raise ImportError(
-                "no pandas for a data frame; install it: pip install pandas"
-            ) from None
         rows = [
             {**vars(value), "kind": kind.removesuffix("s")}
             for kind, values in self.quantities.items()
@@ -704,7 +683,8 @@ class Estimate:
         ]
         columns = ["name", "kind", "unit", "value", "std", "std_inflated", "std_assumed"]
         columns += ["interval", "fixed"]
-        return pd.DataFrame(rows, columns=columns).set_index("name")
+        frame: pd.DataFrame = import_pandas().DataFrame(rows, columns=columns)
+        return frame.set_index("name")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data, as the result file holds it."""

@@ -12,10 +12,10 @@ import numpy as np
 from rotorid.answer.derived import with_unbalance
 from rotorid.answer.estimate import Estimate, Provenance
 from rotorid.answer.judge import of_data
-from rotorid.core.errors import InputError, require_names
+from rotorid.core.errors import InputError, require_names, require_type
 from rotorid.core.notes import Note
 from rotorid.data.lines import PhasorClock
-from rotorid.data.observation import Data, Observation
+from rotorid.data.observation import MEASURED, Data, Observation
 from rotorid.data.record import PeriodicRecord
 from rotorid.models import Model
 from rotorid.signals.checks.registry import check_periods
@@ -85,6 +85,7 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     >>> round(estimate.value("m"), 9)
     4.0
     """
+    require_type(model, Model, place="model")
     data = periods if isinstance(periods, Sequence) else [periods]
     found = [_checks(each) for each in data]
     for each, checks in zip(data, found, strict=True):
@@ -113,6 +114,7 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
 
 def _checks(data: Data) -> tuple[Note, ...]:
     """Return what the data show before any model; lines made by hand are looked at here."""
+    require_type(data, *MEASURED, Observation, place="periods")
     held = data.lines if isinstance(data, Observation) else data
     periods = data.periodic if isinstance(data, Observation) else data
     if held.checks or not isinstance(periods, PeriodicRecord):

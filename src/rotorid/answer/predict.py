@@ -16,7 +16,7 @@ import scipy
 from rotorid.answer.derived import base_of, require_parameters
 from rotorid.answer.estimate import Estimate, Prediction
 from rotorid.core.distributions import Expectation, line_moments
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_type
 from rotorid.core.linalg import covariance_root
 from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.observation import Data, Observation, Records, bind, bind_all
@@ -91,6 +91,7 @@ def predict(
     >>> predict(model, estimate, periods)["F_x"].relative_error < 1e-3
     True
     """
+    require_type(estimate, Estimate, place="estimate")
     data = records if isinstance(records, Sequence) else [records]
     return relative_errors(predict_lines(model, estimate, data))
 

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 from rotorid.answer.estimate import SCHEMA, Estimate, Suspect, adapter
-from rotorid.core.errors import ReadError, naming
+from rotorid.core.errors import ReadError, naming, require_type
 from rotorid.core.files import read_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import VERDICTS, Note
@@ -54,6 +54,7 @@ def load_estimate(path: str | Path) -> Estimate:
     >>> load_estimate(path).value("m")
     2.0
     """
+    require_type(path, str, Path, place="path")
     cure = "write one with identify --json"
     with naming(str(path)):
         content = read_regular(path, RESULT_BYTES, "a result file", cure).removeprefix(BOM_UTF8)

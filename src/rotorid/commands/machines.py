@@ -56,7 +56,7 @@ def modes(
     def html() -> str:
         return modes_report(read, found, diagram, done(answer.given, [Path(source)]))
 
-    page = modes_page(found, diagram, response, machine.model)
+    page = modes_page(found, diagram, response)
     content = modes_content(found, diagram, response)
     answer.give(page, content, html)
     return _code(content, strict)
@@ -206,6 +206,8 @@ def balance_content(found: Balance, centred: Sequence[Feedforward]) -> dict[str,
         "speeds_rad_s": found.speeds,
         "rotor_mass_kg": found.rotor_mass,
         "grade_mm_s": found.grade_mm_s,
+        "grade_before_mm_s": found.grade_before_mm_s,
+        "grade_mounted_mm_s": found.grade_mounted_mm_s,
         "share_left": found.share,
         "covariance_kg2_m2": found.covariance,
         "feedforward": centred,

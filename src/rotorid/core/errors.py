@@ -104,6 +104,30 @@ def require_names(
             raise InputError(told, f"one of {', '.join(known)}", cure, file=file, place=place)
 
 
+class WrongTypeError(InputError, TypeError):
+    """A value of a type that is not taken: an `InputError`, and a `TypeError` too."""
+
+
+MAKES = {
+    "Estimate": "rid.identify or rid.load_estimate(path) gives one",
+    "Model": "rid.load_model(name or path) gives one",
+    "Record": "rid.read_record(path) or rid.Record.from_frame(frame) gives one",
+    "PeriodicRecord": "rid.average(record, fundamental) gives one",
+    "str": "give a path; a data frame is a record by rid.Record.from_frame(frame)",
+}
+"""What gives a value of a type, to tell whoever gave another."""
+
+
+def require_type(value: object, *taken: type, place: str) -> None:
+    """Refuse a value of another type with what was given, what is taken, and what gives that."""
+    if not isinstance(value, taken):
+        names = [kind.__name__ for kind in taken]
+        cure = "; ".join(MAKES[name] for name in names if name in MAKES)
+        given = one_line(repr(value), 40) if isinstance(value, str | float | int) else ""
+        found = f"{type(value).__name__} {given}".rstrip().replace("NoneType", "None")
+        raise WrongTypeError(found, " or ".join(names), cure, place=place)
+
+
 def require_positive(
     value: float, unit: str, cure: str, *, found: str = "{}", place: str = ""
 ) -> None:

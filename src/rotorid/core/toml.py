@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
-from rotorid.core.errors import InputError, ReadError, nearest, shortened
+from rotorid.core.errors import InputError, ReadError, nearest, require_type, shortened
 from rotorid.core.files import read_regular
 from rotorid.core.units import to_si
 
@@ -106,6 +106,7 @@ def read_named(
     name: str | Path, package: str, what: str, cure: str, folder: str | Path = "."
 ) -> tuple[bytes, str, Path]:
     """Read a file that is shipped by its name, or another by its path; and return both."""
+    require_type(name, str, Path, place="name")
     text, known = str(name), shipped(package)
     if text in known:
         resource = files(package).joinpath("library", f"{text}.toml")

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from abc import abstractmethod
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from functools import wraps
-from html import escape
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen as frozen
 from rotorid.core.frozen import same as same
+from rotorid.core.tables import Page, page_html, page_text, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -71,15 +77,63 @@ class Arrays:
 
     def __repr__(self) -> str:
         """Return the fields, arrays by their shape, names for channels: what fits a screen."""
-        told = (f"{f.name}={_brief(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
+        told = (f"{f.name}={_brief(getattr(self, f.name))}" for f in fields(self) if f.repr)  # type: ignore[arg-type]
         return f"{type(self).__name__}({', '.join(told)})"
 
+    @property
+    def page(self) -> Page:
+        """What there is to read: sentences and tables, here the fields."""
+        rows = [(f.name, _brief(getattr(self, f.name))) for f in fields(self) if f.repr]  # type: ignore[arg-type]
+        return [table((type(self).__name__, "holds"), rows)]
+
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th>{escape(f.name)}</th><td>{escape(_brief(getattr(self, f.name)))}</td></tr>"
-            for f in fields(self)  # type: ignore[arg-type]
-        )
-        return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"
+        return page_html(self.page)
+
+
+class Shown(Arrays):
+    """A base of what shows itself: text and HTML come from its page, pictures from its panels."""
+
+    @abstractmethod
+    def _drawn(self) -> tuple[Sequence[Any], str]:
+        """Return the panels and their title."""
+
+    def __str__(self) -> str:
+        return page_text(self.page)
+
+    def _repr_html_(self) -> str:
+        with suppress(ImportError, InputError):
+            from rotorid.report.figure import image_of  # takes its time to load
+
+            return super()._repr_html_() + image_of(*self._drawn())
+        return super()._repr_html_()
+
+    def plot(self) -> Figure:
+        """Draw it: samples over time, lines and noise of periods, or what a result says.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A notebook shows it; ``savefig("name.png")`` writes it.
+
+        Raises
+        ------
+        InputError
+            Where there is nothing to draw, such as an estimate without covariance.
+        ImportError
+            Where matplotlib is not installed.
+        """
+        from rotorid.report.figure import figure_of  # takes its time to load
+
+        return figure_of(self._drawn()[0])
+
+
+def import_pandas() -> Any:
+    """Return pandas, which few need."""
+    try:
+        import pandas
+    except ImportError:
+        raise ImportError("no pandas for a data frame; install it: pip install pandas") from None
+    return pandas
 
 
 LONGEST = 80

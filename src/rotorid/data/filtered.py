@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError, naming
+from rotorid.core.errors import InputError, naming, require_type
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity, to_si
 from rotorid.core.values import Booleans, Floats, Integers, frozen
@@ -273,6 +273,7 @@ def filtered(
     >>> len(low.used), low.decimate
     (587, 5)
     """
+    require_type(record, Record, place="record")
     hertz, begin = quantity(cutoff, "Hz"), quantity(skip, "s")
     end = np.inf if until is None else quantity(until, "s")
     with naming(record.source):

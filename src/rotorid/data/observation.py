@@ -6,10 +6,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
+from typing import get_args
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_type
 from rotorid.core.linalg import sensor_rank
 from rotorid.core.values import Floats, frozen
 from rotorid.data.filtered import FilteredRecord
@@ -127,6 +128,7 @@ Records = Sequence[Observation]
 
 Measured = PeriodicRecord | Lines | FilteredRecord
 """What is made of a record before it meets a model."""
+MEASURED = get_args(Measured)
 Data = Measured | Observation
 """What a model can be bound to; what is bound already is taken as it is."""
 
@@ -135,6 +137,8 @@ def bind(model: Model, data: Data) -> Observation:
     """Say what every channel of a record is to a model; what is bound already meets another."""
     if isinstance(data, Observation):
         return replace(data, model=model)
+    require_type(model, Model, place="model")
+    require_type(data, *MEASURED, place="record")
     lines = _lines(data)
     if lines.passive:
         lines = _unforced(model, lines)

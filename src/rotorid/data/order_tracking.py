@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming
+from rotorid.core.errors import InputError, naming, require_type
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Lines
@@ -97,6 +97,7 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float | str
     >>> len(table.speed) > 20, round(float(np.angle(table.mean).mean()), 2)
     (True, -0.5)
     """
+    require_type(record, Record, place="record")
     if revolutions is not None and revolutions < LENGTHS[-1]:
         raise InputError(
             f"{revolutions} revolutions", f"{LENGTHS[-1]} or more", "take longer segments"

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
-from rotorid.core.errors import InputError, require_names
+from rotorid.core.errors import InputError, WrongTypeError, require_names
 from rotorid.core.notes import Note
-from rotorid.core.units import quantity
-from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers, frozen, read_only
+from rotorid.core.units import multiply_units, quantity, si_factor
+from rotorid.core.values import (
+    Array,
+    Arrays,
+    Booleans,
+    Complexes,
+    Floats,
+    Integers,
+    Shown,
+    frozen,
+    import_pandas,
+    read_only,
+)
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.force.laws import Law
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import pandas as pd
 
 T = TypeVar("T")
 Known = float | str | tuple[float | str, float | str]
@@ -111,35 +120,6 @@ class WithChannels(Arrays):
         """
         require_names([name], self.names, "no channel {}", "name a channel of the record")
         return self.names.index(name)
-
-
-class Drawn(WithChannels):
-    @abstractmethod
-    def _drawn(self) -> tuple[Any, str]:
-        """Return the panels and their title."""
-
-    def plot(self) -> Figure:
-        """Draw every channel: samples over time, or lines used and noise of periods.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-
-        Raises
-        ------
-        ImportError
-            Where matplotlib is not installed.
-        """
-        from rotorid.report.figure import figure_of  # takes its time to load
-
-        return figure_of(self._drawn()[0])
-
-    def _repr_html_(self) -> str:
-        with suppress(ImportError):
-            from rotorid.report.figure import image_of  # takes its time to load
-
-            return super()._repr_html_() + image_of(*self._drawn())
-        return super()._repr_html_()
 
 
 @frozen
@@ -292,7 +272,7 @@ def check_samples(
 
 
 @frozen
-class Record(Drawn):
+class Record(Shown, WithChannels):
     """Samples as measured, in SI units.
 
     Parameters
@@ -393,12 +373,105 @@ class Record(Drawn):
 
         return samples(self), "the channels over time"
 
+    @classmethod
+    def from_frame(
+        cls,
+        frame: pd.DataFrame,
+        *,
+        sample_rate: float | str | None = None,
+        units: Mapping[str, str] | None = None,
+        speed: float | str = 0.0,
+    ) -> Self:
+        """Return a pandas data frame as a record: each column a channel of its name.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            Its index holds evenly spaced times, in s or as dates; any index with a `sample_rate`.
+        sample_rate : float or str, optional
+            Hz, or a text with a unit, in place of the index.
+        units : mapping of str to str, optional
+            Unit of a column, such as ``{"x": "um"}``; the others are in SI.
+        speed : float or str
+            rad/s, or a text with a unit.
+
+        Returns
+        -------
+        Record
+
+        Raises
+        ------
+        InputError
+            For what is no data frame, columns that are no numbers, and times that are uneven.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> frame = pd.DataFrame({"x": [1.0, 2.0], "F": [5.0, 6.0]}, index=[0.0, 0.001])
+        >>> record = Record.from_frame(frame, units={"x": "um"})
+        >>> record.sample_rate, record.column("x").tolist(), record.to_frame().index.tolist()
+        (1000.0, [1e-06, 2e-06], [0.0, 0.001])
+        """
+        if not all(hasattr(frame, name) for name in ("columns", "index", "to_numpy")):
+            told, taken = f"{type(frame).__name__}", "a pandas data frame"
+            raise WrongTypeError(told, taken, "rid.Record takes arrays", place="frame")
+        names, given = [str(name) for name in frame.columns], units or {}
+        require_names(given, names, "no column {}", "name a column of the frame", place="units")
+        index = np.asarray(frame.index)
+        start, rate = _times_of(index) if sample_rate is None else (0.0, sample_rate)
+        try:
+            samples = frame.to_numpy(dtype=float)
+        except (TypeError, ValueError) as error:
+            cure = "drop the columns that are none"
+            raise InputError(str(error), "columns of numbers", cure, place="frame") from None
+        scale = [si_factor(given.get(name, "1"), place=f"units.{name}") for name in names]
+        labels = [multiply_units([(given[name], 1)]) if name in given else "" for name in names]
+        channels, omega = (
+            tuple(map(Channel, names, labels)),
+            quantity(speed, "rad/s", place="speed"),
+        )
+        rate = quantity(rate, "Hz", place="sample_rate")
+        return cls(channels, samples * scale, rate, omega, start=start)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the samples as a pandas data frame: a column per channel in SI, times in s.
+
+        Raises
+        ------
+        ImportError
+            Where pandas is not installed.
+        """
+        pandas = import_pandas()
+        time = self.start + np.arange(len(self.samples)) / self.sample_rate
+        index = pandas.Index(time, name="time in s")
+        return pandas.DataFrame(self.samples, index=index, columns=list(self.names))
+
     def rotor_angle(self) -> Floats:
         """Return phi in rad at each sample, shape (sample,)."""
         if self.angle is not None:
             return self.angle
         time = self.start + np.arange(len(self.samples)) / self.sample_rate
         return np.asarray(self.speed * time, dtype=float)
+
+
+EVEN = 0.01
+"""Share of a step by which times may lie beside an even grid: more are jitter, or a gap."""
+
+
+def _times_of(index: Array) -> tuple[float, float]:
+    """Return the first time in s and the rate in Hz of times, or of dates, evenly spaced."""
+    if index.dtype.kind in "mM":
+        index = (index - index[:1]) / np.timedelta64(1, "s")
+    cure = 'make them the index: frame.set_index("time"), or give the rate: sample_rate="5 kHz"'
+    if index.dtype.kind != "f" or len(index) < 2:
+        told = f"an index of {index.dtype}, {len(index)} long"
+        raise InputError(told, "times in s, or dates", cure, place="frame")
+    step = (index[-1] - index[0]) / (len(index) - 1)
+    away = np.abs(index - index[0] - step * np.arange(len(index))).max()
+    if not (step > 0 and away <= EVEN * step):
+        told = f"times up to {away / step if step else np.inf:.2g} steps beside an even grid"
+        raise InputError(told, "evenly spaced times", cure, place="frame")
+    return float(index[0]), float(f"{1 / step:.12g}")  # times are rounded, rates are round
 
 
 @frozen
@@ -411,7 +484,7 @@ class RotationLine(Arrays):
 
 
 @frozen
-class PeriodicRecord(Drawn, OfMachine):
+class PeriodicRecord(Shown, OfMachine):
     """A record cut into whole periods, with its lines period by period.
 
     The spectra are two-sided amplitudes, ``X_k = mean(x exp(-i omega_k t))``, so that white noise

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError, naming, require_names
+from rotorid.core.errors import InputError, naming, require_names, require_type
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers, frozen
@@ -198,6 +198,7 @@ def spectra(
     >>> lines.names, lines.covariance.kind, bool(lines.covariance.dof >= 5)
     (('x',), 'references', True)
     """
+    require_type(record, Record, place="record")
     ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
     end = np.inf if until is None else quantity(until, "s", place="until")
     begin = quantity(skip, "s", place="skip")

@@ -12,7 +12,7 @@ from typing import Any
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator
-from rotorid.core.errors import InputError, ReadError, naming, require_names
+from rotorid.core.errors import InputError, ReadError, naming, require_names, require_type
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import members, parse_table, parse_toml, read_bytes, read_toml, table_within
 from rotorid.core.units import to_si
@@ -287,6 +287,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     >>> load_experiment(path).model.name
     'jeffcott'
     """
+    require_type(path, str, Path, place="path")
     path = Path(path)
     _check_ending(path)
     entry = read_toml(path, schema.ExperimentFile)

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rotorid.core.errors import NAME_CHARACTERS, InputError, ReadError, nearest
+from rotorid.core.errors import NAME_CHARACTERS, InputError, ReadError, nearest, require_type
 from rotorid.core.files import open_regular
 from rotorid.core.values import Floats, frozen
 from rotorid.io.sandbox import Sandbox
@@ -500,6 +500,7 @@ def open_table(path: str | Path, *, header_row: int | None = None) -> OneFile:
 def open_tables(
     path: str | Path | Sequence[str | Path], *, header_row: int | None = None
 ) -> ColumnFile:
+    require_type(path, str, Path, list, tuple, place="path")
     if isinstance(path, str | Path):
         return open_table(path, header_row=header_row)
     paths = [Path(one) for one in path]

@@ -144,7 +144,7 @@ def _plane(one: Any, left: Any) -> Panel:
     if one.masses and reach > 0:
         # Where on the rim a mass goes counts, not how far out this picture draws it.
         rim = 1.1 * reach * np.exp(1j * np.array([angle for _, angle in one.masses]))
-        named = tuple(f"{1e3 * m:.4g} g at {np.degrees(a) % 360:.1f} deg" for m, a in one.masses)
+        named = tuple(f"{1e3 * m:.4g} g at {np.degrees(a):.1f} deg" for m, a in one.masses)
         curves.append(Curve(rim.real, rim.imag, "masses", GREEN, "named", told=named))
         reach *= 1.1
     ends = (-ROOM * reach, ROOM * reach) if reach > 0 else (-1.0, 1.0)
@@ -340,10 +340,11 @@ def correlation(names: Sequence[str], matrix: Floats) -> Panel:
 
 def deviations(names: Sequence[str], percent: Floats) -> Panel:
     seen = np.where(percent > 0, percent, np.nan)
+    ends = (float(np.nanmin(seen)) / 2, 2 * float(np.nanmax(seen))) if (percent > 0).any() else None
     curve = Curve(seen, np.arange(len(names), dtype=float), "", BLUE, "dots")
     return Panel(
         "",
-        Axis("standard deviation in %", log=True),
+        Axis("standard deviation in %", log=True, ends=ends),
         Axis(names=tuple(map(label, names))),
         (curve,),
         height=min(max(2.6, 0.3 * len(names) + 1.2), 14.0),

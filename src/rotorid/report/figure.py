@@ -68,6 +68,19 @@ def style() -> Iterator[None]:
         yield
 
 
+class Picture(Figure):
+    """A figure that a notebook shows as it is, whatever its backend."""
+
+    def _repr_png_(self) -> bytes:
+        drawn = io.BytesIO()
+        with style():
+            self.savefig(drawn, format="png", dpi=DPI[0])
+        return drawn.getvalue()
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}; savefig('picture.png') writes it>"
+
+
 @style()
 def figure_of(panels: Sequence[Panel], columns: int = 3, *, apart: bool = False) -> Figure:
     """Draw panels side by side, `columns` in a row, with one key for all or, `apart`, for each."""
@@ -75,7 +88,7 @@ def figure_of(panels: Sequence[Panel], columns: int = 3, *, apart: bool = False)
     rows = -(-len(panels) // columns)
     width = 9.0 if columns < 3 or rows > 1 else 12.0
     height = max(panel.height for panel in panels) * rows + 0.3
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Picture(figsize=(width, height), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False).flat)
     for unused in axes[len(panels) :]:
         unused.set_axis_off()

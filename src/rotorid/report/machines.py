@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from rotorid.report import drawn
 from rotorid.report.drawn import GMM, NODE, RPM
 from rotorid.report.html import Mood, Passage, page_of
 from rotorid.report.records import cell
-from rotorid.results.balancing import POOR, Balance, Feedforward
+from rotorid.results.balancing import MOUNTED, POOR, WEIGHED, Balance, Feedforward
+from rotorid.results.loops import LoopSensitivity
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import (
     Campbell,
@@ -64,7 +66,7 @@ def assumed_by(*found: Modes | Campbell | UnbalanceResponse | Balance | None) ->
     return [note for each in found if each is not None for note in each.notes]
 
 
-def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:
+def balance_page(found: Balance, centred: Sequence[Feedforward] = ()) -> Page:
     tables = [part.table for part in _balance_parts(found, centred) if part.table is not None]
     return [
         f"{found.model} at {_speeds(found)} rpm: add in each plane, angles in the rotor from x to "
@@ -120,7 +122,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
         _table(("correction", "g mm", "std", ERR, "at deg", "std"), rows),
     )
     masses = [
-        (each.plane, f"{1e3 * mass:.4g}", f"{np.degrees(angle) % 360:.1f}")
+        (each.plane, f"{1e3 * mass:.4g}", f"{np.degrees(angle):.1f}")
         for each in found.corrections
         for mass, angle in each.masses
     ]
@@ -163,8 +165,8 @@ def _balance_sentence(found: Balance) -> str:
         return "What to add is computed; the result states no deviations, so what is left is open."
     if found.grade_mm_s is not None and found.rotor_mass is not None:
         return (
-            f"Balanced with this to less than G {found.grade_mm_s:.2g} mm/s (ISO 21940-11), all "
-            "planes together, with 95 %."
+            f"Balanced with this to below {_grade(found.grade_mm_s)}, ISO 21940-11, all planes "
+            "together, with 95 %."
         )
     most = max(each.unbalance_kg_m or 0.0 for each in found.residual)
     return f"With this less than {GMM * most:.2g} g mm is left in any plane, with 95 %."
@@ -174,10 +176,15 @@ def _said_of(found: Balance) -> list[str]:
     verdict = under(found.status, found.notes)
     said = [*([f"{found.model}: {verdict}"] if verdict == UNDER else []), *found.remarks]
     said += _assumed(found.notes)
-    if found.grade_mm_s is not None and found.rotor_mass is not None:
+    if found.rotor_mass is not None and found.grade_before_mm_s is not None:
+        after = "" if found.grade_mm_s is None else f", after below {_grade(found.grade_mm_s)}"
         said.append(
-            f"grade of all planes together: below G {found.grade_mm_s:.3g} mm/s "
+            f"all planes together: before {_grade(found.grade_before_mm_s)}{after} "
             f"(rotor of {found.rotor_mass:.4g} kg, ISO 21940-11)"
+        )
+        said.append(
+            f"masses to {100 * WEIGHED:g} % and angles to {np.degrees(MOUNTED):g} deg leave up to "
+            f"{found.grade_mounted_mm_s:.2g} mm/s more"
         )
     if found.covariance is None:
         said.append("the result states no deviations: what is left beyond the masses is not known")
@@ -188,6 +195,16 @@ def _said_of(found: Balance) -> list[str]:
             "--at what to minimize"
         )
     return said
+
+
+GRADES = (0.4, 1.0, 2.5, 6.3, 16.0, 40.0, 100.0, 250.0, 630.0, 1600.0, 4000.0)
+"""Balance quality grades of ISO 21940-11, mm/s."""
+
+
+def _grade(size: float) -> str:
+    """Return ``e Omega`` with the grade that it meets; there is none above the last."""
+    met = next((f"G {grade:g}" for grade in GRADES if size <= grade), "no grade")
+    return f"{size:.2g} mm/s ({met})"
 
 
 def _centring_table(found: Sequence[Feedforward], speed: float) -> Table:
@@ -233,12 +250,9 @@ SPEEDS = 121
 
 
 def modes_page(
-    found: Modes,
-    diagram: Campbell | None,
-    response: UnbalanceResponse | None,
-    model: Model,
+    found: Modes, diagram: Campbell | None = None, response: UnbalanceResponse | None = None
 ) -> Page:
-    free = ", ".join(model.inputs)
+    free = ", ".join(found.machine.model.inputs)
     whose = f"without forces at its inputs ({free})" if free else "without inputs"
     page: list[str | Table] = [
         modes_sentence(found, diagram),
@@ -249,12 +263,31 @@ def modes_page(
         page.append(mode_table(found))
     page += summary(found)
     page += _assumed(assumed_by(found, diagram, response))
-    if diagram is not None:
-        none = f"no critical speed up to {diagram.speed[-1] * RPM:.6g} rpm"
-        page += [critical_table(diagram) if diagram.critical else none, campbell_table(diagram)]
-    if response is not None:
-        page.append(response_table(response, model.units))
+    page += [] if diagram is None else _diagram_tables(diagram)
+    page += [] if response is None else [response_table(response)]
     return page
+
+
+def _diagram_tables(found: Campbell) -> Page:
+    none = f"no critical speed up to {found.speed[-1] * RPM:.6g} rpm"
+    return [critical_table(found) if found.critical else none, campbell_table(found)]
+
+
+def campbell_page(found: Campbell) -> Page:
+    lead = f"{found.model} up to {found.speed[-1] * RPM:.6g} rpm"
+    return [lead, *_diagram_tables(found), *found.remarks, *_assumed(found.notes)]
+
+
+def shape_panels(found: Modes) -> list[drawn.Panel]:
+    model = found.machine.model
+    places = _places(model)
+    return drawn.shapes(ringing(found), places, _positions(model, places))
+
+
+def response_page(found: UnbalanceResponse) -> Page:
+    chosen = np.unique(np.linspace(0, len(found.speed) - 1, SHOWN).round().astype(int))
+    tables = [response_table(found, k) for k in chosen.tolist()]
+    return [f"{found.model}: motion that its unbalance makes", *tables, *_assumed(found.notes)]
 
 
 def ringing(found: Modes) -> Modes:
@@ -286,12 +319,14 @@ def modes_sentence(found: Modes, diagram: Campbell | None) -> str:
     where = f"At {rpm:.5g} rpm" if found.speed else "At standstill"
     growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
     heard = ringing(found).modes
-    told = f"{where} there is no mode that rings"
+    told = f"{where} no mode oscillates"
     if heard:
         first = [f"{mode.frequency_hz:.4g}" for mode in heard[:NAMED]]
         listed = " and ".join(filter(None, [", ".join(first[:-1]), first[-1]]))
         more = f", and at {len(heard) - NAMED} higher frequencies" if len(heard) > NAMED else ""
-        told = f"{where} the machine rings at {listed} Hz{more}"
+        bare = found.rigid and found.machine.model.inputs
+        whose = "the free rotor, without its bearings, has" if bare else "the machine has"
+        told = f"{where} {whose} natural frequencies of {listed} Hz{more}"
     if growing:
         told += (
             f"; {len(growing)} of them grow{'s' if len(growing) == 1 else ''} (negative damping)"
@@ -395,8 +430,12 @@ def campbell_table(found: Campbell) -> Table:
     return table(headings, rows)
 
 
-def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
-    columns = (found.motion[0], found.std[0], found.std_assumed[0])
+def response_table(found: UnbalanceResponse, k: int = 0) -> Table:
+    """Return the table of a response at the speed of number k."""
+    columns, units = (
+        (found.motion[k], found.std[k], found.std_assumed[k]),
+        found.machine.model.units,
+    )
     every = list(zip(found.coordinates, *columns, strict=True))
     named = [row for row in every if len(every) <= MOST_ROWS or not NODE.search(row[0])]
     rows = []
@@ -413,7 +452,7 @@ def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
                 f"{np.degrees(np.angle(value)):.1f}" if np.isfinite(size) else "",
             )
         )
-    title = f"unbalance response at {found.speed[0] * RPM:.6g} rpm"
+    title = f"unbalance response at {found.speed[k] * RPM:.6g} rpm"
     return _table((title, "amplitude", "std", ERR, "unit", "phase in deg"), rows)
 
 
@@ -467,7 +506,6 @@ def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> P
 def _pictures(
     model: Model, found: Modes, diagram: Campbell | None, response: UnbalanceResponse | None
 ) -> Iterator[Passage]:
-    places = _places(model)
     if diagram is not None:
         yield Passage(
             "Campbell diagram",
@@ -479,7 +517,7 @@ def _pictures(
         "Mode shapes",
         "Each place at the moment when the largest is at its largest, as the sum of a "
         "circle run through with the rotation and one against it.",
-        panels=tuple(drawn.shapes(ringing(found), places, _positions(model, places))),
+        panels=tuple(shape_panels(found)),
     )
     if response is not None:
         yield Passage(
@@ -564,3 +602,17 @@ def _sensitivity_sentence(found: Sequence[AxisSensitivity]) -> str:
         f"({worst.peak_db:.1f} dB) at {worst.peak_hz:.4g} Hz, of {worst.axis}; with 95 % it lies "
         f"between {low:.3g} and {high:.3g}"
     )
+
+
+RESULTS: dict[type, tuple[Callable[[Any], Page], Callable[[Any], Sequence[drawn.Panel]]]] = {
+    Modes: (modes_page, shape_panels),
+    Campbell: (campbell_page, lambda found: [drawn.campbell(ringing_curves(found))]),
+    UnbalanceResponse: (response_page, lambda f: drawn.response(f, f.machine.model.units)),
+    Balance: (balance_page, drawn.corrections),
+    AxisSensitivity: (lambda f: sensitivity_page([f]), lambda f: drawn.loops([f], LIMITS)),
+    LoopSensitivity: (
+        lambda found: [*sensitivity_page(found.axes), *(note.text for note in found.notes)],
+        lambda found: drawn.loops(found.axes, LIMITS),
+    ),
+}
+"""The page of each result, and its panels."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import partial
 from itertools import product
 
@@ -26,6 +26,7 @@ from rotorid.models.rotor import RotorModel
 from rotorid.results.machine import (
     Laws,
     Machine,
+    OfAMachine,
     directions_of,
     laws_of,
     machine_of,
@@ -161,6 +162,9 @@ CONFIDENCE = 0.95
 """Chance that what is left is less than the residual that is stated."""
 COARSE = 0.1
 """Share of a correction that masses may leave before it is said that they are too coarse."""
+WEIGHED, MOUNTED = 0.01, np.radians(1.0)
+"""Tolerances of a mass, relative, and of its angle that a page states the effect of: in their
+proportion others leave more, or less."""
 POOR = 0.2
 """Share of the response from which on it is said that the planes leave it."""
 DEPENDENT = 1e-6
@@ -194,8 +198,8 @@ class Residual:
 
 
 @frozen
-class Balance:
-    model: str
+class Balance(OfAMachine):
+    machine: Machine = field(repr=False, compare=False)
     speeds: tuple[float, ...]  # rad/s
     corrections: tuple[Correction, ...]
     residual: tuple[Residual, ...]
@@ -207,8 +211,10 @@ class Balance:
     share: float
     rotor_mass: float | None  # kg
     grade_mm_s: float | None  # of all planes together, at their worst
-    status: str
-    remarks: tuple[str, ...]
+    grade_before_mm_s: float | None  # of the unbalance that the planes take away
+    grade_mounted_mm_s: (
+        float | None
+    )  # what `WEIGHED` and `MOUNTED` leave, all planes at their worst
     notes: tuple[Note, ...] = ()  # what is assumed at the highest speed, and what that may move
 
 
@@ -270,6 +276,7 @@ def balance(
     '111.8 g mm at -116.6 deg'
     """
     speeds = _speeds(speed)
+    planes = [planes] if isinstance(planes, str) else planes
     machine = unbalanced(machine_of(estimate, record))
     if not planes:
         raise InputError("no plane", "one plane or more", "name it: --plane x2,y2", place="plane")
@@ -286,6 +293,9 @@ def balance(
     if machine.covariance is not None:  # of the correction that the values ask for
         root = machine.changes(task.solution)
         covariance = np.asarray(root.view(np.float64).T @ root.view(np.float64))
+    more = (*_said_of(estimate), *_too_coarse(planes, applied, ideal, kit))
+    machine = replace(machine, remarks=(*machine.remarks, *more))
+    off = float(np.hypot(WEIGHED, MOUNTED))
     mass, top = rotor_mass(machine), float(np.abs(speeds).max())
     beyond = np.linalg.norm(load + effects @ ideal) > POOR * np.linalg.norm(load)
     weighed = None if beyond else mass  # what no plane reaches is left besides, and has no place
@@ -297,8 +307,9 @@ def balance(
         residual.append(_residual(plane, complex(applied[k] - ideal[k]), part, weighed, top))
     corrections, notes = _assuming(machine, task, corrections)
     grades = [each.grade_mm_s for each in residual]
+    per_unbalance = None if weighed is None else 1e3 * top / weighed
     return Balance(
-        machine.model.name,
+        machine,
         tuple(speeds.tolist()),
         tuple(corrections),
         tuple(residual),
@@ -306,8 +317,8 @@ def balance(
         share,
         mass,
         None if None in grades else float(sum(g for g in grades if g is not None)),
-        machine.status,
-        (*machine.remarks, *_said_of(estimate), *_too_coarse(planes, applied, ideal, kit)),
+        None if per_unbalance is None else per_unbalance * float(np.abs(ideal).sum()),
+        None if per_unbalance is None else per_unbalance * off * float(np.abs(applied).sum()),
         tuple(notes),
     )
 

@@ -20,7 +20,7 @@ from rotorid.answer.estimate import (
 )
 from rotorid.answer.identify import Estimator
 from rotorid.answer.predict import Forecast
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_type
 from rotorid.core.values import Booleans, Complexes, Floats, frozen
 from rotorid.data.lines import PhasorClock, SampledClock, SilentClock
 from rotorid.data.observation import Data, Observation, bind
@@ -88,6 +88,7 @@ def with_evidence(
     >>> shown.frequency_hz, [channel.name for channel in shown.channels]
     ((10.0, 30.0, 50.0), ['F_x', 'F_y', 'x', 'y'])
     """
+    require_type(estimate, Estimate, place="estimate")
     data = records if isinstance(records, Sequence) else [records]
     gathered = Evidence(
         record_evidence(estimate, model, data), tuple(_known(estimate, model, data, estimator))

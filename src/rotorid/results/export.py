@@ -17,7 +17,7 @@ import numpy as np
 
 from rotorid.answer.estimate import Estimate, Value
 from rotorid.answer.estimate_tables import value_tables
-from rotorid.core.errors import InputError, one_line, printable, require_names
+from rotorid.core.errors import InputError, one_line, printable, require_names, require_type
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.units import finite_speed
 from rotorid.core.values import Floats, frozen
@@ -70,8 +70,8 @@ class StateSpace:
 
 def state_space(
     source: Estimate | Model,
-    *,
     speed: float | str = 0.0,
+    *,
     outputs: Sequence[str] = (),
     record: int = 0,
 ) -> StateSpace:
@@ -240,6 +240,7 @@ def export(
     >>> print(path.read_text().splitlines()[1])
     parameter,m,kg,2.0,0.01,,False,0.0001
     """
+    require_type(estimate, Estimate, place="estimate")
     write_whole(path, exported(estimate, path, ending=ending, speed=speed))
 
 

@@ -25,6 +25,7 @@ from rotorid.models.modal import poles_of
 from rotorid.results.machine import (
     Laws,
     Machine,
+    Result,
     directions_of,
     laws_of,
     machine_of,
@@ -86,7 +87,7 @@ UNTOLD = "whether the loop is stable is not told"
 
 
 @frozen
-class LoopSensitivity:
+class LoopSensitivity(Result):
     axes: tuple[AxisSensitivity, ...]
     frequency_hz: Floats  # (line,)
     return_difference: Complexes  # (line,): ``det(I + L)``

@@ -13,11 +13,12 @@ import numpy as np
 from rotorid.answer.derived import physical_fit, require_parameters
 from rotorid.answer.estimate import SAME_SPEED, Estimate, Shift, Value
 from rotorid.answer.shifts import MATTERS, weighed
-from rotorid.core.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError, require_type
 from rotorid.core.linalg import covariance_root
 from rotorid.core.notes import Note
+from rotorid.core.tables import Page
 from rotorid.core.toml import table_within
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats, Shown, frozen
 from rotorid.force.entry import LawEntry, law_keys
 from rotorid.force.laws import Differential, Linear
 from rotorid.likelihood.mode_rows import Pencil
@@ -53,6 +54,7 @@ def own_model(estimate: Estimate) -> Model:
     >>> rid.own_model(rid.Estimate("jeffcott", "ml", "ok", (mass,))).coordinates
     ('x', 'y')
     """
+    require_type(estimate, Estimate, place="estimate")
     source = estimate.provenance
     if source is not None and source.model:
         model = parse_model(
@@ -271,8 +273,35 @@ class Machine:
         return replace(self, values=values + (NEAR / largest * moved if largest > 0 else 0.0))
 
 
+class Result(Shown):
+    """A base of results, whose pages say how each is told and drawn."""
+
+    @property
+    def page(self) -> Page:
+        from rotorid.report.machines import RESULTS  # takes its time to load
+
+        return RESULTS[type(self)][0](self)
+
+    def _drawn(self) -> tuple[Sequence[Any], str]:
+        from rotorid.report.machines import RESULTS
+
+        return RESULTS[type(self)][1](self), type(self).__name__
+
+
+class OfAMachine(Result):
+    """A base of results of one machine: model, its coordinates, status and remarks are of it."""
+
+    machine: Machine
+
+    model: Any = property(lambda self: self.machine.model.name)
+    coordinates: Any = property(lambda self: self.machine.model.coordinates)
+    status: Any = property(lambda self: self.machine.status)
+    remarks: Any = property(lambda self: self.machine.remarks)
+
+
 def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     """Return an estimate's machine, with the values of a record, or a model's, at nominal ones."""
+    require_type(source, Estimate, Model, place="source")
     if isinstance(source, Model):
         model, source = source, _nominal(source)
     elif source.status == "not_converged":

@@ -32,7 +32,7 @@ from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.core.watch import counting
 from rotorid.models import Model
 from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, parted, poles_of
-from rotorid.results.machine import Machine, machine_of
+from rotorid.results.machine import Machine, OfAMachine, machine_of
 
 Whirl = Literal["forward", "backward", "planar", "mixed"]
 PLANAR = 0.02
@@ -114,24 +114,21 @@ class NaturalMode:
 
 
 @frozen
-class Modes:
+class Modes(OfAMachine):
     """The natural frequencies of a machine at a speed, ascending, counted as in `Mode`."""
 
-    model: str
+    machine: Machine = field(repr=False, compare=False)
     speed: float  # rad/s
-    coordinates: tuple[str, ...]
     modes: tuple[NaturalMode, ...]
     rigid: int  # poles at zero: free motion, which is no mode
     real_poles: tuple[float, ...]  # real poles, in rad/s
-    status: str  # of the estimate
-    remarks: tuple[str, ...]
     notes: tuple[Note, ...] = ()  # what is assumed at this speed, and what that may move
 
 
 def modes(
     source: Estimate | Model,
-    *,
     speed: float | str = 0.0,
+    *,
     record: int = 0,
     rng: np.random.Generator | None = None,
 ) -> Modes:
@@ -164,23 +161,14 @@ def modes(
     Examples
     --------
     >>> import rotorid as rid
-    >>> found = rid.modes(rid.load_model("three-mass"), speed="8400 rpm")
+    >>> found = rid.modes(rid.load_model("three-mass"), "8400 rpm")
     >>> [round(mode.frequency_hz, 2) for mode in found.modes[:3]], found.modes[0].whirl
     ([36.85, 175.53, 175.53], 'forward')
     """
     machine = machine_of(source, record)
     at = Eigen(machine, finite_speed(speed), rng=rng)
-    return Modes(
-        machine.model.name,
-        at.speed,
-        machine.model.coordinates,
-        tuple(at.modes()),
-        at.found.rigid,
-        tuple(at.found.real.tolist()),
-        machine.status,
-        machine.remarks,
-        tuple(at.assumed[1]),
-    )
+    real = tuple(at.found.real.tolist())
+    return Modes(machine, at.speed, tuple(at.modes()), at.found.rigid, real, tuple(at.assumed[1]))
 
 
 def eigenvalues_at(machine: Machine, speed: float) -> Complexes:
@@ -417,8 +405,8 @@ class CriticalSpeed:
 
 
 @frozen
-class Campbell:
-    model: str
+class Campbell(OfAMachine):
+    machine: Machine = field(repr=False, compare=False)
     speed: Floats  # (speed,): rad/s
     # (speed, curve): naN where a mode does not oscillate; deviations are NaN where nothing is known
     # of them
@@ -427,8 +415,6 @@ class Campbell:
     damping_ratio: Floats
     whirl: tuple[Whirl, ...]  # of each curve, at the last speed at which it oscillates
     critical: tuple[CriticalSpeed, ...]
-    status: str
-    remarks: tuple[str, ...]
     std_assumed_hz: Floats = field(default_factory=lambda: np.zeros((0, 0)))  # (speed, curve)
 
     @property
@@ -499,15 +485,13 @@ def campbell(
             assumed[k, there] = at.assumed[0][order[k, there], 0]
     ends = [int(np.flatnonzero(curve >= 0)[-1]) for curve in order.T]
     return Campbell(
-        machine.model.name,
+        machine,
         speeds,
         hertz,
         std,
         ratio,
         tuple(eigen[k].whirls[int(order[k, curve])] for curve, k in enumerate(ends)),
         tuple(critical_speeds(machine, last, rng)),
-        machine.status,
-        machine.remarks,
         assumed,
     )
 
@@ -660,10 +644,10 @@ def _drawn(eigen: Eigen, group: Integers, by_speed: Complexes) -> tuple[float, t
 
 
 @frozen
-class UnbalanceResponse:
+class UnbalanceResponse(OfAMachine):
     """Motion on the rotation's line over the speed: ``q = Re(Q exp(i phi))``."""
 
-    coordinates: tuple[str, ...]
+    machine: Machine = field(repr=False, compare=False)
     speed: Floats  # (speed,): rad/s
     motion: Complexes  # (speed, coordinate): naN at an undamped critical speed
     # (speed, coordinate): of the amplitude; NaN where nothing is known of the deviations
@@ -730,7 +714,7 @@ def response_of(machine: Machine, speeds: Floats) -> UnbalanceResponse:
             assumed[k], said = machine.assumed(speed, names, std[k], by)
             notes += said
     told = (motion, std, assumed, tuple(notes))
-    return UnbalanceResponse(machine.model.coordinates, speeds, *told)
+    return UnbalanceResponse(machine, speeds, *told)
 
 
 def _amplitude(motion: Complexes, slopes: Complexes, root: Floats) -> Floats:

@@ -19,11 +19,12 @@ from operator import itemgetter
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError, require_names
+from rotorid.core.errors import InputError, require_names, require_type
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, frozen, grouped
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.whole_record import whole_lines
+from rotorid.results.machine import Result
 from rotorid.results.sensitivity_peak import (
     LEAST,
     MOST,
@@ -82,7 +83,7 @@ of half the width of its peak: there it is 0.7."""
 
 
 @frozen
-class AxisSensitivity:
+class AxisSensitivity(Result):
     axis: str
     frequency_hz: Floats  # (line,)
     sensitivity: Complexes  # (line,)
@@ -239,6 +240,7 @@ def sensitivity(
     if not pairs:
         raise InputError("no axes", "a channel of e and one of r", 'name them: {"i_x": "r_x"}')
     for record in data:
+        require_type(record, Record, PeriodicRecord, place="records")
         names = [channel.name for channel in record.channels]
         require_names([*pairs, *pairs.values()], names, "no channel {}", file=record.source)
     if all(isinstance(record, PeriodicRecord) for record in data):

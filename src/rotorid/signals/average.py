@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming, require_positive
+from rotorid.core.errors import InputError, naming, require_positive, require_type
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
@@ -80,6 +80,7 @@ def average(
     >>> periodic.periods, periodic.mean_spectrum.real.round(12)
     (4, array([[0.5]]))
     """
+    require_type(record, Record, place="record")
     hertz = None if fundamental is None else quantity(fundamental, "Hz")
     ends = None if band is None else (quantity(band[0], "Hz"), quantity(band[1], "Hz"))
     with naming(record.source):
