@@ -65,6 +65,8 @@ def style() -> Iterator[None]:
         warnings.filterwarnings("ignore", message=r"Glyph .* missing from")
         # Too long a name for its panel: drawn without the layout, no reason to fail either.
         warnings.filterwarnings("ignore", message="constrained_layout not applied")
+        # A single value: the axis is widened about it.
+        warnings.filterwarnings("ignore", message="Attempting to set identical")
         yield
 
 
