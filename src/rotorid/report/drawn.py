@@ -328,7 +328,7 @@ def misfit(rows: Source, *, turning: bool = False) -> Panel:
         look: Look = "dots" if own.sum() <= MOST_DOTS else "points"
         curves.append(Curve(x, ratio[own], told, colour, look))
     ends = (min(float(ratio.min()) / 1.2, 0.5), max(1.2 * float(ratio.max()), 2.0))
-    y = Axis("misfit / expected", log=True)
+    y = Axis("misfit / expected", log=True, ends=ends)
     return Panel("", axis, y, tuple(curves), level=1.0, height=2.8)
 
 
@@ -340,10 +340,11 @@ def correlation(names: Sequence[str], matrix: Floats) -> Panel:
 
 def deviations(names: Sequence[str], percent: Floats) -> Panel:
     seen = np.where(percent > 0, percent, np.nan)
+    ends = (float(np.nanmin(seen)) / 2, 2 * float(np.nanmax(seen))) if (percent > 0).any() else None
     curve = Curve(seen, np.arange(len(names), dtype=float), "", BLUE, "dots")
     return Panel(
         "",
-        Axis("standard deviation in %", log=True),
+        Axis("standard deviation in %", log=True, ends=ends),
         Axis(names=tuple(map(label, names))),
         (curve,),
         height=min(max(2.6, 0.3 * len(names) + 1.2), 14.0),
