@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from rotorid.answer.estimate import FAR, Shift
+from rotorid.answer.estimate import Shift
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats
 
@@ -20,8 +20,8 @@ def weighed(
     """Return how far all together move each quantity, in its deviations, and notes on them.
 
     `found`: by how many each moves them, (quantity,), and from how many on it is told. Of what is
-    wrong in one way or another the worst counts. First stands what matters most to most of them:
-    what makes the largest shares of their variances.
+    wrong in one way or another the worst counts. First stands what moves a quantity most, then what
+    moves another one most, and so on: what small errors of many quantities are made of comes last.
     """
     told, worst = dict[str, Note](), dict[str, Floats]()
     for one, moved, least in found:
@@ -36,8 +36,7 @@ def weighed(
         worst[name] = np.maximum(worst.get(name, 0.0), moved)
     total = sum((moved**2 for moved in worst.values()), np.zeros(len(names)))
 
-    def place(note: Note) -> tuple[bool, float]:
-        share = float((worst[note.about] ** 2 / (1 + total)).sum())
-        return (note.value or 0.0) <= FAR, -share
-
-    return np.sqrt(total), sorted(told.values(), key=place)
+    moved = np.array([worst[name] for name in told]).reshape(len(told), len(names))
+    leads = np.where(moved == moved.max(axis=0, initial=0.0), moved, 0.0)
+    order = np.lexsort([-each.max(axis=1, initial=0.0) for each in (moved, leads)])
+    return np.sqrt(total), [list(told.values())[k] for k in order]

@@ -102,7 +102,7 @@ def larger(pattern, share):
 @pytest.mark.parametrize(
     ("kind", "errors", "pattern", "by"),
     [
-        ("E", ["E[core]"], 'core = { E = "# GPa", G = "40.5', 0.01),
+        ("E", ["E[core]"], 'core = { E = "# GPa", G = "40.5', 0.03),
         ("density", ["density[core]"], 'G = "40.5 GPa", density = "#', 0.01),
         ("diameters", ["diameters[outer 3]"], 'outer = "# mm", material = "core"', 0.001),
         ("lengths", ["lengths[all]"], '(?:length|at) = "# mm"', 0.01),
@@ -122,7 +122,7 @@ def test_a_drawing_that_is_otherwise_moves_the_answer_as_its_column_says(
     said = -linear.taken(one.effect[:, errors].sum(axis=1, keepdims=True))[:, 0] / std
     text = larger(pattern, 0.01 * by)
     if kind == "E":
-        text = text.replace('G = "40.5', 'G = "40.50405')
+        text = text.replace('G = "40.5', 'G = "40.51215')
     before = found.solution.point.unknowns
     start = dict(zip(found.layout.model.parameter_names, before.tolist(), strict=True))
     after = fit_of(record, text, start).solution.point.unknowns
@@ -180,7 +180,7 @@ def test_a_tolerance_of_the_drawing_is_what_is_assumed():
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [-0.05, 0.05])
 def test_a_wrong_modulus_beside_a_free_section_is_never_plainly_ok(share):
-    """It is wrong by five times what is plausible, and so is what the free section takes over."""
+    """By five thirds of what is plausible, and so is what the free section takes over."""
     modulus = f'E = "{210 * (1 + share)} GPa", G = "{81 * (1 + share)} GPa"'
     true = DRAWN.replace('E = "210 GPa", G = "81 GPa"', modulus)
     noise = {name: 30 * size for name, size in NOISE.items()}
@@ -194,4 +194,4 @@ def test_a_wrong_modulus_beside_a_free_section_is_never_plainly_ok(share):
     off = abs(found.value("s") - 1) / found.std("s")
     assert off > 5
     assert told.parameter == "s"
-    assert off == pytest.approx(5 * told.moves, rel=0.3)
+    assert off == pytest.approx(5 / 3 * told.moves, rel=0.3)
