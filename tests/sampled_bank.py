@@ -46,17 +46,46 @@ def axis_force(velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
     return t["M"] * acceleration + t["Fv"] * velocity + t["Fc"] * np.sign(velocity) + t["offset"]
 
 
+def presliding(velocity: np.ndarray, rate: float, way: float) -> np.ndarray:
+    """Return Dahl's friction, of size 1, which turns within a way of `way`."""
+    found, z = np.zeros(len(velocity)), 0.0
+    for k, v in enumerate(velocity):
+        z += (v - abs(v) * z) / (way * rate)
+        found[k] = z
+    return found
+
+
+UNMODELLED = {
+    "spring": lambda q, v, a: q,
+    "hardening": lambda q, v, a: q**3,
+    "drag": lambda q, v, a: v * np.abs(v),
+    "one-sided": lambda q, v, a: np.abs(v),
+    "stribeck": lambda q, v, a: np.exp(-np.abs(v) / 0.03) * np.sign(v),
+    "load": lambda q, v, a: np.abs(a) * np.sign(v),
+    "varying mass": lambda q, v, a: q * a,
+    "cogging": lambda q, v, a: np.sin(2 * np.pi * q / 0.02),
+    "stroke": lambda q, v, a: q * np.sign(v),
+    "pre-sliding": lambda q, v, a: presliding(v, 1000.0, 5e-3),
+}
+
+
 def axis(
     rng: np.random.Generator,
     *,
+    lacks: str = "",
+    share: float = 0.1,
     seconds: float = 15.0,
     noise: float = 4.0,
     memory: float = 0.05,
     position_noise: float = 1e-6,
 ) -> rid.Record:
-    """Return a record of an axis with Coulomb friction."""
+    """Return a record of an axis with Coulomb friction, `share` of the force besides unmodelled."""
     q, v, a = motion(rng, seconds, 1000.0, (0.2, 2.5), 0.05)
-    force = axis_force(v, a) + coloured(rng, len(q), noise, memory, 1000.0)
+    force = axis_force(v, a)
+    if lacks:
+        more = UNMODELLED[lacks](q, v, a)
+        force += share * np.sqrt((force**2).mean() / (more**2).mean()) * more
+    force += coloured(rng, len(q), noise, memory, 1000.0)
     return measured(force, q + position_noise * rng.standard_normal(len(q)), ("F", "q"), 1000.0)
 
 

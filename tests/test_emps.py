@@ -94,7 +94,9 @@ def test_without_periods(folder, output):
     output("identify", folder / "filtered.toml", "--method", "ls", "--json", target)
     found = rid.load_estimate(target)
     assert found.status == "ok"
-    assert not found.warnings
+    (warning,) = found.warnings  # what 4 % of the force is: friction of one way is another's
+    assert "lacks a force as abs(q') (" in warning
+    assert found.std("offset") > 5 * 0.28
     for name, value in WITHOUT_PERIODS.items():
         assert found.value(name) == pytest.approx(value, rel=0.005), name
         assert abs(found.value(name) - PUBLISHED[name][0]) < found.std(name)

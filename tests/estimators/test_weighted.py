@@ -185,7 +185,12 @@ def test_blocks_that_remember_one_another_are_merged():
         noise = coloured(np.random.default_rng(0), count, 1.0, memory, 1000.0)
         found[memory] = fit(level, noise, numbers)
     assert [found[m].blocks for m in (1e-3, 0.06, 100.0)] == [32, 16, weighted.FEWEST]
-    assert [found[m].memory for m in (1e-3, 0.06, 100.0)] == [False, False, True]
+    assert [found[m].memory > 0 for m in (1e-3, 0.06, 100.0)] == [False, False, True]
+    # What is left of it is made up for: (1 + r) / (1 - r) times the variance of independent blocks.
+    r, blocks = found[100.0].memory, found[100.0].shifts[:, 0]
+    apart = blocks / (1 - 1 / len(blocks))
+    plain = (apart**2).sum() * 7 / 8 * 7 / 5
+    assert found[100.0].covariance[0, 0] == pytest.approx(plain * (1 + r) / (1 - r))
 
 
 @pytest.mark.parametrize(("share", "merged"), [(0.95, False), (1.05, True)])
@@ -241,7 +246,7 @@ def test_halves_differ_by_what_lies_between_them_alone():
     quiet -= quiet.mean()
     step = np.repeat([5.0, -5.0], 16)[:, None]
     (calm, std), (apart, same) = (
-        Scatter(np.eye(1), shifts, False, np.zeros(1, dtype=bool)).halves()
+        Scatter(np.eye(1), shifts, 0.0, np.zeros(1, dtype=bool), np.arange(32)).halves()
         for shifts in (quiet, quiet + step)
     )
     assert std == pytest.approx(same)

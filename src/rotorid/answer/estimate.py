@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer, Strict, TypeAdapter
 from pydantic_core import to_json
 
-from rotorid.answer.judge import DIRECTION, EFFORT, Status, judge, ordered
+from rotorid.answer.judge import EFFORT, OFF, Status, judge, ordered
 from rotorid.core.errors import InputError, ReadError, one_line
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.notes import VERDICTS, Note
@@ -578,7 +578,7 @@ class Estimate(Shown):
         """Why an answer that is ok is doubtful all the same; empty where it is not."""
         if self.status == "ok" and any(note.about == EFFORT for note in self.notes):
             return "little effort"
-        if self.status == "ok" and (off := [n for n in self.notes if n.about == DIRECTION]):
+        if self.status == "ok" and (off := [n for n in self.notes if n.about in OFF]):
             return f"{off[0].value or math.nan:.2g} std off along {' or '.join(off[0].on)}"
         if self.status != "ok" or self.misfit is None or not self.misfit.p_value < DOUBTFUL:
             return ""

@@ -11,14 +11,17 @@ import numpy as np
 
 from rotorid.answer import machine_checks
 from rotorid.answer.estimate import Estimate
+from rotorid.answer.judge import LACKS, RECORDS
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats, frozen
+from rotorid.data.filtered import told_of
 from rotorid.data.observation import Data, Records, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
 from rotorid.linear.regression import Regression, SampledRegression
 from rotorid.linear.solve import (
     BLOCKS,
+    FEWEST,
     Block,
     LeastSquaresSolution,
     Scatter,
@@ -26,6 +29,7 @@ from rotorid.linear.solve import (
     pooled,
     scatter_of_blocks,
     solve,
+    wider,
 )
 from rotorid.models import Model
 from rotorid.models.knowledge import Constraint
@@ -38,7 +42,7 @@ MOVED = 1.0
 """Deviations by which the lower cut-off may move a parameter before a warning tells of it: a bias
 of one leaves 83 % of intervals right where 95 % are promised."""
 CLEAR = 3.0
-"""Deviations of the move itself by which it is more than chance."""
+"""Deviations of the move itself by which it is more than chance; and between two records."""
 
 DOUBTFUL, SURE = 4.0, 6.0
 """Deviations of a lag between forces and motion from which on it is told, where it moves a
@@ -73,20 +77,13 @@ class SampledProblem(Posed):
     """Regressions on the samples of all records, in the unknowns that exact constraints leave."""
 
     kind = SampledRegression
-    early: bool = False  # with one unknown more, by how much all forces come early
-
-    def free_equations(self, equations: Any) -> tuple[Any, Any]:
-        design, target = super().free_equations(equations)
-        if self.early:
-            design = np.concatenate([design, equations.force_rates[:, :, None]], axis=2)
-        return design, target
 
     @cached_property
     def _plain(self) -> Floats:
         """The base parameters where every row counts alike."""
         rows = np.ones(len(self.model.texts))
         solution = solve(self.blocks(lambda regression: rows))
-        return np.nan_to_num(self.base(solution.values[: len(self.names)]))
+        return np.nan_to_num(self.base(solution.values))
 
     def variance(self, regression: Any) -> Floats:
         """Return the variance of what least squares leaves of each row, (row,)."""
@@ -97,46 +94,98 @@ class SampledProblem(Posed):
 
     def summarize(self, method: str, solved: Solver) -> Estimate:
         solution, scatter, values = self.fit(solved)
-        estimate = self.estimate(method, solution, scatter.covariance, unknown=scatter.alone)
+        notes, off = self.lacking(solution, scatter)
+        covariance = scatter.covariance + off.T @ off
+        estimate = self.estimate(method, solution, covariance, unknown=scatter.alone)
         return estimate.with_notes(
             *self.told(scatter),
             *machine_checks.physical(self.full, estimate),
             *self.moved(scatter, values, solved),
-            *self.late(scatter, values, solved),
+            *self.late(solution, scatter),
+            *notes,
             *machine_checks.prediction(estimate, {}),
             *machine_checks.agreement(self.names, *scatter.halves()),
+            *self.apart(solved),
         )
 
     def fit(self, solved: Solver) -> tuple[LeastSquaresSolution, Scatter, Floats]:
         """Return a solution, what blocks say of it, and its values as far as equations reach."""
         solution = solved(self)
-        matrix, right, gains = solution.matrix, solution.right, np.hstack(solution.gains)
         counts = [len(r.inputs) for r in self.regressions]
         numbers = np.repeat(block_numbers(counts, BLOCKS), len(self.model.texts))
-        scatter = scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
+        scatter = scatter_of_blocks(solution.matrix, solution.residual, solution.gain, numbers)
         return solution, scatter, self.reached(solution)
 
-    def late(self, scatter: Scatter, values: Floats, solved: Solver) -> Iterator[Note]:
+    def late(self, solution: LeastSquaresSolution, scatter: Scatter) -> Iterator[Note]:
         """Judge whether forces and motion come at one time, with the lag for an unknown.
 
         ``u(t - lag) = u - lag u'``: what elastic parts and filters do looks like a lag too.
         """
-        _, spread, freed = replace(self, early=True).fit(solved)
-        lag = -float(freed[-1])
-        std = float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
-        worst, share = scatter.worst(freed[:-1] - values)
-        if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or share <= MOVED:
+        rates = np.concatenate([r.force_rates.reshape(-1, 1) for r in self.regressions])
+        (early,), (clear,), (change,) = scatter.with_column(solution, rates)
+        worst, share = scatter.worst(change)
+        if clear <= DOUBTFUL or share <= MOVED:
             return
         text = (
-            f"the forces come as if {abs(lag) * 1e3:.3g} ms {'late' if lag > 0 else 'early'} "
-            f"({abs(lag) / std if std > 0 else np.inf:.3g} deviations), and {self.names[worst]} is "
-            f"{freed[worst]:.5g} {self._unit(worst)} without that: give the delay of the "
-            "channels, or look for filters before the logger, or for something elastic that the "
-            "equations leave out"
+            f"the forces come as if {abs(early) * 1e3:.3g} ms {'late' if early < 0 else 'early'} "
+            f"({clear:.3g} deviations), and {self.names[worst]} is "
+            f"{solution.values[worst] + change[worst]:.5g} {self._unit(worst)} without that: give "
+            "the delay of the channels, or look for filters before the logger, or for something "
+            "elastic that the equations leave out"
         )
-        sure = abs(lag) > SURE * std and share > machine_checks.SURE
+        sure = clear > SURE and share > machine_checks.SURE
         severity: Severity = "rejects" if sure else "doubts"
-        yield Note("delay", severity, text, on=(self.names[worst],), value=lag, unit="s")
+        yield Note("delay", severity, text, on=(self.names[worst],), value=-float(early), unit="s")
+
+    def lacking(
+        self, solution: LeastSquaresSolution, scatter: Scatter
+    ) -> tuple[list[Note], Floats]:
+        """Return a note on forces that the equations lack, and what each moves, (force, free).
+
+        The values are as uncertain as that: the covariance grows by the sum of ``change change'``.
+        """
+        texts, own = self.regressions[0].further
+        columns = [r.further[1].reshape(-1, own.shape[2]) for r in self.regressions]
+        _, clear, changes = scatter.with_column(solution, np.concatenate(columns))
+        moved = [scatter.worst(change) for change in changes]
+        shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)
+        worst, off = int(shares.argmax()), changes[shares > MOVED]
+        if not len(off):
+            return [], off
+        at, by = moved[worst][0], changes[worst, moved[worst][0]]
+        row, term = divmod(worst, len(texts))
+        acting = self.model.input_matrix[self.model.input_matrix.any(axis=1)][row]
+        drives = ", ".join(np.array(self.model.inputs)[acting != 0])
+        text = (
+            f"the equation of {drives} lacks a force as {texts[term]} "
+            f"({clear[worst]:.3g} deviations), which moves {self.names[at]} by {by:+.3g} "
+            f"{self._unit(at)}, {shares[worst]:.2g} deviations, by which they are now wider"
+        )
+        cure = "add that term with a parameter of its own, or what it stands for"
+        value = float(shares[worst])
+        return [Note(LACKS, "doubts", text, cure, (self.names[at],), value, "1")], off
+
+    def apart(self, solved: Solver) -> Iterator[Note]:
+        """Judge whether records, each fitted alone, agree parameter by parameter."""
+        alone = [replace(self, regressions=(r,)).fit(solved)[1:] for r in self.regressions]
+        variance = np.array([np.diag(s.covariance) * wider(s.blocks - 1) ** 2 for s, _ in alone])
+        unknown = [s.alone | (s.blocks < FEWEST) | ~np.isfinite(v) for s, v in alone]
+        variance[np.array(unknown)] = np.inf
+        values = np.array([v for _, v in alone])
+        both = np.maximum(variance[:, None] + variance, 1e-300)
+        off = np.nan_to_num(np.abs(values[:, None] - values) / np.sqrt(both))
+        one, other, worst = np.unravel_index(int(off.argmax()), off.shape)
+        if off.max() <= CLEAR:
+            return
+        name, figure = self.names[worst], float(off.max())
+        told = (
+            f"{told_of(self.regressions[k].record.record)}{values[k, worst]:.4g} of record {k + 1}"
+            for k in (one, other)
+        )
+        text = f"{name}, each fitted alone: {', '.join(told)}; {figure:.3g} deviations apart"
+        severity: Severity = "rejects" if figure > machine_checks.APART else "doubts"
+        cure = "identify the records apart: something differs between them, or the model lacks it"
+        yield Note(RECORDS, severity, text, cure, (name,), figure, "1")
 
     def moved(self, scatter: Scatter, values: Floats, solved: Solver) -> Iterator[Note]:
         """Judge whether a lower cut-off moves a parameter by more than its deviations."""
@@ -170,8 +219,8 @@ class SampledProblem(Posed):
             yield Note("blocks", "doubts", text, "excite it more than once", on=alone)
         if scatter.memory:
             text = (
-                f"{count} blocks of the record still depend on one another: deviations "
-                "are too small"
+                f"{count} blocks of the record still depend on one another (correlation "
+                f"{scatter.memory:.2f}): deviations are wider by as much as that explains"
             )
             yield Note("blocks", "doubts", text, "record longer")
         yield from dict.fromkeys(check for r in self.regressions for check in r.record.checks)

@@ -257,6 +257,21 @@ SLOW = 0.005
 of an axis that is held leaves more than its noise; an axis that turns is through in no time."""
 
 
+FURTHER: dict[str, Callable[..., Floats]] = {
+    "{q}^3": lambda q, v, a, turn: q**3,
+    "abs({q}')": lambda q, v, a, turn: np.abs(v),
+    "{q}'*abs({q}')": lambda q, v, a, turn: v * np.abs(v),
+    "tanh({q}'/{slow})": lambda q, v, a, turn: turn,
+    "{q}*{q}''": lambda q, v, a, turn: q * a,
+    "abs({q}'')*tanh({q}'/{slow})": lambda q, v, a, turn: np.abs(a) * turn,
+    "{q}''*(1 - tanh({q}'/{slow})^2)": lambda q, v, a, turn: a * (1 - turn**2),
+}
+"""Forces that equations may lack beside linear ones, as a model's text has them. What keeps no such
+sign with motion scatters between blocks (docs/theory.md, section 6)."""
+SLOWLY = 0.1
+"""Share of its usual size below which a velocity is one at which friction is not Coulomb's."""
+
+
 @frozen
 class SampledRegression(Equations):
     """On the samples in use; arrays over samples hold those of all stretches, one after another."""
@@ -389,6 +404,24 @@ class SampledRegression(Equations):
         counts = self.told[self.kept][:, driven].all(axis=1, keepdims=True)
         ones, samples = np.ones(len(self.inputs)), self.record.used[self.kept]
         return self._predicted(base, self.inputs * counts, ones, samples)
+
+    @cached_property
+    def further(self) -> tuple[list[str], Floats]:
+        """Forces that equations may lack: texts, and columns, (sample, row, driven row x text)."""
+        used, m, texts = self._picked[self.kept], self._motion, ["1"]
+        columns = [np.ones((len(used), 1))]
+        for j, name in enumerate(self.model.coordinates):
+            texts += [name + dots for dots in DERIVATIVES]  # filtered once, as in the equations
+            columns += [self._coordinates(self.record.outer, k)[used, j : j + 1] for k in range(3)]
+            slow = SLOWLY * float(np.sqrt((m.velocity[:, j] ** 2).mean())) or 1.0
+            turn = np.tanh(m.velocity[:, j] / slow)
+            for text, of in FURTHER.items():
+                force = of(m.position[:, j], m.velocity[:, j], m.acceleration[:, j], turn)
+                texts.append(text.format(q=name, slow=f"{slow:.3g}"))
+                columns.append(self._each(self.record.outer.apply, force[:, None])[used])
+        rows = np.eye(len(self.model.texts))[self.model.input_matrix.any(axis=1)]
+        forces = np.hstack(columns)[:, None, None, :] * rows.T[:, :, None]
+        return texts, self.counting(forces.reshape(len(used), len(self.model.texts), -1))
 
     @property
     def left_out(self) -> str:

@@ -81,6 +81,17 @@ class LeastSquaresSolution:
     # (equation, free) and (equation,): what was solved, where it was in one go
     matrix: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     right: Floats = field(default_factory=lambda: np.zeros(0))
+    deviation: Floats = field(default_factory=lambda: np.zeros(0))  # each was divided by
+
+    @property
+    def gain(self) -> Floats:
+        """How the values answer to every whitened equation, shape (free, equation)."""
+        return np.hstack(self.gains)
+
+    @property
+    def residual(self) -> Floats:
+        """What the values leave of every whitened equation."""
+        return np.asarray(self.right - self.matrix @ (self.gain @ self.right))
 
 
 def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
@@ -107,7 +118,9 @@ def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
     split = np.split(gains, np.cumsum([len(r) for _, r in whitened])[:-1], axis=1)
     parts = tuple(b.gains_of(g) for b, g in zip(blocks, split, strict=True))
     condition = float(singular[0] / singular[-1]) if 0 < rank == len(values) else np.inf
-    return LeastSquaresSolution(values, parts, condition, open_directions, matrix, right)
+    each = zip(blocks, whitened, strict=True)
+    deviation = np.concatenate([np.resize(np.sqrt(b.variance), len(r)) for b, (_, r) in each])
+    return LeastSquaresSolution(values, parts, condition, open_directions, matrix, right, deviation)
 
 
 BLOCKS = 32
@@ -123,15 +136,20 @@ TINY = 0.1
 """Share of a parameter in such a combination from which it is one of its own."""
 MEMORY = 1.0
 """Deviations of the correlation of neighbours, 1 / sqrt(blocks), from which they are merged."""
+MOST = 0.8
+"""Correlation of neighbours that is made up for at most: of eight blocks none is known better."""
+DISTINCT = 1e-3
+"""Share of the power of a column that the design must leave, for it to be another column."""
 
 
 @frozen
 class Scatter:
     covariance: Floats  # (free, free)
     shifts: Floats  # (block, free): what each block adds to the answer, in the order of the record
-    memory: bool  # whether neighbouring blocks still depend on one another
+    memory: float  # correlation of neighbouring blocks that is left, and made up for; else 0
     # bool array, shape (free,): what a single block tells: no deviation can be stated
     alone: Booleans
+    numbers: Integers  # the block of each equation
 
     @property
     def blocks(self) -> int:
@@ -164,8 +182,36 @@ class Scatter:
         halves = 2 * np.stack([part.sum(axis=0) for part in parts])
         within = sum(((part - part.mean(axis=0)) ** 2).sum(axis=0) for part in parts)
         dof = max(self.blocks - 2, 1)
-        wider = -scipy.special.stdtrit(dof, scipy.special.ndtr(-CHANCE)) / CHANCE
-        return halves, np.asarray(wider * np.sqrt(within * self.blocks / dof))
+        return halves, np.asarray(wider(dof) * np.sqrt(within * self.blocks / dof))
+
+    def with_column(
+        self, solution: LeastSquaresSolution, columns: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return what some columns, (equation, column), each by itself, add to a solution.
+
+        Sizes ``s = p'e / p'p`` with ``p = c - X G c`` (0 where the design leaves too little of c),
+        how many deviations each is from zero, by leaving out each block in turn, and by how much
+        the values move, ``-G c s``, shape (column, free).
+        """
+        columns = columns / solution.deviation[:, None]
+        count, answer = self.blocks, solution.gain @ columns
+        part, starts = (
+            columns - solution.matrix @ answer,
+            np.searchsorted(self.numbers, range(count)),
+        )
+        power = np.add.reduceat(part**2, starts)
+        score = np.add.reduceat(part * solution.residual[:, None], starts)
+        whole = power.sum(axis=0)
+        told = whole > DISTINCT * (columns**2).sum(axis=0)
+        told &= (whole - power > ALONE * whole).all(axis=0) & (count >= FEWEST)
+        size = np.where(told, score.sum(axis=0) / np.where(told, whole, 1.0), 0.0)
+        without = (score - size * power) / np.where(told, whole - power, 1.0)
+        std = wider(count - 1) * (count - 1) / np.sqrt(max(count - 3, 1)) * without.std(axis=0)
+        return size, np.abs(size) / np.where(std > 0, std, np.inf), (-answer * size).T
+
+
+def wider(dof: int) -> float:
+    return float(-scipy.special.stdtrit(dof, scipy.special.ndtr(-CHANCE)) / CHANCE)
 
 
 def block_numbers(samples: Sequence[int], blocks: int) -> Integers:
@@ -196,9 +242,9 @@ def scatter_of_blocks(matrix: Floats, residual: Floats, gains: Floats, blocks: I
             found.append((shift, change * length, (np.abs(untold) > TINY).any(axis=1)))
         shifts, without, alone = (np.array(part) for part in zip(*found, strict=True))
         size, known = (shifts**2).sum(axis=0), shifts.any(axis=0)
-        # Whether what a block adds resembles what the one before added, in any parameter.
-        lagged = (shifts[1:] * shifts[:-1]).sum(axis=0)[known] / size[known]
-        memory = count >= FEWEST and bool((lagged > MEMORY / np.sqrt(count)).any())
+        # How much what a block adds resembles what the one before added, in any parameter.
+        alike = ((shifts[1:] * shifts[:-1]).sum(axis=0)[known] / size[known]).max(initial=0.0)
+        memory = float(alike) if count >= FEWEST and alike > MEMORY / np.sqrt(count) else 0.0
         if not memory or count // 2 < FEWEST:
             break
         blocks = blocks // 2
@@ -206,4 +252,7 @@ def scatter_of_blocks(matrix: Floats, residual: Floats, gains: Floats, blocks: I
     covariance = apart.T @ apart * ((count - 1) / count)
     # A variance from so few is itself uncertain: that of Student's t.
     spread = (count - 1) / max(count - 3, 1)
-    return Scatter(covariance * spread, shifts, memory, np.asarray(alone.any(axis=0)))
+    # A sum whose terms remember by r scatters as (1 + r) / (1 - r) times that of independent ones.
+    kept = min(memory, MOST)
+    spread *= (1 + kept) / (1 - kept)
+    return Scatter(covariance * spread, shifts, memory, np.asarray(alone.any(axis=0)), blocks)
