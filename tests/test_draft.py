@@ -549,3 +549,16 @@ def test_lines_to_copy_where_no_column_looks_like_anything(tmp_path):
     law = '# F_x1 = {law = "linear", current = {column = "?", unit = "A"}, position = "x1", ki = '
     assert law in text
     assert "# x1 =" not in drafted(tmp_path, "x1_um,y1_um,x3_um,y3_um,i1x,i1y,i2x,i2y")
+
+
+def test_a_counter_of_samples_holds_no_excitation(tmp_path):
+    """It hides no period, and gives no band; times without a name may wander a little."""
+    count, noise = np.arange(2000), np.random.default_rng(1).normal(size=(2, 2000))
+    waves = np.sin(2 * np.pi * count / 100) + 1e-3 * noise
+    write_table(tmp_path / "run.txt", "t,n,u,v", count / 500, count, *waves, fmt="%.6g")
+    (record,) = parse(draft([tmp_path / "run.txt"], "jeffcott", tmp_path))["records"]
+    assert record["fundamental"] == "5 Hz"
+    late = count / 100 + 1e-3 * np.sin(count / 50)
+    write_table(tmp_path / "bare.txt", "", late, *waves, fmt="%.4f")
+    (record,) = parse(draft([tmp_path / "bare.txt"], "jeffcott", tmp_path))["records"]
+    assert record["time"]["column"] == "0"

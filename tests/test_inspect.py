@@ -135,3 +135,39 @@ F_y = { column = "Fy", unit = "N" }
 x = { column = "x", unit = "um" }
 y = { column = "y", unit = "um" }
 """
+
+
+def test_a_run_up_is_not_searched_for_a_period(tmp_path, output, refusal):
+    """Its mark tells the speed: a clearer line elsewhere asks for its pulses, not for a speed."""
+    count = np.arange(1000)
+    mark = (count % 20 == 0).astype(float)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=1000)
+    write_table(tmp_path / "a.csv", "ac,ir", np.sin(2.7 * count) + noise, mark, fmt="%.6g")
+    path = tmp_path / "a.toml"
+    path.write_text(RUN_UP, encoding="utf-8")
+    shown = output("inspect", path)
+    assert "count its pulses per revolution" in shown
+    assert "no period found" not in shown
+    path.write_text(RUN_UP.replace('"ir"', '"$\\tir$"'), encoding="utf-8")  # a tab in TOML
+    write_table(tmp_path / "a.csv", r"ac,$\tir$", mark, mark)
+    assert r"single quotes: '$\tir$'" in refusal("inspect", path)
+    # A table has no samples that a draft could show: the error of its channel is told.
+    mistake = RUN_UP.replace('keyphasor = "ir"\nsample_rate = "1 kHz"', 'speed = "9 rpm"')
+    mistake = mistake.replace('column = "ac"', 'amplitude = "ac", phase = "ir"')
+    path.write_text(mistake.replace('"um"', '"N/m"'), encoding="utf-8")
+    told = refusal("inspect", path)
+    assert "channels.x.unit" in told
+    assert "correct what the quantity is" in told
+
+
+RUN_UP = """model = "jeffcott"
+
+[[records]]
+kind = "phasors"
+file = "a.csv"
+keyphasor = "ir"
+sample_rate = "1 kHz"
+
+[channels]
+x = { column = "ac", unit = "um" }
+"""

@@ -146,8 +146,8 @@ def _by_noise(estimate: Estimate) -> str:
     if worst < SPOILT or estimate.status != "ok" or estimate.misfit is None:
         return ""
     return (
-        " (of little meaning here: near a lightly damped resonance the noise of the measured "
-        "forces moves the model as far as the machine moved; see the misfit)"
+        " (of little meaning here: noise of the readings or, near a lightly damped resonance, of "
+        "the measured forces is as large as the motion; see the misfit)"
     )
 
 

@@ -48,6 +48,8 @@ def nearest(name: str, there: Sequence[str], otherwise: str = "take a name from 
 
     likely = [other for other in there[:NAMES] if max(len(name), len(other)) <= NAME_CHARACTERS]
     near = get_close_matches(name, likely, n=1)
+    if near and "\\" in near[0]:
+        return f"did you mean {near[0]}? In TOML write a backslash in single quotes: '{near[0]}'"
     return f"did you mean {near[0]}?" if near else otherwise
 
 

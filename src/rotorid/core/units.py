@@ -325,12 +325,12 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
     rate = {name for name, _ in wanted.dimension.powers} == {"s"}
     ambiguous = rate and kinds == ("plain", "angle")
     if found.dimension != wanted.dimension or ambiguous:
-        raise InputError(
-            f"unit {unit!r}",
-            f"a unit that converts to {expected}",
-            f"convert the value, and write {_usual('{}', expected)}",
-            place=place,
-        )
+        cure = f"write {_usual('{}', expected)}"
+        if found.dimension == wanted.dimension:
+            cure = f"convert the value, and {cure}"
+        else:
+            cure += ", or correct what the quantity is (units of the model, reads, input)"
+        raise InputError(f"unit {unit!r}", f"a unit that converts to {expected}", cure, place=place)
     turn = {("turns", "angle"): 2 * math.pi, ("angle", "turns"): 0.5 / math.pi}.get(kinds, 1.0)
     return float(found.size / wanted.size) * turn
 

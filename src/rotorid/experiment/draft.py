@@ -309,6 +309,10 @@ class _Run:
     def channels(self) -> list[Found]:
         return [c for c in self.columns if c.role == "channel" and np.isfinite(c.values).all()]
 
+    def moving(self) -> list[Found]:
+        """Return the channels that may hold excitation: no counter of samples."""
+        return [c for c in self.channels() if even_rate(c.values) is None]
+
     def driving(self) -> list[Found]:
         return [c for c in self.channels() if is_excitation(c) and np.ptp(c.values) > 0]
 
@@ -406,15 +410,19 @@ def _columns(table: OneFile) -> list[Found]:
 def _timed(columns: list[Found]) -> list[Found]:
     """Take the first column without a name for the time if it rises so: by 1, it may count."""
     timed = (
-        c
-        for c in columns
-        if c.role == "time"
-        or (_NAMELESS.search(c.name) and even_rate(c.values) and np.diff(c.values[:2]) != 1)
+        c for c in columns if c.role == "time" or (_NAMELESS.search(c.name) and _rises(c.values))
     )
     if (first := next(timed, None)) is None or first.role == "time":
         return columns
-    assumed = replace(first, role="time", assumed="it rises in equal steps: check")
+    assumed = replace(first, role="time", assumed="it rises in steps alike: check")
     return [assumed if c is first else c for c in columns]
+
+
+def _rises(values: Floats) -> bool:
+    with suppress(ReadError):
+        read_clock(values)
+        return bool(np.diff(values[:2]) != 1)
+    return False
 
 
 def _run(files: tuple[Path, ...], columns: list[Found], tables: Sequence[OneFile]) -> _Run:
@@ -526,7 +534,7 @@ def unbalanced(model: Model) -> bool:
 
 
 def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
-    sources = run.driving() or run.channels()
+    sources = run.driving() or run.moving()
     found, rate = common_period([c.values for c in sources]), run.rate
     bends = model is not None and model.linear is None
     if found is None:
@@ -555,7 +563,7 @@ def _widest(columns: Iterable[Found]) -> Found | None:
 
 
 def _whole_record(run: _Run, rate: float | None) -> Iterator[_Line]:
-    channels, driving = run.channels(), run.driving()
+    channels, driving = run.moving(), run.driving()
     column = _widest(driving or [c for c in channels if c.measures(*_DRIVES)] or channels)
     if rate is not None and column is not None:
         band = [f"{f:.4g} Hz" for f in _excited_band(column.values, rate)]

@@ -355,7 +355,8 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
     for one in counting(plan.channels, "inspecting records"):
         entry = one.entry
         if entry.channel_kind == "samples":
-            found.append(_inspected(read.measured(one), entry, entry.band))
+            cut = entry.made == "run-up"
+            found.append(_inspected(read.measured(one), entry, entry.band, cut=cut))
             continue
         for lines in _read_table(one):
             named = lines.source or ", ".join(entry.paths)
@@ -374,7 +375,11 @@ def named_files(path: Path) -> list[Path]:
 
 
 def _inspected(
-    record: Record, entry: schema.RecordKeys, band: tuple[float, float] | None = None
+    record: Record,
+    entry: schema.RecordKeys,
+    band: tuple[float, float] | None = None,
+    *,
+    cut: bool = False,
 ) -> Inspection:
     size = read.period_of(record, entry)
     return inspect_record(
@@ -383,7 +388,7 @@ def _inspected(
         harmonics=entry.harmonics,
         band=band,
         skip=entry.skip or 0.0,
-        whole=size is None and "band" in entry.model_fields_set,
+        whole=cut or (size is None and "band" in entry.model_fields_set),
     )
 
 
@@ -395,9 +400,13 @@ def _draft_records(path: Path) -> list[schema.DraftRecord] | None:
         return None
     entries = table_within(data).get("records")
     tables = entries if isinstance(entries, list) else []
-    keys = [one.keys() if isinstance(one, dict) else set() for one in tables]
+    records = [one if isinstance(one, dict) else {} for one in tables]
+    keys = [one.keys() for one in records]
     if not keys or not all(one & {"file", "files"} for one in keys):
         return None
+    turned = {"angle", "keyphasor"}
+    if any(one.get("kind", "samples") != "samples" and not one.keys() & turned for one in records):
+        return None  # a table, which holds no samples to be shown
     periodic = all(one & {"fundamental", "period_samples"} for one in keys)
     if periodic and f'"{schema.OPEN}"'.encode() not in data:
         return None

@@ -308,6 +308,12 @@ def check_speed(seen: Seen) -> list[Note]:
         return []
     orbits = others[0].strength > CLEAR and _orbits(record, periods, others[0])
     excited = periods is not None and (np.abs(periods.frequency - given) < 2 * width).any()
+    if record.angle is not None:
+        told = (
+            f"the clearest line stands at {others[0].frequency:.6g} Hz, the mark tells a rotation "
+            f"at {given:.6g} Hz, where nothing stands: count its pulses per revolution"
+        )
+        return [Note("speed", "says", told, on=(others[0].channel,))]
     return [_wrong_speed(others, given, bool(excited and not orbits))]
 
 
