@@ -67,7 +67,7 @@ class Mistake:
     words: tuple[str, ...]
 
 
-SPEED = '"879.645943005142 rad/s"'
+SPEED = '"8400 rpm"'
 ODD = "[1, 3, 5, 7, 9, 11]"
 XYZ = ("x1", "y1", "x2", "y2", "x3", "y3")
 THREE, RIGID = "three-mass", "rigid"

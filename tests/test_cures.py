@@ -41,6 +41,8 @@ def written(text: str, said: str) -> list[tuple[str, str]]:
     """
     found = []
     for key, value in SNIPPET.findall(said):
+        if key == "positive":  # of the model file
+            continue
         tables = [name for name, table in TABLES.items() if key in table.model_fields]
         file = tomlkit.parse(text)
         model = rid.load_model(file["model"])

@@ -13,6 +13,7 @@ import rotorid as rid
 from rotorid import InputError
 from rotorid.experiment.read import dynamics_of
 from rotorid.experiment.schema import DynamicsEntry
+from rotorid.force.laws import Differential
 
 MODEL = rid.load_model("jeffcott")
 TRUTH = MODEL.nominal
@@ -258,7 +259,7 @@ def test_a_column_beside_the_channels_is_named_where_it_stands(folder, old, new,
         ("[estimator]\nfree_weight = 0", "estimator.free_weight", "greater than 0"),
         ("[estimator]\nrunout = 1", "estimator.runout", "a valid boolean"),
         ('[estimator]\ngains = ["kx"]', "estimator.gains.0", "'ki', 'ks' or 'ks"),
-        ('[estimator]\ndelays = ["current"]', "estimator.delays.0", "'force' or 'position'"),
+        ('[estimator]\ndelays = ["current"]', "estimator.delays", "one of force, position, F_x"),
         ("[parameters]\nm = {}", "parameters.m", "min and max may stand beside"),
         ('[parameters]\nm = { min = "1 m" }', "parameters.m.min", "converts to kg"),
         ('[parameters]\nm = { fixed = "1 kg", max = "2 kg" }', "parameters.m", "keep one"),
@@ -430,3 +431,29 @@ def test_a_response_in_other_terms_is_refused(head, tmp_path):
     write_table(tmp_path / "amp.csv", head, np.arange(9.0).reshape(3, 3))
     with pytest.raises(InputError, match=r"amp\.csv: .*(amplitude and phase|does not convert|s )"):
         dynamics_of(DynamicsEntry(table="amp.csv"), actuator=True, folder=tmp_path)
+
+
+def test_an_offset_is_taken_off_the_reading(tmp_path):
+    """A sensor that counts from its housing: the law of the magnet wants the place in its gap."""
+    rng = np.random.default_rng(4)
+    current, place = 0.1 * rng.normal(size=(2, 800)), 5e-3 + 1e-5 * rng.normal(size=(2, 800))
+    columns = np.column_stack([current.T + 0.2, 1e3 * place.T])
+    write_table(tmp_path / "run.csv", "ix,iy,px,py", columns, fmt="%.17g")
+    law = 'law = "differential", K = "1e-5 N m^2/A^2", bias = "2 A", gap = "0.5 mm"'
+    channels = [
+        f'F_{c} = {{ {law}, position = "{c}", current = {{ column = "i{c}", unit = "A", '
+        f'offset = "200 mA" }} }}\n{c} = {{ column = "p{c}", unit = "mm", offset = "5 mm" }}'
+        for c in "xy"
+    ]
+    head = 'model = "jeffcott"\n[[records]]\nfile = "run.csv"\nsample_rate = "2 kHz"\n'
+    text = f"{head}fundamental = '10 Hz'\nharmonics = [1]\n[channels]\n" + "\n".join(channels)
+    (record,) = load(tmp_path, text).measured()
+    np.testing.assert_allclose(record.column("x"), place[0] - 5e-3, atol=1e-15)
+    force = Differential(K=1e-5, bias=2.0, gap=5e-4).force(current[1], place[1] - 5e-3)
+    np.testing.assert_allclose(record.column("F_y"), force, rtol=1e-9, atol=1e-9)
+    for old, new, told in (
+        (', offset = "5 mm"', "", r"position .*, beyond|gap"),
+        ('"5 mm"', '"5 A"', r"channels.x.offset: .*'A'"),
+    ):
+        with pytest.raises(InputError, match=told):
+            load(tmp_path, text.replace(old, new)).measured()

@@ -303,6 +303,8 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             plan = read.plan_record(number, record, entry.channels, model, where)
             own = own_values(record.parameters, model, f"{plan.place}.parameters")
             plans.append(replace(plan, own=own))
+        names = ["force", "position", *dict.fromkeys(name for p in plans for name in p.channels)]
+        require_names(entry.estimator.unknown["delays"], names, place="estimator.delays")
         check_file(entry, plans)
         return Experiment(
             file=str(path),

@@ -138,6 +138,7 @@ def _as_recorded(entry: Recorded, expected: str | None, dynamics: Dynamics | Non
         column=entry.column or "",
         unit=entry.unit,
         scale=entry.scale,
+        offset=str(entry.offset) if entry.offset else 0.0,
         expected=expected,
         hold=entry.hold == "zero-order",
         delay=entry.delay.value,

@@ -123,6 +123,7 @@ class Recorded(Schema):
     column: str | None = None
     unit: str | None = None
     scale: Annotated[str | float | None, BeforeValidator(_scale)] = None
+    offset: Quantity = 0.0
     hold: Literal["none", "zero-order"] = "none"
     delay: Delay = DelayEntry()
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
@@ -227,7 +228,7 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
             allowed, beside = _PHASORS, "in a phasor's channel"
         elif self.law is None:
             wanted, beside = {"column"}, "without a law"
-            allowed = {*_AS_RECORDED, "unit", "scale", "reads"}
+            allowed = {*_AS_RECORDED, "unit", "scale", "offset", "reads"}
             if given & PhasorKeys.model_fields.keys():
                 beside = "in a channel of samples"
         else:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rotorid.core.errors import NAME_CHARACTERS, InputError, naming, nearest
+from rotorid.core.errors import NAME_CHARACTERS, InputError, naming
 from rotorid.core.units import si_factor, to_si
 from rotorid.core.values import Complexes, Floats, Integers, grouped
 from rotorid.data.lines import Lines
@@ -19,7 +19,7 @@ from rotorid.experiment.schema import ChannelEntry, RecordEntry, RowsEntry
 from rotorid.io import formats, open_tables
 from rotorid.io.columns import check_magnitude, largest_of, unit_of
 from rotorid.io.formats import StoredResponse
-from rotorid.io.table import ColumnFile
+from rotorid.io.table import ColumnFile, no_column
 from rotorid.signals.checks.channels import check_phases, check_probes
 
 
@@ -66,14 +66,8 @@ def chosen_rows(table: ColumnFile, entry: RowsEntry) -> Integers:
     wanted = str(entry.value).removesuffix(".0")
     found = [row for row, text in enumerate(texts) if text.removesuffix(".0") == wanted]
     if not found:
-        there = list(dict.fromkeys(texts))
-        shown = ", ".join(text[:NAME_CHARACTERS] for text in there[:8]) + " .." * (len(there) > 8)
-        raise InputError(
-            f"no row whose {entry.column} is {wanted[:NAME_CHARACTERS]!r}",
-            f"one of {shown}",
-            nearest(wanted, there),
-            place="rows.is",
-        )
+        there, kind = list(dict.fromkeys(texts)), f"row whose {entry.column[:NAME_CHARACTERS]} is"
+        raise no_column(wanted, there, kind=kind).at(place="rows.is")
     return np.array(found)
 
 

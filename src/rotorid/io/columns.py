@@ -43,6 +43,7 @@ class Source:
     dynamics: Dynamics | None = None  # see `Channel`
     alone: bool = False  # its column is that of no other source that is alone
     place: str = ""  # where its column is named, if not in [channels]
+    offset: float | str = 0.0  # taken off the reading, in SI or with a unit
 
     def channel(self, name: str, unit: str | None = None) -> Channel:
         unit = self.expected or "" if unit is None else unit
@@ -324,6 +325,10 @@ class _IntoSI:
         told = {name: _factor(first[name], one, table, name) for name, one in sources.items()}
         self.factors = {name: factor for name, (factor, _) in told.items()}
         self.channels = tuple(one.channel(name, told[name][1]) for name, one in sources.items())
+        self.offsets = [
+            quantity(one.offset, told[name][1] or "1", place=_place(name, "offset"))
+            for name, one in sources.items()
+        ]
         self.largest = dict.fromkeys(sources, 0.0)
 
     def samples(self, read: Mapping[str, Column], rows: int | None = None) -> Floats:
@@ -345,6 +350,7 @@ class _IntoSI:
                 check_magnitude(self.largest[name], factor, _place(name, "unit"))
             with np.errstate(invalid="ignore"):  # gaps are told where they are looked for
                 np.multiply(values, factor, out=found[:, place])
+        found -= self.offsets
         return found
 
     def check(self) -> None:

@@ -154,7 +154,10 @@ def _rotation(rig: Rig) -> dict[str, Any]:
     if rig.rotation.speed == 0 and rig.rotation.constant:
         return {}
     speed, phase = rig.rotation.speed, rig.rotation.phase
-    return {"speed": _quantity(speed, "rad/s"), "phase": _quantity(phase, "rad")}
+    rpm = float(f"{speed * 30 / np.pi:.12g}")  # as people write it, if it is the same speed
+    same = np.isclose(rpm * np.pi / 30, speed, rtol=1e-15, atol=0)
+    said = _quantity(rpm, "rpm") if same else _quantity(speed, "rad/s")
+    return {"speed": said, "phase": _quantity(phase, "rad")}
 
 
 def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
