@@ -24,11 +24,16 @@ from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.models.knowledge import Mode, number
 from rotorid.models.linear_form import StiffnessTable
-from rotorid.models.modal import Eigenmodes, eigenmodes, parted
+from rotorid.models.modal import Eigenmodes, lowest_modes, parted
 
 GRANTED = 0.3
 """Relative error granted to a frequency per relaxation, so that records lead until the last stage:
 with a tenth of it one frequency 100 deviations off led every search astray, with 3 none either."""
+
+BELOW = 0.5
+"""Share of the lowest measured frequency about which modes of a large machine are found."""
+ABOVE = 2
+"""Modes above the last measured one that are looked at: one that was skipped, and its neighbour."""
 
 
 @frozen
@@ -126,6 +131,8 @@ class Configuration:
     pattern: tuple[int, ...]
     # (unknown,): the direction in which frequencies that coincide by chance are parted
     toward: Floats
+    # how many modes are asked for: those that may be numbered, in two planes
+    count: int
     _last: dict[bytes, Solved] = field(default_factory=dict, compare=False, repr=False)
 
     def solved(self, unknowns: Floats) -> Solved:
@@ -133,7 +140,8 @@ class Configuration:
         key = unknowns.tobytes()
         if key not in self._last:
             stiffness, damping, mass = self.pencil.matrices(unknowns)
-            found = eigenmodes(mass, damping, stiffness)
+            below = BELOW * 2 * np.pi * min(mode.in_si[0] for mode in self.modes)
+            found = lowest_modes(mass, damping, stiffness, self.count, below)
             self._last.clear()
             self._last[key] = Solved(mass, damping, found, found.grouped(self.pattern))
         return self._last[key]
@@ -213,10 +221,10 @@ class ModalRows:
 def configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Configuration:
     """Return one configuration; the pattern of its modes is that of the generic machine."""
     pencil = _pencil(layout, modes[0])
-    free = Configuration(tuple(modes), pencil, (), generic - layout.start)
+    most = 2 * (number(modes[-1]) + ABOVE)
+    free = Configuration(tuple(modes), pencil, (), generic - layout.start, most)
     try:
-        stiffness, damping, mass = pencil.matrices(generic)
-        pattern = tuple(len(group) for group in eigenmodes(mass, damping, stiffness).distinct)
+        pattern = tuple(map(len, free.solved(generic).modes.distinct))
         there = free.eigenvalues(layout.start)
     except np.linalg.LinAlgError:
         pattern, there = (), np.zeros(0, dtype=np.complex128)

@@ -512,12 +512,16 @@ def _null_space(equations: set[Bits], count: int) -> list[Bits]:
     Each free node is in one of them, the last in the last.
     """
     pivots: dict[int, Bits] = {}  # the equations by the lowest bit of each, which no other holds
+    held = 0  # all pivots
     for equation in sorted(equations):
-        if equation := _reduced(equation, pivots):
-            lowest = _lowest(equation)
+        while at := equation & held:
+            equation ^= pivots[_lowest(at)]
+        if equation:
+            lowest = equation & -equation
             for pivot, row in pivots.items():
-                pivots[pivot] = _reduced(row, {lowest: equation})
-            pivots[lowest] = equation
+                if row & lowest:
+                    pivots[pivot] = row ^ equation
+            pivots[_lowest(lowest)], held = equation, held | lowest
     return [
         1 << free | sum(1 << pivot for pivot, row in pivots.items() if row >> free & 1)
         for free in range(count)

@@ -7,12 +7,13 @@ radians and newtons beside newton metres, and lambda by a frequency of the machi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse.linalg
 
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 
@@ -33,6 +34,16 @@ REGULAR = 1e6
 """Condition of M, rows and columns scaled, up to which it is divided by: ten digits are left."""
 SWEEPS = 8
 """Sweeps of the scaling: each takes the root of what is left."""
+BLOCK = 4
+"""Vectors of a block: as many as there are free motions at rest, in two planes."""
+SPARE = 36
+"""Vectors of a Krylov space beyond three times as many as there are modes to be found."""
+PAYS = 3
+"""Times as many coordinates as vectors from which on such a space pays."""
+FOUND = 1e-6
+"""Error of a vector that is found: its eigenvalue's is about the square of that."""
+SAME = 1e-12
+"""Share of a space's vectors that is rounding."""
 
 
 @frozen
@@ -72,16 +83,26 @@ def eigenmodes(mass: Matrix, damping: Matrix, stiffness: Matrix) -> Eigenmodes:
 
     Structural damping makes K complex: it is that of positive frequencies, as the modes are.
     """
-    pencil = _Scaled.of(mass, damping, stiffness)
-    values, right, left = pencil.poles()
-    order, real, rigid = pencil.told_apart(values)
-    return Eigenmodes(
-        np.asarray(values[order] * pencil.unit, dtype=np.complex128),
-        np.asarray(right[:, order].T * pencil.column, dtype=np.complex128),
-        np.asarray(left[:, order].T * pencil.row, dtype=np.complex128),
-        rigid,
-        np.sort(values[real].real * pencil.unit),
-    )
+    return _Scaled.of(mass, damping, stiffness).eigenmodes()
+
+
+def lowest_modes(
+    mass: Matrix, damping: Matrix, stiffness: Matrix, count: int, near: float
+) -> Eigenmodes:
+    """Return the lowest oscillating modes of `eigenmodes`, `count` of them or more.
+
+    Of a machine of many coordinates from a space of few vectors (block Arnoldi on ``(q, lambda q)``
+    about `near`, in rad/s, below the first frequency), which grows until they are found. Right and
+    left vectors lie in it, so that errors of both leave their product in an eigenvalue.
+    """
+    whole, size = _Scaled.of(mass, damping, stiffness), 3 * count + SPARE
+    shifted = _Shifted(whole, near / whole.unit)
+    while PAYS * size <= len(mass):
+        found = shifted.within(size).eigenmodes(count)
+        if len(found.values) == count and shifted.error(found) <= FOUND:
+            return found
+        size *= 2
+    return whole.eigenmodes()
 
 
 def eigenvalues(mass: Matrix, damping: Matrix, stiffness: Matrix) -> Complexes:
@@ -107,6 +128,8 @@ class _Scaled:
     row: Floats
     column: Floats
     unit: float
+    # (coordinate, vector): to which all motion is held, where that is not any
+    space: Floats | None = None
 
     @classmethod
     def of(cls, mass: Matrix, damping: Matrix, stiffness: Matrix) -> _Scaled:
@@ -122,6 +145,21 @@ class _Scaled:
         if not (np.isfinite(k).all() and np.isfinite(d).all() and np.isfinite(m).all()):
             raise np.linalg.LinAlgError("a machine beyond all bounds")
         return cls(k, d, m, row, column, unit)
+
+    def eigenmodes(self, count: int | None = None) -> Eigenmodes:
+        """Return the oscillating modes, the lowest `count` of them."""
+        values, right, left = self.poles()
+        order, real, rigid = self.told_apart(values)
+        order = order[:count]
+        shapes = (v if self.space is None else self.space @ v for v in (right, left))
+        right, left = (np.asarray(shape[:, order].T, dtype=np.complex128) for shape in shapes)
+        return Eigenmodes(
+            np.asarray(values[order] * self.unit, dtype=np.complex128),
+            right * self.column,
+            left * self.row,
+            rigid,
+            np.sort(values[real].real * self.unit),
+        )
 
     def poles(self, *, vectors: bool = True) -> tuple[Complexes, Complexes, Complexes]:
         """Return lambda, infinite ones too, with right and left vectors as columns.
@@ -158,8 +196,11 @@ class _Scaled:
         ``lambda^2 M + lambda D`` remains: zero is a pole once, and twice where D does not act.
         """
         row, column = _scales(np.abs(self.stiffness))
+        if self.space is not None:  # whose vectors mix all sizes; a free motion's would be rounding
+            row, column = np.ones(len(row)), np.ones(len(row))
         left, sizes, right = np.linalg.svd(row[:, None] * self.stiffness * column)
-        free = sizes <= FREE * sizes.max(initial=0.0)
+        largest = sizes.max(initial=0.0) if self.space is None else 1.0  # that of the whole machine
+        free = sizes <= FREE * largest
         rows, columns = row[:, None] * left[:, free], column[:, None] * right[free].conj().T
         acting = rows.conj().T @ self.damping @ columns
         largest = (np.abs(rows).T @ np.abs(self.damping) @ np.abs(columns)).max(initial=0.0)
@@ -176,6 +217,71 @@ class _Scaled:
             real = moving & (np.abs(values.imag) <= OVERDAMPED * size)
         order = np.flatnonzero(kept)[np.argsort(values[kept].imag, kind="stable")]
         return order, np.flatnonzero(real), int((finite & ~moving).sum())
+
+
+@frozen
+class _Shifted:
+    """A machine of many coordinates about a real pole, sparse."""
+
+    whole: _Scaled
+    at: float
+
+    @cached_property
+    def matrices(self) -> tuple[Any, Any, Any]:
+        k, d, m = self.whole.stiffness, self.whole.damping, self.whole.mass
+        return scipy.sparse.csc_array(k), scipy.sparse.csc_array(d), scipy.sparse.csc_array(m)
+
+    @cached_property
+    def factors(self) -> Any:
+        k, d, m = self.matrices
+        try:
+            return scipy.sparse.linalg.splu(k + self.at * (d + self.at * m))
+        except RuntimeError as error:
+            raise np.linalg.LinAlgError(str(error)) from None
+
+    def solved(self, right: Any, side: str) -> Any:
+        """Solve L(at) q = right, or with its transpose on the side "T", its adjoint on "H"."""
+        if np.iscomplexobj(right) and not np.iscomplexobj(self.whole.stiffness):
+            return self.solved(right.real, side) + 1j * self.solved(right.imag, side)
+        return self.factors.solve(right, side)
+
+    def within(self, size: int) -> _Scaled:
+        """Hold the machine to the space of its vectors near, `size` on either side."""
+        symmetric = all(abs(each - each.T).max() == 0 for each in self.matrices)
+        parts = [self._krylov(size, side) for side in ("N" if symmetric else "NT")]
+        every = np.concatenate([p for part in parts for p in (part.real, part.imag)], axis=1)
+        left, sizes, _ = np.linalg.svd(every, full_matrices=False)
+        space = left[:, sizes > SAME * sizes[0]]
+        k, d, m = (np.asarray(space.T @ (each @ space)) for each in self.matrices)
+        return replace(self.whole, stiffness=k, damping=d, mass=m, space=space)
+
+    def _krylov(self, size: int, side: str) -> Floats | Complexes:
+        """Return q of the vectors (mu q, q) that blocks from anywhere lead to; lambda = at + mu."""
+        _, d, m = (each if side == "N" else each.T for each in self.matrices)
+        slope, n = d + 2 * self.at * m, d.shape[0]
+        spread = np.cos(np.outer(np.arange(n) + 1.0, np.arange(BLOCK) + 1.0) ** 2)
+        block = np.linalg.qr(np.concatenate([spread, 0 * spread]))[0]
+        found: Any = block.astype(self.whole.stiffness.dtype)
+        for _ in range(size // BLOCK):
+            q, p = block[:n], block[n:]
+            block = np.concatenate([-self.solved(slope @ q + m @ p, side), q])
+            for _ in range(2):  # once more, for what rounding has left
+                block = block - found @ (found.conj().T @ block)
+            block = np.linalg.qr(block)[0]
+            found = np.concatenate([found, block], axis=1)
+        return np.asarray(found[:n])
+
+    def error(self, found: Eigenmodes) -> float:
+        """Return how far the right and left vectors are from those of the machine, at most."""
+        values, worst = found.values / self.whole.unit, 0.0
+        sides = (("N", found.right / self.whole.column), ("H", found.left / self.whole.row))
+        for side, vectors in sides:
+            k, d, m = (each if side == "N" else each.conj().T for each in self.matrices)
+            at = values if side == "N" else values.conj()
+            q = vectors.T
+            left = self.solved(at**2 * (m @ q) + at * (d @ q) + k @ q, side)
+            worst = max(worst, *np.linalg.norm(left, axis=0) / np.linalg.norm(q, axis=0))
+        return worst
 
 
 def _scales(size: Floats) -> tuple[Floats, Floats]:

@@ -1,5 +1,6 @@
 """Natural frequencies as data: against numpy's eigenvalues, alone and beside records."""
 
+import re
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from bank import agrees, recovered
 from chain_of_masses import MODEL, TRUTH, matrices, wrong
 from differences import gradient_holds
 from linear_machines import written
+from rotor_files import CORED
 
 import rotorid as rid
 from rotorid import InputError
@@ -286,3 +288,29 @@ def test_deviations_hold(statistics):
     assert abs(found.coverage.mean() - 0.95) < 0.03
     assert 0.02 <= found.rejected <= 0.08
     assert abs(found.cost_deviation) < 3
+
+
+FINE = re.sub(r"elements = (\d)", r"elements = \g<1>0", CORED)
+"""The same in elements of 6 mm: 364 coordinates."""
+CROSSED = 'kxx = "k_s", kyy = "k_s", kxy = "2e5 N/m", kyx = "-1e5 N/m", cxx = "90 N s/m"'
+WHIRLING = FINE.replace('k = "k_s"', CROSSED)
+
+
+@pytest.mark.parametrize(
+    ("text", "hung", "asked", "speed"),
+    [(FINE, {"k_s": 0.0}, "s_A s_B", 0.0), (WHIRLING, {}, "m_w k_s", 900.0)],
+)
+def test_modes_of_many_coordinates_are_those_of_the_whole(text, hung, asked, speed):
+    model, off = rid.parse_model(text), (1e-3, -1e-3, -5e-4, 1e-3)
+    truth = {"s_A": 1.1, "s_B": 0.95, "m_w": 1.25, "k_s": 1e6, **hung}
+    there = rid.modes(model.substitute(truth), speed=speed).modes
+    hertz = [each.frequency_hz * (1 + share) for each, share in zip(there, off, strict=False)]
+    given = [rid.Mode(f, 1e-3 * f, speed=speed) for f in hertz]
+    known = {name: value for name, value in truth.items() if name not in asked.split()}
+    quick = rid.MaximumLikelihood(fixed=known, modes=given, effort="quick")
+    estimate = rid.identify(model, [], quick)
+    found = {name: estimate.value(name) for name in truth}
+    whole = rid.modes(model.substitute(found), speed=speed).modes
+    for fit, mode in zip(estimate.modes, whole, strict=False):
+        assert fit.fitted_hz == pytest.approx(mode.frequency_hz, rel=1e-8)
+        assert abs(fit.fitted_hz - fit.frequency_hz) < 2 * fit.std_hz
