@@ -22,6 +22,7 @@ from rotorid.core.units import quantity, si_factor
 from rotorid.force.laws import Linear
 from rotorid.models.parser import MAX_DEGREE, MAX_NESTING, MAX_TERMS
 from rotorid.rig.file import parse_rig
+from rotorid.rig.files import EXAMPLES, example_files
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")])
@@ -284,3 +285,26 @@ def test_the_example_of_every_help_runs(tmp_path, monkeypatch):
         if arguments[0] == "new":
             arguments[-1] = "draft.toml"  # which is not to take the place of what others read
         assert cli.run(arguments) == 0, arguments
+
+
+def test_the_files_of_a_page_are_made_by_one_command(tmp_path, monkeypatch, capsys):
+    """The draft of them opens; they are written again, but not over a file that was edited."""
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["simulate", "--example", "your-rig"]) == 0
+    assert cli.run(["new", "run7.csv", "--model", "three-mass", "--out", "run7.toml"]) == 0
+    assert "wrote run7.toml: 9 things open" in capsys.readouterr().out
+    assert cli.run(["simulate", "--example", "your-rig", "--quiet"]) == 0
+    with open("run7.csv", "a") as file:
+        file.write("\n")
+    assert cli.run(["simulate", "--example", "your-rig"]) == 2
+    assert "did not write, or that was edited" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("page", EXAMPLES)
+def test_every_page_with_files_says_what_makes_them(page):
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    assert f"```{{run}}\nrotorid simulate --example {page}\n```" in text
+    _, *after = text.partition(f"--example {page}")
+    assert all(name in "".join(after) for name in example_files(page))
+    (option,) = (o for o in cli.cli.commands["simulate"].params if o.name == "example")
+    assert tuple(option.type.choices) == EXAMPLES

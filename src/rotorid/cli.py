@@ -262,11 +262,16 @@ def export() -> None:
 @click.option("--seed", type=click.IntRange(min=0), help="Noise seed (default: from the rig file).")
 @click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="Add a fault; see --faults.")
 @_flag("--faults", help="List the faults.")
+@click.option(
+    "--example",
+    type=click.Choice(["your-rig", "sweep", "sensitivity"]),
+    help="Write the files that this page of the documentation begins with, into this folder.",
+)
 @_writes
 def simulate() -> None:
     """Simulate a logged record of a levitated rig.
 
-    RIG is a file or a shipped name.
+    RIG is a file or a shipped name; none is needed for --faults and --example.
     """
 
 

@@ -104,14 +104,28 @@ def simulate(
     seed: int | None,
     fault: tuple[str, ...],
     faults: bool,
+    example: str | None,
     force: bool,
 ) -> int:
     from rotorid.report.records import fault_page, record_page
     from rotorid.rig.file import load_rig
-    from rotorid.rig.files import RECORD, experiment_path, experiment_text, record_bytes
+    from rotorid.rig.files import (
+        RECORD,
+        example_files,
+        experiment_path,
+        experiment_text,
+        record_bytes,
+    )
 
     if faults:
         show(fault_page())
+        return OK
+    if example is not None:
+        made = {Path(name): content for name, content in example_files(example).items()}
+        check_outputs(*((path, RECORD) for path in made), force=force)
+        watch("running")
+        write(*made.items())
+        show([f"wrote {', '.join(map(str, made))}; what to do with them: docs/{example}.md"])
         return OK
     if rig is None or out is None:
         raise InputError(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from itertools import compress
 from pathlib import Path
@@ -19,11 +21,11 @@ from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.toml import inline
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.models.equations import combination_text
-from rotorid.rig.file import RigPlan
+from rotorid.rig.file import RigPlan, load_rig
 from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, Truth, actuator_position, label
 from rotorid.rig.parts import Encoder, Keyphasor, sensor_unit
 from rotorid.rig.rig import Rig
-from rotorid.signals.multisine import Multisine
+from rotorid.signals.multisine import Multisine, multisine
 
 RECORD = Kind("rotorid simulate")
 _PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
@@ -219,6 +221,49 @@ def _known_parameters(rig: Rig) -> dict[str, Any]:
         name: {"fixed": _quantity(rig.values[name], model.parameter_units[name])}
         for name in compress(model.parameter_names, driving)
     }
+
+
+EXAMPLES = ("your-rig", "sweep", "sensitivity")
+"""Pages of the documentation that begin with files of a logger."""
+PLACES = ("AX", "AY", "BX", "BY")  # what the logger of these calls the axes
+
+
+def example_files(page: str) -> dict[str, Callable[[], bytes]]:
+    """Return the files that a page of the documentation begins with: by name, what makes each."""
+    rig = load_rig("three-mass").rig
+    rig = replace(rig, sensors=tuple(s for s in rig.sensors if s.name in ("x1", "y1", "x3", "y3")))
+    if page == "your-rig":
+        return {"run7.csv": partial(_logged, rig, 5.0, 7, ";")}
+    axes = dict.fromkeys(rig.model.inputs, 5e-3)  # A
+    if page == "sensitivity":
+        apart = multisine(1.0, range(5, 600), axes, apart=True, unit="A")
+        return {"loop.csv": partial(_logged, replace(rig, excitation=apart), 20.0, 0)}
+    rig = replace(rig, rotation=replace(rig.rotation, speed=2 * np.pi * 137.31))
+    made: dict[str, Callable[[], bytes]] = {}
+    for seed, (place, axis) in enumerate(zip(PLACES, axes, strict=True)):
+        one = multisine(0.2, range(25, 1150), {axis: 5e-3}, phases="schroeder", unit="A")
+        rig = replace(rig, excitation=one)
+        made[f"sweep-{place.lower()}.csv"] = partial(_logged, rig, 5.0, seed)
+    return made
+
+
+def _logged(rig: Rig, seconds: float, seed: int, gap: str = ",") -> bytes:
+    """Return a table as loggers write it; one of commas has what was added, and a keyphasor too."""
+    samples, rate = rig.run(seconds, np.random.default_rng(seed)).samples.T, rig.logger.sample_rate
+    time = np.arange(samples.shape[1]) / rate
+    columns = {"Time [s]": time, **dict(zip((f"I {p} [A]" for p in PLACES), samples, strict=False))}
+    columns |= {f"Pos {p} [um]": 1e6 * one for p, one in zip(PLACES, samples[4:], strict=True)}
+    if gap == "," and rig.excitation is not None:
+        places = dict(zip(rig.model.inputs, PLACES, strict=True))
+        names = [f"Ref {places[name]} [A]" for name in rig.excitation.names]
+        added = np.resize(rig.excitation.samples(rate), (len(time), len(names)))
+        columns |= dict(zip(names, added.T, strict=True))
+        columns["Key [V]"] = 5.0 * ((rig.rotation.speed * time) % (2 * np.pi) < 0.6)
+    text = BytesIO()
+    head = f"Logger 4711\nDate: 2026-03-02 10:14\nAs written: {MARK}\n\n" + gap.join(columns)
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(text, table, delimiter=gap, header=head, comments="", fmt="%.7g")
+    return RECORD.signed(text.getvalue())
 
 
 def write_excitation(
