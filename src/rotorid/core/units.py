@@ -329,7 +329,7 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
         if found.dimension == wanted.dimension:
             cure = f"convert the value, and {cure}"
         else:
-            cure += ", or correct what the quantity is (units of the model, reads, input)"
+            cure += ", or change what the quantity is (units of the model, reads, input)"
         raise InputError(f"unit {unit!r}", f"a unit that converts to {expected}", cure, place=place)
     turn = {("turns", "angle"): 2 * math.pi, ("angle", "turns"): 0.5 / math.pi}.get(kinds, 1.0)
     return float(found.size / wanted.size) * turn
