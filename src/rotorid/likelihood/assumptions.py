@@ -190,8 +190,10 @@ def contradicted(fit: Fit, every: Sequence[Assumed]) -> Iterator[Note]:
                 found[name] = max(size, found.get(name, 0.0))
     for row, text in enumerate(point.problem.known.relations.texts):
         found[text] = float(np.sqrt(linear.without(np.array([first + row]))))
+    if not found:  # no direction that would show
+        return
     noise = float(np.sqrt(expected.mean / expected.dof))
-    most = max(found.values(), default=0.0) / noise
+    most = max(found.values()) / noise
     # The deviation of a line is known from its periods only.
     dof = min(at.problem.noise.dof - at.problem.equations + 1 for at in point.records)
     chance = 2 * len(found) * float(scipy.special.stdtr(min(max(dof, 1.0), 1e9), -most))
