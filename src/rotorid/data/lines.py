@@ -17,6 +17,7 @@ from rotorid.data.record import (
     Known,
     OfMachine,
     PeriodicRecord,
+    RotationLine,
     Steady,
     WhenRead,
     changed,
@@ -57,26 +58,27 @@ class SampledClock(Arrays):
     # (period, sample), or callable: what makes them when they are first read
     time: WhenRead = WhenRead()
     angle: WhenRead = WhenRead()
-    # multiples of the angle that the periods are without, and bool array, shape (line,): the line
-    # of the rotation itself, whose harmonic is the nearest
+    # multiples of the angle that the periods are without, bool array, shape (line,): the line of
+    # the rotation itself, whose harmonic is the nearest, and as those of a RotationLine, (line, 2)
     orders: tuple[int, ...] = ()
     turning: Booleans | None = None
+    kept: Complexes | None = None
 
     @classmethod
     def of(cls, record: PeriodicRecord) -> SampledClock:
         time, angle = (unread(record, name) for name in ("time", "angle"))
         return cls(np.asarray(record.speed), record.harmonics, time, angle)
 
-    def beside(self, orders: tuple[int, ...], at: int, nearest: int) -> SampledClock:
+    def beside(self, rotation: RotationLine, at: int, nearest: int) -> SampledClock:
         """Return the clock with a line more, of a rotation beside the periods."""
         harmonics = np.insert(self.harmonics, at, nearest)
-        own = np.arange(len(harmonics)) == at
-        return changed(self, harmonics=harmonics, orders=orders, turning=own)
+        own, kept = np.arange(len(harmonics)) == at, np.insert(rotation.kept, at, 0.0, axis=0)
+        return changed(self, harmonics=harmonics, orders=rotation.orders, turning=own, kept=kept)
 
     def at(self, chosen: Integers | Booleans) -> SampledClock:
         """Return the clock of some of the lines."""
-        turning = None if self.turning is None else self.turning[chosen]
-        return changed(self, harmonics=self.harmonics[chosen], turning=turning)
+        turning, kept = (None if a is None else a[chosen] for a in (self.turning, self.kept))
+        return changed(self, harmonics=self.harmonics[chosen], turning=turning, kept=kept)
 
     @property
     def period(self) -> Floats:
@@ -123,13 +125,14 @@ class SampledClock(Arrays):
         values = signal(self.time if timed else np.zeros_like(angle), angle, self.speed)
         values = np.broadcast_to(values, (*angle.shape, values.shape[-1]))
         size = np.sqrt((values**2).mean(axis=(0, 1)))
-        rest, once = without_waves(values, angle, self.orders)
+        rest, found = without_waves(values, angle, self.orders)
         if not timed and np.ptp(rest, axis=0).any():  # further multiples
             values = signal(self.time, self.angle, self.speed)
             rest, _ = without_waves(values, self.angle, self.orders)
         mean = np.broadcast_to(rest.mean(axis=0), (len(self.period), len(size)))
         lines, turned = line_spectra(mean, self.harmonics), head_of(self, "angle")[0, 0]
-        once = once * np.exp(1j * turned)
+        lines += 0.0 if self.kept is None else self.kept @ found[:2]
+        once = (found[0] - 1j * found[1]) / 2 * np.exp(1j * turned)
         lines[self.turning] = once if self.speed > 0 else once.conj()
         return above_rounding(lines, size)
 
@@ -139,8 +142,9 @@ class SampledClock(Arrays):
         angle = replace(given, slope=speed * given.slope) if even else speed * given
         other = changed(self, speed=np.asarray(speed), angle=angle)
         if abs(speed) == np.abs(self.speed).max():  # the other way, the same line
-            return other
-        return changed(other, orders=(), turning=None)
+            back = np.array([1.0, np.sign(speed * float(self.speed.max()))])
+            return other if self.kept is None else changed(other, kept=self.kept * back)
+        return changed(other, orders=(), turning=None, kept=None)
 
 
 @frozen
@@ -321,7 +325,7 @@ class Lines(OfMachine):
             at = int(np.searchsorted(frequency, own))
             spectra = np.insert(spectra, at, record.rotation.spectra, axis=1)
             frequency, multiplicity = np.insert(frequency, at, own), np.insert(multiplicity, at, 2)
-            clock = clock.beside(record.rotation.orders, at, round(record.turns))
+            clock = clock.beside(record.rotation, at, round(record.turns))
         return cls(
             channels=record.channels,
             frequency=frequency,

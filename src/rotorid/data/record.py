@@ -481,6 +481,7 @@ class RotationLine(Arrays):
     orders: tuple[int, ...]  # multiples that the periods are without
     spectra: Complexes  # (period, channel): of the first multiple, from the first sample used on
     recorded: Complexes  # (period, line, channel): the lines of the periods with it
+    kept: Complexes  # (line, 2): what the lines of the periods keep of cos(phi) and sin(phi)
 
 
 @frozen

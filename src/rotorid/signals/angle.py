@@ -45,8 +45,6 @@ PLATEAU = 0.02
 class MeasuredAngle:
     angle: Floats  # (sample,): phi in rad, continuous
     speed: float  # mean speed in rad/s, by regression over the whole record
-    drift: float  # change of the speed in rad/s^2, by the same regression
-    scatter: float  # root mean square of what the regression leaves, in rad: wandering of the speed
     # deviation of an offset common to all samples, in rad: what sampling and jitter leave open
     angle_std: float = 0.0
     jitter: float = 0.0  # deviation in rad of one reading, its interval apart
@@ -55,11 +53,9 @@ class MeasuredAngle:
     extra: int = 0
 
 
-def _regression(time: Floats, angle: Floats) -> tuple[float, float, float]:
+def _mean_speed(time: Floats, angle: Floats) -> float:
     fit = np.polynomial.Polynomial.fit(time, angle, min(2, len(time) - 1))
-    speed, middle = fit.deriv(), (time[0] + time[-1]) / 2
-    scatter = np.sqrt(np.mean((angle - fit(time)) ** 2))
-    return float(speed(middle)), float(speed.deriv()(middle)), float(scatter)
+    return float(fit.deriv()((time[0] + time[-1]) / 2))
 
 
 def encoder_angle(
@@ -88,12 +84,12 @@ def encoder_angle(
         _require_steady(angle, sample_rate, step)
     time = np.arange(len(raw)) / sample_rate
     if not step:  # an angle without steps is taken as it is
-        return MeasuredAngle(angle, *_regression(time, angle))
+        return MeasuredAngle(angle, _mean_speed(time, angle))
     angle, missing, extra = _without_lost_lines(angle, step)
     middle, half = angle + step / 2, np.full(len(angle), step / 2)
     spline, std, noise = fit_rotation(AngleReadings(time, middle, half))
     smooth = np.asarray(spline(time))
-    return MeasuredAngle(smooth, *_regression(time, smooth), std, noise, missing, extra)
+    return MeasuredAngle(smooth, _mean_speed(time, smooth), std, noise, missing, extra)
 
 
 def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
@@ -210,7 +206,7 @@ def keyphasor_angle(
     open_ = np.broadcast_to(np.asarray(half, dtype=float), t.shape)[kept]
     missing = int(turns[-1] - turns[0] + 1 - len(turns))
     t, angle = t[kept], 2 * np.pi * turns
-    speed, _, _ = _regression(t, angle)
+    speed = _mean_speed(t, angle)
     spline, std, noise = fit_rotation(AngleReadings(t, angle, abs(speed) * open_))
     time = np.arange(count) / sample_rate
     smooth = np.asarray(spline(np.clip(time, t[0], t[-1])))
@@ -218,7 +214,7 @@ def keyphasor_angle(
     for end, outside in ((t[0], time < t[0]), (t[-1], time > t[-1])):
         smooth[outside] += float(spline.derivative()(end)) * (time[outside] - end)
     extra = len(kept) - int(kept.sum())
-    return MeasuredAngle(smooth, *_regression(time, smooth), std, noise, missing, extra)
+    return MeasuredAngle(smooth, _mean_speed(time, smooth), std, noise, missing, extra)
 
 
 def _count_turns(times: Floats) -> tuple[Booleans, Floats]:

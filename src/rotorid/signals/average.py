@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from rotorid.data.record import (
 from rotorid.signals.checks.periods import LOOKED_AT, ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording
-from rotorid.signals.turning import SURE, orders_apart, slip, turning
+from rotorid.signals.turning import LEAST, SURE, Turning, orders_apart, scattered, slip, turning
 
 KEYS = frozenset({"fundamental", "period_samples", "harmonics", "band", "skip"})
 """What an error of this module is about, by the place that it names."""
@@ -93,18 +92,14 @@ def average(
         samples = record.samples[used].reshape(whole, size, -1)
         samples = samples if kept.all() else samples[kept]
         sums.add(samples)
-    even = Steady(first, (whole, size), record.sample_rate, record.start)
-    time: Steady | Floats = even
-    angle: Steady | Floats = replace(even, slope=record.speed)
+    even, mark = Steady(first, (whole, size), record.sample_rate, record.start), None
     if record.angle is not None:
-        angle = record.angle[used].reshape(whole, size)
-    if not kept.all():
-        time, angle = ((c() if isinstance(c, Steady) else c)[kept] for c in (time, angle))
+        mark = record.angle[used].reshape(whole, size)[kept]
     found, sums = _with_rotation(
         sums,
         lambda: np.array_split(samples, range(_LEAST, len(samples), _LEAST)),
-        time,
-        angle,
+        even if kept.all() else even()[kept],
+        mark,
         speed=record.speed,
         phase_known=record.phase_known,
         phase_std=record.phase_std,
@@ -188,12 +183,12 @@ def average_blocks(
         excerpt.append(periods[:few].reshape(-1, len(blocks.channels)).copy())
     with naming(blocks.source):
         _whole_periods(sums.count * sums.size, sums.size)
-    time = Steady(first, (sums.count, sums.size), rate)
     found, _ = _with_rotation(
         sums,
         lambda: _periods_of(blocks, first, sums.size),
-        time,
-        replace(time, offset=blocks.phase, slope=blocks.speed),
+        Steady(first, (sums.count, sums.size), rate),
+        None,
+        blocks.phase,
         speed=blocks.speed,
         phase_known=phase_known,
         phase_std=0.0,
@@ -399,7 +394,8 @@ def _with_rotation(
     sums: PeriodSums,
     passes: Callable[[], Iterable[Floats]],  # each yields the periods anew
     time: Steady | Floats,
-    angle: Steady | Floats,
+    mark: Floats | None,  # (period, sample): the angle that one measures
+    phase: float = 0.0,  # else that at t = 0
     **told: Any,
 ) -> tuple[PeriodicRecord, PeriodSums]:
     """Return the periods without a rotation that stands on none of their lines, and that.
@@ -407,43 +403,55 @@ def _with_rotation(
     Where no mark measures the angle, the speed is estimated with the lines, and takes the place of
     the one stated where that is surely off.
     """
-    speed, size = told["speed"], sums.size
-    orders = orders_apart(abs(speed) / (2 * np.pi) * size / sums.sample_rate, sums.count, size)
+    speed, size, rate = told["speed"], sums.size, sums.sample_rate
+
+    def turned(speed: float) -> Steady | Floats:
+        if isinstance(time, Steady):
+            return replace(time, offset=phase, slope=speed)
+        return phase + speed * time
+
+    per_turn, angle = size / rate / (2 * np.pi), turned(speed) if mark is None else mark
+    orders = orders_apart(abs(speed) * per_turn, sums.count, size)
     # What bends a force with the displacement asks for the samples of a mean period that has both.
     if not orders or any(channel.law is not None for channel in sums.channels):
         return sums.periods(time, angle, **told), sums
 
-    def parts(angle: Steady | Floats) -> Iterator[tuple[Floats, Floats]]:
-        begin = 0
-        for periods in passes():
-            yield periods, some_periods(angle, begin, begin + len(periods))
-            begin += len(periods)
+    def joint(angle: Steady | Floats, turns: float) -> tuple[Turning, PeriodSums]:
+        rest = PeriodSums(sums.channels, rate, size, sums.lines)
+        return turning(passes, angle, sums.mean, orders, turns, sums.lines, rest.add), rest
 
-    few = max(1, LOOKED_AT // size)
-    begins = np.arange(sums.count) * size / sums.sample_rate + some_periods(time, 0, 1)[0, 0]
+    begins = np.concatenate([some_periods(time, p, p + 1)[:, 0] for p in range(sums.count)])
     for settled in SETTLED:
-        rest = PeriodSums(sums.channels, sums.sample_rate, size, sums.lines)
-        ends = pairwise([*range(0, sums.count, few), sums.count])
-        angles = (some_periods(angle, *each) for each in ends)
-        found = turning(angles, partial(parts, angle), sums.mean, orders, sums.lines, rest.add)
-        if not isinstance(angle, Steady):
+        turns = abs(told["speed"]) * per_turn
+        found, rest = joint(angle, turns)
+        if mark is not None or sums.count < LEAST:
             break
-        off, std = slip(found, begins, angle.offset + angle.slope * begins)
+        off, std = slip(found, begins, phase + told["speed"] * begins)
         if abs(off) <= settled * std:
             break
-        angle = replace(angle, slope=angle.slope + off)
-        told["speed"] = angle.slope
+        told["speed"] += off
+        angle = turned(told["speed"])
+    line, own = found.line, found.line + found.width * found.noise
+    kept = found.kept @ [2 * line.real, -2 * line.imag]
+    # Taken for a response at the frequency of its line, which goes with its square at most.
+    off_by = 2 * abs(turns - round(turns)) / turns * kept
     if told["speed"] != speed:
-        told["phase_std"] = float(np.hypot(told["phase_std"], std * abs(begins.mean())))
         told["checks"] = (_speed_note(told["speed"], std, speed),)
-    hertz = np.array([abs(told["speed"]) / (2 * np.pi)])
-    factor = transfer_of_recording(sums.channels, hertz, sums.sample_rate)
-    own = (found.line + found.width * found.noise) * np.exp(1j * some_periods(angle, 0, 1)[0, 0])
+        aside, moved = joint(turned(told["speed"] + std), turns)
+        # A speed off by that turns the line, and exchanges what is real of it with other lines.
+        phase_std = np.vdot(line, aside.line).imag / np.vdot(line, line).real
+        told["phase_std"] = float(np.hypot(told["phase_std"], phase_std))
+        own = own + scattered(np.sqrt(2) * (aside.line - (1 + 1j * phase_std) * line), sums.count)
+        off_by = off_by + np.sqrt(2) * line_spectra(moved.mean - rest.mean, sums.lines)
+    own = own * np.exp(1j * some_periods(angle, 0, 1)[0, 0])
+    transfer = partial(transfer_of_recording, sums.channels, sample_rate=rate)
+    own = (own if speed > 0 else own.conj()) * transfer(np.array([turns * rate / size]))
     recorded = sums.periods(time, angle, speed=speed).spectra
-    own = RotationLine(orders, (own if speed > 0 else own.conj()) * factor, recorded)
-    periods = rest.periods(time, angle, rotation=own, **told)
-    mean = periods.mean_spectrum
-    return changed(periods, spectra=mean + (periods.spectra - mean) * found.widths[:, None]), rest
+    rotation = RotationLine(orders, own, recorded, found.kept)
+    periods = rest.periods(time, angle, rotation=rotation, **told)
+    mean, more = periods.mean_spectrum, kept + scattered(off_by, sums.count)
+    spectra = mean + (periods.spectra - mean) * found.widths[:, None]
+    return changed(periods, spectra=spectra + more * transfer(periods.frequency)), rest
 
 
 def _speed_note(speed: float, std: float, stated: float) -> Note:

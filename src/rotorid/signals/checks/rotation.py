@@ -377,7 +377,7 @@ def _wandering(periods: PeriodicRecord, own: Complexes) -> list[Note]:
     clearest = int(np.argmax(np.abs(mean) / np.maximum(own.std(axis=0), 1e-300)))
     apart = own[:, clearest] / mean[clearest] - 1 if mean[clearest] else np.zeros(1, complex)
     phase, amplitude = float((apart.imag**2).mean()), float((apart.real**2).mean())
-    chance = f_limit(BY_CHANCE, len(own) - 2, len(own) - 2)
+    chance = f_limit(BY_CHANCE, max(len(own) - 2, 1), max(len(own) - 2, 1))
     if phase < max(RESTLESS, chance) * amplitude or phase * len(own) < RESTLESS:
         return []
     text = (
