@@ -382,6 +382,37 @@ def test_the_command_of_a_whole_record(tmp_path, monkeypatch, output, refusal):
     assert "write --pair F_x1=r_x1" in refusal("sensitivity", "bare.toml", "--pair", "F_y")
 
 
+ONE_AXIS = """
+[[records]]
+file = "{}.csv"
+sample_rate = "1 kHz"
+band = ["20 Hz", "300 Hz"]
+references = ["{}"]
+"""
+
+
+@pytest.mark.parametrize("columns", [("sweep", "sweep"), ("r1", "r2")])
+def test_records_that_excite_one_axis_each_tell_its_own_loop(tmp_path, output, refusal, columns):
+    """As sweeps of one axis after the other: each file has a reference, the samples tell whose."""
+    rng, text = np.random.default_rng(7), ""
+    for axis in (1, 0):
+        samples, peaks = filtered(rng)
+        e, r = samples[:, :2], samples[:, 2 + axis]
+        e[:, 1 - axis] = 0.3 * rng.standard_normal(len(e)) + 0.4 * np.roll(r, 3)  # the other axis
+        none = rng.standard_normal((len(e), 2))
+        write_table(tmp_path / f"{axis}.csv", f"e1,e2,{columns[axis]},x,y", e, r, none)
+        text += ONE_AXIS.format(axis, columns[axis])
+    (tmp_path / "run.toml").write_text(f'model = "jeffcott"{text}{CHANNELS}')
+    run = ("sensitivity", tmp_path / "run.toml", "--json", tmp_path / "s.json", "--force")
+    pairs = ("--pair", "F_x=r1", "--pair", "F_y=r2") if columns[0] == "r1" else ()
+    for given in ((), pairs):
+        output(*run, *given)
+        found = json.loads((tmp_path / "s.json").read_text())["axes"]
+        told = {axis["axis"]: axis["peak"] for axis in found}
+        assert told == pytest.approx(dict(zip(("F_x", "F_y"), peaks, strict=True)), rel=0.05)
+    assert "no column 'r9'" in refusal(*run, *pairs, "--pair", "F_y=r9")
+
+
 RECORD = """
 [[records]]
 file = "plus.csv"
