@@ -51,7 +51,7 @@ CASES: Mapping[str, tuple[str, tuple[tuple[str, str], ...], tuple[str, ...]]] = 
 
 
 def errors(
-    case: str, seed: int, duration: float, effort: str = "full"
+    case: str, seed: int, duration: float, effort: str = "normal"
 ) -> tuple[str, str, dict[str, float]]:
     """Return the status and, for each parameter, its error in deviations, of one record."""
     name, changes, faults = CASES[case]
@@ -106,7 +106,7 @@ def _begun_anywhere(text: str, seed: int) -> str:
 
 
 def calibration(
-    cases: list[str], runs: int, duration: float, jobs: int, effort: str = "full"
+    cases: list[str], runs: int, duration: float, jobs: int, effort: str = "normal"
 ) -> dict[str, tuple[int, float, float, dict[str, float]]]:
     """Return, by case: records that are ok, cover in %, rms over all, and means by parameter."""
     tasks = [(case, seed, duration, effort) for case in cases for seed in range(1, runs + 1)]

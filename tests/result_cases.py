@@ -40,7 +40,7 @@ OMEGA = 2 * np.pi * 20.0 * np.array(HARMONICS)
 PLANES = ["F_xa,F_ya", "F_xb,F_yb"]
 PERIODS = 100
 KS = 2e5
-Effort = Literal["full", "quick"]
+Effort = Literal["normal", "quick"]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def in_planes(p: Mapping[str, float]) -> Complexes:
     return np.linalg.solve(matrix, np.array([force, moment]))
 
 
-def balanced(seed: int, effort: Effort = "full") -> Balanced:
+def balanced(seed: int, effort: Effort = "normal") -> Balanced:
     """Identify and balance a random rigid rotor: four sensors with runout, unknown k_i, two speeds.
 
     Known are its mass, by weighing, and where its bearings are.

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import resource
 import signal
 import subprocess
@@ -70,6 +71,7 @@ def run(
     )
     assert process.returncode >= 0, f"signal {-process.returncode}"
     assert "Traceback" not in (process.stderr or "")
+    process.stderr = re.sub(r"rotorid: \d+ s: .*\n", "", process.stderr or "")  # how far it is
     return process
 
 

@@ -40,7 +40,7 @@ def repeated(rng: np.random.Generator, trial: complex) -> rid.Lines:
 def errors(table: Table, records: int) -> tuple[np.ndarray, np.ndarray]:
     """Return error over stated deviation of size, angle and critical speed, and the p-values.
 
-    Of the first minimum, in half the time: it is the one that full effort finds.
+    Of the first minimum, in half the time: it is the one that normal effort finds.
     """
     method = rid.MaximumLikelihood(fixed={"t_x": 0.0, "t_y": 0.0}, effort="quick")
     unbalance = TRUTH["u_x"] + 1j * TRUTH["u_y"]

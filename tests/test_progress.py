@@ -84,10 +84,23 @@ def shown_in_process(
     return "".join(seen)
 
 
-def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder, capsys):
+def test_in_a_file_lines_say_what_is_done_and_the_best_so_far(folder, monkeypatch, capsys):
+    monkeypatch.setattr("rotorid.likelihood.estimator.trials_of", interrupt)
+    monkeypatch.setattr("rotorid.commands.console.PATIENCE", 0.05)
+    with (folder / "log").open("w") as stream, monkeypatch.context() as patch:
+        patch.setattr(sys, "stderr", stream)
+        assert cli.run(LONG[:2]) == 1
+    lines = (folder / "log").read_text().splitlines()
+    assert all(re.match(r"rotorid: \d+ s: [a-z]", line) for line in lines)
+    best = r"trying further starts, \d+ of 12.*; best so far: misfit \S+, \S+ expected"
+    assert any(re.search(best, line) for line in lines)
+    assert "rotorid:" not in capsys.readouterr().out
+
+
+def test_little_effort_says_what_it_left_out(folder, capsys):
     assert cli.run([*LONG, "--effort", "quick"]) == 1
     shown, told = capsys.readouterr()
-    assert told == ""
+    assert told == ""  # nobody watches a stream in memory
     assert "the first minimum, with little effort" in " ".join(shown.split())
     result = json.loads((folder / "run.json").read_text())
     assert [n["severity"] for n in result["notes"] if n["about"] == "effort"] == ["unfinished"]
@@ -97,7 +110,7 @@ def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder, cap
 def test_the_file_may_ask_for_little_effort_and_the_command_line_for_all(folder, monkeypatch):
     text = (folder / "run.toml").read_text().replace("1250.0", "1186.48")
     (folder / "run.toml").write_text(text + '\n[estimator]\neffort = "quick"\n')
-    for more, severities in ((), ["doubts"]), (("--effort", "full"), []):
+    for more, severities in ((), ["doubts"]), (("--effort", "normal"), []):
         assert cli.run([*LONG, "--quiet", "--force", *more]) == 0
         result = json.loads((folder / "run.json").read_text())
         assert result["status"] == "ok"

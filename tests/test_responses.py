@@ -55,7 +55,7 @@ def lines_of(sensors=(X1, X3), **told: Any) -> rid.Lines:
     return rid.response_lines(F, sensors, **{"frequency": HERTZ, **told})
 
 
-def estimate(sensors=(X1, X3), effort: str = "full", **told: Any) -> rid.Estimate:
+def estimate(sensors=(X1, X3), effort: str = "normal", **told: Any) -> rid.Estimate:
     return rid.identify(MODEL, lines_of(sensors, **told), rid.MaximumLikelihood(effort=effort))
 
 

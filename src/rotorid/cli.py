@@ -163,8 +163,8 @@ def inspect() -> None:
 @click.option("--method", type=_METHOD, help="Method (default: from the file).")
 @click.option(
     "--effort",
-    type=click.Choice(["full", "quick"]),
-    help="Extent of the search; quick ends at the first minimum.",
+    type=click.Choice(["quick", "normal", "thorough"]),
+    help="Extent of the search: quick ends at the first minimum; thorough takes more starts.",
 )
 @_flag("--intervals", help="Show 95 % intervals instead of standard deviations.")
 @_strict_option

@@ -362,7 +362,7 @@ def test_the_page_is_what_a_run_gives(name):
 def test_intervals_hold_the_truth(case):
     """Five records: 35 errors or more, correlated in each record; 95 % give 80 to 100.
 
-    Of the first minimum, which here is the one that full effort finds.
+    Of the first minimum, which here is the one that normal effort finds.
     """
     ok, cover, rms, _ = script("calibration").calibration([case], 5, 3.0, 1, "quick")[case]
     assert ok >= 4

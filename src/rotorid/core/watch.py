@@ -13,13 +13,13 @@ Item = TypeVar("Item")
 
 
 class Watch(Protocol):
-    """Told what is being done, and how much of it is done already."""
+    """Told what is being done, how much of it is done already, and the best found so far."""
 
-    def __call__(self, say: str, done: int = 0, of: int | None = None) -> None:
+    def __call__(self, say: str, done: int = 0, of: int | None = None, best: str = "") -> None:
         """Take what is being done; `of` is None where nobody knows how much there is."""
 
 
-def silent(say: str, done: int = 0, of: int | None = None) -> None:
+def silent(say: str, done: int = 0, of: int | None = None, best: str = "") -> None:
     """Tell nobody."""
 
 
@@ -35,9 +35,9 @@ def watched(by: Watch) -> Iterator[None]:
         _WATCH.reset(token)
 
 
-def watch(say: str, done: int = 0, of: int | None = None) -> None:
+def watch(say: str, done: int = 0, of: int | None = None, best: str = "") -> None:
     """Tell the watch of this context what is being done, and how far it is."""
-    _WATCH.get()(say, done, of)
+    _WATCH.get()(say, done, of, best)
 
 
 def counting(items: Sequence[Item], say: str) -> Iterator[Item]:

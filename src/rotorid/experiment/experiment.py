@@ -188,7 +188,7 @@ class Experiment:
         ----------
         method : {"ls", "batch", "sequential", "ml"}, optional
             In place of the file's.
-        effort : {"full", "quick"}, optional
+        effort : {"quick", "normal", "thorough"}, optional
             Of maximum likelihood, in place of the file's.
 
         Raises

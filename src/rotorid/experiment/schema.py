@@ -21,7 +21,7 @@ Hertz = Annotated[float, si("Hz"), Field(ge=1e-9, le=1e12)]
 Seconds = Annotated[float, si("s"), Field(ge=0, le=1e9)]
 Count = Annotated[StrictInt, Field(ge=0, le=10**9)]
 Method = Literal["ls", "batch", "sequential", "ml"]
-Effort = Literal["full", "quick"]
+Effort = Literal["quick", "normal", "thorough"]
 Quantity = str | int | float  # in a unit that the model knows
 
 
@@ -557,7 +557,7 @@ else:
 class EstimatorEntry(UnknownKeys):
     """How to estimate."""
 
-    effort: Effort = "full"
+    effort: Effort = "normal"
 
     @property
     def unknown(self) -> dict[str, Any]:

@@ -26,6 +26,9 @@ from rotorid.linear.estimators import refuse_filtered
 from rotorid.models import Model
 from rotorid.models.knowledge import Knowledge
 
+EFFORTS = {"quick": 0, "normal": 1, "thorough": 3}
+"""Times as many further starts, when looking for the minimum and for other answers, and as many
+mistakes refitted, as are enough nearly always; with 0 the first minimum is the answer."""
 DONE = "done"
 """What the last step says."""
 TRYING = "trying possible mistakes"
@@ -47,6 +50,8 @@ class Progress:
         How much of it there is at most; None where nobody knows.
     left : float, optional
         Seconds that it still takes, by what was done of it; None where nothing tells.
+    found : str
+        The misfit of the best answer so far, and what noise would leave.
     answer : callable
         Makes `best`.
 
@@ -60,6 +65,7 @@ class Progress:
     done: int = 0
     of: int | None = None
     left: float | None = None
+    found: str = field(default="", repr=False)
     answer: Callable[[], Estimate | None] | None = field(default=None, repr=False, compare=False)
 
     @cached_property
@@ -92,7 +98,7 @@ class Search(Iterator[Progress]):
             watch("looking for the first minimum")
         step = next(self._steps)
         if step.say != DONE:
-            watch(step.say, step.done, step.of)
+            watch(step.say, step.done, step.of, step.found)
         self._last = replace(step, left=self._pace.left(step.say, step.done, step.of))
         return self._last
 
@@ -132,7 +138,7 @@ def _first(model: Model, step: Step) -> Estimate:
     )
     severity: Severity = "unfinished" if none else "doubts"
     text = f"the first minimum, with little effort: {told}"
-    return _ended_by(Note(EFFORT, severity, text, "identify with full effort"), estimate)
+    return _ended_by(Note(EFFORT, severity, text, 'identify with effort = "normal"'), estimate)
 
 
 def _ended_by(note: Note, estimate: Estimate) -> Estimate:
@@ -173,9 +179,9 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
         the residual asks for.
     neighbours : int, optional
         Lines on each side for the correlated covariance.
-    effort : {"full", "quick"}
+    effort : {"quick", "normal", "thorough"}
         "quick" ends at the first minimum: neither other answers nor mistakes are looked for, and a
-        note says so.
+        note says so. "thorough" takes three times as many starts, and refits as many mistakes.
 
     References
     ----------
@@ -191,13 +197,13 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
     base: bool = False
     covariance: CovarianceChoice = "auto"
     neighbours: int | None = None
-    effort: Literal["full", "quick"] = "full"
+    effort: Literal["quick", "normal", "thorough"] = "normal"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for key, choices, cure in (
             ("covariance", ("auto", "white", "correlated"), "auto looks at the periods"),
-            ("effort", ("full", "quick"), "quick ends at the first minimum"),
+            ("effort", tuple(EFFORTS), "quick ends at the first minimum"),
         ):
             require_names([getattr(self, key)], choices, f"{key} {{}}", f"choose one; {cure}")
         for name in ("constraints", "modes"):
@@ -246,13 +252,16 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
 
     def _answers(self, model: Model, bound: Records, known: Knowledge[float]) -> Iterator[Progress]:
         """Yield the answer so far at each step of a fit, and at last the estimate."""
-        fitting = Fitting(model, known, self, self.base, self.covariance, self.neighbours)
+        times = EFFORTS[self.effort]
+        how = self.base, self.covariance, self.neighbours, max(1, times)
+        fitting = Fitting(model, known, self, *how)
         try:
             for step in fitting.steps(bound):
-                if self.effort == "quick":  # the first minimum is the last step
+                if not times:  # the first minimum is the last step
                     yield Progress(DONE, answer=partial(_first, model, step))
                     return
-                yield Progress(step.say, step.done, step.of, answer=partial(_so_far, model, step))
+                so_far = partial(_so_far, model, step)
+                yield Progress(step.say, step.done, step.of, found=step.found, answer=so_far)
         except NotConvergedError as error:
             none = nothing_found(model, bound, known.fixed, str(error))
             yield Progress(DONE, answer=lambda: none)
@@ -260,6 +269,6 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
         trial, step = NOTHING_TRIED, replace(step, say=TRYING)
         for trial in trials_of(step.best):
             so_far = partial(_so_far, model, step, trial)
-            yield Progress(TRYING, trial.done, trial.of, answer=so_far)
+            yield Progress(TRYING, trial.done, trial.of, found=step.found, answer=so_far)
         estimate = _answer(model, step, trial)
         yield Progress(DONE, answer=lambda: estimate)

@@ -31,6 +31,7 @@ from rotorid.likelihood.starts import (
     NEGLIGIBLE,
     ROUGH,
     SHARE,
+    STARTS,
     WAYS,
     reduced,
     search,
@@ -137,6 +138,11 @@ class Step:
     refine: Callable[[Fit], Fit] | None = None
 
     @property
+    def found(self) -> str:
+        cost, expected = self.fit.solution.point.cost, self.fit.inference.expectation.mean
+        return f"misfit {cost:.4g}, {expected:.4g} expected from noise"
+
+    @property
     def best(self) -> Fit:
         return self.fit if self.refine is None else answered(self.refine(self.fit), ask=False)
 
@@ -149,6 +155,7 @@ class Fitting:
     base: bool = False
     covariance: CovarianceChoice = "auto"
     neighbours: int | None = None
+    effort: int = 1
 
     def steps(self, bound: Records) -> Iterator[Step]:
         """Yield the best so far, the last with the answer.
@@ -182,6 +189,7 @@ class Fitting:
         guess = starting_values(model, records, self.knowledge, self.base)
         unknowns = unknowns_of(records, self.nuisances)
         problem = prepare(model, self.knowledge, unknowns, self.base, guess)
+        problem = replace(problem, effort=self.effort)
         if records and not len(problem.layout.free):
             raise InputError("every parameter fixed", "something to estimate", "free one")
         return problem
@@ -304,8 +312,9 @@ def _globally(prepared: Problem, records: Records, rough: Rough | None) -> Itera
     if len(outside(problem.bounds, start)):  # of hidden parts in other places than they tell
         moved = (exchange.of(start) for exchange in Mirrors.of(problem, records, start).exchanges)
         start = next((x for x in moved if not len(outside(problem.bounds, x))), start)
+    ways = WAYS + STARTS * problem.effort
     for number, found in enumerate(search(problem, start), 1):
-        yield step(found, SEARCHING, min(number, WAYS), WAYS)
+        yield step(found, SEARCHING, min(number, ways), ways)
     if found is None or not (found.converged and found.inference.explained):
         for other in _in_new_places(problem, start, records):
             found = other or found

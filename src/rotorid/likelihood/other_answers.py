@@ -381,13 +381,14 @@ class _Minimum:
         """
         cost, found = self.solution.point.cost, list[Solution]()
         every = self.inference.expectation.p_value(cost) < UNLIKELY or bool(self.loose.any())
-        starts = further_starts(self.problem, self.problem.layout.start, ASKED)
+        always, asked = ALWAYS * self.problem.effort, ASKED * self.problem.effort
+        starts = further_starts(self.problem, self.problem.layout.start, asked)
         for number, start in enumerate(starts):
-            if number >= ALWAYS and not every:
+            if number >= always and not every:
                 break
-            watch("asking whether other answers fit as well", number, ASKED if every else ALWAYS)
+            watch("asking whether other answers fit as well", number, asked if every else always)
             try:
-                stages = STAGES if number < ALWAYS else OTHERWISE[number % 2]
+                stages = STAGES if number < always else OTHERWISE[number % 2]
                 end = elsewhere(self.problem, start, self.solution, stages)
             except np.linalg.LinAlgError:
                 continue

@@ -81,6 +81,7 @@ class Problem:
     lowest: Point | None = None  # the minimum of the sketch, where it is known
     # share of the cost left to gain at which the search for the minimum ends
     tolerance: float = 1e-10
+    effort: int = 1  # times as many starts, and refits of mistakes, as are enough nearly always
 
     def of(self, records: Records, alike: Sequence[Likelihood] = ()) -> Problem:
         """Return the problem of some records; `alike`: likelihoods of the same ones."""
@@ -89,7 +90,7 @@ class Problem:
             for number, (record, like) in enumerate(zip_longest(records, alike))
         )
         kept = self.layout, self.exact, self.known, self.bounds
-        return Problem(*kept, likelihoods, self.substituted)
+        return Problem(*kept, likelihoods, self.substituted, effort=self.effort)
 
     def at(
         self,

@@ -120,7 +120,7 @@ class RivalSearch:
     def trials(self) -> Tries:
         """Try rivals one by one; the last trial has what is suspected after all."""
         small = self.entered(*SMALL)
-        scored = self.scored(small)
+        scored, refitted = self.scored(small), REFITTED * self.case.prepared.effort
         yield from self.at("bound")
         if not self.explained():
             yield from self.at("bounds")
@@ -131,8 +131,8 @@ class RivalSearch:
         yield from self.likeliest("modes")
         yield from self.at("trial")
         if not self.case.gross or self.explained(lambda f: f.likely is not False):
-            yield from self.one_by_one([each.rival for each in scored[FIRST:REFITTED]])
-            rest = scored[REFITTED:]
+            yield from self.one_by_one([each.rival for each in scored[FIRST:refitted]])
+            rest = scored[refitted:]
         else:
             yield from self.screened()
             rest = [] if self.explained() else scored[FIRST:]
@@ -230,7 +230,8 @@ class RivalSearch:
                 yield self.told(self.found, number, len(stages))
             if any(map(self.explains, self.found[before:])):
                 return
-        likeliest = sorted(waiting, key=lambda pair: pair[0])[:SCREENED]
+        likeliest = sorted(waiting, key=lambda pair: pair[0])
+        likeliest = likeliest[: SCREENED * self.case.prepared.effort]
         yield from self.one_by_one([rival for _, rival in likeliest])
 
     def likeliest(self, stage: str) -> Tries:

@@ -147,9 +147,8 @@ FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
 STARTS = 8
 """Further starts. Of random rotors from +-60 % one of two leads to the minimum at worst: 8 fail
 together in less than 1 in 200 of the few that fail at first."""
-WAYS = STARTS + 4
-"""Ways at most: from each start; from the given one with bounds, in finer stages, and held near it.
-"""
+WAYS = 4
+"""Ways besides: from the given one, with bounds, in finer stages, and held near it."""
 SPREAD = 1.4
 """Further starts lie within this factor of the given one, log-uniform."""
 GENERATOR = 20260
@@ -192,7 +191,7 @@ def _ways(problem: Problem, start: Floats) -> Iterator[_Way]:
     yield _Way(0, start)
     if len(problem.bounds):
         yield _Way(0, start, bounded=True)
-    for number, other in enumerate(further_starts(problem, start), 1):
+    for number, other in enumerate(further_starts(problem, start, STARTS * problem.effort), 1):
         yield _Way(number, other, bounded=bool(number % 2 and len(problem.bounds)))
         if number == 2:  # two starts beside the given one failed: that one may be far off
             yield _Way(0, start, FINE_STAGES)

@@ -75,7 +75,7 @@ def test_little_effort_ends_at_the_first_minimum_and_says_so(right):
     assert quick.parameters == first.parameters
     assert quick.misfit == first.misfit
     assert quick.status == "ok"
-    assert about(quick, "effort") == [("doubts", "identify with full effort")]
+    assert about(quick, "effort") == [("doubts", 'identify with effort = "normal"')]
     assert str(quick).startswith("three-mass, ml: ok, but doubtful (little effort)\n")
     assert len(list(QUICK.search(CASE.model, CASE.records))) == 1
 
@@ -86,6 +86,21 @@ def test_a_first_minimum_that_noise_does_not_explain_is_no_answer():
     assert quick.status == "not_converged"
     assert not quick.suspects
     assert [severity for severity, _ in about(quick, "effort")] == ["unfinished"]
+
+
+def test_thorough_takes_three_times_as_many_starts(right, wrong):
+    thorough, asked = replace(ESTIMATOR, effort="thorough"), list[int | None]()
+
+    def note(say: str, done: int = 0, of: int | None = None, best: str = "") -> None:
+        if say.startswith("asking whether other"):
+            asked.append(of)
+
+    with watched(note):
+        last = thorough.estimate(CASE.model, CASE.records)
+    assert asked[-1] == 9
+    assert last.parameters == right[-1].best.parameters
+    first = next(replace(WRONG, effort="thorough").search(CASE.model, CASE.records))
+    assert (first.of, wrong[0].of) == (28, 12)
 
 
 def test_further_starts_are_steps_with_how_far_they_are(wrong):
@@ -102,7 +117,7 @@ def test_further_starts_are_steps_with_how_far_they_are(wrong):
 
 def test_a_watch_changes_nothing_and_is_told_of_mistakes_that_are_tried(wrong):
     told: list[tuple[str, int, int | None]] = []
-    with watched(lambda say, done=0, of=None: told.append((say, done, of))):
+    with watched(lambda say, done=0, of=None, best="": told.append((say, done, of))):
         followed = WRONG.estimate(CASE.model, CASE.records)
     assert followed.to_json() == wrong[-1].best.to_json()
     assert told[0] == ("looking for the first minimum", 0, None)
@@ -139,7 +154,7 @@ def interrupting(when: str) -> Callable[..., None]:
     """Return a watch that interrupts the second time when something is said."""
     seen: list[str] = []
 
-    def stop(say: str, done: int = 0, of: int | None = None) -> None:
+    def stop(say: str, done: int = 0, of: int | None = None, best: str = "") -> None:
         seen.append(say)
         if say == when and (seen.count(when) > 1 or of is None):
             raise KeyboardInterrupt
@@ -148,7 +163,7 @@ def interrupting(when: str) -> Callable[..., None]:
 
 
 def test_any_other_effort_is_refused():
-    with pytest.raises(InputError, match="effort 'some'; expected one of full, quick"):
+    with pytest.raises(InputError, match="effort 'some'; expected one of quick, normal, thorough"):
         rid.MaximumLikelihood(effort="some")
 
 

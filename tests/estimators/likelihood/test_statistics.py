@@ -18,9 +18,9 @@ pytestmark = pytest.mark.slow
 SEEDS = 100
 
 quick = partial(MaximumLikelihood, effort="quick")
-"""The first minimum, in half the time: from near the truth it is the one that full effort finds.
+"""The first minimum, in half the time: from near the truth it is the one that normal effort finds.
 
-`test_bearing_sensors_from_far_away` and `test_headline` ask for it with full effort.
+`test_bearing_sensors_from_far_away` and `test_headline` ask for it with normal effort.
 """
 
 
@@ -132,7 +132,7 @@ def test_headline(levitated, statistics):
     machine, truth = levitated.machine, levitated.truth
     clean = [levitated.record(hertz) for hertz in (140.0, 100.0)]
     options = {"runout": True, "gains": ("ki", "ks"), "constraints": (levitated.weighed,)}
-    efforts = cycle(["full", "quick", "quick"])
+    efforts = cycle(["normal", "quick", "quick"])
 
     def draw(rng):
         start = near(machine, rng, {"L1"}, 0.4)
