@@ -92,7 +92,7 @@ TERMS = " + ".join(f"{i}*x^{i}" for i in range(1, 9))
 CASES = {
     # values without meaning
     "scale of zero": told(
-        '"mm"', '"mm", scale = 0', "channels.x.scale", "0; expected a finite scale other than 0"
+        '"mm"', '"mm", scale = 0', "channels.x.scale", "0; expected a scale other than 0; only"
     ),
     "fixed mass below zero": replace(
         told("[estimator]", BELOW_ZERO, "parameters.m.fixed", "-1; expected more than 0"),

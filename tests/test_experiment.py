@@ -200,7 +200,7 @@ def test_paths_are_relative_to_the_experiment(folder, tmp_path):
         ('"0.7 rad"', '"unknwn"', "records.0.phase", "a number and a unit"),
         ("fundamental", "fundamentl", "records.0.fundamentl", "did you mean fundamental"),
         ("[channels]", "[channel]", "channel", "did you mean channels"),
-        ("scale = 2", "scale = [2]", "channels.F_y.scale", "a finite scale other than 0, or the"),
+        ("scale = 2", "scale = [2]", "channels.F_y.scale", "a finite scale, or the"),
         ("scale = 2", "scale = nan", "channels.F_y.scale", "a finite scale"),
         ("scale = 2", 'hold = "zoh"', "channels.F_y.hold", "'none' or 'zero-order'"),
         ("scale = 2", 'delay = { std = "0 us" }', "channels.F_y.delay.std", "greater than 0"),

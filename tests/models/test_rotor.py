@@ -350,10 +350,51 @@ def test_the_place_of_a_sensor_may_be_a_parameter():
     assert found.std("z") < 1e-5
     assert abs(found.value("z") - 0.29) < 4 * found.std("z")
     assert abs(found.value("k") - 2.2e5) < 4 * found.std("k")
-    # Its own place is no assumption any more.
-    assert "drawn places" not in str(found)
+    # Its own place is no assumption any more: 5 mm of it would be as much.
+    assert next(v.std_assumed for v in found.parameters if v.name == "z") < 1e-4
     with pytest.raises(rid.InputError, match="z in no equation of the model, and in nothing"):
         rid.identify(pushed_rotor("0.29 m", UNKNOWN), record, "ml")
+
+
+def test_one_plane_is_enough_where_the_other_does_not_move_it(tmp_path):
+    model, rng = pushed_rotor("290 mm"), np.random.default_rng(2)
+    (tmp_path / "rotor.toml").write_text(model.file_text)
+
+    def found(speed, other=""):
+        forces = 20 * np.exp(2j * np.pi * rng.random((8, 2))) * [1, not speed]
+        record = line_record(
+            model,
+            model.values({"k": 2.2e5}),
+            forces,
+            harmonics=list(range(2, 18, 2)),
+            sensors=["x_a"],
+            **{"fundamental": 5.0, "sample_rate": 1000.0, "periods": 1, "speed": speed},
+        )
+        noise = rng.standard_normal((4000, 3)) * [0.5, 0.5, 1e-6]
+        table = np.tile(record.mean, (20, 1)) + noise
+        np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="fx,fy,x", comments="")
+        (tmp_path / "experiment.toml").write_text(
+            f"""
+            model = "rotor.toml"
+            [[records]]
+            file = "run.csv"
+            sample_rate = "1 kHz"
+            speed = "{speed} rad/s"
+            fundamental = "5 Hz"
+            harmonics = [2, 4, 6, 8, 10, 12, 14, 16]
+            [channels]
+            F_xA = {{ column = "fx", unit = "N" }}
+            x_a = {{ column = "x", unit = "m" }}
+            {other}"""
+        )
+        return rid.load_experiment(tmp_path / "experiment.toml").identify()
+
+    # At rest the force in y, which is large, does not move x.
+    for estimate in (found(0.0), found(100.0, "F_yA = { scale = 0 }")):
+        assert estimate.status == "ok"
+        assert abs(estimate.value("k") - 2.2e5) < 4 * estimate.std("k") < 100
+    with pytest.raises(rid.InputError, match=r"no channel of the input F_yA.*scale = 0"):
+        found(100.0)
 
 
 def test_a_rotor_is_drawn_with_what_stands_on_it():

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import get_args
 
 import numpy as np
+import scipy
 
 from rotorid.core.errors import InputError, require_type
 from rotorid.core.linalg import sensor_rank
@@ -140,22 +141,19 @@ def bind(model: Model, data: Data) -> Observation:
     require_type(model, Model, place="model")
     require_type(data, *MEASURED, place="record")
     lines = _lines(data)
-    if lines.passive:
-        lines = _unforced(model, lines)
+    read = [c for c in lines.channels if c.name not in model.inputs or c.reads is not None]
+    terms = {channel.name: _terms(channel, model, lines.source) for channel in read}
+    lines = _unforced(model, lines, [term for each in terms.values() for term in each])
     where = {name: k for k, name in enumerate(lines.names)}
     missing = [name for name in model.inputs if name not in where]
     if missing:
         raise InputError(
             f"no channel of the input {', '.join(missing)}",
-            "every input measured",
-            "name its column in [channels]",
+            "every input measured that moves what a sensor reads",
+            "name its column in [channels]; where nothing acts on it, write { scale = 0 } for it",
             file=lines.source,
         )
-    sensors = tuple(
-        Sensor(channel, where[channel.name], _terms(channel, model, lines.source))
-        for channel in lines.channels
-        if channel.name not in model.inputs or channel.reads is not None
-    )
+    sensors = tuple(Sensor(c, where[c.name], terms[c.name]) for c in read)
     if not sensors:
         raise InputError(
             "no sensor of any coordinate",
@@ -200,15 +198,37 @@ def _lines(data: Measured) -> Lines:
     )
 
 
-def _unforced(model: Model, lines: Lines) -> Lines:
-    """Return the lines of a machine in passive bearings: inputs without a channel are zero."""
+def _unforced(model: Model, lines: Lines, read: Sequence[SensorTerm]) -> Lines:
+    """Return lines with zero for inputs that have no channel and need none.
+
+    In passive bearings there are no forces; else an input needs none that moves no coordinate which
+    a sensor reads, as those of the other plane of a rotor at rest.
+    """
     missing = [name for name in model.inputs if name not in lines.names]
+    if not lines.passive:
+        missing = [name for name in missing if name in _apart(model, lines, read)]
     for name in missing:
         lines = lines.with_channel(Channel(name, model.units[name]), np.zeros(len(lines.mean)))
     if not missing or isinstance(lines.clock, SilentClock):  # responses are to one input alone
         return lines
-    told = f"no column of {', '.join(missing)}: taken as zero, as in passive bearings"
+    why = "in passive bearings" if lines.passive else "what it moves no sensor reads"
+    told = f"no column of {', '.join(missing)}: taken as zero, {why}"
     return replace(lines, warnings=(*lines.warnings, told))
+
+
+def _apart(model: Model, lines: Lines, read: Sequence[SensorTerm]) -> set[str]:
+    """Return the inputs that no equation couples with what is read, at the speeds of the lines."""
+    if model.linear is None:
+        return set()
+    table, count = model.linear.stiffness, len(model.coordinates)
+    still = np.array([not kind.factor.free_symbols for kind in table.kinds])[table.kind]
+    acting = table.where(still | bool(lines.speed.any()))
+    size, places = model.linear.rows + count, (acting.row, model.linear.rows + acting.column)
+    graph = scipy.sparse.csr_array((np.ones(len(acting)), places), shape=(size, size))
+    part = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    seen = {part[model.linear.rows + term.coordinate] for term in read}
+    moved = {model.inputs[b.input] for b in model.linear.input_terms if part[b.row] in seen}
+    return {*model.inputs} - moved
 
 
 def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:

@@ -15,7 +15,7 @@ from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.units import check_unit, converts, multiply_units, si_factor
 from rotorid.core.values import Complexes, Floats, frozen, grouped
 from rotorid.data.lines import Lines
-from rotorid.data.record import PeriodicRecord, Record, changed
+from rotorid.data.record import Channel, PeriodicRecord, Record, changed
 from rotorid.data.whole_record import spectra
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, Recorded, RecordEntry, RecordKeys
 from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
@@ -60,6 +60,11 @@ class Recording:
     def place(self) -> str:
         return f"records.{self.number}"
 
+    @property
+    def undriven(self) -> list[str]:
+        """Inputs on which nothing acts: they have no column."""
+        return [name for name, source in self.sources.items() if source.scale == 0]
+
 
 _UNIT_OF = {
     "samples": "the unit of the sensor",
@@ -85,9 +90,16 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path) -> Source
             "rename the channel",
             place=place,
         )
+    if entry.scale == 0 and (name not in model.inputs or kind != "samples"):
+        raise InputError(
+            "0",
+            "a scale other than 0; only of an input of samples it says that nothing acts there",
+            "write what turns the column into its unit, or leave the channel out",
+            place=f"{place}.scale",
+        )
     reads = _combination(entry, model, place)
     stated = entry.column is not None and (kind == "responses" or reads is None)
-    if entry.unit is None and not stated:
+    if entry.unit is None and not stated and entry.scale != 0:
         raise InputError("no unit", _UNIT_OF[kind], "write it", place=f"{place}.unit")
     expected = model.units.get(name)
     if entry.polar:
@@ -366,6 +378,7 @@ def measured(plan: Recording, beside: Mapping[str, Source] | None = None) -> Rec
     highest = entry.cutoff if entry.band is None else entry.band[1]
     if entry.band is None and entry.fundamental is not None and entry.harmonics:
         highest = max(entry.harmonics) * entry.fundamental
+    columns = {name: column for name, column in columns.items() if name not in plan.undriven}
     record = read_record(
         plan.paths,
         columns=columns,
@@ -374,6 +387,9 @@ def measured(plan: Recording, beside: Mapping[str, Source] | None = None) -> Rec
         highest=highest,
         **said_of(entry),
     )
+    zeros = np.zeros((len(record.samples), len(plan.undriven)))
+    added = (*record.channels, *(Channel(n, plan.model.units[n]) for n in plan.undriven))
+    record = replace(record, channels=added, samples=np.column_stack([record.samples, zeros]))
     record, period = _with_angle(record, entry), period_of(record, entry)
     return through_laws(record, plan.laws, currents=plan.currents, period=period)
 
@@ -419,6 +435,7 @@ def averaged(plan: Recording, watch: Watch) -> PeriodicRecord:
     entry, blocks = plan.entry, None
     marked = entry.angle is not None or entry.keyphasor is not None
     made = any(not (plan.currents and isinstance(law.law, Linear)) for law in plan.laws.values())
+    made |= bool(plan.undriven)
     if not (marked or made or entry.mask is not None):  # else its samples are needed side by side
         blocks = open_blocks(plan.paths, columns=plan.sources, **said_of(entry))
     if blocks is None:

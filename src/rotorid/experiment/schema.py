@@ -107,10 +107,10 @@ class TimeEntry(Schema):
 
 def _scale(value: object) -> object:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not isinstance(value, str) and not (number and math.isfinite(value) and value):  # type: ignore[arg-type]
+    if not isinstance(value, str) and not (number and math.isfinite(value)):  # type: ignore[arg-type]
         raise InputError(
             repr(value)[:60],
-            "a finite scale other than 0, or the name of a scalar",
+            "a finite scale, or the name of a scalar",
             'write what turns the column into its unit, such as 0.05 or "gain_x1", or leave it out '
             "for 1",
         )
@@ -227,8 +227,8 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
         elif self.kind == "phasors":
             allowed, beside = _PHASORS, "in a phasor's channel"
         elif self.law is None:
-            wanted, beside = {"column"}, "without a law"
-            allowed = {*_AS_RECORDED, "unit", "scale", "offset", "reads"}
+            wanted, beside = {"column"} if self.scale != 0 else set(), "without a law"
+            allowed = {*_AS_RECORDED, "column", "unit", "scale", "offset", "reads"}
             if given & PhasorKeys.model_fields.keys():
                 beside = "in a channel of samples"
         else:

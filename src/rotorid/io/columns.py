@@ -294,9 +294,9 @@ def _factor(column: Column, source: Source, table: ColumnFile, name: str) -> tup
     if isinstance(scale, str):
         with naming(place=_place(name, "scale")):
             scale = table.scalar(scale)
-    if scale == 0:
-        cure = "write what turns the column into its unit, or leave it out for 1"
-        raise InputError("0", "a scale other than 0", cure, place=_place(name, "scale"))
+            if scale == 0:
+                cure = "write what turns the column into its unit, or leave it out for 1"
+                raise InputError(f"{source.scale} = 0", "a scale other than 0", cure)
     if unit is None and source.expected:
         told, cure = f"a unit that converts to {source.expected}", "write it, here or into the file"
         raise InputError("no unit", told, cure, place=place)
