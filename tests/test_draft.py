@@ -562,3 +562,27 @@ def test_a_counter_of_samples_holds_no_excitation(tmp_path):
     write_table(tmp_path / "bare.txt", "", late, *waves, fmt="%.4f")
     (record,) = parse(draft([tmp_path / "bare.txt"], "jeffcott", tmp_path))["records"]
     assert record["time"]["column"] == "0"
+
+
+def test_angles_and_speeds_of_what_does_not_turn_are_motion(tmp_path):
+    (tmp_path / "swing.toml").write_text(SWING)
+    time = np.arange(4000) / 1e3
+    angle = 0.5 * np.exp(-0.1 * time) * np.cos(5.5 * time)
+    write_table(tmp_path / "run.csv", "t,phi", time, angle)
+    found = parse(draft([tmp_path / "run.csv"], "swing.toml", tmp_path))
+    (record,) = found["records"]
+    assert "angle" not in record
+    assert (
+        2 < float(record["cutoff"].removesuffix(" Hz")) < 50
+    )  # the decay repeats, driven by nothing
+    assert found["channels"]["phi_p"]["column"] == "phi"
+
+
+SWING = """title = "A pendulum"
+equations = ["J*phi_p'' + w*sin(phi_p) = 0"]
+[coordinates]
+phi_p = "rad"
+[parameters]
+J = { unit = "kg m^2" }
+w = { unit = "N m" }
+"""

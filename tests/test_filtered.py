@@ -19,7 +19,7 @@ from sampled_bank import (
     measured,
     motion,
 )
-from scipy import signal
+from scipy import integrate, signal
 
 import rotorid as rid
 from rotorid import Channel, InputError
@@ -457,3 +457,32 @@ def test_what_a_condition_tells():
 def test_conditions_that_are_none(text, message):
     with pytest.raises(InputError, match=message):
         read_condition(text, {"F": "N", "q": "m"})
+
+
+def test_a_free_swing_tells_ratios_and_the_force_that_it_lacks():
+    """A pendulum let go, its weight known: no force is measured, and none is needed."""
+    names = "J kg m^2, c N m s/rad, w N m"
+    free = written("a pendulum", ["J*q'' + c*q' + w*sin(q) = 0"], "q rad", "", names)
+    truth = {"J": 7e-3, "c": 3e-4}
+    for friction in (0.0, 1e-3):
+        record = swinging(truth["J"], truth["c"], 0.24, friction)
+        low = rid.filtered(record, 10.0, decimate=10)
+        found = rid.identify(free, low, rid.Batch(fixed={"w": "0.24 N m"}))
+        if friction:
+            (note,) = [n for n in found.notes if n.about == "missing force"]
+            assert note.found.startswith("the equation of row 1 lacks a force as ")
+        else:
+            assert found.status == "ok"
+            assert np.abs(pulls(found, truth)).max() < 4
+
+
+def swinging(inertia: float, damping: float, weight: float, friction: float) -> rid.Record:
+    def rate(_: float, state: np.ndarray) -> list[float]:
+        angle, speed = state
+        moment = damping * speed + weight * np.sin(angle) + friction * np.tanh(speed / 0.01)
+        return [speed, -moment / inertia]
+
+    time = np.arange(16_000) / 1e3
+    angle = integrate.solve_ivp(rate, (0, 16), [0.6, 0], t_eval=time, rtol=1e-9, max_step=0.01).y[0]
+    noise = 2e-4 * np.random.default_rng(3).normal(size=len(time))
+    return rid.Record([Channel("q", "rad")], (angle + noise)[:, None], 1e3)

@@ -289,7 +289,8 @@ def _input_noise(whole: _Whole, inputs: Sequence[str], kept: Integers) -> _Noise
             "neither references, nor a quiet record, nor periods",
             "something that tells noise from motion",
             "name the columns that hold the excitation in references, record the machine once "
-            "without excitation (quiet), or give the inputs",
+            "without excitation (quiet), or give the inputs; of a free decay set a cutoff in place "
+            "of the band",
         )
     found = _noise_beside(whole, whole.every[:, known], kept, "inputs")
     warning = (

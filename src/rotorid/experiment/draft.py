@@ -334,6 +334,8 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     """Return an experiment file; files of one length that share no column are one record."""
     loaded = None if model is None else load_model(model, folder=folder)
     runs = _runs(files)
+    if loaded is not None and not _turns(loaded):
+        runs = [replace(run, columns=tuple(map(_still, run.columns))) for run in runs]
     text = tomlkit.document()
     told = "" if model else "rotorid models lists those that there are"
     _written(text, [("model", model or OPEN, told)])
@@ -525,20 +527,30 @@ def _rotation(run: _Run, model: Model | None) -> Iterator[_Line]:
     elif angle := by_role.get("angle"):
         told = "deg or rad; of a counter, lines = 1024 in place of the unit"
         yield "angle", _column(angle), "" if angle.unit else told
-    elif model is None or unbalanced(model) or any("Omega" in text for text in model.texts):
+    elif model is None or _turns(model):
         yield "speed", OPEN, 'of the rotation, "8400 rpm"; "0 rpm" at standstill'
 
 
+def _turns(model: Model) -> bool:
+    return unbalanced(model) or any(re.search(r"\bOmega\b", text) for text in model.texts)
+
+
+def _still(column: Found) -> Found:
+    """Return a column of what does not turn: its angles and speeds are motion."""
+    return column if column.role == "time" else replace(column, role="channel")
+
+
 def unbalanced(model: Model) -> bool:
-    return any("phi" in text for text in model.texts)
+    return any(re.search(r"\bphi\b", text) for text in model.texts)
 
 
 def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
     sources = run.driving() or run.moving()
-    found, rate = common_period([c.values for c in sources]), run.rate
-    bends = model is not None and model.linear is None
+    free = model is not None and not model.inputs and not _turns(model)
+    found, rate = None if free else common_period([c.values for c in sources]), run.rate
+    bends = model is not None and (free or model.linear is None)
     if found is None:
-        yield from _filter(run, rate) if bends else _whole_record(run, rate)
+        yield from _filter(run, rate, model) if model and bends else _whole_record(run, rate)
         return
     period, repeating = found
     told = f"found in {sources[repeating[0]].name}, correlation {period.correlation:.3g}"
@@ -578,11 +590,16 @@ def _whole_record(run: _Run, rate: float | None) -> Iterator[_Line]:
         yield "", None, 'quiet = "..": a record without it; else the inputs hold no noise'
 
 
-def _filter(run: _Run, rate: float | None) -> Iterator[_Line]:
-    """Yield the cut-off for a nonlinear model: a multiple of the frequencies of the motion."""
+def _filter(run: _Run, rate: float | None, model: Model) -> Iterator[_Line]:
+    """Yield the cut-off for what has no lines: a multiple of the frequencies of the motion."""
     cutoff, told = OPEN, "no period found, and the model is not linear"
+    if model.linear is not None:
+        told = "nothing drives the model"
     told += ": five to ten times the motion's frequencies"
-    column = _widest(c for c in run.channels() if c.measures(*_MOTIONS))
+    of = assign(model, run.channels())
+    forces = [of[name].name for name in model.inputs if name in of]
+    motions = [c for c in run.moving() if c.name not in forces]
+    column = _widest([c for c in motions if c.measures(*_MOTIONS)] or motions)
     if rate is not None and column is not None:
         highest = _excited_band(column.values, rate)[1]
         cutoff = f"{min(ABOVE_MOTION * highest, rate / 4):.3g} Hz"

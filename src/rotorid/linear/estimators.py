@@ -154,8 +154,9 @@ class SampledProblem(Posed):
             return [], off
         at, by = moved[worst][0], changes[worst, moved[worst][0]]
         row, term = divmod(worst, len(texts))
-        acting = self.model.input_matrix[self.model.input_matrix.any(axis=1)][row]
-        drives = ", ".join(np.array(self.model.inputs)[acting != 0])
+        row = int(self.regressions[0].pushed[row])
+        acting = self.model.input_matrix[row] != 0
+        drives = ", ".join(np.array(self.model.inputs)[acting]) or f"row {row + 1}"
         text = (
             f"the equation of {drives} lacks a force as {texts[term]} "
             f"({clear[worst]:.3g} deviations), which moves {self.names[at]} by {by:+.3g} "

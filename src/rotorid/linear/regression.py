@@ -405,9 +405,15 @@ class SampledRegression(Equations):
         ones, samples = np.ones(len(self.inputs)), self.record.used[self.kept]
         return self._predicted(base, self.inputs * counts, ones, samples)
 
+    @property
+    def pushed(self) -> Integers:
+        """Rows that hold forces: those with inputs, or all of what swings freely."""
+        driven = self.model.input_matrix.any(axis=1)
+        return np.flatnonzero(driven if driven.any() else ~driven)
+
     @cached_property
     def further(self) -> tuple[list[str], Floats]:
-        """Forces that equations may lack: texts, and columns, (sample, row, driven row x text)."""
+        """Forces that equations may lack: texts, and columns, (sample, row, pushed row x text)."""
         used, m, texts = self._picked[self.kept], self._motion, ["1"]
         columns = [np.ones((len(used), 1))]
         for j, name in enumerate(self.model.coordinates):
@@ -419,7 +425,7 @@ class SampledRegression(Equations):
                 force = of(m.position[:, j], m.velocity[:, j], m.acceleration[:, j], turn)
                 texts.append(text.format(q=name, slow=f"{slow:.3g}"))
                 columns.append(self._each(self.record.outer.apply, force[:, None])[used])
-        rows = np.eye(len(self.model.texts))[self.model.input_matrix.any(axis=1)]
+        rows = np.eye(len(self.model.texts))[self.pushed]
         forces = np.hstack(columns)[:, None, None, :] * rows.T[:, :, None]
         return texts, self.counting(forces.reshape(len(used), len(self.model.texts), -1))
 

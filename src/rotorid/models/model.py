@@ -299,7 +299,7 @@ class Model:
                 raise ModelError(
                     f"{held}, which multiplies the input {self.inputs[term.input]}",
                     "inputs with known factors",
-                    "fix its value, or use ml",
+                    "divide the equation by it, fix its value, or use ml",
                     place=f"equation {term.row + 1}",
                 )
             matrix[term.row, term.input] += term.coefficient
