@@ -163,17 +163,14 @@ def _its_own(estimate: Estimate, plan: Experiment) -> list[str]:
     made = estimate.provenance
     if made is None:
         return []
-    names = {source.sha256: Path(source.file).name for source in made.files if source.sha256}
     before = parse_toml(made.experiment.encode(), ExperimentFile).records
-    there = {path: source_of(path).sha256 for path in set(plan.record_files) if path.is_file()}
-    again = [
-        path
-        for one in plan.channels
-        for path in one.paths
-        for entry in before
-        if names.get(there.get(path, ""), "") in {Path(each).name for each in entry.paths}
-        and not apart(entry, one.entry)
-    ]
+    sums = {source.sha256 for source in made.files} - {""}
+    held = {p for p in {*plan.record_files} if p.is_file() and source_of(p).sha256 in sums}
+    again = list[Path]()
+    for one in plan.channels:
+        for path in held.intersection(one.paths):
+            own = [e for e in before if path.name in {Path(p).name for p in e.paths}]
+            again += [path] if any(not apart(e, one.entry) for e in own or before) else []
     return [
         f"note: {path} is a record that the result was made of, which proves little: take another"
         for path in dict.fromkeys(again)

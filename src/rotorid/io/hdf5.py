@@ -6,10 +6,9 @@ What nobody wrote reads as its fill value, 0: all of a data set, a part, or a fi
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property
+from functools import cached_property
 from posixpath import dirname
 from typing import Any, NamedTuple
 
@@ -320,7 +319,7 @@ def find(
         links = node.id.links
         kind = links.get_info(key).type
         if kind == h5py.h5l.TYPE_HARD:
-            node = _open(node, key)
+            node = node[key]
         elif kind == h5py.h5l.TYPE_SOFT and hops < _HOPS:
             hops, target = hops + 1, links.get_val(key)
             node = data if target.startswith(b"/") else node
@@ -356,7 +355,7 @@ def _walk(data: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
             if address in seen:
                 continue
             seen.add(address)
-            path, node = prefix + _shown(key), _open(group, key)
+            path, node = prefix + _shown(key), group[key]
             if isinstance(node, h5py.Group):
                 inner.append((f"{path}/", node))
             elif isinstance(node, h5py.Dataset):  # and not a type that has a name
@@ -383,20 +382,6 @@ def _shown(key: bytes) -> str:
     return key.decode("latin-1")
 
 
-def _open(group: h5py.Group, key: bytes) -> Any:
-    """Open a node; what a data set keeps in files beside it counts from the folder of its file."""
-    if h5py.h5o.get_info(group.id, key).type == h5py.h5o.TYPE_DATASET:
-        return h5py.Dataset(h5py.h5d.open(group.id, key, _access()))
-    return group[key]
-
-
-@cache
-def _access() -> Any:
-    access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
-    access.set_efile_prefix(b"${ORIGIN}")
-    return access
-
-
 _REWRITE = "write the data set whole, or cut it to what was recorded (dataset.resize in h5py)"
 
 
@@ -408,7 +393,11 @@ def check_stored(dataset: h5py.Dataset, file: str, depth: int = 0) -> int:
     if (layout := made.get_layout()) == h5py.h5d.VIRTUAL:
         held += _check_virtual(dataset, file, depth)
     elif made.get_external_count():
-        held += _check_external(dataset, file, depth)
+        raise ReadError(
+            f"samples of {_name(dataset)} in files of their own",
+            "samples in the file itself",
+            "write the data set whole: h5repack -l CONTI",
+        )
     elif layout == h5py.h5d.CHUNKED:
         _check_chunks(dataset)
     elif not dataset.id.get_storage_size() and not _tells_gaps(dataset):
@@ -431,27 +420,6 @@ def _check_chunks(dataset: h5py.Dataset) -> None:
     written = dataset.id.get_num_chunks()
     if written < expected and not _tells_gaps(dataset):
         raise _gap(dataset, f"{expected - written} of {expected} chunks never written")
-
-
-def _check_external(dataset: h5py.Dataset, file: str, depth: int) -> int:
-    """Look at the files that hold the samples; return their bytes."""
-    needed, held = dataset.size * dataset.dtype.itemsize, 0
-    if depth:
-        raise ReadError(
-            f"samples of {_name(dataset)} in files of their own",
-            "parts that hold their samples",
-            "write the parts whole: h5repack -l CONTI",
-        )
-    for name, offset, size in dataset.external:
-        path = check_beside(os.fsdecode(name), file)
-        there = max(path.stat().st_size - offset, 0)
-        size = min(size, needed)  # the last may be without end
-        if there < size:
-            raise _gap(dataset, f"{there} of {size} bytes in {path.name}")
-        needed, held = needed - size, held + there
-    if needed:
-        raise _gap(dataset, f"{needed} bytes too few in the files that hold it")
-    return held
 
 
 def _check_virtual(dataset: h5py.Dataset, file: str, depth: int) -> int:
