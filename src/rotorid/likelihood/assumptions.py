@@ -21,19 +21,18 @@ from rotorid.answer.shifts import MATTERS, weighed
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, fact, frozen
-from rotorid.data.lines import Lines, Window
-from rotorid.data.observation import Observation
+from rotorid.data.lines import Lines
 from rotorid.likelihood.case import not_asked
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.linear import DISTINCT
 from rotorid.likelihood.problem import Point
-from rotorid.likelihood.rivals_model import levers, parts_between, trials
+from rotorid.likelihood.rivals_model import levers, parts_between, trials, turned_magnets
+from rotorid.likelihood.rivals_read import WINDOWS, blurred
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Unknown, force_scale
 from rotorid.likelihood.whitening import as_complex
 from rotorid.models.rotor import RotorModel
-from rotorid.models.rotor.drawing import Rotor
 from rotorid.models.rotor.fem import by_share, exact_numbers, pushed
 from rotorid.models.structure import Structure, holding
 
@@ -69,15 +68,6 @@ FAINT = 0.01
 ALIKE = 0.9
 """Share of the largest score from which on another one is named too: which it is no record tells.
 """
-WINDOWS: Mapping[Window, tuple[tuple[complex, complex], ...]] = {
-    "rectangular": ((1.0, 1.0),),
-    "hann": tuple(((1 - w) / 2, np.sqrt(2 / 3) * np.pi * (1 - w)) for w in (1j, -1j)),
-}
-"""What windows show in place of ``H(s)``, lines df apart: sums of ``c H(s + a df)``, (c, a).
-
-At its own lines a rectangular window adds df to the rate of each decay that ends within a block.
-Hann's averages H over about a line, here by ``1 / (1 + (f / b)^4)`` with b^2 = df^2 / 3, its mean
-square width: right for resonances that are wider, and to a fourth for those of half a line."""
 LED = 0.9
 """Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
 
@@ -217,11 +207,12 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     exact = [(plausible, not_asked(fit.case, unknowns)) for plausible, unknowns in kinds]
     coordinates = () if structure is None else structure.coordinates
     units = [fit.case.model.units[name] for name in coordinates]
-    parts, magnets = list[Unknown](), list[Unknown]()
+    parts, magnets, axes = list[Unknown](), list[Unknown](), list[Unknown]()
     if structure is not None and records:
         parts, magnets = parts_between(structure, units), list(levers(structure, fit.case.model))
+        axes = list(turned_magnets(structure, fit.case.model))
     every = (unknown for _, unknowns in exact for unknown in unknowns)
-    point = fit.case.beside([*scales, *every, *parts, *magnets])
+    point = fit.case.beside([*scales, *every, *parts, *magnets, *axes])
     common = list(_scale(fit, point.by(*(u.term for u in scales))))
     yield from common
     for plausible, unknowns in exact:
@@ -242,11 +233,20 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     if structure is not None and records:
         yield from _parts(structure.mass(units), {p.term: point.by(p.term) for p in parts})
         if not structure.balance.faults:
-            yield from _geometry(fit, structure, units)
+            yield from _ground(fit, structure, units)
+            if structure.pairs:
+                text, cure = "aligned: axes turned by 0.1 deg", "measure the directions of the axes"
+                moved = _elsewhere(fit, point, structure, structure.turn(), axes)
+                yield Assumed("axes", "0.1 deg", text, cure, TURNED * moved[0], errors=moved[1])
         if isinstance(fit.case.model, RotorModel):
+            rotor = fit.case.model.rotor
             yield from _numbers(fit, structure, fit.case.model)
-            columns = {m.term: point.by(m.term) for m in magnets}
-            yield _places(fit, structure, fit.case.model.rotor, columns)
+            stated = rotor.tolerances.places
+            off = SHARE * rotor.length if stated is None else stated
+            said, cure = f"{1e3 * off:.3g} mm", "state it: places in [tolerances] of the rotor file"
+            moved = _elsewhere(fit, point, structure, structure.along(), magnets)
+            text = f"exact: {said} of error"
+            yield Assumed("drawn places", said, text, cure, off * moved[0], errors=moved[1])
     yield from _crosstalk(fit)
     yield from _analysers(fit)
 
@@ -364,8 +364,7 @@ def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:
         yield Assumed("model", "1 %", text, cure, effect, least=BEYOND, errors=errors, held=None)
 
 
-def _geometry(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[Assumed]:
-    """Yield the ground at rest, and the axes of sensors and magnets."""
+def _ground(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[Assumed]:
     evaluations = fit.solution.point.records
     weigh = "read the casing with an accelerometer, or weigh the rotor"
     for standing, natural in MOUNTS:
@@ -375,11 +374,6 @@ def _geometry(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[
         columns = [at.whitened_loads(load) for at, load in zip(evaluations, loads, strict=True)]
         effect = _over(fit, columns)[:, None]
         yield Assumed("ground", size, text, weigh, effect)
-    if structure.pairs:
-        text, cure = "aligned: axes turned by 0.1 deg", "measure the directions of the axes"
-        turned = [_turned(fit, k, structure) for k in range(len(evaluations))]
-        effect, names = _joined(fit, turned)
-        yield Assumed("axes", "0.1 deg", text, cure, effect, errors=names)
 
 
 def _over(fit: Fit, columns: Sequence[Floats]) -> Floats:
@@ -388,9 +382,8 @@ def _over(fit: Fit, columns: Sequence[Floats]) -> Floats:
     return np.concatenate([*columns, none])
 
 
-Rows = Mapping[tuple[str, tuple[str, ...]], Complexes]
-"""What errors do to the equations of a record, (line, row), by what they are and of which
-channels."""
+Rows = Mapping[str, Complexes]
+"""What errors do to the equations of a record, (line, row)."""
 
 
 def _joined(fit: Fit, found: Sequence[Rows]) -> tuple[Floats, tuple[str, ...]]:
@@ -401,7 +394,7 @@ def _joined(fit: Fit, found: Sequence[Rows]) -> tuple[Floats, tuple[str, ...]]:
         none = np.zeros((at.problem.lines, at.problem.all_rows), dtype=np.complex128)
         stacked = [rows.get(name, none) for name in every]
         columns.append(at.whiten(np.stack(stacked, axis=2)) if every else np.zeros((0, 0)))
-    return _over(fit, columns), tuple(f"{what}[{', '.join(name)}]" for what, name in every)
+    return _over(fit, columns), tuple(every)
 
 
 def _recoil(
@@ -428,24 +421,23 @@ def _recoil(
     return _rows(at, structure, forces)
 
 
-def _turned(fit: Fit, number: int, structure: Structure) -> Rows:
-    """Return what each sensor and each magnet does that is turned in its plane."""
-    at = fit.solution.point.records[number]
-    scale, turn = at.problem.scales.coordinates, structure.turn() * TURNED
-    equations, forces, names = at.equations, at.forces, _names(fit, number)
-    data, motion = at.corrected()
-    turned = structure.motion(motion * scale) @ turn.T
-    read = at.readings_of(structure.own(turned) / scale)
-    found: dict[tuple[str, tuple[str, ...]], Complexes] = {
-        ("turn", (name,)): _misread(fit, number, k, name, read[:, [k - forces]])
-        for k, name in names[forces:]
-    }
-    true = at.state.factors * data - at.state.readings
-    rows = at.problem.scales.rows[:equations]
-    for k, name in names[:forces]:
-        along = structure.forces((at.inputs[:, :equations, k] * rows).T)
-        found["turn", (name,)] = _rows(at, structure, true[:, [k]] * (turn @ along).T)
-    return found
+def _elsewhere(
+    fit: Fit, point: Point, structure: Structure, way: Floats, magnets: Sequence[Unknown]
+) -> tuple[Floats, tuple[str, ...]]:
+    """Return what sensors and magnets do to the residual that are moved along a way, by one.
+
+    `way` is what displacements gain, (coordinate, coordinate).
+    """
+    found, terms = list[Rows](), [magnet.term for magnet in magnets]
+    what = terms[0].partition("[")[0]
+    for number, at in enumerate(fit.solution.point.records):
+        beside = structure.own(_motion(at, structure) @ way.T)
+        read = at.readings_of(as_complex(beside / at.problem.scales.coordinates))
+        sensors = enumerate(_names(fit, number)[at.forces :])
+        rows = {name: _misread(fit, number, k, name, read[:, [i]]) for i, (k, name) in sensors}
+        found.append({f"{what}[{name}]": each for name, each in rows.items()})
+    effect, names = _joined(fit, found)
+    return np.column_stack([effect, point.by(*terms)]), (*names, *terms)
 
 
 def _rows(at: Evaluation, structure: Structure, forces: Complexes) -> Complexes:
@@ -472,7 +464,7 @@ def _numbers(fit: Fit, structure: Structure, model: RotorModel) -> Iterator[Assu
         lines.append((known, record.lines.omega, record.lines.speed, -_motion(at, structure)))
     for kind, numbers in exact_numbers(model.rotor).items():
         share, found = getattr(model.rotor.tolerances, kind), list[Rows]()
-        blocks = {(kind, (name,)): by_share(model.rotor, *of) for name, of in numbers.items()}
+        blocks = {f"{kind}[{name}]": by_share(model.rotor, *of) for name, of in numbers.items()}
         for at, motion in zip(evaluations, lines, strict=True):
             forces = {name: share * pushed(each, *motion) for name, each in blocks.items()}
             found.append({name: _rows(at, structure, each) for name, each in forces.items()})
@@ -481,29 +473,6 @@ def _numbers(fit: Fit, structure: Structure, model: RotorModel) -> Iterator[Assu
             size, cure = f"{100 * share:g} %", f"state it: {kind} in [tolerances] of the rotor file"
             text = f"exact: {size} of error"
             yield Assumed(f"drawn {kind}", size, text, cure, effect, errors=names, held=None)
-
-
-def _places(fit: Fit, structure: Structure, rotor: Rotor, magnets: Mapping[str, Floats]) -> Assumed:
-    """Return the places of sensors and magnets; of these the columns of 1 m along the shaft."""
-    stated, found = rotor.tolerances.places, list[Rows]()
-    size = SHARE * rotor.length if stated is None else stated
-    for number, (at, record) in enumerate(
-        zip(fit.solution.point.records, fit.records, strict=True)
-    ):
-        beside = structure.own(_motion(at, structure) @ structure.along().T)
-        read = size * at.readings_of(beside / at.problem.scales.coordinates)
-        free = {s.channel.name: any(any(t.powers) for t in s.terms) for s in record.sensors}
-        sensors = enumerate(_names(fit, number)[at.forces :])
-        rows = {  # none of a sensor whose place is in the parameters
-            name: _misread(fit, number, k, name, read[:, [i]] * (not free[name]))
-            for i, (k, name) in sensors
-        }
-        found.append({("plane", (name,)): each for name, each in rows.items()})
-    effect, names = _joined(fit, found)
-    effect = np.column_stack([effect, *(size * column for column in magnets.values())])
-    said, cure = f"{1e3 * size:.3g} mm", "state it: places in [tolerances] of the rotor file"
-    text, errors = f"exact: {said} of error", (*names, *magnets)
-    return Assumed("drawn places", said, text, cure, effect, errors=errors)
 
 
 def _misread(fit: Fit, number: int, channel: int, name: str, error: Complexes) -> Complexes:
@@ -535,7 +504,7 @@ def _crosstalk(fit: Fit) -> Iterator[Assumed]:
         pairs = [pair for a, b in pairwise(sensors) for pair in ((a, b), (b, a))]
         found.append(
             {
-                ("cross-talk", (of, other)): _misread(fit, number, k, of, true[:, [j]])
+                f"cross-talk[{of}, {other}]": _misread(fit, number, k, of, true[:, [j]])
                 for (k, of), (j, other) in pairs
                 if units[of] == units[other]
             }
@@ -553,16 +522,23 @@ def _analysers(fit: Fit) -> Iterator[Assumed]:
     if any(shares):
         size = f"noise of {100 * max(shares):.2g} % of the force's power"
         cure = "H2 errs the other way; H over the generator's signal, with its std, does not"
-        found = [_biased(at, record, a) for (at, record), a in zip(every, shares, strict=True)]
+        found = list[Rows]()
+        for (at, record), share in zip(every, shares, strict=True):
+            inputs = zip(record.inputs, record.input_columns, strict=True)
+            of = ", ".join(c.name for c, column in inputs if record.lines.mean[:, column].any())
+            error = share * at.corrected()[0][:, at.forces :]
+            found.append({f"H1[{of}]": _misread_together(at, error)} if share else {})
         effect, names = _joined(fit, found)
         yield Assumed("H1", size, f"unbiased: {size}", cure, effect, errors=names, shown=True)
     for window in WINDOWS:
-        blurred = [_blurred(at, record.lines, window) for at, record in every]
-        if any(blurred):
+        errors = [blurred(*each, window) for each in every]
+        if any(error is not None for error in errors):
             spacing = max(r.lines.analyser.spacing for r in fit.records if r.lines.analyser)
             size = f"{window}, lines of {spacing:.3g} Hz"
             cure = 'state window ("none": bursts, impacts, stepped sines), or measure finer lines'
-            effect, names = _joined(fit, blurred)
+            of, pairs = f"window[{window}]", zip(every, errors, strict=True)
+            rows = [{} if e is None else {of: _misread_together(at, e)} for (at, _), e in pairs]
+            effect, names = _joined(fit, rows)
             yield Assumed("window", size, f"narrow: {size}", cure, effect, errors=names)
 
 
@@ -586,24 +562,6 @@ def _noise_of_force(at: Evaluation, lines: Lines) -> float:
         found = scipy.optimize.nnls(scaled / scale, noise / weight)[0] / scale
         weight = parts @ found
     return float(found[0])
-
-
-def _biased(at: Evaluation, record: Observation, share: float) -> Rows:
-    inputs = zip(record.inputs, record.input_columns, strict=True)
-    of = tuple(channel.name for channel, column in inputs if record.lines.mean[:, column].any())
-    error = share * at.corrected()[0][:, at.forces :]
-    return {("H1", of): _misread_together(at, error)} if share else {}
-
-
-def _blurred(at: Evaluation, lines: Lines, window: Window) -> Rows:
-    """Return what a window does that was stated, or may well have been there."""
-    made = lines.analyser
-    if made is None or not made.spacing or made.window not in (None, window):
-        return {}
-    error = -at.read_at(as_complex(np.ones_like(lines.omega)))
-    for share, shift in WINDOWS[window]:
-        error += share * at.read_at(as_complex(1 + shift * made.spacing / (1j * lines.omega)))
-    return {("window", (window,)): _misread_together(at, error)}
 
 
 def _misread_together(at: Evaluation, errors: Complexes) -> Complexes:

@@ -31,7 +31,6 @@ from rotorid.models import Model
 from rotorid.models.expressions import Expression, product, symbol
 from rotorid.models.knowledge import Mode, number
 from rotorid.models.rotor import RotorModel
-from rotorid.models.rotor.drawing import PLANES
 from rotorid.models.rotor.fem import Piece, Span, by_share, gathered, spans
 from rotorid.models.structure import Structure
 
@@ -236,18 +235,31 @@ def levers(structure: Structure, model: Model) -> Iterator[Unknown]:
     """Yield that the magnets of a place in a drawing are further along the shaft."""
     if not isinstance(model, RotorModel):
         return
-    along, every = structure.along(), np.eye(len(structure.coordinates))
-    for place, (name, actuator) in enumerate(model.rotor.actuators.items()):
-        first, arms = PLANES * model.rotor.node(actuator.at), {}
-        for at in (first, first + 1):
-            force, moment = structure.in_rows(np.stack([every[at], along[at]], axis=1)).T
-            shares = [(int(row), float(moment[row])) for row in np.flatnonzero(moment)]
-            arms[int(np.abs(force).argmax())] = shares
+    arms = _arms(structure, structure.along().T)
+    for place, name in enumerate(model.rotor.actuators):
         inputs = model.inputs[2 * place : 2 * place + 2]
         scalar = Scalar(f"plane[{', '.join(inputs)}]", "m", 0.0, additive=True)
         cure = f"give {name} in the rotor file the place (at) where it acts"
         on = frozenset(inputs)
         yield Unknown((scalar,), on, (Drives(on, "lever", arms),), cure=cure)
+
+
+def turned_magnets(structure: Structure, model: Model) -> Iterator[Unknown]:
+    """Yield that a magnet is turned in its plane."""
+    arms = _arms(structure, structure.turn())
+    for name in model.inputs if structure.pairs else ():
+        scalar, on = Scalar(f"turn[{name}]", "rad", 0.0, additive=True), frozenset([name])
+        yield Unknown((scalar,), on, (Drives(on, "lever", arms),))
+
+
+def _arms(structure: Structure, way: Floats) -> Mapping[int, Sequence[tuple[int, float]]]:
+    """Return what forces on the rows do besides; `way`: of those on coordinates."""
+    rows = len(structure.coordinates) if structure.shapes is None else structure.shapes.shape[1]
+    moved = structure.in_rows(way @ structure.forces(np.eye(rows)))
+    return {
+        row: [(int(k), float(moved[k, row])) for k in np.flatnonzero(moved[:, row])]
+        for row in range(rows)
+    }
 
 
 @rivals("term")
