@@ -454,6 +454,10 @@ def of_one_mass(hertz: np.ndarray = SPACED) -> np.ndarray:
 TURN = 2 * np.pi
 
 
+def hann_rolled(x: np.ndarray) -> np.ndarray:
+    return (1 - x) * (2 + np.cos(TURN * x)) / 3 + np.sin(TURN * x) / TURN
+
+
 def blurred(rolled: Any) -> np.ndarray:
     """Return what blocks show whose window has that autocorrelation, over shares of a block."""
     share, block = np.arange(40000) / 40000, 1 / SPACED[0]
@@ -497,15 +501,18 @@ class TestAssumed:
         assert found.verdict == "ok"
         assert "H1" not in {one.assumed for one in found.assumptions}
 
+    @pytest.mark.parametrize("stated", [None, "hann", "none"])
+    def test_a_window_that_responses_reject_is_suspected(self, stated):
+        """With noise of 1e-8 m/N; a rectangular one is another damping, and rejects nothing."""
+        found = answer_of(stated, responses=blurred(hann_rolled)[:, None], std=1e-8)
+        assert found.status == "rejected"
+        first = found.suspects[0]
+        assert (first.term == "window[hann]") == (stated != "none")
+        if stated != "none":
+            assert first.share > 0.5
+
     @pytest.mark.parametrize(
-        ("window", "rolled"),
-        [
-            ("rectangular", lambda x: 1 - x),
-            (
-                "hann",
-                lambda x: (1 - x) * (2 + np.cos(TURN * x)) / 3 + np.sin(TURN * x) / TURN,
-            ),
-        ],
+        ("window", "rolled"), [("rectangular", lambda x: 1 - x), ("hann", hann_rolled)]
     )
     def test_a_window_moves_the_damping_as_is_said(self, window, rolled):
         found = answer_of(window, responses=blurred(rolled)[:, None], std=3e-6)

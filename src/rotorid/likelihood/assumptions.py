@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -22,6 +21,7 @@ from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, fact, frozen
 from rotorid.data.lines import Lines
+from rotorid.data.observation import Observation
 from rotorid.likelihood.case import not_asked
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Drives, Turns
@@ -70,6 +70,9 @@ ALIKE = 0.9
 """
 LED = 0.9
 """Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
+
+
+NONE_HELD: Mapping[str, float] = {}
 
 
 @frozen
@@ -236,18 +239,20 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
             yield from _ground(fit, structure, units)
             if structure.pairs:
                 text, cure = "aligned: axes turned by 0.1 deg", "measure the directions of the axes"
-                moved = _elsewhere(fit, point, structure, structure.turn(), axes)
-                yield Assumed("axes", "0.1 deg", text, cure, TURNED * moved[0], errors=moved[1])
+                said, way = ("axes", "0.1 deg", text, cure), TURNED * structure.turn()
+                off = {each.term: TURNED * point.by(each.term) for each in axes}
+                yield from _elsewhere(fit, said, "turn", way, off)
         if isinstance(fit.case.model, RotorModel):
-            rotor = fit.case.model.rotor
             yield from _numbers(fit, structure, fit.case.model)
-            stated = rotor.tolerances.places
-            off = SHARE * rotor.length if stated is None else stated
-            said, cure = f"{1e3 * off:.3g} mm", "state it: places in [tolerances] of the rotor file"
-            moved = _elsewhere(fit, point, structure, structure.along(), magnets)
-            text = f"exact: {said} of error"
-            yield Assumed("drawn places", said, text, cure, off * moved[0], errors=moved[1])
-    yield from _crosstalk(fit)
+            stated = fit.case.model.rotor.tolerances.places
+            by = SHARE * fit.case.model.rotor.length if stated is None else stated
+            cure = "state it: places in [tolerances] of the rotor file"
+            said = "drawn places", f"{1e3 * by:.3g} mm", f"exact: {1e3 * by:.3g} mm of error", cure
+            off = {each.term: by * point.by(each.term) for each in magnets}
+            yield from _elsewhere(fit, said, "plane", by * structure.along(), off)
+    text, cure = "apart: 0.1 % of a reading in the next", "measure it with one sensor moved"
+    found = [_crosstalk(*each) for each in _with_records(fit)]
+    yield from _by_rows(fit, ("cross-talk", "0.1 %", text, cure), found)
     yield from _analysers(fit)
 
 
@@ -365,15 +370,12 @@ def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:
 
 
 def _ground(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[Assumed]:
-    evaluations = fit.solution.point.records
-    weigh = "read the casing with an accelerometer, or weigh the rotor"
+    cure = "read the casing with an accelerometer, or weigh the rotor"
     for standing, natural in MOUNTS:
-        loads = [_recoil(fit, k, structure, units, natural) for k in range(len(evaluations))]
         text = f"at rest: a casing of {CASING:g} times the rotor's mass, {standing},"
-        size = f"{CASING:g} rotor masses, {standing}"
-        columns = [at.whitened_loads(load) for at, load in zip(evaluations, loads, strict=True)]
-        effect = _over(fit, columns)[:, None]
-        yield Assumed("ground", size, text, weigh, effect)
+        said = "ground", f"{CASING:g} rotor masses, {standing}", text, cure
+        found = [_recoil(*each, structure, units, natural) for each in _with_records(fit)]
+        yield from _by_rows(fit, said, found)
 
 
 def _over(fit: Fit, columns: Sequence[Floats]) -> Floats:
@@ -382,32 +384,46 @@ def _over(fit: Fit, columns: Sequence[Floats]) -> Floats:
     return np.concatenate([*columns, none])
 
 
+Said = tuple[str, str, str, str]
+"""What is assumed, the size of the error, how it is taken, and the cure."""
 Rows = Mapping[str, Complexes]
 """What errors do to the equations of a record, (line, row)."""
 
 
-def _joined(fit: Fit, found: Sequence[Rows]) -> tuple[Floats, tuple[str, ...]]:
-    """Return what errors do to the residual, (row, error): a channel has one in all records."""
-    every = list(dict.fromkeys(name for rows in found for name in rows))
-    columns = []
-    for at, rows in zip(fit.solution.point.records, found, strict=True):
-        none = np.zeros((at.problem.lines, at.problem.all_rows), dtype=np.complex128)
-        stacked = [rows.get(name, none) for name in every]
-        columns.append(at.whiten(np.stack(stacked, axis=2)) if every else np.zeros((0, 0)))
-    return _over(fit, columns), tuple(every)
+def _by_rows(
+    fit: Fit,
+    said: Said,
+    found: Sequence[Rows],
+    held: Mapping[str, float] | None = NONE_HELD,
+    shown: bool = False,
+) -> Iterator[Assumed]:
+    """Yield what errors do that have a value in all records, such as of a channel."""
+    if names := tuple(dict.fromkeys(name for rows in found for name in rows)):
+        columns = list[Floats]()
+        for at, rows in zip(fit.solution.point.records, found, strict=True):
+            none = np.zeros((at.problem.lines, at.problem.all_rows), dtype=np.complex128)
+            columns.append(at.whiten(np.stack([rows.get(n, none) for n in names], axis=2)))
+        effect = _over(fit, columns)
+        yield Assumed(*said, effect, errors=names, held=held, shown=shown)
+
+
+def _with_records(fit: Fit) -> Iterator[tuple[Evaluation, Observation]]:
+    return zip(fit.solution.point.records, fit.records, strict=True)
 
 
 def _recoil(
-    fit: Fit, number: int, structure: Structure, units: Sequence[str], natural: float
-) -> Complexes:
-    """Return what a casing that gives way does to the equations, (line, row), scaled.
+    at: Evaluation,
+    record: Observation,
+    structure: Structure,
+    units: Sequence[str],
+    natural: float,
+) -> Rows:
+    """Return what a casing that gives way does.
 
     The rotor pushes it by ``-t'(M q" - g)``, t a translation and g the unbalance; it moves by
     ``x_c = h t'(M q" - g)``, and in its frame each mass has the inertial force ``-M t x_c"``.
     """
-    at, record = fit.solution.point.records[number], fit.records[number]
-    omega = record.lines.omega[:, None]
-    motion = structure.motion(at.corrected()[1] * at.problem.scales.coordinates)
+    omega, motion = record.lines.omega[:, None], _motion(at, structure)
     rows = at.problem.scales.rows[: at.equations]
     unbalance = structure.forces((at.loads[:, : at.equations] * rows).T).T
     mass = structure.inertia
@@ -418,26 +434,27 @@ def _recoil(
     for along in structure.translations(units):
         reaction = (-(omega**2) * (motion @ mass) - unbalance) @ along
         forces += give * reaction[:, None] / max(weight, 1e-300) * (mass @ along)
-    return _rows(at, structure, forces)
+    return {"ground": _rows(at, structure, forces)}
 
 
 def _elsewhere(
-    fit: Fit, point: Point, structure: Structure, way: Floats, magnets: Sequence[Unknown]
-) -> tuple[Floats, tuple[str, ...]]:
-    """Return what sensors and magnets do to the residual that are moved along a way, by one.
+    fit: Fit, said: Said, what: str, way: Floats, off: Mapping[str, Floats]
+) -> Iterator[Assumed]:
+    """Yield sensors that read what displacements gain along a way, and magnets that are off it.
 
-    `way` is what displacements gain, (coordinate, coordinate).
+    `way`: (coordinate, coordinate); `off`: what the magnets do to the residual.
     """
-    found, terms = list[Rows](), [magnet.term for magnet in magnets]
-    what = terms[0].partition("[")[0]
-    for number, at in enumerate(fit.solution.point.records):
-        beside = structure.own(_motion(at, structure) @ way.T)
-        read = at.readings_of(as_complex(beside / at.problem.scales.coordinates))
-        sensors = enumerate(_names(fit, number)[at.forces :])
-        rows = {name: _misread(fit, number, k, name, read[:, [i]]) for i, (k, name) in sensors}
-        found.append({f"{what}[{name}]": each for name, each in rows.items()})
-    effect, names = _joined(fit, found)
-    return np.column_stack([effect, point.by(*terms)]), (*names, *terms)
+    structure = fit.case.places
+    assert structure is not None
+    found = list[Rows]()
+    for at, record in _with_records(fit):
+        beside = structure.own(_motion(at, structure) @ way.T) / at.problem.scales.coordinates
+        read, names = at.readings_of(as_complex(beside)), _sensors(at, record)
+        each = zip(names, np.eye(len(names)), strict=True)
+        found.append({f"{what}[{n}]": _misread(at, record, read * one) for n, one in each})
+    for one in _by_rows(fit, said, found):
+        effect = np.column_stack([one.effect, *off.values()])
+        yield replace(one, effect=effect, errors=(*one.errors, *off))
 
 
 def _rows(at: Evaluation, structure: Structure, forces: Complexes) -> Complexes:
@@ -463,83 +480,68 @@ def _numbers(fit: Fit, structure: Structure, model: RotorModel) -> Iterator[Assu
         known = {**dict(model.held), **dict(zip(model.parameter_names, values, strict=True))}
         lines.append((known, record.lines.omega, record.lines.speed, -_motion(at, structure)))
     for kind, numbers in exact_numbers(model.rotor).items():
-        share, found = getattr(model.rotor.tolerances, kind), list[Rows]()
+        share = getattr(model.rotor.tolerances, kind)
         blocks = {f"{kind}[{name}]": by_share(model.rotor, *of) for name, of in numbers.items()}
-        for at, motion in zip(evaluations, lines, strict=True):
-            forces = {name: share * pushed(each, *motion) for name, each in blocks.items()}
-            found.append({name: _rows(at, structure, each) for name, each in forces.items()})
-        if blocks and share:
-            effect, names = _joined(fit, found)
+        if share:
+            found = [
+                {n: _rows(at, structure, share * pushed(b, *motion)) for n, b in blocks.items()}
+                for at, motion in zip(evaluations, lines, strict=True)
+            ]
             size, cure = f"{100 * share:g} %", f"state it: {kind} in [tolerances] of the rotor file"
-            text = f"exact: {size} of error"
-            yield Assumed(f"drawn {kind}", size, text, cure, effect, errors=names, held=None)
+            said = f"drawn {kind}", size, f"exact: {size} of error", cure
+            yield from _by_rows(fit, said, found, held=None)
 
 
-def _misread(fit: Fit, number: int, channel: int, name: str, error: Complexes) -> Complexes:
-    """Return what a reading too large by an error, (line, 1), does to the equations.
+def _misread(at: Evaluation, record: Observation, errors: Complexes) -> Complexes:
+    """Return what readings too large by errors, (line, sensor), do to the equations, (line, row).
 
-    The forces that a law makes of that reading are too large by its slope, which is taken as even.
+    The forces that a law makes of them are too large by its slope, which is taken as even.
     """
-    at, record = fit.solution.point.records[number], fit.records[number]
-    rows = -at.plain[:, :, channel] * error
+    rows = at.plain[:, :, at.forces :] @ errors[:, :, None]
     for force, passed in record.passed.items():
-        weight = passed.law.position.get(name, 0.0) * float(np.mean(passed.slope))
-        rows = rows - at.plain[:, :, force] * weight * error
-    return as_complex(rows)
+        weights = [passed.law.position.get(name, 0.0) for name in _sensors(at, record)]
+        size = (errors @ weights)[:, None, None] * float(np.mean(passed.slope))
+        rows = rows + at.plain[:, :, [force]] * size
+    return as_complex(-rows[:, :, 0])
 
 
-def _names(fit: Fit, number: int) -> list[tuple[int, str]]:
-    """Return the channels of a record with their numbers: the inputs of the machine, sensors."""
-    at, channels = fit.solution.point.records[number], fit.records[number].lines.channels
-    return [(k, channels[column].name) for k, column in enumerate(at.problem.order)]
+def _sensors(at: Evaluation, record: Observation) -> list[str]:
+    return [record.lines.channels[column].name for column in at.problem.order[at.forces :]]
 
 
-def _crosstalk(fit: Fit) -> Iterator[Assumed]:
-    """Yield a share of each sensor's reading in the next one of its unit, and back."""
-    found = list[Rows]()
-    for number, at in enumerate(fit.solution.point.records):
-        true = CROSSTALK * at.state.factors * at.corrected()[0]
-        units = {c.name: c.unit for c in fit.records[number].lines.channels}
-        sensors = _names(fit, number)[at.forces :]
-        pairs = [pair for a, b in pairwise(sensors) for pair in ((a, b), (b, a))]
-        found.append(
-            {
-                f"cross-talk[{of}, {other}]": _misread(fit, number, k, of, true[:, [j]])
-                for (k, of), (j, other) in pairs
-                if units[of] == units[other]
-            }
-        )
-    if any(found):
-        text, cure = "apart: 0.1 % of a reading in the next", "measure it with one sensor moved"
-        effect, names = _joined(fit, found)
-        yield Assumed("cross-talk", "0.1 %", text, cure, effect, errors=names)
+def _crosstalk(at: Evaluation, record: Observation) -> Rows:
+    """Return a share of each sensor's reading in the next one of its unit, and back."""
+    names, units = _sensors(at, record), {c.name: c.unit for c in record.lines.channels}
+    true = CROSSTALK * (at.state.factors * at.corrected()[0])[:, at.forces :]
+    each = np.eye(len(names))
+    return {
+        f"cross-talk[{names[i]}, {names[j]}]": _misread(at, record, true[:, [j]] * each[i])
+        for k in range(len(names) - 1)
+        for i, j in ((k, k + 1), (k + 1, k))
+        if units[names[i]] == units[names[j]]
+    }
 
 
 def _analysers(fit: Fit) -> Iterator[Assumed]:
     """Yield the bias of H1, or of H2, and the window, of responses that an analyser made."""
-    every = list(zip(fit.solution.point.records, fit.records, strict=True))
+    every, found = list(_with_records(fit)), list[Rows]()
     shares = [_noise_of_force(at, record.lines) for at, record in every]
-    if any(shares):
-        size = f"noise of {100 * max(shares):.2g} % of the force's power"
-        cure = "H2 errs the other way; H over the generator's signal, with its std, does not"
-        found = list[Rows]()
-        for (at, record), share in zip(every, shares, strict=True):
-            inputs = zip(record.inputs, record.input_columns, strict=True)
-            of = ", ".join(c.name for c, column in inputs if record.lines.mean[:, column].any())
-            error = share * at.corrected()[0][:, at.forces :]
-            found.append({f"H1[{of}]": _misread_together(at, error)} if share else {})
-        effect, names = _joined(fit, found)
-        yield Assumed("H1", size, f"unbiased: {size}", cure, effect, errors=names, shown=True)
+    for (at, record), share in zip(every, shares, strict=True):
+        inputs = zip(record.inputs, record.input_columns, strict=True)
+        of = ", ".join(c.name for c, column in inputs if record.lines.mean[:, column].any())
+        error = share * at.corrected()[0][:, at.forces :]
+        found.append({f"H1[{of}]": _misread(at, record, error)} if share else {})
+    size = f"noise of {100 * max(shares, default=0.0):.2g} % of the force's power"
+    cure = "H2 errs the other way; H over the generator's signal, with its std, does not"
+    yield from _by_rows(fit, ("H1", size, f"unbiased: {size}", cure), found, shown=True)
+    made = (record.lines.analyser for record in fit.records)
+    spacing = max((each.spacing for each in made if each is not None), default=0.0)
+    cure = 'state window ("none": bursts, impacts, stepped sines), or measure finer lines'
     for window in WINDOWS:
-        errors = [blurred(*each, window) for each in every]
-        if any(error is not None for error in errors):
-            spacing = max(r.lines.analyser.spacing for r in fit.records if r.lines.analyser)
-            size = f"{window}, lines of {spacing:.3g} Hz"
-            cure = 'state window ("none": bursts, impacts, stepped sines), or measure finer lines'
-            of, pairs = f"window[{window}]", zip(every, errors, strict=True)
-            rows = [{} if e is None else {of: _misread_together(at, e)} for (at, _), e in pairs]
-            effect, names = _joined(fit, rows)
-            yield Assumed("window", size, f"narrow: {size}", cure, effect, errors=names)
+        errors = ((*each, blurred(*each, window)) for each in every)
+        of, size = f"window[{window}]", f"{window}, lines of {spacing:.3g} Hz"
+        found = [{} if e is None else {of: _misread(at, r, e)} for at, r, e in errors]
+        yield from _by_rows(fit, ("window", size, f"narrow: {size}", cure), found)
 
 
 def _noise_of_force(at: Evaluation, lines: Lines) -> float:
@@ -562,11 +564,6 @@ def _noise_of_force(at: Evaluation, lines: Lines) -> float:
         found = scipy.optimize.nnls(scaled / scale, noise / weight)[0] / scale
         weight = parts @ found
     return float(found[0])
-
-
-def _misread_together(at: Evaluation, errors: Complexes) -> Complexes:
-    """Return what errors of all sensors, (line, sensor), do to the equations, (line, row)."""
-    return as_complex(-(at.plain[:, :, at.forces :] @ errors[:, :, None])[:, :, 0])
 
 
 def _led_by_the_angle(fit: Fit) -> Iterator[Note]:

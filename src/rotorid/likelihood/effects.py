@@ -105,7 +105,8 @@ class Drives:
 
     `force`: multiplies all of it. `ki`, `ks`: stands for that constant of a linear magnet. `lever`:
     the force acts on the rows of `arms` too: for each row that it acts on, others and their shares
-    of the force for a lever of 1 m. What it is driven by there gains as much of their motion.
+    of the force for a lever of 1 m, or a turn of 1 rad. What drives it there gains as much of their
+    motion.
     """
 
     inputs: frozenset[str]

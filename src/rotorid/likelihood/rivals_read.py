@@ -487,8 +487,6 @@ WINDOWS: Mapping[Window, tuple[tuple[complex, complex], ...]] = {
 At its own lines a rectangular window adds df to the rate of each decay that ends within a block.
 Hann's averages H over about a line, here by ``1 / (1 + (f / b)^4)`` with b^2 = df^2 / 3, its mean
 square width: right for resonances that are wider, and to a fourth for those of half a line."""
-SHARPENED = 4
-"""Rounds in which a damping that is twice too large comes within a few per cent of the true one."""
 KINDS = ("positions", "velocities", "accelerations")
 
 
@@ -564,25 +562,16 @@ def _windows(case: Case) -> Iterator[Rival]:
 
 
 def _sharpened(case: Case, window: Window) -> Case:
-    """Return a case whose responses are without what a window does, at a damping without it."""
-    there = case
-    for _ in range(SHARPENED):
-        records = list(case.records)
-        for number, (at, record) in enumerate(zip(there.point.records, records, strict=True)):
-            if (error := blurred(at, record, window)) is None:
-                continue
-            factor = np.ones(record.lines.mean.shape, dtype=np.complex128)
-            read, columns = (
-                at.read_at(as_complex(np.ones(len(error)))),
-                at.problem.order[at.forces :],
-            )
-            factor[:, columns] = read / (read + error)
-            records[number] = record.with_lines(
-                replace(record.lines, mean=record.lines.mean * factor)
-            )
-        there = case.reading(records)
-        there = there.settled() or there
-    return there
+    """Return a case whose responses are without what a window does to the machine as found."""
+    records = list[Observation]()
+    for at, record in zip(case.point.records, case.records, strict=True):
+        factor = np.ones(record.lines.mean.shape, dtype=np.complex128)
+        if (error := blurred(at, record, window)) is not None:
+            read = at.read_at(as_complex(np.ones_like(record.lines.omega)))
+            factor[:, at.problem.order[at.forces :]] = read / (read + error)
+        matrices = record.lines.covariance.matrices
+        records.append(_with(record, record.lines.mean * factor, matrices))
+    return case.reading(records)
 
 
 def blurred(at: Evaluation, record: Observation, window: Window) -> Complexes | None:

@@ -49,9 +49,11 @@ LINES = range(1, 40, 3)
 NOISE = dict.fromkeys(("F_xA", "F_yA", "F_xB", "F_yB"), 0.5) | dict.fromkeys(SENSORS, 1e-6)
 
 
-def clean(text=DRAWN, sensors=SENSORS):
+def clean(text=DRAWN, sensors=SENSORS, turned=0.0):
+    """Return a record without noise; `turned`: by how much the magnet of F_xA is, in its plane."""
     model, rng = rid.parse_model(text), np.random.default_rng(3)
     forces = 20 * np.exp(2j * np.pi * rng.random((len(LINES), len(model.inputs))))
+    forces[:, 1] += turned * forces[:, 0]
     return steady(model, {}, forces, list(LINES), 10.0, 2e4, 20, hertz=100, sensors=sensors)
 
 
@@ -131,35 +133,48 @@ def test_a_drawing_that_is_otherwise_moves_the_answer_as_its_column_says(
     assert np.abs(moved).max() > 5
 
 
-def test_a_magnet_elsewhere_is_driven_there_too():
-    """Its force is ki i + ks x, and the displacement that it has is the one where it is."""
-    ki, ks = 80.0, 2e4
+KI, KS = 80.0, 2e4
 
-    def currents(text):
-        places = ("x_A", "y_A", "x_B", "y_B")
-        record = clean(text, (*SENSORS, *places))
-        at = {name: record.spectra[:, :, k] for k, name in enumerate(record.names)}
-        spectra, channels = [], []
-        for channel in record.channels[:4]:
-            place = f"{channel.name[2]}_{channel.name[3]}"
-            spectra.append((at[channel.name] - ks * at[place]) / ki)
-            channels.append(replace(channel, unit="A", drive=rid.Drive(ki, ks, {place: 1.0})))
-        spectra += [at[name] for name in SENSORS]
-        channels += record.channels[4:8]
-        changed = {"spectra": np.stack(spectra, axis=2), "channels": tuple(channels)}
-        blank = {name: getattr(record, name)[..., :8] for name in ("mean", "variance")}
-        noise = {name: size / ki if name[0] == "F" else size for name, size in NOISE.items()}
-        return add_noise(replace(record, **changed, **blank), noise, np.random.default_rng(4))
 
-    found = fit_of(currents(DRAWN))
-    one = assumed(found, "drawn places")
-    column = one.effect[:, [one.names.index("plane[F_xA, F_yA]")]]
+def currents(text=DRAWN, turned=0.0):
+    """Return a record whose forces are KI i + KS x, x the displacement of a magnet along itself."""
+    record = clean(text, (*SENSORS, "x_A", "y_A", "x_B", "y_B"), turned)
+    at = {name: record.spectra[:, :, k] for k, name in enumerate(record.names)}
+    at["F_yA"], along = at["F_yA"] - turned * at["F_xA"], {**at}
+    along["x_A"] = at["x_A"] + turned * at["y_A"]
+    spectra, channels = [], []
+    for channel in record.channels[:4]:
+        place = f"{channel.name[2]}_{channel.name[3]}"
+        spectra.append((at[channel.name] - KS * along[place]) / KI)
+        channels.append(replace(channel, unit="A", drive=rid.Drive(KI, KS, {place: 1.0})))
+    spectra += [at[name] for name in SENSORS]
+    channels += record.channels[4:8]
+    changed = {"spectra": np.stack(spectra, axis=2), "channels": tuple(channels)}
+    blank = {name: getattr(record, name)[..., :8] for name in ("mean", "variance")}
+    noise = {name: size / KI if name[0] == "F" else size for name, size in NOISE.items()}
+    return add_noise(replace(record, **changed, **blank), noise, np.random.default_rng(4))
+
+
+@pytest.mark.parametrize(
+    ("about", "error", "change"),
+    [
+        (
+            "drawn places",
+            "plane[F_xA, F_yA]",
+            {"text": larger('A = { at = "# mm"', 1e-3 * 4.5 / 50)},
+        ),
+        ("axes", "turn[F_xA]", {"turned": 1e-3 * np.radians(0.1)}),
+    ],
+)
+def test_a_magnet_elsewhere_or_turned_is_driven_there_too(about, error, change):
+    found = fit_of(currents())
+    one = assumed(found, about)
+    column = one.effect[:, [one.names.index(error)]]
     said = found.solution.point.linear.taken(column)[:, 0] / found.inference.std
-    other = fit_of(currents(larger('A = { at = "# mm"', 1e-3 * 4.5 / 50)))
-    free = found.layout.free
-    moved = (other.solution.point.unknowns - found.solution.point.unknowns)[free]
+    other = fit_of(currents(**change))
+    moved = (other.solution.point.unknowns - found.solution.point.unknowns)[found.layout.free]
     moved /= 1e-3 * found.inference.std
-    # Without the displacement there it would be a thirtieth.
+    # Without the displacement there it would be a thirtieth, or a half.
     np.testing.assert_allclose(said, moved, rtol=0.02, atol=0.02 * np.abs(moved).max())
 
 
