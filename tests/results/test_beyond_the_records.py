@@ -152,6 +152,21 @@ def test_the_command_says_so_and_strict_ends_with_it(one, tmp_path, capsys):
     assert said.count("seal: ok under assumptions") == said.count("if assumptions err") == 1
 
 
+def test_what_follows_from_a_doubtful_result_is_doubtful(one, tmp_path, capsys):
+    doubtful = one.with_notes(rid.Note("direction", "doubts", "off", on=("k",), value=5.0))
+    assert doubtful.verdict == "doubtful"
+    doubtful.save(result := tmp_path / "one.json")
+    for command in (["modes"], ["balance", "--plane", "x,y"]):
+        given = [command[0], str(result), *command[1:], "--speed", "900 rpm"]
+        assert run([*given, "--strict"]) == 3
+        assert "doubtful (5 std off along k)" in capsys.readouterr().out
+        told = tmp_path / f"{command[0]}.json"
+        assert run([*given, "--json", str(told)]) == 0
+        data = json.loads(told.read_text())
+        assert (data["verdict"], data["status"]) == ("doubtful", "ok")
+    assert rid.campbell(doubtful, "3000 rpm").verdict == "doubtful"
+
+
 def figures(found):
     """Return what follows from a result at 700 rad/s, and how far it may move by what it says."""
     modes = rid.modes(found, speed=700.0).modes

@@ -92,7 +92,7 @@ def balance_report(
         f"Balance at {_speeds(found)} rpm",
         lead=f"Of the rotor {model.title or model.name}",
         verdict=_balance_sentence(found),
-        mood="doubt" if found.share > POOR or found.status != "ok" else "good",
+        mood="doubt" if found.share > POOR or found.verdict not in ("ok", UNDER) else "good",
         steps=tuple(text.removeprefix("warning: ") for text in said if text not in besides),
         parts=(*_balance_parts(found, centred), planes, Passage("Besides", items=besides)),
     )
@@ -173,8 +173,8 @@ def _balance_sentence(found: Balance) -> str:
 
 
 def _said_of(found: Balance) -> list[str]:
-    verdict = under(found.status, found.notes)
-    said = [*([f"{found.model}: {verdict}"] if verdict == UNDER else []), *found.remarks]
+    told = [] if found.verdict == found.status else [f"{found.model}: {found.verdict}"]
+    said = [*told, *found.remarks]
     said += _assumed(found.notes)
     if found.rotor_mass is not None and found.grade_before_mm_s is not None:
         after = "" if found.grade_mm_s is None else f", after below {_grade(found.grade_mm_s)}"
@@ -332,8 +332,8 @@ def modes_sentence(found: Modes, diagram: Campbell | None) -> str:
             f"; {len(growing)} of them grow{'s' if len(growing) == 1 else ''} (negative damping)"
         )
     told += "" if diagram is None else f"; {_nearest(rpm, diagram)}"
-    verdict = under(found.status, assumed_by(found, diagram))
-    return f"{verdict}: {told}." if verdict == UNDER else f"{told}."
+    verdict = under(found.verdict, assumed_by(found, diagram))
+    return f"{told}." if verdict == found.status else f"{verdict}: {told}."
 
 
 def _nearest(rpm: float, diagram: Campbell) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.answer.derived import physical_fit, require_parameters
-from rotorid.answer.estimate import SAME_SPEED, Estimate, Shift, Value
+from rotorid.answer.estimate import SAME_SPEED, Estimate, Shift, Value, under
 from rotorid.answer.shifts import MATTERS, weighed
 from rotorid.core.errors import InputError, ModelError, require_type
 from rotorid.core.linalg import covariance_root
@@ -105,6 +105,7 @@ class Machine:
     used: Floats  # (monomial,): 0 for those that are part of another one's base parameter, else 1
     fixed: tuple[tuple[str, float], ...] = ()  # sequence of (name, value): what was substituted, SI
     status: str = "ok"  # of the estimate; "ok" for a model
+    verdict: str = "ok"  # the same, or doubtful; what is assumed is asked anew
     remarks: tuple[str, ...] = ()  # what is to be said with every answer
     undetermined: tuple[str, ...] = ()  # parameters that are taken as zero
     record: int = 0  # whose values these are
@@ -296,6 +297,7 @@ class OfAMachine(Result):
     model: Any = property(lambda self: self.machine.model.name)
     coordinates: Any = property(lambda self: self.machine.model.coordinates)
     status: Any = property(lambda self: self.machine.status)
+    verdict: Any = property(lambda self: under(self.machine.verdict, self.notes))
     remarks: Any = property(lambda self: self.machine.remarks)
 
 
@@ -321,8 +323,15 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     require_parameters(model, source)
     covariance, remarks = _stated(source)
     machine = _machine(reduced, linear, source, covariance)
-    machine = replace(machine, fixed=tuple(fixed.items()), status=source.status, remarks=remarks)
-    machine = replace(machine, record=record, speeds=source.speeds, shifts=source.shifts)
+    verdict = "doubtful" if source.doubt else source.status
+    machine = replace(machine, status=source.status, verdict=verdict, remarks=remarks)
+    machine = replace(
+        machine,
+        fixed=tuple(fixed.items()),
+        record=record,
+        speeds=source.speeds,
+        shifts=source.shifts,
+    )
     return _determined(machine)
 
 
@@ -346,6 +355,8 @@ def _stated(source: Estimate) -> tuple[Floats | None, tuple[str, ...]]:
             "warning: the data reject the model; deviations are inflated as if all of the "
             "misfit were noise"
         )
+    if source.doubt:
+        remarks.append(f"warning: the result is doubtful ({source.doubt}), and so is this")
     if source.status == "not_identifiable":
         remarks.append("warning: the result is not_identifiable; others fit as well")
     return covariance, tuple(remarks)
