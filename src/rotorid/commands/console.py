@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -168,35 +167,16 @@ class _Display:
         self._live = live
 
 
-class _Lines(_Display):
-    """What is being done, in a pipe or a file: a line every `PATIENCE`."""
-
-    def _show(self) -> None:
-        since, ended = time.monotonic() - PATIENCE, self._timer.finished
-        while not ended.is_set():
-            with contextlib.suppress(OSError):  # nobody reads it any more
-                put(f"rotorid: {time.monotonic() - since:.0f} s: {self._text}\n", sys.stderr)
-            ended.wait(PATIENCE)
-
-
 _DISPLAY: ContextVar[_Display | None] = ContextVar("display", default=None)
 """What is shown on the terminal meanwhile: it makes room for what is printed."""
 
 
-def _leads_out(stream: TextIO) -> bool:
-    """Tell whether a stream leads out of this process: nobody watches one that is in memory."""
-    try:
-        return stream.fileno() >= 0
-    except (OSError, ValueError):  # in memory, or closed
-        return False
-
-
 @contextmanager
 def progress(quiet: bool) -> Iterator[None]:
-    if quiet or sys.stderr is None or not _leads_out(sys.stderr):
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield
         return
-    display = _Display() if sys.stderr.isatty() else _Lines()
+    display = _Display()
     token = _DISPLAY.set(display)
     display.wait()
     try:
