@@ -586,3 +586,15 @@ phi_p = "rad"
 J = { unit = "kg m^2" }
 w = { unit = "N m" }
 """
+
+
+def test_a_column_of_two_values_may_be_a_mark_and_a_file_without_times_a_table(tmp_path):
+    time, normal = np.arange(2000) / 1e3, np.random.default_rng(1).normal(size=2000)
+    mark = (np.arange(2000) % 20 > 0).astype(float)
+    write_table(tmp_path / "run.csv", "t,acc,ir", time, normal, mark)
+    text = draft([tmp_path / "run.csv"], "jeffcott", tmp_path)
+    assert 'not used: ir, 0 to 1; two values, a mark of the rotation? then keyphasor = "ir"' in text
+    assert "acc, " in text
+    assert 'kind = "phasors"' not in text
+    write_table(tmp_path / "runs.csv", "rpm,a1,p1", *np.arange(9.0).reshape(3, 3) ** 2)
+    assert 'kind = "phasors"' in draft([tmp_path / "runs.csv"], "jeffcott", tmp_path)

@@ -318,6 +318,10 @@ class _Run:
 
 
 DRAFT = Kind("rotorid new")
+_TABLES = (
+    'no samples? Of a row per speed or run, kind = "phasors"; of a row per frequency, "responses"'
+)
+_ENOUGH = 10_000  # samples that show whether a column has two values
 _HEAD = f"""#:schema experiment.schema.json
 # By that file an editor completes and checks. To write it:
 #   rotorid schema experiment --out experiment.schema.json
@@ -508,6 +512,8 @@ def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> Ite
         )
     yield ("file", names[0], "") if len(names) == 1 else ("files", names, "")
     yield run.clock
+    if run.clock[1] == OPEN:
+        yield "", None, _TABLES
     for line in _rotation(run, model):
         yield line
         if line[0] == "speed" and later and (model is None or unbalanced(model)):
@@ -637,8 +643,10 @@ def _channels(run: _Run, model: Model | None, named: Set[str]) -> Iterator[_Line
     for column in columns:
         if column.name not in used:
             unit_text = f" [{column.unit}]" if column.unit else ""
-            level = f"{column.values.min():.4g} to {column.values.max():.4g}"
-            yield "", None, f"not used: {column.name}{unit_text}, {level}"
+            told = f"{column.values.min():.4g} to {column.values.max():.4g}"
+            if len(np.unique(column.values[:_ENOUGH])) == 2 and (model is None or _turns(model)):
+                told += f'; two values, a mark of the rotation? then keyphasor = "{column.name}"'
+            yield "", None, f"not used: {column.name}{unit_text}, {told}"
     yield from (("", None, told) for told in run.arrays[:_MOST_LINES])
 
 
