@@ -19,8 +19,11 @@ TABLES = {
     "channels": schema.ChannelEntry,
     "parameters": schema.ParameterEntry,
 }
-_VALUE = r'"[^"]*"|\{(?:[^{}]|\{[^{}]*\})*\}|\[[^\]]*\]|(?<=scale = )-?\d+|true|false'
+_VALUE = r'"[^"]*"|\{(?:[^{}]|\{[^{}]*\})*\}|\[[^\]]*\]|(?<=samples = )\d+|(?<=scale = )-?\d+|true'
+_ONE = rf"\b[A-Za-z]\w* = (?:{_VALUE})"
 SNIPPET = re.compile(rf"\b([A-Za-z]\w*) = ({_VALUE})")
+CURE = re.compile(rf"({_ONE}(?: with {_ONE})*)(?: in place of (?:the )?(\w+))?")
+"""What a message tells to write, things that belong together with their "with"."""
 
 
 def messages(folder, text: str) -> list[str]:
@@ -34,32 +37,28 @@ def messages(folder, text: str) -> list[str]:
     return [*found.warnings, *(f"{check.found}; {check.cure}" for check in found.checks)]
 
 
-def written(text: str, said: str) -> list[tuple[str, str]]:
-    """Return an experiment with what a message tells to write, for each such thing.
+def written(text: str, said: str, cure: str, instead: str) -> str:
+    """Return an experiment with what a message tells to write; empty where no table takes a key.
 
-    A channel that the message names gets it; where it names none, the first that may have it.
+    A channel that the message names gets it, or the first one; of a current, in its table.
     """
-    found = []
-    for key, value in SNIPPET.findall(said):
-        if key == "positive":  # of the model file
-            continue
+    file = tomlkit.parse(text)
+    file["records"][0].pop(instead, None)
+    for key, value in SNIPPET.findall(cure):
+        inside = loads(f"value = {value}")["value"]
         tables = [name for name, table in TABLES.items() if key in table.model_fields]
-        file = tomlkit.parse(text)
-        model = rid.load_model(file["model"])
-        if not tables and key in model.parameter_names:
-            tables, inside = ["parameters"], loads(f"value = {value}")["value"]
-            file.setdefault("parameters", {})[key] = inside
-        elif tables:
-            inside = loads(f"value = {value}")["value"]
-            place = file.setdefault(tables[0], {})
-            if tables[0] == "records":
-                place = place[0]
-            elif tables[0] == "channels":
-                named = [name for name in place if name in said] or [*place]
-                place = place[named[0]]
-            place[key] = inside
-        found.append((f"{key} = {value}", tomlkit.dumps(file) if tables else ""))
-    return found
+        if not tables and key in rid.load_model(file["model"]).parameter_names:
+            tables, inside = ["parameters"], {key: inside}
+        if not tables:
+            return ""
+        place = file.setdefault(tables[0], {})
+        if tables[0] == "records":
+            place = place[0]
+        elif tables[0] == "channels":
+            place = place[next((name for name in place if name in said), next(iter(place)))]
+            place = place["current"] if key == "scale" and "current" in place else place
+        place.update(inside if tables[0] == "parameters" else {key: inside})
+    return tomlkit.dumps(file)
 
 
 def accepted(folder, text: str) -> str:
@@ -93,9 +92,12 @@ FAST = ("the hold left out",)
 def test_the_cures_of_a_mistake_are_accepted(mistake, folder):
     text = mistake.edit(mistakes.experiment_of(mistake.rig, folder))
     for said in messages(folder, text):
-        for snippet, cured in written(text, said):
-            assert cured, f"{snippet!r} stands in no table: {said}"
-            assert not accepted(folder, cured), f"{snippet!r} of: {said}"
+        for cure, instead in CURE.findall(said):
+            if cure == "positive = true":  # of the model file
+                continue
+            cured = written(text, said, cure, instead)
+            assert cured, f"{cure!r} stands in no table: {said}"
+            assert not accepted(folder, cured), f"{cure!r} of: {said}"
 
 
 @pytest.mark.parametrize("missing", [(500, 3000), (3, 3000), (500, 3998)])

@@ -325,6 +325,16 @@ class TestFiles:
         (plain,) = load(folder, TABLE, more=more).records("ml")
         np.testing.assert_allclose(lines.mean[:, 1:], plain.mean[:, 1:].conj(), rtol=1e-12)
 
+    @pytest.mark.parametrize("file", ["tap.csv", "tap1.uff"])
+    def test_a_scale_turns_the_sign(self, folder, file):
+        channels = TABLE
+        if file.endswith("uff"):
+            pytest.importorskip("pyuff")
+            channels = 'x1 = { input = "F", column = "1+X/1+X", unit = "m/N" }\n'
+        (plain,) = load(folder, channels, file).records("ml")
+        (turned,) = load(folder, channels.replace("unit", "scale = -1, unit"), file).records("ml")
+        np.testing.assert_allclose(turned.mean[:, 1:], -plain.mean[:, 1:], rtol=1e-12)
+
     @pytest.mark.parametrize(
         ("channels", "more", "told"),
         [

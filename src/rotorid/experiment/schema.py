@@ -190,7 +190,7 @@ class PhasorKeys(Schema):
 
 _OF_TABLES = {"unit", "std", "lag", "reads", "delay", "gain_std", "dynamics"}
 _PHASORS = _OF_TABLES | {"scale", "peak_to_peak"}
-_RESPONSES = _OF_TABLES | {"input", "coherence"}
+_RESPONSES = _OF_TABLES | {"scale", "input", "coherence"}
 
 
 class ChannelEntry(Recorded, LawEntry, PhasorKeys):

@@ -227,7 +227,8 @@ def _of_universal(plan: Recording) -> list[_Read]:
             raise InputError(
                 "no unit, here or in the file", "the unit of the response", "write it", place=place
             )
-        factor = reading_factor(name, one, unit, plan.model)
+        scale = 1.0 if one.scale is None else to_si(one.scale, "1", place=f"{place}.scale")
+        factor = scale * reading_factor(name, one, unit, plan.model)
         check_magnitude(largest_of(np.abs(data.values)), abs(factor), place)
         with np.errstate(invalid="ignore"):  # what is not finite is told with its line
             values = np.asarray(data.values * factor, dtype=np.complex128)

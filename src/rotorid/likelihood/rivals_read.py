@@ -72,7 +72,7 @@ def _swap(pairs: Sequence[tuple[str, str]]) -> Rival:
 
 def _sign(names: Sequence[str]) -> Rival:
     listed = ", ".join(names)
-    cure = "turn the sign: scale = -1 (or that of ki, where the channel is a current)"
+    cure = "turn the sign: scale = -1 beside the column (of a current, in its table)"
     turned = each_record(partial(multiplied, factors=dict.fromkeys(names, -1.0)))
     said = f"{listed} upside down"
     return Rival(f"sign[{listed}]", said, cure, turned, -1.0, "1", on=tuple(names))

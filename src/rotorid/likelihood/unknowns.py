@@ -289,8 +289,9 @@ def _late(label: str, channels: Iterable[str], known: float, std: float | None =
         flat = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
         start = 1 / (2 * np.pi * abs(size))
         scalar = Scalar(f"bandwidth[{name}]", "Hz", start, positive=True)
-        cure = f'declare it: dynamics = {{ bandwidth = {{ start = "{start:.3g} Hz" }} }}'
-        cure += " of the channels" + f', with shared = "{name}"' * (len(on) > 1)
+        common = f', shared = "{name}"' * (len(on) > 1)
+        cure = f'dynamics = {{ bandwidth = {{ start = "{start:.3g} Hz" }}{common} }}'
+        cure = f"declare it: {cure} of the channels"
         return _response((scalar,), on, flat, cure)
 
     scalar = Scalar(f"delay[{label}]", "s", known, std, additive=True)

@@ -496,7 +496,7 @@ def check_period(seen: Seen) -> Iterator[Note]:
         f"the record repeats after {best} samples, not after the {size} given: the lines given "
         f"hold {100 * shown:.2g} % of a channel's power there, {100 * given:.2g} % here",
         f"write period_samples = {best} in place of the fundamental; or, if the fundamental is "
-        f'{hertz:.9g} Hz, sample_rate = "{hertz * best:.9g} Hz"',
+        f'{hertz:.9g} Hz, sample_rate = "{hertz * best:.9g} Hz" with overrule = true',
     )
 
 
