@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -70,9 +71,6 @@ ALIKE = 0.9
 """
 LED = 0.9
 """Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
-
-
-NONE_HELD: Mapping[str, float] = {}
 
 
 @frozen
@@ -165,38 +163,41 @@ def contradicted(fit: Fit, every: Sequence[Assumed]) -> Iterator[Note]:
     """Test each error alone, and each value known beforehand, against what the model leaves.
 
     What shows in one direction drowns in a sum over a hundred. Along the rest of a column, what
-    noise leaves is normal, and so is what it makes of a known value, over its own deviation.
+    noise leaves is normal; its deviation on lines is known from the periods only.
     """
     point, expected = fit.solution.point, fit.inference.expectation
-    linear, first = point.linear, len(point.residual) - len(point.known)
+    lines, known = len(point.residual) - len(point.known), point.problem.known.relations.texts
     if not fit.records or expected.dof <= 0:
         return
-    found: dict[str, float] = {}
-    for one in every:
-        rest, whole = linear.rest(one.effect), np.linalg.norm(one.effect, axis=0)
+    found: dict[str, tuple[float, float]] = {}  # how probable, and how many deviations
+    dof = min(at.problem.noise.dof - at.problem.equations + 1 for at in point.records)
+    columns = [(one.names, one.effect) for one in every]
+    for names, effect in [*columns, *(((text,), point.slack(text)) for text in known)]:
+        rest, whole = point.linear.rest(effect), np.linalg.norm(effect, axis=0)
         length = np.linalg.norm(rest, axis=0)
         # One that would not show at a hundred times its size is none.
-        told = (length > DISTINCT * whole) & (length > FAINT)
-        along = np.abs(linear.residual @ rest) / np.where(told, length, np.inf)
-        for name, size, seen in zip(one.names, along.tolist(), told, strict=True):
-            if seen:
-                found[name] = max(size, found.get(name, 0.0))
-    for row, text in enumerate(point.problem.known.relations.texts):
-        found[text] = float(np.sqrt(linear.without(np.array([first + row]))))
-    if not found:  # no direction that would show
-        return
-    noise = float(np.sqrt(expected.mean / expected.dof))
-    most = max(found.values()) / noise
-    # The deviation of a line is known from its periods only.
-    dof = min(at.problem.noise.dof - at.problem.equations + 1 for at in point.records)
-    chance = 2 * len(found) * float(scipy.special.stdtr(min(max(dof, 1.0), 1e9), -most))
+        seen = (length > DISTINCT * whole) & (length > FAINT)
+        unit = rest / np.where(seen, length, np.inf)
+        share = (unit[:lines] ** 2).sum(axis=0)  # of the variance, by the noise of lines
+        noise = 1 + share * (expected.mean / expected.dof - 1)
+        along = np.abs(point.linear.residual @ unit) / np.sqrt(noise)
+        freedom = np.minimum(max(dof, 1.0) / np.maximum(share, TAKEN_OVER) ** 2, 1e9)
+        chances = scipy.special.stdtr(freedom, -along)
+        for name, chance, size in zip(names, chances.tolist(), along.tolist(), strict=True):
+            if size > 0:
+                found[name] = min((chance, size), found.get(name, (1.0, 0.0)))
+    chance, most = min(found.values(), default=(1.0, 0.0))
+    chance *= 2 * len(found)
     if chance >= DOUBTFUL:
         return
-    falling = sorted(found, key=lambda name: -found[name])
-    on = tuple(name for name in falling if found[name] > ALIKE * most * noise)[:3]
+    falling = sorted(found, key=lambda name: found[name])
+    alike = [name for name in falling if found[name][1] > ALIKE * most]
+    pair = [name for name in alike if name in known][:2]
+    apart = ", which contradict each other" if len(pair) > 1 else ""
+    on = tuple(pair if apart else alike[:3])
     text = (
-        f"the model is doubtful: what it leaves is {most:.2g} std off along {' or '.join(on)}, the "
-        f"most of {len(found)} directions (p = {chance:.1g})"
+        f"the model is doubtful: what it leaves is {most:.2g} std off along {' or '.join(on)}"
+        f"{apart}, the most of {len(found)} directions (p = {chance:.1g})"
     )
     cure = "check that, or have it estimated; values may be off by more than their std"
     yield Note(DIRECTION, "doubts", text, cure, on, most, "1")
@@ -390,21 +391,14 @@ Rows = Mapping[str, Complexes]
 """What errors do to the equations of a record, (line, row)."""
 
 
-def _by_rows(
-    fit: Fit,
-    said: Said,
-    found: Sequence[Rows],
-    held: Mapping[str, float] | None = NONE_HELD,
-    shown: bool = False,
-) -> Iterator[Assumed]:
+def _by_rows(fit: Fit, said: Said, found: Sequence[Rows], **more: Any) -> Iterator[Assumed]:
     """Yield what errors do that have a value in all records, such as of a channel."""
     if names := tuple(dict.fromkeys(name for rows in found for name in rows)):
         columns = list[Floats]()
         for at, rows in zip(fit.solution.point.records, found, strict=True):
             none = np.zeros((at.problem.lines, at.problem.all_rows), dtype=np.complex128)
             columns.append(at.whiten(np.stack([rows.get(n, none) for n in names], axis=2)))
-        effect = _over(fit, columns)
-        yield Assumed(*said, effect, errors=names, held=held, shown=shown)
+        yield Assumed(*said, _over(fit, columns), errors=names, **more)
 
 
 def _with_records(fit: Fit) -> Iterator[tuple[Evaluation, Observation]]:
@@ -412,11 +406,7 @@ def _with_records(fit: Fit) -> Iterator[tuple[Evaluation, Observation]]:
 
 
 def _recoil(
-    at: Evaluation,
-    record: Observation,
-    structure: Structure,
-    units: Sequence[str],
-    natural: float,
+    at: Evaluation, record: Observation, structure: Structure, units: Sequence[str], natural: float
 ) -> Rows:
     """Return what a casing that gives way does.
 

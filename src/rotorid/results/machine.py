@@ -323,15 +323,9 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     require_parameters(model, source)
     covariance, remarks = _stated(source)
     machine = _machine(reduced, linear, source, covariance)
-    verdict = "doubtful" if source.doubt else source.status
-    machine = replace(machine, status=source.status, verdict=verdict, remarks=remarks)
-    machine = replace(
-        machine,
-        fixed=tuple(fixed.items()),
-        record=record,
-        speeds=source.speeds,
-        shifts=source.shifts,
-    )
+    machine = replace(machine, fixed=tuple(fixed.items()), status=source.status, remarks=remarks)
+    machine = replace(machine, record=record, speeds=source.speeds, shifts=source.shifts)
+    machine = replace(machine, verdict="doubtful" if source.doubt else source.status)
     return _determined(machine)
 
 
