@@ -549,3 +549,37 @@ def test_another_unbalance_is_no_mistake(factor):
     check_rotation(replace(WAVE, number=1, phasors=factor * WAVE.phasors), [WAVE], "run.toml")
     turned = replace(WAVE, number=1, phasors=1j * WAVE.phasors, told=True)
     check_rotation(turned, [WAVE], "run.toml")
+
+
+RINGING = """
+title = "a mass that rings down"
+equations = ["m*x'' + c*x' + k*x = 0"]
+coordinates = { x = "m" }
+[parameters]
+m = { unit = "kg", nominal = 2.2, positive = true }
+c = { unit = "N s/m", nominal = 1.0 }
+k = { unit = "N/m", nominal = 4500.0, positive = true }
+"""
+
+
+def test_a_free_decay_tells_damping_and_stiffness_of_a_known_mass():
+    model, truth, rate = rid.parse_model(RINGING), {"c": 3.0, "k": 5000.0}, 500.0
+    pole = complex(-0.75, np.sqrt(2500.0 - 0.75**2))
+    ring = 1e-3 * np.exp(pole * np.arange(4000) / rate).real
+    noise = 2e-6 * np.random.default_rng(3).normal(size=6000)
+    decay, rest = (
+        rid.Record([rid.Channel("x")], samples[:, None], sample_rate=rate)
+        for samples in (ring + noise[:4000], noise[4000:])
+    )
+    with pytest.raises(InputError, match="record the machine once without"):
+        rid.spectra(decay, (1.0, 40.0))
+    lines = rid.spectra(decay, (1.0, 40.0), quiet=rest)
+    estimate = rid.identify(model, lines, rid.MaximumLikelihood(fixed={"m": 2.0}))
+    assert estimate.status == "ok"
+    agrees(estimate, truth, 4)
+    assert estimate.std("c") < 0.01
+    ratios = {v.name: v for v in rid.identify(model, lines, "ml").derived}
+    for name, true in {"c/m": 1.5, "k/m": 2500.0}.items():
+        assert abs(ratios[name].value - true) < 4 * ratios[name].std
+    batch = rid.identify(model, rid.filtered(decay, 40.0), rid.Batch(fixed={"m": 2.0}))
+    agrees(batch, truth, 4)
