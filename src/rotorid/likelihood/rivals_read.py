@@ -145,11 +145,11 @@ def _label(case: Case, group: Sequence[str]) -> str:
 
 def _exact_inputs(record: Observation) -> set[str]:
     """Return the inputs that are 1 or 0 by definition: a factor of one is a factor of rounding."""
-    if not record.lines.passive:
-        return set()
-    variance = np.einsum("kii->ki", record.lines.covariance.matrices).real.max(axis=0)
+    lines = record.lines
+    variance = np.einsum("kii->ki", lines.covariance.matrices).real.max(axis=0)
+    known = (variance == 0) & lines.passive | ~lines.mean.any(axis=0)
     named = zip(record.inputs, record.input_columns, strict=True)
-    return {channel.name for channel, column in named if variance[column] == 0}
+    return {channel.name for channel, column in named if known[column]}
 
 
 def _like_groups(case: Case) -> list[list[str]]:
