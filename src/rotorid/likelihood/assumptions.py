@@ -8,7 +8,7 @@ Nothing is fitted: an assumption is a column, and a product with the factorizati
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any
 
@@ -250,7 +250,9 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
             cure = "state it: places in [tolerances] of the rotor file"
             said = "drawn places", f"{1e3 * by:.3g} mm", f"exact: {1e3 * by:.3g} mm of error", cure
             off = {each.term: by * point.by(each.term) for each in magnets}
-            yield from _elsewhere(fit, said, "plane", by * structure.along(), off)
+            sensors = (sensor for record in records for sensor in record.sensors)
+            told = {s.channel.name for s in sensors if any(any(t.powers) for t in s.terms)}
+            yield from _elsewhere(fit, said, "plane", by * structure.along(), off, told)
     text, cure = "apart: 0.1 % of a reading in the next", "measure it with one sensor moved"
     found = [_crosstalk(*each) for each in _with_records(fit)]
     yield from _by_rows(fit, ("cross-talk", "0.1 %", text, cure), found)
@@ -428,11 +430,17 @@ def _recoil(
 
 
 def _elsewhere(
-    fit: Fit, said: Said, what: str, way: Floats, off: Mapping[str, Floats]
+    fit: Fit,
+    said: Said,
+    what: str,
+    way: Floats,
+    off: Mapping[str, Floats],
+    told: Collection[str] = (),
 ) -> Iterator[Assumed]:
     """Yield sensors that read what displacements gain along a way, and magnets that are off it.
 
-    `way`: (coordinate, coordinate); `off`: what the magnets do to the residual.
+    `way`: (coordinate, coordinate); `off`: what the magnets do to the residual; `told`: sensors
+    whose parameters tell how far they are.
     """
     structure = fit.case.places
     assert structure is not None
@@ -440,7 +448,7 @@ def _elsewhere(
     for at, record in _with_records(fit):
         beside = structure.own(_motion(at, structure) @ way.T) / at.problem.scales.coordinates
         read, names = at.readings_of(as_complex(beside)), _sensors(at, record)
-        each = zip(names, np.eye(len(names)), strict=True)
+        each = zip(names, np.diag([float(name not in told) for name in names]), strict=True)
         found.append({f"{what}[{n}]": _misread(at, record, read * one) for n, one in each})
     for one in _by_rows(fit, said, found):
         effect = np.column_stack([one.effect, *off.values()])
