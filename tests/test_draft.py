@@ -132,6 +132,20 @@ def test_arrays_of_a_matlab_file(tmp_path, output):
     )
 
 
+def test_matrices_of_another_group_are_told_and_no_columns(tmp_path):
+    """As the truth beside a simulated record: nothing of it is inspected."""
+    path, rows = tmp_path / "run.h5", np.random.default_rng(1).normal(size=(300, 2))
+    with h5py.File(path, "w") as data:
+        data["truth/force"] = rows
+    assert rid.read_record(path, sample_rate=1e3).names == ("force[0]", "force[1]")
+    with h5py.File(path, "a") as data:
+        data["x"] = rows[:, 0]
+    assert rid.read_record(path, sample_rate=1e3).names == ("x",)
+    text = draft([path], None, tmp_path)
+    assert "# truth/force, 300 x 2: its columns are truth/force[0] to truth/force[1]" in text
+    assert "not used: force" not in text
+
+
 @pytest.mark.parametrize(("step", "time"), [(0.0025, {"column": "0", "unit": "s"}), (1.0, None)])
 def test_equal_steps_without_a_name_are_times_unless_they_count(tmp_path, step, time):
     noise = np.random.default_rng(1).normal(size=400)

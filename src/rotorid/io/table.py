@@ -15,6 +15,7 @@ from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
+from posixpath import dirname
 from typing import Any, Protocol
 
 import numpy as np
@@ -199,9 +200,14 @@ class ArrayFile:
         return os.path.getsize(self.file)
 
     def names(self) -> list[str]:
-        """Return the names of columns, of matrices too: leaf names where these are unique."""
+        """Return the names of columns: leaf names where these are unique.
+
+        Those of matrices too, but of groups that hold other columns, if any group does.
+        """
         across = {path: columns_across(shape) for path, shape in self.shapes.items()}
-        paths = [path for path, count in across.items() if count]
+        groups = {dirname(path) for path, count in across.items() if count == 1}
+        apart = {p for p, count in across.items() if count > 1 and dirname(p) not in groups}
+        paths = [p for p, count in across.items() if count and not (groups and p in apart)]
         leaves = [path.rsplit("/", 1)[-1] for path in paths]
         counts = Counter(leaves)
         found = list[str]()
