@@ -576,7 +576,7 @@ def _led_by_the_angle(fit: Fit) -> Iterator[Note]:
         worst = np.degrees(max(layout.unknowns[free[k]].std or 0.0 for k in turned))
         text = (
             f"known to {worst:.2g} deg, which is most of the deviations of {led}: "
-            "the delay between mark and columns is not stated, and one sample at most is taken: "
-            "angle_lag_std states it better"
+            "state the speed to more digits, or record a mark; with one, state how far the delay "
+            "between mark and columns is known, by angle_lag_std: one sample at most is taken"
         )
         yield Note("rotor angle", "says", text)
