@@ -257,6 +257,30 @@ def test_the_term_that_is_told_is_the_cure():
     assert np.abs(pulls(mended, AXIS_TRUE)).max() < 4
 
 
+@pytest.mark.parametrize(
+    ("fault", "status"),
+    [
+        (lambda f: f.clip(-0.6 * np.abs(f).max(), 0.6 * np.abs(f).max()), "rejected"),
+        (lambda f: f.clip(-0.998 * np.abs(f).max(), 0.998 * np.abs(f).max()), "ok"),
+        (lambda f: np.where(np.arange(len(f)) // 1000 == 9, f[9000], f), "rejected"),
+    ],
+)
+def test_samples_that_are_doubted_reject_where_they_move_the_answer(fault, status):
+    record = axis(np.random.default_rng(1))
+    samples = np.column_stack([fault(record.samples[:, 0]), record.samples[:, 1]])
+    found = rid.identify(AXIS, rid.filtered(replace(record, samples=samples), 40.0), "batch")
+    doubted = [c for c in found.checks if c.about in ("clipped", "stuck")]
+    told = next(c for c in doubted if c.severity != "passes")
+    assert found.status == status
+    assert "without such samples" in told.found
+    assert told.severity == ("says" if status == "ok" else "warns")
+    if status == "ok":
+        assert np.abs(pulls(found, AXIS_TRUE)).max() < 4
+    else:
+        assert str(found).startswith(f"emps, batch: rejected ({told.about}, F)\n")
+        assert str(found).count("while it moves" if told.about == "stuck" else "flat tops") == 1
+
+
 @pytest.mark.parametrize(("apart", "told"), [(0.0, False), (3.0, True)])
 def test_records_of_one_machine_are_compared(apart, told):
     """The second of three has 3 % more mass, some thirty deviations."""

@@ -336,7 +336,7 @@ def test_references_that_never_move_are_told(record, names, value, verdict):
     samples = record.samples.copy()
     samples[:, [record.names.index(name) for name in names]] = value
     told = lines_with(record, samples).checks
-    assert [(check.on, check.verdict) for check in told] == [((name,), verdict) for name in names]
+    assert [(check.on, check.verdict) for check in told] == [(names, verdict)]
     assert "name the column of the excitation" in told[0].found
 
 

@@ -131,6 +131,18 @@ def test_a_held_command_is_not_clipped(held):
     assert not of_check(check_record(record), "clipped")
 
 
+@pytest.mark.parametrize("digits", [3, 4, 5])
+def test_turning_points_of_few_digits_are_not_clipped(digits):
+    """A value near its extreme is written with a coarser last digit than one near zero."""
+    time = np.arange(4000) / 1000.0
+    wave = 17.3 * np.sin(2 * np.pi * time) + 3 * np.sin(6 * np.pi * time)
+    for size, cut in ((1.0, 1.0), (0.0007, 1.0), (1.0, 0.8))[: 2 + (digits > 3)]:
+        samples = size * wave.clip(-cut * wave.max(), cut * wave.max())
+        written = np.array([float(f"{value:.{digits}g}") for value in samples])
+        record = Record([Channel("F", "N")], written[:, None], 1000.0)
+        assert bool(of_check(check_record(record), "clipped")) == (cut < 1)
+
+
 def test_what_rests_or_is_masked_is_not_clipped():
     """A position that comes to rest at the end of its stroke, in single steps of its encoder."""
     stroke = 0.1 * np.sin(np.linspace(0, 20, 20_000))
@@ -632,7 +644,7 @@ def verdict(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> st
     periods = average(record, period_samples=3000, harmonics=[1]) if steady else None
     found = of_check(check_record(record, periods), "stuck")
     for check in found:
-        assert check.verdict != "refused" or "use the part in which it moves" in check.found
+        assert check.verdict != "refused" or "use the part in which it moves" in check.text
     return found[0].verdict if found else "ok"
 
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.answer.estimate import Estimate, Prediction, Value
+from rotorid.answer.judge import SUSPECTS, ordered
 from rotorid.core.distributions import HALF_WIDTH as HALF_WIDTH
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note
@@ -36,6 +37,10 @@ def verdict(estimate: Estimate) -> str:
     """Return the verdict, and what it rests on."""
     if estimate.doubt:
         return f"{estimate.status}, but doubtful ({estimate.doubt})"
+    if lead := next((n for n in ordered(estimate.notes) if n.severity == "rejects"), None):
+        suspected = lead.about == SUSPECTS and estimate.suspects
+        cause = estimate.suspects[0].term if suspected else ", ".join((lead.about, *lead.on))
+        return f"{estimate.status} ({cause})"
     if estimate.verdict == estimate.status:
         return estimate.status
     first = estimate.assumptions[0]
@@ -72,7 +77,11 @@ def tables(estimate: Estimate, *, intervals: bool = False) -> list[Table]:
 def sentences(estimate: Estimate) -> list[str]:
     return [
         *on_fit(estimate),
-        *(f"{c.verdict}, {on_data(c)}" for c in estimate.checks if c.severity in _GRAVE),
+        *(
+            f"{c.verdict}, {on_data(c)}"
+            for c in estimate.checks
+            if c.severity in _GRAVE and not any(str(c) in told for told in estimate.warnings)
+        ),
         *_assumed(estimate),
         *(f"warning: {warning}" for warning in estimate.warnings),
     ]

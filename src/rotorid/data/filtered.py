@@ -19,6 +19,7 @@ from rotorid.core.notes import Note
 from rotorid.core.units import quantity, to_si
 from rotorid.core.values import Booleans, Floats, Integers, frozen
 from rotorid.data.record import Channel, Known, OfMachine, Record, samples_between
+from rotorid.signals.checks.channels import doubtful_samples
 from rotorid.signals.checks.registry import check_record
 from rotorid.signals.spectrum import transfer_of_recording
 
@@ -210,6 +211,13 @@ class FilteredRecord(OfMachine):
         """The filter of every column and force: the same, and that of the decimation."""
         cutoffs = (self.cutoff,) if self.second is None else (self.cutoff, self.second)
         return LowPass(self.record.sample_rate, cutoffs)
+
+    def trusted(self) -> FilteredRecord:
+        """Return the record without samples that hold something of doubtful ones."""
+        reach = 2 * (self.inner.memory() + self.outer.memory()) + 1
+        doubtful = doubtful_samples(self.record).astype(np.int8)
+        near = scipy.ndimage.maximum_filter1d(doubtful, reach) > 0
+        return replace(self, used=self.used[~near[self.used]])
 
     def lowered(self, share: float) -> FilteredRecord:
         """Return the same samples, low-passed at a share of these cut-offs."""

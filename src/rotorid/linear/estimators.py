@@ -224,7 +224,6 @@ class SampledProblem(Posed):
                 f"{scatter.memory:.2f}): deviations are wider by as much as that explains"
             )
             yield Note("blocks", "doubts", text, "record longer")
-        yield from dict.fromkeys(check for r in self.regressions for check in r.record.checks)
         rests = dict.fromkeys(r.left_out for r in self.regressions if r.left_out)
         yield from (Note("at rest", "says", rest) for rest in rests)
         text = (

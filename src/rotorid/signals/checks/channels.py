@@ -15,8 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from rotorid.core.distributions import median
 from rotorid.core.notes import Note, Severity
-from rotorid.core.values import Complexes, Floats, frozen
-from rotorid.data.record import Channel, PeriodicRecord
+from rotorid.core.values import Booleans, Complexes, Floats, frozen
+from rotorid.data.record import Channel, PeriodicRecord, Record
 from rotorid.signals.checks.registry import (
     NO_SCATTER,
     Seen,
@@ -116,7 +116,7 @@ def check_dead(seen: Seen) -> Iterator[Note]:
         value = record.samples[0, c]
         severity: Severity
         if is_input(channel):
-            text, severity = "constant input; ignore if intended", "says"
+            text, severity = "it informs of nothing; ignore if intended", "says"
         elif all_dead or (scatter is not None and scatter[sensors].any()):
             text = "a sensor that never moves; check its cable, name another column or leave it out"
             severity = "refuses"
@@ -150,9 +150,10 @@ def check_clipped(seen: Seen) -> Iterator[Note]:
         )
         text = (
             f"flat tops of {where} ({100 * sum(counts.values()) / len(samples):.2g} % of the "
-            "samples): lower the excitation or widen the range, and record again"
+            "samples)"
         )
-        yield Note("clipped", "warns", text, on=(channel.name,))
+        cure = "lower the excitation or widen the range, and record again"
+        yield Note("clipped", "warns", text, cure, on=(channel.name,))
 
 
 def _flat(samples: Floats, value: float) -> int:
@@ -169,9 +170,27 @@ def _flat(samples: Floats, value: float) -> int:
         return 0
     before, behind = samples[np.maximum(first - 1, 0)], samples[np.minimum(after, len(samples) - 1)]
     steps = np.maximum(np.abs(before - value), np.abs(behind - value))[long]
-    if median(steps) <= STEEP * quantum(samples):
+    # What is written with so many digits is coarsest in the decade of its limit.
+    decade = 10 ** (np.ceil(np.log10(abs(value) or 1.0)) - 1)
+    near = samples[np.abs(samples) >= decade] if value else samples
+    if median(steps) <= STEEP * max(quantum(samples), quantum(near)):
         return 0
     return int((after - first)[long].sum())
+
+
+def doubtful_samples(record: Record) -> Booleans:
+    """Return the samples in which some channel is flat at a limit or rests in the middle."""
+    used = slice(None) if record.valid is None else record.valid
+    kept = record.samples[used]
+    found = np.zeros(len(kept), dtype=bool)
+    for samples in kept.T:
+        for limit in (samples.min(), samples.max()):
+            found |= (samples == limit) & (_flat(samples, float(limit)) >= CLIPPED_SAMPLES)
+        if (rest := _longest(samples)) is not None:
+            found[rest.first : rest.after] = True
+    whole = np.zeros(len(record.samples), dtype=bool)
+    whole[used] = found
+    return whole
 
 
 @record_check("quantized", "no channel is too coarse", whole=True)
@@ -321,13 +340,14 @@ def check_stuck(seen: Seen) -> Iterator[Note]:
         stop, go = start + rest.first / rate, start + rest.after / rate
         how = "in every sample" if rest.tolerance == 0 else "to the last digit"
         text = (
-            f"{rest.level:.6g} {how} from {stop:.5g} to {go:.5g} s, while it moves before or after"
+            f"{rest.level:.6g} {how} from {stop:.4g} to {go:.4g} s, while it moves beside that: "
+            "it informs of nothing there"
         )
         cure = "check its cable and its logger, use the part in which it moves (skip, until)"
         if severity == "says":
             cure = "right only if nothing was to move there"
         about = REFERENCE if reference else "stuck"
-        yield Note(about, severity, f"{text}: {cure}", on=(channel.name,))
+        yield Note(about, severity, text, cure, on=(channel.name,))
 
 
 @whole_check(REFERENCE)
