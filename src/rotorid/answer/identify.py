@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from rotorid.answer.derived import with_unbalance
-from rotorid.answer.estimate import Estimate, Provenance, Value
+from rotorid.answer.estimate import Estimate, Provenance
 from rotorid.answer.judge import of_data
 from rotorid.core.errors import InputError, require_names, require_type
 from rotorid.core.notes import Note
@@ -106,8 +106,8 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     silent = [c for c in checks if c.about == NO_SCATTER and c.severity != "passes" and not c.on]
     if silent:
         estimate = without_deviations(estimate)
-    checks, doubts = tried(checks, estimate, partial(chosen.estimate, model), data)
-    told = [*doubts, *of_data(checks, estimate.status)]
+    checks, moved = tried(checks, estimate, partial(chosen.estimate, model), data)
+    told = of_data([c for c in checks if moved or c.about not in SAMPLES], estimate.status)
     # What a result must hold of its model to be used without the model's file.
     text = Provenance(model=model.file_text, held=model.held) if model.file_text else None
     every = (*checks, *estimate.notes)
@@ -117,40 +117,30 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
 
 SAMPLES = frozenset({"clipped", "stuck"})
 """Checks that doubt some samples of a record, the others being right."""
-MOVED, CLEAR, WEAK = 1.0, 3.0, 3.0
-"""Deviations by which an answer moves without some samples, and those of the move itself, from
-which on they are shown to be wrong; how much wider its deviations become where nothing is shown."""
+CLEAR, WEAK = 3.0, 3.0
+"""Deviations by which an answer moves without some samples that are wrong; and how much wider these
+become where too little is left to show it."""
 
 
 def tried(
-    checks: tuple[Note, ...],
+    checks: Sequence[Note],
     estimate: Estimate,
     again: Callable[[Sequence[Data]], Estimate],
     data: Sequence[Data],
-) -> tuple[tuple[Note, ...], list[Note]]:
-    """Return checks, those that doubt samples by what the answer is without these, and doubts."""
+) -> tuple[tuple[Note, ...], bool]:
+    """Return checks, with what the answer is without samples that they doubt; whether it moves."""
     doubted = [c for c in checks if c.about in SAMPLES and c.severity == "warns"]
     without = [each.trusted() for each in data if isinstance(each, FilteredRecord)]
     if not doubted or estimate.status != "ok" or len(without) < len(data):
-        return checks, []  # lines hold all samples alike
+        return tuple(checks), True  # lines hold all samples alike
     moved, said = 0.0, "too little is left without such samples to show whether they are wrong"
     free = again(without).free if all(len(each.used) for each in without) else ()
     pairs = list(zip(estimate.free, free, strict=bool(free)))
     if pairs and all(w.std and w.std < WEAK * (v.std or 0.0) for v, w in pairs):
-        moved, name = max((_moves(v, w), v.name) for v, w in pairs)
+        moved, name = max((abs(w.value - v.value) / (w.std or 1.0), v.name) for v, w in pairs)
         said = f"without such samples {name} moves by {moved:.2g} deviations"
-    if moved > MOVED:
-        sure = {c: replace(c, found=f"{c.found}; {said}") for c in doubted}
-        return tuple(sure.get(c, c) for c in checks), []
-    told = [replace(c, severity="says", found=f"{c.found}; {said}", cure="") for c in doubted]
-    weak = [Note(c.about, "doubts", str(c), on=c.on) for c in told if "too little" in said]
-    return (*(c for c in checks if c not in doubted), *told), weak
-
-
-def _moves(value: Value, without: Value) -> float:
-    std, less = value.std or 0.0, without.std or 0.0
-    change = abs(without.value - value.value)
-    return change / std if change > CLEAR * np.sqrt(max(less**2 - std**2, 0.0)) else 0.0
+    told = {c: replace(c, found=f"{c.found}; {said}") for c in doubted}
+    return tuple(told.get(c, c) for c in checks), moved > CLEAR
 
 
 def _checks(data: Data) -> tuple[Note, ...]:

@@ -43,11 +43,7 @@ OPEN = "not identifiable"
 """What a note on an open direction, and on what would close it, is about."""
 DIRECTION = "direction"
 """What the note is about that the records contradict in one direction what was assumed."""
-LACKS = "missing force"
-"""What the note is about that the equations of filtered samples lack a force."""
-RECORDS = "records"
-"""What the note is about that records of one machine, each fitted alone, differ."""
-OFF = frozenset({DIRECTION, LACKS, RECORDS})
+OFF = frozenset({DIRECTION, LACKS := "missing force", RECORDS := "records"})
 """What makes an answer doubtful by so many deviations, though nothing shows that it is wrong."""
 EFFORT = "effort"
 """What the note is about that not everything was asked that may change the answer."""

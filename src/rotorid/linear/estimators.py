@@ -101,7 +101,6 @@ class SampledProblem(Posed):
             *self.told(scatter),
             *machine_checks.physical(self.full, estimate),
             *self.moved(scatter, values, solved),
-            *self.late(solution, scatter),
             *notes,
             *machine_checks.prediction(estimate, {}),
             *machine_checks.agreement(self.names, *scatter.halves()),
@@ -113,80 +112,64 @@ class SampledProblem(Posed):
         solution = solved(self)
         counts = [len(r.inputs) for r in self.regressions]
         numbers = np.repeat(block_numbers(counts, BLOCKS), len(self.model.texts))
-        scatter = scatter_of_blocks(solution.matrix, solution.residual, solution.gain, numbers)
+        matrix, gains = solution.matrix, np.hstack(solution.gains)
+        scatter = scatter_of_blocks(matrix, solution.residual, gains, numbers)
         return solution, scatter, self.reached(solution)
-
-    def late(self, solution: LeastSquaresSolution, scatter: Scatter) -> Iterator[Note]:
-        """Judge whether forces and motion come at one time, with the lag for an unknown.
-
-        ``u(t - lag) = u - lag u'``: what elastic parts and filters do looks like a lag too.
-        """
-        rates = np.concatenate([r.force_rates.reshape(-1, 1) for r in self.regressions])
-        (early,), (clear,), (change,) = scatter.with_column(solution, rates)
-        worst, share = scatter.worst(change)
-        if clear <= DOUBTFUL or share <= MOVED:
-            return
-        text = (
-            f"the forces come as if {abs(early) * 1e3:.3g} ms {'late' if early < 0 else 'early'} "
-            f"({clear:.3g} deviations), and {self.names[worst]} is "
-            f"{solution.values[worst] + change[worst]:.5g} {self._unit(worst)} without that: give "
-            "the delay of the channels, or look for filters before the logger, or for something "
-            "elastic that the equations leave out"
-        )
-        sure = clear > SURE and share > machine_checks.SURE
-        severity: Severity = "rejects" if sure else "doubts"
-        yield Note("delay", severity, text, on=(self.names[worst],), value=-float(early), unit="s")
 
     def lacking(
         self, solution: LeastSquaresSolution, scatter: Scatter
     ) -> tuple[list[Note], Floats]:
-        """Return a note on forces that the equations lack, and what each moves, (force, free).
+        """Return notes on forces that are lacking or late, and what the former move, (force, free).
 
         The values are as uncertain as that: the covariance grows by the sum of ``change change'``.
+        Of forces that are late ``u(t - lag) = u - lag u'``: so look elastic parts and filters, too.
         """
-        texts, own = self.regressions[0].further
+        said, own = self.regressions[0].further
         columns = [r.further[1].reshape(-1, own.shape[2]) for r in self.regressions]
-        _, clear, changes = scatter.with_column(solution, np.concatenate(columns))
-        moved = [scatter.worst(change) for change in changes]
+        size, clear, changes = scatter.with_column(solution, np.concatenate(columns))
+        moved, late, notes = [scatter.worst(change) for change in changes], -float(size[-1]), []
         shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)
-        worst, off = int(shares.argmax()), changes[shares > MOVED]
-        if not len(off):
-            return [], off
-        at, by = moved[worst][0], changes[worst, moved[worst][0]]
-        row, term = divmod(worst, len(texts))
-        row = int(self.regressions[0].pushed[row])
-        acting = self.model.input_matrix[row] != 0
-        drives = ", ".join(np.array(self.model.inputs)[acting]) or f"row {row + 1}"
-        text = (
-            f"the equation of {drives} lacks a force as {texts[term]} "
-            f"({clear[worst]:.3g} deviations), which moves {self.names[at]} by {by:+.3g} "
-            f"{self._unit(at)}, {shares[worst]:.2g} deviations, by which they are now wider"
-        )
-        cure = "add that term with a parameter of its own, or what it stands for"
-        value = float(shares[worst])
-        return [Note(LACKS, "doubts", text, cure, (self.names[at],), value, "1")], off
+        for k in (-1, int(shares[:-1].argmax())):
+            at, share = moved[k][0], float(shares[k])
+            if share <= MOVED:
+                continue
+            name = self.names[at]
+            by = (
+                f"({clear[k]:.3g} deviations), which moves {name} by {changes[k, at]:+.3g} "
+                f"{self._unit(at)}, {share:.2g} deviations"
+            )
+            if k >= 0:
+                text, cure = f"{said[k]} {by}: they are wider by that", "add it with a parameter"
+                notes.append(Note(LACKS, "doubts", text, cure, (name,), share, "1"))
+                continue
+            way = "late" if late > 0 else "early"
+            text = f"the forces come as if {abs(late) * 1e3:.3g} ms {way} {by}"
+            cure = (
+                "give the delay of the channels, or look for filters before the logger, or for "
+                "something elastic that the equations leave out"
+            )
+            sure = clear[k] > SURE and share > machine_checks.SURE
+            severity: Severity = "rejects" if sure else "doubts"
+            notes.append(Note("delay", severity, text, cure, (name,), late, "s"))
+        return notes, changes[:-1][shares[:-1] > MOVED]
 
     def apart(self, solved: Solver) -> Iterator[Note]:
         """Judge whether records, each fitted alone, agree parameter by parameter."""
         alone = [replace(self, regressions=(r,)).fit(solved)[1:] for r in self.regressions]
+        values = np.array([found for _, found in alone])
         variance = np.array([np.diag(s.covariance) * wider(s.blocks - 1) ** 2 for s, _ in alone])
-        unknown = [s.alone | (s.blocks < FEWEST) | ~np.isfinite(v) for s, v in alone]
-        variance[np.array(unknown)] = np.inf
-        values = np.array([v for _, v in alone])
+        variance[[s.alone | (s.blocks < FEWEST) for s, _ in alone]] = np.inf
         both = np.maximum(variance[:, None] + variance, 1e-300)
         off = np.nan_to_num(np.abs(values[:, None] - values) / np.sqrt(both))
-        one, other, worst = np.unravel_index(int(off.argmax()), off.shape)
-        if off.max() <= CLEAR:
+        *pair, worst = np.unravel_index(int(off.argmax()), off.shape)
+        if (figure := float(off.max())) <= CLEAR:
             return
-        name, figure = self.names[worst], float(off.max())
-        told = (
-            f"{told_of(self.regressions[k].record.record)}{values[k, worst]:.4g} of record {k + 1}"
-            for k in (one, other)
-        )
-        text = f"{name}, each fitted alone: {', '.join(told)}; {figure:.3g} deviations apart"
+        sources = [told_of(r.record.record) for r in self.regressions]
+        told = ", ".join(f"{sources[k]}{values[k, worst]:.4g} of record {k + 1}" for k in pair)
+        text = f"{self.names[worst]}, each fitted alone: {told}; {figure:.3g} deviations apart"
         severity: Severity = "rejects" if figure > machine_checks.APART else "doubts"
         cure = "identify the records apart: something differs between them, or the model lacks it"
-        yield Note(RECORDS, severity, text, cure, (name,), figure, "1")
+        yield Note(RECORDS, severity, text, cure, (self.names[worst],), figure, "1")
 
     def moved(self, scatter: Scatter, values: Floats, solved: Solver) -> Iterator[Note]:
         """Judge whether a lower cut-off moves a parameter by more than its deviations."""
@@ -219,10 +202,7 @@ class SampledProblem(Posed):
             )
             yield Note("blocks", "doubts", text, "excite it more than once", on=alone)
         if scatter.memory:
-            text = (
-                f"{count} blocks of the record still depend on one another (correlation "
-                f"{scatter.memory:.2f}): deviations are wider by as much as that explains"
-            )
+            text = f"{count} blocks are correlated by {scatter.memory:.2f}: deviations are wider"
             yield Note("blocks", "doubts", text, "record longer")
         rests = dict.fromkeys(r.left_out for r in self.regressions if r.left_out)
         yield from (Note("at rest", "says", rest) for rest in rests)

@@ -394,26 +394,15 @@ class SampledRegression(Equations):
     def inputs(self) -> Floats:
         return self._inputs(0)
 
-    @cached_property
-    def force_rates(self) -> Floats:
-        """The derivative of filtered B u, shape (sample, row); zero where no equation counts."""
-        return np.asarray(self.counting(self._inputs(1) @ self.model.input_matrix.T))
-
     def predicted(self, base: Floats) -> Predicted:
         driven = self.model.input_matrix.any(axis=1)
         counts = self.told[self.kept][:, driven].all(axis=1, keepdims=True)
         ones, samples = np.ones(len(self.inputs)), self.record.used[self.kept]
         return self._predicted(base, self.inputs * counts, ones, samples)
 
-    @property
-    def pushed(self) -> Integers:
-        """Rows that hold forces: those with inputs, or all of what swings freely."""
-        driven = self.model.input_matrix.any(axis=1)
-        return np.flatnonzero(driven if driven.any() else ~driven)
-
     @cached_property
     def further(self) -> tuple[list[str], Floats]:
-        """Forces that equations may lack: texts, and columns, (sample, row, pushed row x text)."""
+        """What equations may lack, with columns, (sample, row, what); the last, untold: a lag."""
         used, m, texts = self._picked[self.kept], self._motion, ["1"]
         columns = [np.ones((len(used), 1))]
         for j, name in enumerate(self.model.coordinates):
@@ -425,9 +414,16 @@ class SampledRegression(Equations):
                 force = of(m.position[:, j], m.velocity[:, j], m.acceleration[:, j], turn)
                 texts.append(text.format(q=name, slow=f"{slow:.3g}"))
                 columns.append(self._each(self.record.outer.apply, force[:, None])[used])
-        rows = np.eye(len(self.model.texts))[self.pushed]
-        forces = np.hstack(columns)[:, None, None, :] * rows.T[:, :, None]
-        return texts, self.counting(forces.reshape(len(used), len(self.model.texts), -1))
+        acting = self.model.input_matrix
+        driven = acting.any(axis=1)
+        pushed = np.flatnonzero(driven if driven.any() else ~driven)  # or all of what swings freely
+        forces = np.hstack(columns)[:, None, None] * np.eye(len(acting))[:, pushed, None]
+        late = self._inputs(1) @ acting.T
+        found = np.dstack([forces.reshape(*late.shape, -1), late])
+        inputs = np.array(self.model.inputs, dtype=object)
+        drives = [", ".join(inputs[acting[row] != 0]) or f"row {row + 1}" for row in pushed]
+        lack = "the equation of {} lacks a force as {}"
+        return [lack.format(row, text) for row in drives for text in texts], self.counting(found)
 
     @property
     def left_out(self) -> str:

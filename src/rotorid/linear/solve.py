@@ -78,20 +78,11 @@ class LeastSquaresSolution:
     condition_number: float  # of the whitened matrix with columns scaled to length one
     # (free, n): directions, in scaled parameters, that the equations leave open
     undetermined: Floats
-    # (equation, free) and (equation,): what was solved, where it was in one go
+    # (equation, free), and (equation,): what was solved, where it was in one go, what it leaves of
+    # each equation, and the deviation that each was divided by
     matrix: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    right: Floats = field(default_factory=lambda: np.zeros(0))
-    deviation: Floats = field(default_factory=lambda: np.zeros(0))  # each was divided by
-
-    @property
-    def gain(self) -> Floats:
-        """How the values answer to every whitened equation, shape (free, equation)."""
-        return np.hstack(self.gains)
-
-    @property
-    def residual(self) -> Floats:
-        """What the values leave of every whitened equation."""
-        return np.asarray(self.right - self.matrix @ (self.gain @ self.right))
+    residual: Floats = field(default_factory=lambda: np.zeros(0))
+    deviation: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
@@ -120,7 +111,10 @@ def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
     condition = float(singular[0] / singular[-1]) if 0 < rank == len(values) else np.inf
     each = zip(blocks, whitened, strict=True)
     deviation = np.concatenate([np.resize(np.sqrt(b.variance), len(r)) for b, (_, r) in each])
-    return LeastSquaresSolution(values, parts, condition, open_directions, matrix, right, deviation)
+    left_over = right - matrix @ (gains @ right)
+    return LeastSquaresSolution(
+        values, parts, condition, open_directions, matrix, left_over, deviation
+    )
 
 
 BLOCKS = 32
@@ -189,12 +183,11 @@ class Scatter:
     ) -> tuple[Floats, Floats, Floats]:
         """Return what some columns, (equation, column), each by itself, add to a solution.
 
-        Sizes ``s = p'e / p'p`` with ``p = c - X G c`` (0 where the design leaves too little of c),
-        how many deviations each is from zero, by leaving out each block in turn, and by how much
-        the values move, ``-G c s``, shape (column, free).
+        Sizes ``s = p'e / p'p``, ``p = c - X G c`` (0 where that is too little of c), how many
+        deviations of the jackknife each is from zero, and the moves ``-G c s``, (column, free).
         """
         columns = columns / solution.deviation[:, None]
-        count, answer = self.blocks, solution.gain @ columns
+        count, answer = self.blocks, np.hstack(solution.gains) @ columns
         part, starts = (
             columns - solution.matrix @ answer,
             np.searchsorted(self.numbers, range(count)),

@@ -180,17 +180,14 @@ def _flat(samples: Floats, value: float) -> int:
 
 def doubtful_samples(record: Record) -> Booleans:
     """Return the samples in which some channel is flat at a limit or rests in the middle."""
-    used = slice(None) if record.valid is None else record.valid
-    kept = record.samples[used]
-    found = np.zeros(len(kept), dtype=bool)
-    for samples in kept.T:
+    valid = np.ones(len(record.samples), dtype=bool) if record.valid is None else record.valid
+    found = np.zeros(len(valid), dtype=bool)
+    for samples in np.where(valid[:, None], record.samples, 0.0).T:
         for limit in (samples.min(), samples.max()):
             found |= (samples == limit) & (_flat(samples, float(limit)) >= CLIPPED_SAMPLES)
         if (rest := _longest(samples)) is not None:
             found[rest.first : rest.after] = True
-    whole = np.zeros(len(record.samples), dtype=bool)
-    whole[used] = found
-    return whole
+    return found
 
 
 @record_check("quantized", "no channel is too coarse", whole=True)

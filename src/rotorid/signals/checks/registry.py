@@ -82,17 +82,12 @@ def found_by(of: str, seen: Any) -> tuple[Note, ...]:
     notes: list[Note] = []
     for name, check in checks.items():
         passed = [Note(name, "passes", check.in_order)] if check.in_order else []
-        notes += together(found(name)) or passed
+        same: dict[Note, tuple[str, ...]] = {}  # of several channels, said once
+        for note in found(name) or passed:
+            bare = replace(note, on=())
+            same[bare] = (*same.get(bare, ()), *note.on)
+        notes += [replace(note, on=on) for note, on in same.items()]
     return tuple(notes)
-
-
-def together(notes: Iterable[Note]) -> list[Note]:
-    """Return notes that say the same of several channels as one."""
-    found: dict[Note, tuple[str, ...]] = {}
-    for note in notes:
-        bare = replace(note, on=())
-        found[bare] = (*found.get(bare, ()), *note.on)
-    return [replace(note, on=on) for note, on in found.items()]
 
 
 def first_used(record: Record, periods: PeriodicRecord) -> int:
