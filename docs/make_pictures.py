@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from rotorid import MaximumLikelihood, PeriodicRecord, Record, average, cli, identify, load_model
+from rotorid.answer.estimate import RecordEvidence
 from rotorid.commands.files import NOISE
 from rotorid.demo import FUNDAMENTAL, HARMONICS, PERIODS, rms_panel, run_demo, simulate_record
-from rotorid.report.drawn import BLUE, GREY, Axis, Curve, Panel, over_time, wave
+from rotorid.report.drawn import BLUE, GREY, Axis, Curve, Panel
 from rotorid.report.figure import figure_of
 from rotorid.results.evidence import record_evidence
 
@@ -72,13 +73,22 @@ def overview(folder: Path) -> None:
     room = replace(errors.x, ends=(0.03, 60.0))  # for the key beside the points
     panels = [
         line_filter(record, periods, "x1"),
-        replace(
-            over_time(predicted, wave)[0], title="2. Fit the equations of motion to the forces"
-        ),
+        predicted_force(predicted),
         replace(errors, x=room, title="3. Read the rotor's parameters"),
     ]
     figure = figure_of(panels, columns=3, apart=True)
     figure.savefig(folder / "demo.png", dpi=120, metadata={"Software": None})
+
+
+def predicted_force(record: RecordEvidence) -> Panel:
+    """Return the first force over a period, as measured and as predicted."""
+    force, time = record.channels[0], 1e3 * np.array(record.time_s)
+    curves = (
+        Curve(time, np.array(force.wave_measured), "measured", GREY, "thick"),
+        Curve(time, np.array(force.wave_predicted), "predicted", BLUE, "line"),
+    )
+    title = "2. Fit the equations of motion to the forces"
+    return Panel(title, Axis("time in ms"), Axis(f"{force.name} in {force.unit}"), curves)
 
 
 def screens(folder: Path) -> None:

@@ -336,7 +336,7 @@ def test_the_report_again(folder, output):
     assert output("report", "run.json") == "report: run.html\n"
     assert (folder / "run.html").read_bytes() == (folder / "first.HTM").read_bytes()
     html = (folder / "run.html").read_text()
-    for text in ("Measured and predicted signals", "Correlation of the parameters", "Accepted"):
+    for text in ("What is left over time", "Correlation of the parameters", "Accepted"):
         assert text in html
 
 

@@ -92,7 +92,6 @@ def test_demo_report_holds_table_and_findings(demo, demo_page):
 def test_estimate_report_shows_the_estimate(estimate, model):
     page = Page(estimate_report(estimate))
     assert titles(page) == [
-        "Measured and predicted signals",
         "What is left over time",
         "Measured and predicted, frequency by frequency",
         "What is left, frequency by frequency",
@@ -186,7 +185,7 @@ def test_of_parameters_left_open(model, periods):
     found = gathered(model, one)
     assert found.status == "not_identifiable"
     page = Page(estimate_report(found))
-    assert "Measured and predicted signals" not in titles(page)
+    assert "What is left over time" not in titles(page)
     assert "Measured and predicted, frequency by frequency" in titles(page)  # as they were measured
     assert "Not identifiable: " in page.words
     for warning in found.warnings:
@@ -371,7 +370,7 @@ def _of_whole_records() -> str:
         turning = replace(record, angle=None, phase_known=phase == 0)
         data.append(rid.spectra(turning, (2.0, 60.0), inputs=model.inputs))
     page = estimate_report(rid.with_evidence(rid.identify(model, data, "ml"), model, data))
-    assert "Measured and predicted signals, record 2" in page
+    assert "What is left over time, record 2" in page
     return page
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -201,48 +201,24 @@ RPM = 30 / np.pi
 HERTZ = Axis("frequency in Hz")
 
 
-def over_time(record: Source, draw: Callable[[Any, Floats, str], Panel]) -> list[Panel]:
+def over_time(record: Source) -> list[Panel]:
     time = np.asarray(record.time_s, dtype=float)
     if not len(time):
         return []
     title, stretch = ("time in s", 1.0) if time[-1] > 1 else ("time in ms", 1e3)
     shown = [c for c in record.channels if len(c.wave_measured) and len(c.wave_predicted)]
-    return [draw(c, stretch * time, title) for c in shown[:MOST_PANELS]]
+    return [_difference(c, stretch * time, title) for c in shown[:MOST_PANELS]]
 
 
-def wave(channel: Any, time: Floats, title: str) -> Panel:
-    """Return one channel over time, `time` in the unit that the title of its axis says."""
-    unit, factor = shown_unit(channel.unit)
-    measured = factor * np.asarray(channel.wave_measured)
-    predicted = factor * np.asarray(channel.wave_predicted)
-    look: Look = "dots" if len(time) <= MOST_DOTS else "thick"
-    curves = (
-        *_noise_band(channel, time, predicted, factor, "95 % band about it", BLUE),
-        Curve(time, measured, "measured", GREY, look),
-        Curve(time, predicted, "predicted", BLUE, "line"),
-    )
-    axis = Axis(f"{label(channel.name)} in {unit}")
-    return Panel(_headline(channel), Axis(title), axis, curves)
-
-
-def _noise_band(
-    channel: Any, time: Floats, about: Floats, factor: float, told: str, colour: str
-) -> tuple[Curve, ...]:
-    noise = NOISE_BAND * factor * channel.wave_noise
-    if not noise > 0 or np.isinf(noise):
-        return ()
-    return (Curve(time, about + noise, told, colour, "band", base=about - noise),)
-
-
-def difference(channel: Any, time: Floats, title: str) -> Panel:
+def _difference(channel: Any, time: Floats, title: str) -> Panel:
     unit, factor = shown_unit(channel.unit)
     away = factor * (np.asarray(channel.wave_predicted) - np.asarray(channel.wave_measured))
-    curves = (
-        *_noise_band(channel, time, np.zeros_like(time), factor, "95 % band", GREY),
-        Curve(time, away, "predicted less measured", RED, "line"),
-    )
-    name = label(channel.name, 36)
-    return Panel(name, Axis(title), Axis(f"difference in {unit}"), curves)
+    curves = [Curve(time, away, "predicted less measured", RED, "line")]
+    noise = np.full_like(time, NOISE_BAND * factor * channel.wave_noise)
+    if 0 < noise[0] < np.inf:
+        curves.insert(0, Curve(time, noise, "95 % band", GREY, "band", base=-noise))
+    axis = Axis(f"difference in {unit}")
+    return Panel(_headline(channel), Axis(title), axis, tuple(curves))
 
 
 def _headline(channel: Any) -> str:

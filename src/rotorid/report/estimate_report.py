@@ -23,7 +23,6 @@ from rotorid.answer.estimate import (
 )
 from rotorid.answer.estimate_tables import (
     FAR,
-    HALF_WIDTH,
     ROUNDING,
     as_zero,
     interval_text,
@@ -206,7 +205,7 @@ def groups(estimate: Estimate) -> list[tuple[str, list[Row]]]:
 def _parameters(estimate: Estimate) -> Passage:
     known = estimate.evidence
     any_known = known is not None and any(known.prior(value.name) for value in estimate.free)
-    told = "With the half-width of the 95 % interval"
+    told = "With standard deviations, as on the screen; a 95 % interval where it is not symmetric"
     if any_known:
         told += (
             ", beside what was known beforehand. Bars: before in grey, now in blue, on a scale of "
@@ -239,7 +238,7 @@ def relations(estimate: Estimate) -> list[str]:
     told = []
     for prior in estimate.evidence.known if estimate.evidence else ():
         if prior.name not in units:
-            spread = f" {PM} {HALF_WIDTH * prior.std:.2g}" if prior.std else " exactly"
+            spread = f" {PM} {prior.std:.2g}" if prior.std else " exactly"
             terms = {units.get(term.strip()) for term in re.split(r"[+-]", prior.name)}
             unit = (terms.pop() or "") if len(terms) == 1 else ""  # of a sum of one unit
             told.append(f"{prior.name} = {prior.value:.6g}{spread}{_unit(unit)}")
@@ -251,15 +250,15 @@ def _unit(unit: str) -> str:
 
 
 def _row(value: Value, prior: Prior | None) -> Row:
-    half = HALF_WIDTH * value.std if value.std else math.nan
-    number = figures(as_zero(value.value, value.std or 0.0), half)
+    std = value.std or math.nan
+    number = figures(as_zero(value.value, value.std or 0.0), std)
     if not math.isfinite(value.value):
         number = "not determined"
-    far = half > FAR * HALF_WIDTH * abs(value.value)  # a percentage of what may as well be zero
-    percent = math.nan if far else 100 * half / abs(value.value) if value.value else math.nan
+    far = std > FAR * abs(value.value)  # a percentage of what may as well be zero
+    percent = math.nan if far else 100 * std / abs(value.value) if value.value else math.nan
     unit = "" if value.unit == "1" else value.unit
     assumed = "" if value.std_assumed is None else two_digits(value.std_assumed)
-    row = Row(value.name, number, two_digits(half), two_digits(percent), unit, assumed)
+    row = Row(value.name, number, two_digits(std), two_digits(percent), unit, assumed)
     if value.interval:
         row = replace(row, half=interval_text(value), percent="")
     if prior is None:
@@ -274,14 +273,13 @@ def _row(value: Value, prior: Prior | None) -> Row:
 
 
 def _interval(known: Value | Prior) -> str:
-    half = HALF_WIDTH * (known.std or 0.0)
-    if not half > 0:
+    if not known.std:
         return f"{known.value:.6g} exactly"
-    return f"{figures(known.value, half)} {PM} {two_digits(half)}"
+    return f"{figures(known.value, known.std)} {PM} {two_digits(known.std)}"
 
 
 def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
-    half, before = HALF_WIDTH * (value.std or 0.0), HALF_WIDTH * prior.std
+    half, before = value.std or 0.0, prior.std
     low = min(prior.value - before, value.value - half)
     high = max(prior.value + before, value.value + half)
     if not (math.isfinite(low) and math.isfinite(high) and high > low):
@@ -349,7 +347,7 @@ def estimate_report(estimate: Estimate) -> str:
         remarks = (lacking, *remarks)
     records = estimate.evidence.records if estimate.evidence else ()
     values = value_tables(estimate)
-    tables = [one for one in estimate.summary(intervals=True) if isinstance(one, Table)]
+    tables = [one for one in estimate.summary() if isinstance(one, Table)]
     others = [one for one in tables if one.headings[0] not in values]
     speeds = [v for record in records for v in record.speed_rad_s if math.isfinite(v)]
     verdict, fastest = verdict_of(estimate), max(speeds, key=abs, default=0.0)
@@ -367,6 +365,8 @@ def estimate_report(estimate: Estimate) -> str:
         mood=MOODS.get(estimate.verdict, "bad"),
         urge="To mind:" if estimate.status == "ok" else "What to do next:",
         steps=verdict.steps,
+        numbers=tuple(_numbers(estimate, records)),
+        panels=tuple(drawn.residual(records[0])) if records else (),
         said=remarks,
         parts=(
             Passage("What is left open", items=verdict.left_open),
@@ -390,6 +390,19 @@ def estimate_report(estimate: Estimate) -> str:
         ),
     )
     return page_of(page, tab=f"{estimate.model}, {estimate.method}: {status}")
+
+
+def _numbers(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[tuple[str, str]]:
+    """Yield the numbers that matter, and what each is: fit, unbalance, what is known least."""
+    errors = [(c.error, name) for name, c in _named([r.channels for r in records])]
+    if errors := [each for each in errors if each[0] < TOLD]:
+        yield f"{100 * max(errors)[0]:.2g} %", f"off at the most, {max(errors)[1]}"
+    if masses := [plane for plane in estimate.unbalance if plane.unit == "kg m"]:
+        most = max(masses, key=lambda plane: plane.amount)
+        yield f"{1e6 * most.amount:.4g} g mm", f"unbalance, {most.plane}"
+    known = [(v.std / abs(v.value), v.name) for v in estimate.parameters if v.std and v.value]
+    if known and max(known)[0] < FAR:
+        yield f"{100 * max(known)[0]:.2g} %", f"std of {max(known)[1]}, known least"
 
 
 def _method(estimate: Estimate) -> str:
@@ -467,15 +480,10 @@ def record_pictures(
         if record.lines_per_point > 1:
             told += f", {record.lines_per_point} neighbours together as their root mean square"
         yield Passage(
-            f"Measured and predicted signals{where}",
-            f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
-            panels=tuple(drawn.over_time(record, drawn.wave)),
-        )
-        yield Passage(
             f"What is left over time{where}",
-            f"Predicted less measured, on a scale of its own; the band holds 95 % of what "
-            f"{noise} of it.",
-            panels=tuple(drawn.over_time(record, drawn.difference)),
+            f"Predicted less measured; the band holds 95 % of what {noise} of it.",
+            after=_left_out(record),
+            panels=tuple(drawn.over_time(record)),
         )
         yield Passage(
             f"Measured and predicted, {each}{where}",
@@ -491,28 +499,16 @@ def record_pictures(
         )
 
 
-def _of_waves(record: RecordEvidence) -> str:
-    if record.kind == "samples":
-        return (
-            "The samples that were used, filtered. The prediction lays what the equations of "
-            "motion leave over to the inputs."
-        )
-    stretch = (
-        "One period, of the frequencies that are used."
-        if record.kind == "periods"
-        else "An excerpt from the middle of the record, of the frequencies that are used."
-    )
-    told = (
-        f"{stretch} Where every coordinate is measured, forces are predicted from the motion; else "
-        "what the sensors should read, from the forces."
-    )
+def _left_out(record: RecordEvidence) -> str:
     left = max((channel.left_out for channel in record.channels), default=0)
-    if left:
-        told += (
-            f" Up to {left} of {record.lines} lines, beside a resonance, are not in it: there the "
+    return (
+        ""
+        if not left
+        else (
+            f"Up to {left} of {record.lines} lines, beside a resonance, are not in it: there the "
             "noise of the forces alone moves the model further than the machine moved."
         )
-    return told
+    )
 
 
 def channels_table(records: Sequence[RecordEvidence]) -> Table | None:

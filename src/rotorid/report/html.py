@@ -10,6 +10,7 @@ import math
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from datetime import date
 from functools import cache
 from hashlib import sha256
 from html import escape
@@ -52,6 +53,7 @@ class Passage:
     mood: Mood = ""  # of badge and verdict
     urge: str = ""  # said before the steps
     steps: tuple[str, ...] = ()  # what to do, or to mind
+    numbers: tuple[tuple[str, str], ...] = ()  # of the first screen, each with what it is
     said: tuple[str, ...] = ()  # more sentences like the caption
     body: Markup = Markup()
     parts: tuple[Passage, ...] = ()
@@ -59,7 +61,8 @@ class Passage:
     @property
     def holds(self) -> bool:
         """Whether it shows anything but what it would say of it."""
-        return bool(self.table or self.items or self.panels or self.said or self.body or self.parts)
+        own = self.table or self.items or self.panels or self.said or self.body
+        return bool(own or any(part.holds for part in self.parts))
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -85,7 +88,8 @@ def page_of(
     from rotorid import __version__
 
     work = Passage("What was done", items=tuple(done))
-    page = replace(page, parts=(*page.parts, *equations(model), work))
+    lead = marked("{}, written {}" if page.lead else "{}Written {}", page.lead, f"{date.today()}")
+    page = replace(page, lead=lead, parts=(*page.parts, *equations(model), work))
     panels = [panel for section in page.every for panel in section.panels]
     scripts = []
     if panels:
