@@ -4,6 +4,7 @@ import base64
 import json
 import re
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from rotorid.report.estimate_report import (
     relations,
     validation_report,
 )
+from rotorid.report.html import Passage
 from rotorid.report.machines import sensitivity_report
 from rotorid.results.evidence import record_evidence
 from rotorid.results.sensitivity import AxisSensitivity
@@ -92,6 +94,7 @@ def test_demo_report_holds_table_and_findings(demo, demo_page):
 def test_estimate_report_shows_the_estimate(estimate, model):
     page = Page(estimate_report(estimate))
     assert titles(page) == [
+        "Jeffcott rotor",
         "What is left over time",
         "Measured and predicted, frequency by frequency",
         "What is left, frequency by frequency",
@@ -250,7 +253,7 @@ def test_what_was_known_stands_beside(estimate):
     assert relations(known) == ["m + c = 1.5 exactly"]
     a, b = (v.name for v in estimate.parameters if v.unit == "kg m")
     weighed = known.with_(evidence=Evidence((), (Prior(f"{a} + {b}", 12.0, 0.01),)))
-    assert relations(weighed) == [f"{a} + {b} = 12 \N{PLUS-MINUS SIGN} 0.02 kg m"]
+    assert relations(weighed) == [f"{a} + {b} = 12 \N{PLUS-MINUS SIGN} 0.01 kg m"]
     page = Page(estimate_report(known))
     assert "known before" in page.words
     assert "Known besides: m + c = 1.5 exactly" in page.words
@@ -279,7 +282,7 @@ def test_what_rounding_leaves_of_zero_is_zero(value, shown):
     known = Evidence((), (Prior("phase[0]", 0.0, 0.02),))
     estimate = rid.Estimate("rigid", "ml", "ok", (phase,), evidence=known)
     ((row,),) = (rows for _, rows in groups(estimate))
-    assert row.percent == ("" if value < 2e-3 else "2000")
+    assert row.percent == ("" if value < 2e-3 else "1000")
     assert row.moved == {"0": "0 std", "0.00011": "+0.0055 std"}.get(shown, "+0.1 std")
     assert (row.value == "0") == (shown == "0")
     assert f"phase[0]  {shown}" in re.sub(" {3,}", "  ", str(estimate))
@@ -398,3 +401,22 @@ def test_on_paper(one, pages):
     assert paper.startswith(b"%PDF")
     assert 4 <= paper.count(b"/Type /Page\n") + paper.count(b"/Type /Page ") <= 40
     assert one.complaints() == []
+
+
+def test_the_first_screen_says_how_well_and_where_things_stand(estimate):
+    """The numbers that matter, a date, a way to every part; deviations are those of the screen."""
+    html = estimate_report(estimate)
+    page = Page(html)
+    (first, rest) = html[html.index("<body") :].split("<nav>")
+    assert first.count("<dt>") == 3
+    assert f"written {date.today()}" in first
+    assert 'class="plot"' in first
+    assert rest.count("<li><a href=") == rest.partition("</nav>")[2].count('<section id="part-')
+    mass = estimate["m"]
+    assert f"{100 * mass.std / mass.value:.2g}" in page.words
+    assert f"{100 * mass.std / mass.value:.2g}" in str(estimate)
+
+
+def test_a_part_whose_parts_are_empty_has_no_heading():
+    assert not Passage("empty", parts=(Passage("one"), Passage("two"))).holds
+    assert Passage("full", parts=(Passage("one", items=("a",)),)).holds

@@ -366,7 +366,11 @@ def estimate_report(estimate: Estimate) -> str:
         urge="To mind:" if estimate.status == "ok" else "What to do next:",
         steps=verdict.steps,
         numbers=tuple(_numbers(estimate, records)),
-        panels=tuple(drawn.residual(records[0])) if records else (),
+        panels=tuple(
+            replace(each, title="What is left over what noise makes, line by line")
+            for record in records[:1]
+            for each in drawn.residual(record)
+        ),
         said=remarks,
         parts=(
             Passage("What is left open", items=verdict.left_open),
