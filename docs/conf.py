@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
+
+from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -49,6 +52,7 @@ sphinx_gallery_conf = {
     "write_computation_times": False,
     "within_subsection_order": "FileNameSortKey",
     "capture_repr": (),
+    "remove_config_comments": True,
     "nested_sections": False,
     "copyfile_regex": "",
     "plot_gallery": "True",
@@ -62,6 +66,13 @@ html_static_path = ["_static"]
 html_css_files = ["page.css"]
 
 
-def setup(app: object) -> None:
+def link_names(app: object, page: str, source: list[str]) -> None:
+    """Make each name of the reference a link to all that its docstring says."""
+    if page == "reference":
+        source[0] = re.sub(r"`rid\.(\w+)`", r"{py:obj}`rid.\1 <rotorid.\1>`", source[0])
+
+
+def setup(app: Sphinx) -> None:
     """Write the pages that follow from the program itself."""
     generate.write_pages(HERE / "generated")
+    app.connect("source-read", link_names)

@@ -7,6 +7,7 @@ motor and a ball screw. Its data are free, but not ours to pass on: this page sh
 where they lie in the folder that ``ROTORID_DATA`` names, and says so where they do not.
 """
 
+# sphinx_gallery_thumbnail_path = "images/report-lines.png"
 import os
 from pathlib import Path
 

@@ -246,7 +246,7 @@ class RotorModel(Model):
             import ross
         except ImportError:
             raise ModelError(
-                "no package ross", "ROSS 2.3 or later", "pip install rotorid[ross]"
+                "no package ross", "ROSS 2.3 or later, below 3", "pip install rotorid[ross]"
             ) from None
         rotor, known = self.rotor, {**dict(self.held), **values, "Omega": speed}
         for name, damping in rotor.damping:
