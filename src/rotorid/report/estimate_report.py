@@ -366,11 +366,7 @@ def estimate_report(estimate: Estimate) -> str:
         urge="To mind:" if estimate.status == "ok" else "What to do next:",
         steps=verdict.steps,
         numbers=tuple(_numbers(estimate, records)),
-        panels=tuple(
-            replace(each, title="What is left over what noise makes, line by line")
-            for record in records[:1]
-            for each in drawn.residual(record)
-        ),
+        panels=_first_picture(records),
         said=remarks,
         parts=(
             Passage("What is left open", items=verdict.left_open),
@@ -394,6 +390,11 @@ def estimate_report(estimate: Estimate) -> str:
         ),
     )
     return page_of(page, tab=f"{estimate.model}, {estimate.method}: {status}")
+
+
+def _first_picture(records: Sequence[RecordEvidence]) -> tuple[drawn.Panel, ...]:
+    found = drawn.residual(records[0]) if records else ()
+    return tuple(replace(each, title="What is left over what noise makes") for each in found)
 
 
 def _numbers(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[tuple[str, str]]:
