@@ -347,7 +347,7 @@ def estimate_report(estimate: Estimate) -> str:
         remarks = (lacking, *remarks)
     records = estimate.evidence.records if estimate.evidence else ()
     values = value_tables(estimate)
-    tables = [one for one in estimate.summary() if isinstance(one, Table)]
+    tables = (one for one in estimate.summary() if isinstance(one, Table))
     others = [one for one in tables if one.headings[0] not in values]
     speeds = [v for record in records for v in record.speed_rad_s if math.isfinite(v)]
     verdict, fastest = verdict_of(estimate), max(speeds, key=abs, default=0.0)
@@ -374,11 +374,7 @@ def estimate_report(estimate: Estimate) -> str:
             *(_titled(one) for one in others if one.headings[0] in EARLY),
             Passage("How well the channels are predicted", PREDICTED, channels_table(records)),
             Passage("Assumptions and their effect", EXACT, items=exact),
-            Passage(
-                "The rotor",
-                "The rotor as it is drawn, and what stands on it.",
-                panels=(drawn.drawing(model.rotor),) if isinstance(model, RotorModel) else (),
-            ),
+            _rotor(model),
             *record_pictures(records),
             *_own_pictures(estimate, records),
             *([] if model is None or model.linear is None else [machine_part(estimate, fastest)]),
@@ -390,6 +386,11 @@ def estimate_report(estimate: Estimate) -> str:
         ),
     )
     return page_of(page, tab=f"{estimate.model}, {estimate.method}: {status}")
+
+
+def _rotor(model: Model | None) -> Passage:
+    panels = (drawn.drawing(model.rotor),) if isinstance(model, RotorModel) else ()
+    return Passage("The rotor", "The rotor as it is drawn, and what stands on it.", panels=panels)
 
 
 def _first_picture(records: Sequence[RecordEvidence]) -> tuple[drawn.Panel, ...]:
