@@ -382,7 +382,7 @@ def test_further_starts_lie_about_the_given_one_and_are_the_same_ones_again():
 def test_a_finer_homotopy_is_tried_where_two_further_starts_failed():
     unknowns = [SimpleNamespace(nuisance=False)]
     layout = SimpleNamespace(free=range(1), unknowns=unknowns)
-    ways = list(search._ways(SimpleNamespace(layout=layout, bounds=()), np.ones(1)))
+    ways = list(search._ways(SimpleNamespace(layout=layout, bounds=(), effort=1), np.ones(1)))
     assert [way.number for way in ways] == [0, 1, 2, 0, *range(3, 9)]
     assert [way.stages is search.FINE_STAGES for way in ways] == [k == 3 for k in range(10)]
     assert pytest.approx([*10 ** np.arange(2.0, -4.5, -0.5), 0.0]) == search.FINE_STAGES
