@@ -157,7 +157,7 @@ def test_a_run_up_is_not_searched_for_a_period(tmp_path, output, refusal):
     path.write_text(mistake.replace('"um"', '"N/m"'), encoding="utf-8")
     told = refusal("inspect", path)
     assert "channels.x.unit" in told
-    assert "correct what the quantity is" in told
+    assert "change what the quantity is" in told
 
 
 RUN_UP = """model = "jeffcott"

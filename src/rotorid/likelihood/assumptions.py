@@ -31,7 +31,7 @@ from rotorid.likelihood.linear import DISTINCT
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import levers, parts_between, trials, turned_magnets
 from rotorid.likelihood.rivals_read import WINDOWS, blurred
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Unknown, force_scale
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Plausible, Unknown, force_scale
 from rotorid.likelihood.whitening import as_complex
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.fem import by_share, exact_numbers, pushed
@@ -220,18 +220,7 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     common = list(_scale(fit, point.by(*(u.term for u in scales))))
     yield from common
     for plausible, unknowns in exact:
-        names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
-        if not names:
-            continue
-        effect = point.by(*names) * plausible.size
-        if common and plausible.in_scale:  # beside one common to all inputs, or to all sensors
-            inputs = {c.name for record in records for c in record.inputs}
-            driven = np.array([bool(inputs & gain.on) for gain in unknowns])
-            for group in (driven, ~driven):
-                effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
-        text = f"{plausible.taken}: {plausible.written} of {plausible.error}"
-        about, size, cure = plausible.about, plausible.written, plausible.cure
-        yield Assumed(about, size, text, cure, effect, errors=tuple(names))
+        yield from _exact(fit, point, plausible, unknowns, bool(common))
     yield from _held(fit, point)
     yield from _constrained(fit)
     if structure is not None and records:
@@ -257,6 +246,24 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     found = [_crosstalk(*each) for each in _with_records(fit)]
     yield from _by_rows(fit, ("cross-talk", "0.1 %", text, cure), found)
     yield from _analysers(fit)
+
+
+def _exact(
+    fit: Fit, point: Point, plausible: Plausible, unknowns: Sequence[Unknown], scaled: bool
+) -> Iterator[Assumed]:
+    """Yield what of one kind was taken as exact; `scaled`: beside one scale of all inputs."""
+    names = [s.name for u in unknowns for s in u.scalars if s.unit == plausible.unit]
+    if not names:
+        return
+    effect = point.by(*names) * plausible.size
+    if scaled and plausible.in_scale:  # beside one common to all inputs, or to all sensors
+        inputs = {c.name for record in fit.records for c in record.inputs}
+        driven = np.array([bool(inputs & gain.on) for gain in unknowns])
+        for group in (driven, ~driven):
+            effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
+    text = f"{plausible.taken}: {plausible.written} of {plausible.error}"
+    about, size, cure = plausible.about, plausible.written, plausible.cure
+    yield Assumed(about, size, text, cure, effect, errors=tuple(names))
 
 
 def _scale(fit: Fit, columns: Floats) -> Iterator[Assumed]:
