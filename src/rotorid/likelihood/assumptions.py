@@ -231,7 +231,7 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
                 text, cure = "aligned: axes turned by 0.1 deg", "measure the directions of the axes"
                 said, way = ("axes", "0.1 deg", text, cure), TURNED * structure.turn()
                 off = {each.term: TURNED * point.by(each.term) for each in axes}
-                yield from _elsewhere(fit, said, "turn", way, off)
+                yield from _elsewhere(fit, structure, said, "turn", way, off)
         if isinstance(fit.case.model, RotorModel):
             yield from _numbers(fit, structure, fit.case.model)
             stated = fit.case.model.rotor.tolerances.places
@@ -241,9 +241,9 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
             off = {each.term: by * point.by(each.term) for each in magnets}
             sensors = (sensor for record in records for sensor in record.sensors)
             told = {s.channel.name for s in sensors if any(any(t.powers) for t in s.terms)}
-            yield from _elsewhere(fit, said, "plane", by * structure.along(), off, told)
+            yield from _elsewhere(fit, structure, said, "plane", by * structure.along(), off, told)
     text, cure = "apart: 0.1 % of a reading in the next", "measure it with one sensor moved"
-    found = [_crosstalk(*each) for each in _with_records(fit)]
+    found = [_crosstalk(*each) for each in zip(fit.solution.point.records, records, strict=True)]
     yield from _by_rows(fit, ("cross-talk", "0.1 %", text, cure), found)
     yield from _analysers(fit)
 
@@ -381,10 +381,11 @@ def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:
 
 def _ground(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[Assumed]:
     cure = "read the casing with an accelerometer, or weigh the rotor"
+    every = list(zip(fit.solution.point.records, fit.records, strict=True))
     for standing, natural in MOUNTS:
         text = f"at rest: a casing of {CASING:g} times the rotor's mass, {standing},"
         said = "ground", f"{CASING:g} rotor masses, {standing}", text, cure
-        found = [_recoil(*each, structure, units, natural) for each in _with_records(fit)]
+        found = [_recoil(*each, structure, units, natural) for each in every]
         yield from _by_rows(fit, said, found)
 
 
@@ -394,10 +395,8 @@ def _over(fit: Fit, columns: Sequence[Floats]) -> Floats:
     return np.concatenate([*columns, none])
 
 
-Said = tuple[str, str, str, str]
-"""What is assumed, the size of the error, how it is taken, and the cure."""
-Rows = Mapping[str, Complexes]
-"""What errors do to the equations of a record, (line, row)."""
+Said = tuple[str, str, str, str]  # what is assumed, its error's size, how it is taken, the cure
+Rows = Mapping[str, Complexes]  # what errors do to the equations of a record, (line, row)
 
 
 def _by_rows(fit: Fit, said: Said, found: Sequence[Rows], **more: Any) -> Iterator[Assumed]:
@@ -408,10 +407,6 @@ def _by_rows(fit: Fit, said: Said, found: Sequence[Rows], **more: Any) -> Iterat
             none = np.zeros((at.problem.lines, at.problem.all_rows), dtype=np.complex128)
             columns.append(at.whiten(np.stack([rows.get(n, none) for n in names], axis=2)))
         yield Assumed(*said, _over(fit, columns), errors=names, **more)
-
-
-def _with_records(fit: Fit) -> Iterator[tuple[Evaluation, Observation]]:
-    return zip(fit.solution.point.records, fit.records, strict=True)
 
 
 def _recoil(
@@ -438,6 +433,7 @@ def _recoil(
 
 def _elsewhere(
     fit: Fit,
+    structure: Structure,
     said: Said,
     what: str,
     way: Floats,
@@ -449,10 +445,8 @@ def _elsewhere(
     `way`: (coordinate, coordinate); `off`: what the magnets do to the residual; `told`: sensors
     whose parameters tell how far they are.
     """
-    structure = fit.case.places
-    assert structure is not None
     found = list[Rows]()
-    for at, record in _with_records(fit):
+    for at, record in zip(fit.solution.point.records, fit.records, strict=True):
         beside = structure.own(_motion(at, structure) @ way.T) / at.problem.scales.coordinates
         read, names = at.readings_of(as_complex(beside)), _sensors(at, record)
         each = zip(names, np.diag([float(name not in told) for name in names]), strict=True)
@@ -529,7 +523,7 @@ def _crosstalk(at: Evaluation, record: Observation) -> Rows:
 
 def _analysers(fit: Fit) -> Iterator[Assumed]:
     """Yield the bias of H1, or of H2, and the window, of responses that an analyser made."""
-    every, found = list(_with_records(fit)), list[Rows]()
+    every, found = list(zip(fit.solution.point.records, fit.records, strict=True)), list[Rows]()
     shares = [_noise_of_force(at, record.lines) for at, record in every]
     for (at, record), share in zip(every, shares, strict=True):
         inputs = zip(record.inputs, record.input_columns, strict=True)
