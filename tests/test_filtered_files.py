@@ -60,7 +60,7 @@ def test_from_the_file_to_the_answer(folder, output):
     found = rid.load_estimate(target)
     for name, value in AXIS_TRUE.items():
         assert abs(found.value(name) - value) < 4 * found.std(name)
-    assert "Measured and predicted" in report.read_text()
+    assert "predicted less measured" in report.read_text()
     output("validate", target, path)
     output("report", target, "--out", report)
     output("inspect", path)

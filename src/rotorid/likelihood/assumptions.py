@@ -188,7 +188,7 @@ def contradicted(fit: Fit, every: Sequence[Assumed]) -> Iterator[Note]:
                 found[name] = min((chance, size), found.get(name, (1.0, 0.0)))
     chance, most = min(found.values(), default=(1.0, 0.0))
     chance *= 2 * len(found)
-    if chance >= DOUBTFUL:
+    if not found or chance >= DOUBTFUL:
         return
     falling = sorted(found, key=lambda name: found[name])
     alike = [name for name in falling if found[name][1] > ALIKE * most]

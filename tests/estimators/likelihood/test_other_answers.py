@@ -42,7 +42,7 @@ def unknowns_of(*names: str, additive: bool = False) -> SimpleNamespace:
     free = np.arange(len(names))
     layout = SimpleNamespace(free=free, unknowns=unknowns, start=np.ones(len(names)))
     layout.names = lambda which=slice(None): tuple(names[i] for i in free[which])
-    return SimpleNamespace(layout=layout, affine=free[:0], rigid=free, exact=())
+    return SimpleNamespace(layout=layout, affine=free[:0], rigid=free, exact=(), effort=1)
 
 
 def point_at(unknowns, cost: float = 100.0, problem=None) -> SimpleNamespace:

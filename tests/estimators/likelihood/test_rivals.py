@@ -47,7 +47,7 @@ def finding(term: str, left: float, kind="term", *, share=1.0, value=1.0, likely
 
 def case_of(cost: float, expected: float = 100.0, records=("record",)) -> Case:
     point = SimpleNamespace(cost=cost, unknowns=np.zeros(0))
-    return Case(SimpleNamespace(), records, np.zeros(0), expected, None, point)
+    return Case(SimpleNamespace(effort=1), records, np.zeros(0), expected, None, point)
 
 
 def named(case: Case) -> list[str]:
@@ -250,7 +250,9 @@ def jeffcott(speeds=(100.0,), sizes=(1.0, 1.0, 1.0, 1.0), frequency=(10.0, 20.0,
         known = {"names": ("F_x", "F_y", "x", "y"), "passive": False}
         lines = SimpleNamespace(speed=np.full(3, speed), frequency=np.array(frequency), **known)
         lines.mean = np.outer([1j, -1.0, 1.0], sizes)
+        lines.covariance = SimpleNamespace(matrices=np.tile(1e-6 * np.eye(len(sizes)), (3, 1, 1)))
         record = SimpleNamespace(lines=lines, model=model, inputs=[], direct=[], indirect=[])
+        record.input_columns = []
         made.append(record)
     known = {"model": model, "values": None, "structure": None}
     return SimpleNamespace(records=made, prepared=PREPARED, **known)
