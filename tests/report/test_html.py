@@ -95,6 +95,7 @@ def test_estimate_report_shows_the_estimate(estimate, model):
     page = Page(estimate_report(estimate))
     assert titles(page) == [
         "Jeffcott rotor",
+        "Response of x to F_x",
         "What is left over time",
         "Measured and predicted, frequency by frequency",
         "What is left, frequency by frequency",

@@ -32,12 +32,16 @@ MODEL = rid.load_model("jeffcott")
 
 
 def shaken(
-    harmonics: list[int], rng: np.random.Generator, phase: float = 0.0, periods: int = 20
+    harmonics: list[int],
+    rng: np.random.Generator,
+    phase: float = 0.0,
+    periods: int = 20,
+    noise: float = 1.0,
 ) -> rid.Record:
     angle = TURN * np.outer(np.arange(1000) / 1000.0, harmonics)
     forces = 100.0 * np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)])
-    noise = {"F_x": 1.0, "F_y": 1.0, "x": 1e-6, "y": 1e-6}
-    more = {"speed": TURN * 20, "phase": phase, "noise": noise, "rng": rng}
+    noises = {"F_x": noise, "F_y": noise, "x": 1e-6 * noise, "y": 1e-6 * noise}
+    more = {"speed": TURN * 20, "phase": phase, "noise": noises, "rng": rng}
     values = MODEL.values(MODEL.nominal)
     return rid.simulate(MODEL, values, forces, sample_rate=1000.0, periods=periods, **more)
 
@@ -50,6 +54,46 @@ def periods_of(harmonics: list[int], seed: int = 4) -> rid.PeriodicRecord:
 @pytest.fixture(scope="module")
 def few():
     return periods_of([3, 20, 50])
+
+
+def response_of(estimate, record):
+    """Return measured points, the model's response there, deviations, and which axis it is."""
+    found = with_evidence(estimate, MODEL, rid.average(record, 1.0, harmonics=SWEPT))
+    seen = found.evidence.records[0].response
+    s, value = 2j * np.pi * np.array(seen.frequency_hz), estimate.value
+    assert (seen.force, seen.unit) == (f"F_{seen.position}", "m/N")
+    model = 1 / (value("m") * s**2 + value("c") * s + value("k"))
+    points = np.array(seen.real) + 1j * np.array(seen.imag)
+    return points, model, np.array(seen.std), "xy".index(seen.position)
+
+
+SWEPT = list(range(2, 80, 2))
+
+
+def test_a_response_is_measured_on_the_models():
+    """Without noise on the curve; with it off by its deviations, and by as many as are added."""
+    noisy = shaken(SWEPT, np.random.default_rng(5))
+    truth = Estimate(
+        "jeffcott",
+        "ml",
+        "ok",
+        tuple(
+            rid.Value(name, MODEL.parameter_units[name], value, fixed=True)
+            for name, value in MODEL.nominal.items()
+        ),
+    )
+    seen, model, std, axis = response_of(truth, noisy)
+    assert np.mean(np.abs(seen - model) ** 2 / std**2) == pytest.approx(1, abs=0.5)
+    line, time = 10, np.arange(len(noisy.samples)) / 1000.0
+    more = noisy.samples.copy()
+    force = 2 * np.abs(np.mean(more[:, axis] * np.exp(-1j * TURN * SWEPT[line] * time)))
+    more[:, 2 + axis] += 5 * std[line] * force * np.cos(TURN * SWEPT[line] * time)
+    moved = np.abs(response_of(truth, replace(noisy, samples=more))[0] - seen) / std
+    assert moved[line] == pytest.approx(5, rel=1e-6)
+    assert np.delete(moved, line).max() < 1e-6
+    exact = shaken(SWEPT, np.random.default_rng(5), noise=0.0)
+    seen, model, *_ = response_of(truth, exact)
+    np.testing.assert_allclose(seen, model, rtol=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -357,6 +357,20 @@ class ChannelEvidence:
 
 
 @frozen
+class ResponseEvidence:
+    """A position by a force: the model's response, and what it leaves of the one over the other."""
+
+    force: str
+    position: str  # a combination of coordinates
+    unit: str
+    speed_rad_s: Number
+    frequency_hz: Numbers  # of lines whose response is larger than its bar
+    real: Numbers
+    imag: Numbers
+    std: Numbers  # of the complex number; 0: not known
+
+
+@frozen
 class RecordEvidence:
     """One record as it was used."""
 
@@ -375,6 +389,7 @@ class RecordEvidence:
     frequency_hz: Numbers = ()  # of the lines; of several neighbouring ones the middle
     time_s: Numbers = ()  # one period; or an excerpt of the record; or every so many samples
     channels: tuple[ChannelEvidence, ...] = ()  # those that are predicted first
+    response: ResponseEvidence | None = None  # of the pair that tells most
 
     def __post_init__(self) -> None:
         for channel in self.channels:

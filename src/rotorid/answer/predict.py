@@ -263,7 +263,7 @@ class Forecast:
         """The variance that noise gives predicted - measured, (line, predicted); None: unknown."""
         if self.model.linear is None or not np.abs(self.bound.lines.covariance.matrices).any():
             return None
-        by_data, (covariance, _) = self._by_data, self.covariance
+        by_data, (covariance, _) = self.by_data, self.covariance
         found = np.einsum("ljc,lcd,ljd->lj", by_data, covariance, by_data.conj()).real
         return np.asarray(found.clip(0))
 
@@ -273,7 +273,7 @@ class Forecast:
         return np.asarray((np.abs(self.by_values) ** 2).sum(axis=2))
 
     @cached_property
-    def _by_data(self) -> Complexes:
+    def by_data(self) -> Complexes:
         """The derivative of the error by the measured lines, (line, predicted, channel)."""
         lines, columns = self.bound.lines, []
         turns = np.exp(2j * np.pi * CHIRP * np.arange(len(lines.mean)) ** 2)
@@ -313,12 +313,12 @@ class Forecast:
         """
         covariance, scatter = self.bound.lines.covariance, self.bound.lines.scatter
         if scatter is not None and covariance.kind == "white":
-            each = np.einsum("ljc,plc->plj", self._by_data, scatter - scatter.mean(axis=0))
+            each = np.einsum("ljc,plc->plj", self.by_data, scatter - scatter.mean(axis=0))
             size = np.sqrt((np.abs(each) ** 2).mean(axis=0))
             each = each / np.where(size > 0, size, 1.0)
             if is_correlated(each.reshape(len(each), -1, 1)):
                 covariance = correlated_covariance(scatter)
-        return covariance.matrices, np.full(len(self._by_data), float(covariance.dof))
+        return covariance.matrices, np.full(len(self.by_data), float(covariance.dof))
 
 
 def _error(at: Predicted) -> Complexes:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Complexes, Floats
 
 Source = Any  # what is drawn: records, answers and rotors, whose types lie above
 
@@ -181,6 +181,36 @@ def _loop(one: Any, limits: dict[str, float]) -> Panel:
     title = f"{label(one.axis, 36)}: {one.peak:.3g} at {one.peak_hz:.4g} Hz, {one.verdict}"
     y = Axis("sensitivity |S|", log=True)
     return Panel(title, HERTZ, y, tuple(curves), height=2.6)
+
+
+def force_response(found: Source, hertz: Floats, model: Complexes, std: Floats) -> list[Panel]:
+    """Return a measured response and the model's, whose `std` are along it and across it."""
+    x, seen = np.array(found.frequency_hz), np.array(found.real) + 1j * np.array(found.imag)
+    bar, size = np.array(found.std) / np.sqrt(2), np.abs(model)  # half of the variance each way
+    phase, here = np.unwrap(np.angle(model)), np.searchsorted(hertz, x)
+    turned = phase[here] + np.angle(seen / model[here])
+    axis, told = Axis(HERTZ.title, log=True), "measured, with 95 %"
+    panels: list[Panel] = []
+    for y, line, wide, least, points, half in (
+        (Axis(found.unit, log=True), size, std[0], size / 100, np.abs(seen), bar),
+        (
+            Axis("deg"),
+            *np.degrees([phase, np.minimum(std[1] / size, np.pi / TWO), phase - 4]),
+            *np.degrees([turned, bar / np.abs(seen)]),
+        ),
+    ):
+        low, high = np.maximum(line - TWO * wide, least), line + TWO * wide
+        curves = [Curve(hertz, high, "95 % of the model", BLUE, "band", base=low)]
+        curves += [Curve(hertz, line, "model", BLUE), Curve(x, points, told, RED, "dots")]
+        base = np.maximum(points - TWO * half, least.min())
+        curves += [Curve(x, points + TWO * half, "", RED, "stems", base=base)]
+        panels.append(Panel("Phase" if panels else "Magnitude", axis, y, tuple(curves)))
+    if bar.all():
+        away = (seen / model[here] - 1) * size[here] / bar
+        curves = [Curve(x, away.real, "left along the response", RED, "dots")]
+        curves += [Curve(x, away.imag, "left across it", GREEN, "diamonds")]
+        panels.append(Panel("What is left", axis, Axis("deviations"), tuple(curves), level=0.0))
+    return panels
 
 
 def _band(x: Floats, size: Floats, std: Floats, told: str) -> Curve:

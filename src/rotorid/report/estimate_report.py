@@ -19,6 +19,7 @@ from rotorid.answer.estimate import (
     Estimate,
     Prior,
     RecordEvidence,
+    ResponseEvidence,
     Value,
 )
 from rotorid.answer.estimate_tables import (
@@ -35,7 +36,7 @@ from rotorid.answer.predict import ChannelError
 from rotorid.answer.predict import verdict_of as validated
 from rotorid.core.errors import InputError
 from rotorid.core.tables import Table, table
-from rotorid.core.values import Floats, frozen
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.linear.family import Information
 from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel
@@ -43,7 +44,9 @@ from rotorid.report import drawn
 from rotorid.report.html import Mood, Passage, equations, marked, page_of, rendered
 from rotorid.report.machines import machine_part
 from rotorid.report.records import cell, told_table
-from rotorid.results.machine import own_model
+from rotorid.results.loops import plant_response
+from rotorid.results.machine import Machine, machine_of, own_model, shares_of
+from rotorid.results.modes import amplitude_std
 
 AS_NOISE = 1.5
 """Difference over noise, root mean square, up to which a channel is predicted as well as noise
@@ -306,6 +309,8 @@ def figures(value: float, half: float) -> str:
     return f"{value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
 
 
+BEYOND, BETWEEN = 1.2, 300
+"""Factor by which a response is drawn beyond its lines, and its points."""
 KINDS = {
     "periods": "periods",
     "lines": "lines of the whole record",
@@ -375,6 +380,7 @@ def estimate_report(estimate: Estimate) -> str:
             Passage("How well the channels are predicted", PREDICTED, channels_table(records)),
             Passage("Assumptions and their effect", EXACT, items=exact),
             _rotor(model),
+            *([] if model is None else _responses(estimate, records)),
             *record_pictures(records),
             *_own_pictures(estimate, records),
             *([] if model is None or model.linear is None else [machine_part(estimate, fastest)]),
@@ -441,6 +447,32 @@ def _work(estimate: Estimate, model: Model | None) -> Iterator[Passage]:
 def _titled(one: Table) -> Passage:
     head = one.headings[0]
     return Passage(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
+
+
+def _responses(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Passage]:
+    for number, found in enumerate(record.response for record in records):
+        if found is not None:
+            where = f", record {number + 1}" if len(records) > 1 else ""
+            yield Passage(
+                f"Response of {found.position} to {found.force}{where}",
+                "What the model leaves of the position, over the force, stands on the model's "
+                "response: other forces and loads are as the model has them. Bars and bands hold "
+                "95 %; lines whose bar is longer than the response are left out.",
+                panels=tuple(_response(machine_of(estimate, number), found)),
+            )
+
+
+def _response(machine: Machine, found: ResponseEvidence) -> list[drawn.Panel]:
+    lines, force = found.frequency_hz, machine.model.inputs.index(found.force)
+    hertz = np.union1d(np.geomspace(lines[0] / BEYOND, BEYOND * lines[-1], BETWEEN), lines)
+
+    def response(at: Machine) -> Complexes:
+        reads = np.array([shares_of(at, found.position)])
+        return plant_response(at, found.speed_rad_s, 2 * np.pi * hertz, reads, {})[:, 0, force]
+
+    model, root = response(machine), np.moveaxis(machine.changes(response), 0, -1)
+    std = np.array([amplitude_std(turn * model, root) for turn in (1, 1j)])
+    return drawn.force_response(found, hertz, model, std)
 
 
 def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Passage]:

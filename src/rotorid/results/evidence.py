@@ -17,7 +17,9 @@ from rotorid.answer.estimate import (
     Numbers,
     Prior,
     RecordEvidence,
+    ResponseEvidence,
 )
+from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.answer.identify import Estimator
 from rotorid.answer.predict import Forecast
 from rotorid.core.errors import InputError, require_type
@@ -27,6 +29,9 @@ from rotorid.data.observation import Data, Observation, bind
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.regression import Predicted
 from rotorid.models import Model
+from rotorid.models.equations import combination_text
+from rotorid.results.loops import plant_response
+from rotorid.results.machine import machine_of, shares_of
 
 MOST_LINES = 400
 """Values of a channel over frequency: what a screen tells apart."""
@@ -40,6 +45,8 @@ PER_CYCLE = 10
 """Values in the shortest period of an excerpt."""
 DIGITS = 6
 """Significant digits that are kept: more than a picture shows and a measurement has."""
+MOST_COORDINATES = 200
+"""Coordinates up to which a response is told, for it takes the whole machine on each line."""
 CURVES = 6
 """Sequences of numbers that a channel holds."""
 
@@ -111,7 +118,7 @@ def record_evidence(
 def _record(
     estimate: Estimate, record: Observation, number: int, most: int, *, another: bool
 ) -> RecordEvidence:
-    found = spread = None
+    found = spread = response = None
     phases = {value.name: value.value for value in estimate.nuisance}
     phase = phases.get(f"phase[{number}]", math.nan)
     if not another and math.isfinite(phase):
@@ -123,6 +130,7 @@ def _record(
             spread = forecast.noise
             if another and spread is not None:
                 spread = spread + forecast.spread
+            response = None if another else _response(forecast)
     if record.filtered is not None:
         return _of_samples(record, found, max(FEWEST, min(most, 2 * MOST_SAMPLES)))
     lines = record.lines
@@ -145,7 +153,42 @@ def _record(
         frequency_hz=_rounded([f.mean() for f in _grouped(lines.frequency, size)]),
         time_s=_rounded(time),
         channels=tuple(_Shown(record, size, time).channels(found, spread)),
+        response=response,
     )
+
+
+def _response(forecast: Forecast) -> ResponseEvidence | None:
+    """Return the pair of force and position that tells most; None where no force is measured."""
+    record, lines, found = forecast.bound, forecast.bound.lines, forecast.at
+    at, inputs = np.flatnonzero(lines.frequency > 0), list(record.input_columns)
+    whole = len(record.model.coordinates) > MOST_COORDINATES
+    if whole or found.samples is not None or not (inputs and len(at)) or np.ptp(lines.speed):
+        return None
+    at, speed = at[:: -(-len(at) // FEWEST)], float(lines.speed[0])
+    machine = machine_of(forecast.estimate, forecast.number)
+    spelt = [(s.channel, combination_text(s.channel.combination)) for s in record.sensors]
+    read = [(*each, r) for each in spelt if (r := shares_of(machine, each[1])) is not None]
+    rows = np.array([r for *_, r in read]).reshape(len(read), -1)
+    model = plant_response(machine, speed, 2 * np.pi * lines.frequency[at], rows, {})
+    # What is left of the inputs moves positions as the inputs do.
+    own = np.array([[-float(c.name == name) for name in found.names] for c, *_ in read])
+    by_left = model if found.names == record.model.inputs else own + 0 * model[..., :1]
+    left = by_left @ (found.predicted - found.measured)[at, :, None]
+    by_data = by_left @ forecast.by_data[at]
+    power = (by_data @ forecast.covariance[0][at] * by_data.conj()).sum(axis=2).real.clip(0)
+    force = lines.mean[at][:, None, inputs]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points, std = model + left / force, np.sqrt(power)[..., None] / np.abs(force)
+        score = np.log(np.abs(model) / np.where(std > 0, std, np.abs(left / force)))
+    # By the response that the model has: of lines without force noise would choose the largest.
+    told = score > np.log(HALF_WIDTH / np.sqrt(2))
+    if not told.any():
+        return None
+    i, j = divmod(int(np.argmax(np.where(told, score, 0.0).sum(axis=0))), len(inputs))
+    seen = (lines.frequency[at], points[:, i, j].real, points[:, i, j].imag, std[:, i, j])
+    drawn = (tuple(each[told[:, i, j]].tolist()) for each in seen)
+    unit = f"{read[i][0].unit}/{record.inputs[j].unit}"
+    return ResponseEvidence(record.model.inputs[j], read[i][1], unit, speed, *drawn)
 
 
 def _times(record: Observation, most: int) -> Floats:

@@ -199,15 +199,22 @@ def _loops(
     machine: Machine, speed: float, omega: Floats, response: Complexes, reads: Floats, known: Laws
 ) -> tuple[Complexes, Complexes]:
     """Return S_jj, (line, input), and I + L, (line, input, input)."""
+    plant = plant_response(machine, speed, omega, reads, known)
+    one = np.eye(plant.shape[2])
+    back = one - response @ plant
+    whole = np.linalg.solve(back, np.broadcast_to(one + 0j, back.shape))
+    return np.diagonal(whole, axis1=1, axis2=2).copy(), back
+
+
+def plant_response(
+    machine: Machine, speed: float, omega: Floats, reads: Floats, known: Laws
+) -> Complexes:
+    """Return what is read of each command, (line, reading, input)."""
     stiffness, damping, mass, gains = _plant(machine, speed, known)
     s = 1j * omega[:, None, None]
     dynamic = s**2 * mass + s * damping + stiffness
     driven = np.broadcast_to(gains + 0j, (len(omega), *gains.shape))
-    plant = reads @ np.linalg.solve(dynamic, driven)
-    one = np.eye(gains.shape[1])
-    back = one - response @ plant
-    whole = np.linalg.solve(back, np.broadcast_to(one + 0j, back.shape))
-    return np.diagonal(whole, axis1=1, axis2=2).copy(), back
+    return np.asarray(reads @ np.linalg.solve(dynamic, driven))
 
 
 def _plant(
