@@ -81,6 +81,7 @@ def test_conditions_of_one_table_are_records(folder):
         ('"with 2 g"', '"with 2g"', "rows.is: found no row whose run is 'with 2g'.*with 2 g"),
         ('"with 2 g"', '"bare"', "the phasors of records.0 again.*give each its own rows"),
         ('"0.1 rpm"', '"0.001 rpm"', "no std"),
+        ('"0.1 rpm"', '"300 rpm"', "follow the speed .*a smaller same_speed"),
     ):
         with pytest.raises(InputError, match=told):
             identify(folder, text.replace(old, new))

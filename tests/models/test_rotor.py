@@ -360,7 +360,7 @@ def test_one_plane_is_enough_where_the_other_does_not_move_it(tmp_path):
     model, rng = pushed_rotor("290 mm"), np.random.default_rng(2)
     (tmp_path / "rotor.toml").write_text(model.file_text)
 
-    def found(speed, other=""):
+    def found(speed, other="", sign=1):
         forces = 20 * np.exp(2j * np.pi * rng.random((8, 2))) * [1, not speed]
         record = line_record(
             model,
@@ -384,7 +384,7 @@ def test_one_plane_is_enough_where_the_other_does_not_move_it(tmp_path):
             harmonics = [2, 4, 6, 8, 10, 12, 14, 16]
             [channels]
             F_xA = {{ column = "fx", unit = "N" }}
-            x_a = {{ column = "x", unit = "m" }}
+            x_a = {{ column = "x", unit = "m", scale = {sign} }}
             {other}"""
         )
         return rid.load_experiment(tmp_path / "experiment.toml").identify()
@@ -393,8 +393,13 @@ def test_one_plane_is_enough_where_the_other_does_not_move_it(tmp_path):
     for estimate in (found(0.0), found(100.0, "F_yA = { scale = 0 }")):
         assert estimate.status == "ok"
         assert abs(estimate.value("k") - 2.2e5) < 4 * estimate.std("k") < 100
+    assert found(0.0, sign=-1).suspects[0].term in ("sign[F_xA]", "sign[x_a]")
     with pytest.raises(rid.InputError, match=r"no channel of the input F_yA.*scale = 0"):
         found(100.0)
+    second = model.file_text.replace("[actuators]", '[actuators]\nB = { at = "400 mm" }')
+    (tmp_path / "rotor.toml").write_text(second)
+    nothing = "\n".join(f"{name} = {{ scale = 0 }}" for name in ("F_xB", "F_yB", "F_yA"))
+    assert found(100.0, nothing).status == "ok"
 
 
 def test_a_rotor_is_drawn_with_what_stands_on_it():

@@ -43,7 +43,10 @@ OPEN = "not identifiable"
 """What a note on an open direction, and on what would close it, is about."""
 DIRECTION = "direction"
 """What the note is about that the records contradict in one direction what was assumed."""
-OFF = frozenset({DIRECTION, LACKS := "missing force", RECORDS := "records"})
+LACKS, LATE, RECORDS = "missing force", "late forces", "records"
+"""What notes are about that the equations of filtered samples lack a force, or that forces come
+late, or that records of one machine differ."""
+OFF = frozenset({DIRECTION, LACKS, LATE, RECORDS})
 """What makes an answer doubtful by so many deviations, though nothing shows that it is wrong."""
 EFFORT = "effort"
 """What the note is about that not everything was asked that may change the answer."""

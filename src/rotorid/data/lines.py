@@ -180,6 +180,10 @@ class Samples(Arrays):
     lines_kept: Integers  # (line,): numbers of the lines
     period: int | None = None  # samples of a period
 
+    def with_channel(self) -> Samples:
+        """Return the samples with one more channel, zero."""
+        return replace(self, values=np.column_stack([self.values, np.zeros(len(self.values))]))
+
     def column(self, index: int, channel: Channel) -> Floats:
         """Return the samples of what a channel recorded, without delay and dynamics, (sample,)."""
         return quantity(self.values[:, index], channel, self.sample_rate, self.period)
@@ -408,6 +412,7 @@ class Lines(OfMachine):
             channels=(*self.channels, channel),
             mean=np.column_stack([self.mean, np.zeros(lines)]),
             covariance=replace(self.covariance, matrices=matrices),
+            samples=None if self.samples is None else self.samples.with_channel(),
             scatter=None,
             beside=None,
         )

@@ -40,6 +40,12 @@ PHASOR_STD = "state how far the readings scatter: the last digit of the instrume
 RESPONSE_STD = "state how far real and imaginary part scatter from one average to the next"
 
 
+TWO_OF_A_LINE = 2
+"""Readings that a mean and a slope over the speed take."""
+UNEVEN = 1e-6
+"""Chance below which readings of one speed follow it."""
+
+
 def phasor_lines(
     channels: Sequence[Channel],
     speed: ArrayLike,
@@ -79,6 +85,7 @@ def phasor_lines(
         np.add.at(mean, groups, recorded)
         scatter = recorded - (mean / count[:, None])[groups]
         if known is None:
+            _check_even(scatter, turning, groups)
             first = np.flatnonzero(np.diff(groups, prepend=-1))
             turning, recorded = np.bincount(groups, turning) / count, (recorded - scatter)[first]
             covariance, said = _repeated(scatter, groups, recorded, channels)
@@ -175,6 +182,31 @@ def _groups(speed: Floats, same: float = 0.0) -> Integers:
         found.append(found[-1] + apart)
         first = each if apart else first
     return np.array(found)
+
+
+def _check_even(scatter: Complexes, speed: Floats, groups: Integers) -> None:
+    """Refuse readings that are no repeated ones: what follows the speed is more than scatter."""
+    count = np.bincount(groups)
+    off = speed - (np.bincount(groups, speed) / count)[groups]
+    square = np.bincount(groups, off**2)
+    told = (count > TWO_OF_A_LINE) & (square > 0)
+    along = np.zeros((len(count), scatter.shape[1]), dtype=np.complex128)
+    np.add.at(along, groups, off[:, None] * scatter)
+    follows = (np.abs(along[told]) ** 2 / square[told, None]).sum(axis=0)
+    whole = (np.abs(scatter[told[groups]]) ** 2).sum(axis=0)
+    dof, left = int(told.sum()), int((count[told] - TWO_OF_A_LINE).sum())
+    if not dof:
+        return
+    ratio = np.divide(follows / dof, (whole - follows) / left, where=whole > follows, out=0 * whole)
+    chance = float(scipy.special.fdtrc(2 * dof, 2 * left, ratio.max()))
+    if chance * len(whole) < UNEVEN and (follows > whole - follows).any():
+        raise InputError(
+            f"readings that follow the speed within {np.abs(off).max() * 30 / np.pi:.3g} rpm of "
+            "their mean more than they scatter",
+            "repeated readings of one speed",
+            "state a smaller same_speed, or std beside the unit of each channel",
+            place="same_speed",
+        )
 
 
 def _without_doubles(speed: Floats, lines: Complexes) -> tuple[Integers, tuple[str, ...]]:

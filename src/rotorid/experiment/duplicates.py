@@ -339,8 +339,9 @@ def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | N
 def apart(first: RecordEntry, second: RecordEntry) -> bool:
     """Tell whether two records of one file take other times of it, or other rows."""
     begin = max(first.skip or 0.0, second.skip or 0.0)
-    if first.rows and second.rows and first.rows.column == second.rows.column:
-        return first.rows.value != second.rows.value
+    if first.rows and second.rows:  # of two columns the readings tell
+        alike = first.rows.column == second.rows.column
+        return not alike or first.rows.value != second.rows.value
     return any(each.until is not None and each.until <= begin for each in (first, second))
 
 

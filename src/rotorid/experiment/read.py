@@ -277,6 +277,8 @@ def _position(entry: ChannelEntry, entries: Entries, model: Model) -> dict[str, 
 
 def columns_of(entry: ChannelEntry) -> tuple[tuple[str, ...], ...]:
     """Return what a channel is read from: a column, the two of a phasor, or each of its law's."""
+    if entry.scale == 0:  # nothing acts there: it needs none
+        return ()
     if entry.law is not None:
         return tuple((column.column.strip("/"),) for column in entry.columns)
     if entry.column is not None:

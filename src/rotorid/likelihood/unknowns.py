@@ -465,7 +465,8 @@ def _reread(scalar: Scalar, inputs: Iterable[str], constant: str) -> Unknown:
     """Return an unknown at whose start the forces are as they were read."""
     on, key = frozenset(inputs), "saturation" if constant == KNEE_CONSTANT else constant
     effects, said = (Rereads(on, constant, scalar.start),), f"{scalar.name} of the force laws"
-    cure = f"give its value, or have it estimated: {key} = {{ start = ... }} of the channels"
+    start = f'"{scalar.start:.4g} {scalar.unit}"'
+    cure = f"give its value, or have it estimated: {key} = {{ start = {start} }} of the channels"
     return Unknown((scalar,), on, effects, rival="term", phrase=said, cure=cure)
 
 

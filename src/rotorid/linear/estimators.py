@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorid.answer import machine_checks
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.judge import LACKS, RECORDS
+from rotorid.answer.judge import LACKS, LATE, RECORDS
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats, frozen
@@ -44,11 +44,13 @@ of one leaves 83 % of intervals right where 95 % are promised."""
 CLEAR = 3.0
 """Deviations of the move itself by which it is more than chance; and between two records."""
 
-DOUBTFUL, SURE = 4.0, 6.0
-"""Deviations of a lag between forces and motion from which on it is told, where it moves a
-parameter by more than `MOVED`, and from which on the answer is turned away, where it moves one by
-what the gate is sure of. Deviations from 32 blocks are an eighth off, from eight a quarter. A lower
-cut-off that moves a parameter by the second turns the answer away too: the bias is larger still."""
+DOUBTFUL, SURE = 4.0, 5.0
+"""Deviations of the normal distribution of a lag between forces and motion from which on it is
+told, where it moves a parameter by more than `MOVED`, and from which on the answer is turned away
+(p < 1e-6), where it moves one by what the gate is sure of."""
+BIASED = 6.0
+"""Deviations by which a lower cut-off moves a parameter of an answer that is turned away: the bias
+is larger still."""
 
 
 def filtered_records(records: Records) -> bool:
@@ -150,7 +152,7 @@ class SampledProblem(Posed):
             )
             sure = clear[k] > SURE and share > machine_checks.SURE
             severity: Severity = "rejects" if sure else "doubts"
-            notes.append(Note("delay", severity, text, cure, (name,), late, "s"))
+            notes.append(Note(LATE, severity, text, cure, (name,), share, "1"))
         return notes, changes[:-1][shares[:-1] > MOVED]
 
     def apart(self, solved: Solver) -> Iterator[Note]:
@@ -188,7 +190,7 @@ class SampledProblem(Posed):
             "zero, or the motion reaches up to the cut-off; the deviations do not cover that: try "
             "other cut-offs"
         )
-        severity: Severity = "rejects" if share > SURE else "doubts"
+        severity: Severity = "rejects" if share > BIASED else "doubts"
         yield Note("cut-off", severity, text, on=(name,), value=by, unit=unit)
 
     def told(self, scatter: Scatter) -> Iterator[Note]:
