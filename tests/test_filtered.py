@@ -299,7 +299,7 @@ def test_records_of_one_machine_are_compared(apart, told):
 @pytest.mark.parametrize(("sure", "severity"), [(3.4, "rejects"), (3.6, "doubts")])
 def test_a_bias_that_no_deviation_covers_is_turned_away(sure, severity, monkeypatch):
     """The lower cut-off moves this mass by 3.5 deviations; six are no answer."""
-    monkeypatch.setattr("rotorid.linear.estimators.SURE", sure)
+    monkeypatch.setattr("rotorid.linear.estimators.BIASED", sure)
     record = axis(np.random.default_rng(0), position_noise=2e-5)
     found = rid.identify(AXIS, rid.filtered(record, 100.0), "ls")
     assert [n.severity for n in found.notes if n.about == "cut-off"] == [severity]
