@@ -202,6 +202,11 @@ def test_one_order_of_arguments():
         (lambda: rid.read_record(pd.DataFrame({"x": [1.0]})), "by rid.Record.from_frame"),
         (lambda: rid.load_estimate(three_mass()), "found Estimate; expected str or Path"),
         (lambda: rid.Record.from_frame([1.0]), "found list; expected a pandas data frame"),
+        (lambda: rid.modes(three_mass(), ["0 rpm"]), "speed: found list; expected a number in rad"),
+        (
+            lambda: rid.balance(three_mass(), [("x2", "y2")], 9.0),
+            "planes: found tuple; expected the name",
+        ),
     ],
 )
 def test_wrong_types_are_refused_with_what_is_taken(call, said):
@@ -221,6 +226,8 @@ def test_a_data_frame_is_a_record(record):
     found = rid.Record.from_frame(small, units={"x": "um"})
     assert found == rid.Record([rid.Channel("x", "m")], [[1e-6], [2e-6], [3e-6]], "1 kHz")
     assert rid.Record.from_frame(small.reset_index(drop=True), sample_rate="2 kHz").start == 0.0
+    with pytest.raises(rid.InputError, match="found complex numbers; expected columns of numbers"):
+        rid.Record.from_frame(1j * small)
     with pytest.raises(rid.InputError, match="an index of int64, 3 long"):
         rid.Record.from_frame(small.reset_index(drop=True))
     for jitter, refused in ((0.019, False), (0.021, True)):  # half of it lies beside the middle

@@ -13,8 +13,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import field
 from fractions import Fraction
 from functools import cache, lru_cache
+from numbers import Real
 
-from rotorid.core.errors import InputError, shortened
+from rotorid.core.errors import InputError, WrongTypeError, shortened
 from rotorid.core.frozen import frozen
 
 MAX_LENGTH = 64
@@ -356,6 +357,9 @@ def quantity(value: float | str, expected: str, *, place: str = "") -> float:
 def finite_speed(speed: float | str, place: str = "speed") -> float:
     """Return a speed in rad/s, of a number or a text with its unit."""
     found = quantity(speed, "rad/s", place=place)
+    if not isinstance(found, Real):
+        given, taken = type(speed).__name__, "a number in rad/s, or a text with a unit"
+        raise WrongTypeError(given, taken, "write '6000 rpm'", place=place)
     if not math.isfinite(found):
         raise InputError(f"{speed}", "a finite speed", "give 0 at standstill", place=place)
     return float(found)

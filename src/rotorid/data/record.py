@@ -420,6 +420,8 @@ class Record(Shown, WithChannels):
         index = np.asarray(frame.index)
         start, rate = _times_of(index) if sample_rate is None else (0.0, sample_rate)
         try:
+            if np.iscomplexobj(frame.to_numpy()):
+                raise TypeError("complex numbers")
             samples = frame.to_numpy(dtype=float)
         except (TypeError, ValueError) as error:
             cure = "drop the columns that are none"

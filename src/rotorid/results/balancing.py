@@ -18,7 +18,7 @@ import numpy as np
 
 from rotorid.answer.estimate import Estimate
 from rotorid.core.distributions import bound_of_length
-from rotorid.core.errors import InputError, require_positive
+from rotorid.core.errors import InputError, WrongTypeError, require_positive
 from rotorid.core.notes import Note
 from rotorid.core.units import finite_speed, quantity
 from rotorid.core.values import Complexes, Floats, frozen
@@ -278,6 +278,10 @@ def balance(
     speeds = _speeds(speed)
     planes = [planes] if isinstance(planes, str) else planes
     machine = unbalanced(machine_of(estimate, record))
+    for plane in planes:
+        if not isinstance(plane, str):
+            given, taken = type(plane).__name__, "the name of a place, or two coordinates, as text"
+            raise WrongTypeError(given, taken, "write 'x2,y2'", place="planes")
     if not planes:
         raise InputError("no plane", "one plane or more", "name it: --plane x2,y2", place="plane")
     if len({plane.replace(" ", "") for plane in planes}) < len(planes):
