@@ -428,10 +428,8 @@ class Record(Shown, WithChannels):
             raise InputError(str(error), "columns of numbers", cure, place="frame") from None
         scale = [si_factor(given.get(name, "1"), place=f"units.{name}") for name in names]
         labels = [multiply_units([(given[name], 1)]) if name in given else "" for name in names]
-        channels, omega = (
-            tuple(map(Channel, names, labels)),
-            quantity(speed, "rad/s", place="speed"),
-        )
+        channels = tuple(map(Channel, names, labels))
+        omega = quantity(speed, "rad/s", place="speed")
         rate = quantity(rate, "Hz", place="sample_rate")
         return cls(channels, samples * scale, rate, omega, start=start)
 

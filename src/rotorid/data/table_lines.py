@@ -197,7 +197,8 @@ def _check_even(scatter: Complexes, speed: Floats, groups: Integers) -> None:
     dof, left = int(told.sum()), int((count[told] - TWO_OF_A_LINE).sum())
     if not dof:
         return
-    ratio = np.divide(follows / dof, (whole - follows) / left, where=whole > follows, out=0 * whole)
+    exact = np.where(whole > 0, np.inf, 0.0)  # where nothing else is left
+    ratio = np.divide(follows / dof, (whole - follows) / left, where=whole > follows, out=exact)
     chance = float(scipy.special.fdtrc(2 * dof, 2 * left, ratio.max()))
     if chance * len(whole) < UNEVEN and (follows > whole - follows).any():
         raise InputError(

@@ -188,10 +188,8 @@ class Scatter:
         """
         columns = columns / solution.deviation[:, None]
         count, answer = self.blocks, np.hstack(solution.gains) @ columns
-        part, starts = (
-            columns - solution.matrix @ answer,
-            np.searchsorted(self.numbers, range(count)),
-        )
+        part = columns - solution.matrix @ answer
+        starts = np.searchsorted(self.numbers, range(count))
         power = np.add.reduceat(part**2, starts)
         score = np.add.reduceat(part * solution.residual[:, None], starts)
         whole = power.sum(axis=0)

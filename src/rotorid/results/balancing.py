@@ -212,9 +212,8 @@ class Balance(OfAMachine):
     rotor_mass: float | None  # kg
     grade_mm_s: float | None  # of all planes together, at their worst
     grade_before_mm_s: float | None  # of the unbalance that the planes take away
-    grade_mounted_mm_s: (
-        float | None
-    )  # what `WEIGHED` and `MOUNTED` leave, all planes at their worst
+    # what `WEIGHED` and `MOUNTED` leave, all planes at their worst
+    grade_mounted_mm_s: float | None
     notes: tuple[Note, ...] = ()  # what is assumed at the highest speed, and what that may move
 
 
