@@ -347,6 +347,10 @@ def test_natural_frequencies_alone(tmp_path):
     assert found.lines_hz == ()
 
 
+def test_a_frequency_as_exact_as_its_computation_is_taken():
+    assert rid.Mode("5 Hz", "1e-11 Hz").std == 1e-11
+
+
 def test_natural_frequencies_beside_a_record(folder):
     """The disc carried another mass in the test."""
     k, c = TRUTH["k"], TRUTH["c"]
@@ -367,6 +371,7 @@ parameters = {{ m = "3 kg" }}
     ("old", "new", "told"),
     [
         ('std = "0.02 Hz"', 'std = "0 Hz"', r"modes\.0: std: found 0 Hz; expected a number above"),
+        ('std = "0.02 Hz"', 'std = "1e-13 Hz"', r"modes\.0: std: found 1e-13 Hz, .* 1e-12 of the"),
         ('std = "0.02 Hz"', "", r"modes\.0\.std: found no such key"),
         ('std = "0.02 Hz"', 'std = "2 mm"', r"modes\.0\.std: "),
         ("std = 1e-4", "std = 0", r"modes\.0\.damping\.std: found 0"),

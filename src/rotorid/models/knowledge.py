@@ -20,6 +20,9 @@ from rotorid.models.equations import polynomial
 Amount = TypeVar("Amount", float, float | str)
 """In SI; before a model is known, perhaps a text with a unit."""
 
+_SHARPEST = 1e-12
+"""Deviation of a natural frequency, over itself: eigenvalues of a model are not computed better."""
+
 
 def in_si(values: Mapping[str, float | str], model: Model) -> dict[str, float]:
     """Return values by name in SI: numbers as they are, texts with the units of parameters."""
@@ -224,6 +227,13 @@ class Mode:
             number = float(quantity(getattr(self, name), "Hz", place=name))
             _positive(number, "Hz", name)
             object.__setattr__(self, name, number)
+        if self.in_si[1] < _SHARPEST * self.in_si[0]:
+            raise InputError(
+                f"{self.std:g} Hz, {self.in_si[1] / self.in_si[0]:.0e} of {self.frequency:g} Hz",
+                f"{_SHARPEST:g} of the frequency or more: no computed mode is more exact",
+                "state the deviation of the test: what repeating it scatters by",
+                place="std",
+            )
         object.__setattr__(self, "speed", finite_speed(self.speed))
         if self.damping is not None:
             value, std = map(float, self.damping)
