@@ -14,7 +14,6 @@ from io_writers import WRITERS, write_mdf, write_table
 import rotorid as rid
 from rotorid import ReadError
 from rotorid.io import open_tables
-from rotorid.io import text as delimited
 from rotorid.io.table import COLUMNS, check_held
 from rotorid.io.text import (
     DIGITS,
@@ -167,23 +166,6 @@ def test_a_clock_that_breaks_off(tmp_path):
         open_delimited(path).read(["clock"])
 
 
-def test_pyarrow_and_numpy_read_alike(tmp_path, monkeypatch):
-    pytest.importorskip("pyarrow")
-    values = np.random.default_rng(3).normal(size=(500, 3)) * 10.0 ** np.array([-9, 0, 9])
-    for mark, point in ((",", "."), (";", ","), ("\t", ".")):
-        rows = [mark.join(repr(x).replace(".", point) for x in row) for row in values.tolist()]
-        path = table(tmp_path, "\n".join(["note", mark.join("abc"), *rows]))
-        monkeypatch.setattr("rotorid.io.text._FAST", 10**9)
-        slow = open_delimited(path).read(["a", "c"])
-        monkeypatch.setattr("rotorid.io.text._FAST", 0)
-        opened = open_delimited(path)
-        assert opened._fast_numbers([0, 2]) is not None
-        fast = opened.read(["a", "c"])
-        for name, column in slow.items():
-            np.testing.assert_array_equal(fast[name].values, column.values)
-        np.testing.assert_array_equal(fast["c"].values, values[:, 2])
-
-
 @pytest.mark.parametrize(
     ("line", "rows", "hertz"),
     [
@@ -316,7 +298,6 @@ def test_what_is_asked_for_is_read(text, values, tmp_path):
     np.testing.assert_array_equal(found, values)
 
 
-@pytest.mark.parametrize("fast", [0, 10**9])
 @pytest.mark.parametrize(
     ("text", "place", "found"),
     [
@@ -330,9 +311,7 @@ def test_what_is_asked_for_is_read(text, values, tmp_path):
         ("a,b\n3,4\n1,1_000x\n", "line 3, column b", "'1_000x'"),
     ],
 )
-def test_fields_that_are_no_numbers(tmp_path, monkeypatch, text, place, found, fast):
-    """Also what pyarrow does not take is explained."""
-    monkeypatch.setattr(delimited, "_FAST", fast)
+def test_fields_that_are_no_numbers(tmp_path, text, place, found):
     opened = open_delimited(table(tmp_path, text))
     assert opened.names == ("a", "b")
     with pytest.raises(ReadError, match="expected") as caught:

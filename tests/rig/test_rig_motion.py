@@ -26,7 +26,7 @@ from rotorid.cli import run
 from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential
 from rotorid.force.reading import ForceReading, forces
-from rotorid.rig.controller import Controller, as_controller, pid, side_by_side
+from rotorid.rig.controller import Controller, pid, side_by_side
 from rotorid.rig.kernel import coil_current
 from rotorid.rig.logger import decimated
 from rotorid.rig.machine import merge_clocks
@@ -286,12 +286,10 @@ GAIN = partial(Controller, [], [], [])
 NUMERATOR, DENOMINATOR = [-2e4, 1.9e4], [1.0, -0.6, 0.05]
 SPACE = ([[0.5, 0.1], [0.0, 0.2]], [[1.0], [0.5]], [[-1e4, 2.0]], [[-3e3]])
 SYSTEMS = {
-    "scipy transfer function": signal.dlti(NUMERATOR, DENOMINATOR, dt=T),
-    "control transfer function": control.TransferFunction(NUMERATOR, DENOMINATOR, T),
+    "scipy transfer function": signal.dlti(NUMERATOR, DENOMINATOR, dt=T).to_ss(),
+    "control transfer function": control.ss(control.tf(NUMERATOR, DENOMINATOR, T)),
     "scipy state space": signal.dlti(*SPACE, dt=T),
     "control state space": control.StateSpace(*SPACE, T),
-    "control of unspecified period": control.StateSpace(*SPACE, True),
-    "a controller": Controller(*SPACE, T),
 }
 
 
@@ -303,22 +301,18 @@ def test_systems_of_other_packages(kind):
     else:
         a, b, c, d = map(np.array, SPACE)
         expected = [(c @ np.linalg.solve(x * np.eye(2) - a, b) + d)[0, 0] for x in z]
-    found = as_controller(SYSTEMS[kind], T)
+    system = SYSTEMS[kind]
+    found = Controller(system.A, system.B, system.C, system.D, T)
     np.testing.assert_allclose(found.response([50.0, 3000.0])[:, 0, 0], expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: as_controller(signal.lti([1.0], [1.0, 1.0]), T), "discretize it at the contr"),
-        (lambda: as_controller(control.tf([1.0], [1.0, 1.0]), T), "a continuous Transfer"),
-        (lambda: as_controller(signal.dlti([1.0], [1.0, 0.5], dt=2e-4), T), "every 0.0002 s"),
-        (lambda: as_controller("pid", T), "'pid'; expected a discrete system"),
         (lambda: Controller([[1.0]], [[1.0, 2.0]], [[1.0]], [[1.0]], T), r"B of shape \(1, 2\)"),
         (lambda: GAIN([[np.nan]], T), "not finite"),
         (lambda: GAIN([[1.0]], 0.0), "a period of 0.0 s"),
         (lambda: pid(1.0, 0.0, 1.0, 0.0, T), "filter_frequency: found 0.0 Hz"),
-        (lambda: GAIN(np.eye(2), T).on_each(2), "2 positions, 2 commands; expected one of each"),
         (lambda: side_by_side([GAIN([[1.0]], t) for t in (T, 2 * T)]), "expected one period"),
     ],
 )

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.io import wavfile
 
-import rotorid as rid
 from rotorid import Channel, InputError
 from rotorid.force.channel_dynamics import Constant, FirstOrder, Measured, SecondOrder
-from rotorid.rig.files import write_excitation
 from rotorid.signals.covariance import (
     choose_covariance,
     correlated_covariance,
@@ -473,39 +470,3 @@ def test_orthogonal_runs_tell_inputs_apart_best():
 def test_bad_multisines_are_refused(build, message):
     with pytest.raises(InputError, match=message):
         build()
-
-
-@pytest.fixture
-def played():
-    return multisine(20.0, odd_harmonics(11), {"F_x1": 3.0, "F_y1": 1.0})
-
-
-@pytest.mark.parametrize("ending", ["csv", "h5"])
-def test_tables_are_read_back(tmp_path, played, ending):
-    file = tmp_path / f"table.{ending}"
-    write_excitation(played, file, 5000.0)
-    record = rid.read_record(file, columns=["F_x1", "F_y1"], time="t")
-    np.testing.assert_allclose(record.samples, played.samples(5000.0), rtol=1e-14)
-    assert record.sample_rate == pytest.approx(5000.0)
-    assert [channel.unit for channel in record.channels] == ["N", "N"]
-
-
-def test_wav_is_in_parts_of_full_scale(tmp_path, played):
-    write_excitation(played, tmp_path / "table.wav", 5000.0, full_scale=20.0)
-    rate, samples = wavfile.read(tmp_path / "table.wav")
-    assert rate == 5000
-    np.testing.assert_allclose(20.0 * samples, played.samples(5000.0), atol=2e-6)
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("t.txt", {}, "the ending '.txt'"),
-        ("t.wav", {}, "give full_scale; the peak is"),
-        ("t.wav", {"full_scale": 1.0}, "at most the full scale of 1"),
-    ],
-)
-def test_tables_that_cannot_be_written(tmp_path, played, name, options, message):
-    with pytest.raises(InputError, match=message):
-        write_excitation(played, tmp_path / name, 5000.0, **options)
-    assert not list(tmp_path.iterdir())

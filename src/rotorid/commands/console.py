@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import math
 import os
 import re
 import shutil
@@ -262,23 +261,23 @@ def as_text(text: Callable[[], str], kind: files.Kind) -> files.Content:
 
 
 def as_json(data: Any, kind: files.Kind) -> files.Content:
-    marked = {**data, "written": files.MARK}
-    return as_text(lambda: json.dumps(_plain(marked), indent=2, allow_nan=False) + "\n", kind)
+    """Return the content of a JSON file, null for no number."""
+
+    def text() -> str:
+        plain = json.dumps({**data, "written": files.MARK}, default=_plain)
+        finite = json.loads(plain, parse_constant=lambda _: None)
+        return json.dumps(finite, indent=2) + "\n"
+
+    return as_text(text, kind)
 
 
-def _plain(data: Any) -> Any:
-    """Return data as JSON has them: classes as tables, arrays as lists, null for no number."""
-    if hasattr(data, "tolist"):
-        data = data.tolist()
-    if hasattr(data, "__dataclass_fields__"):
-        data = {name: getattr(data, name) for name in data.__dataclass_fields__}
-    if isinstance(data, complex):
-        data = [data.real, data.imag]
-    if isinstance(data, dict):
-        return {key: _plain(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_plain(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data
+def _plain(value: Any) -> Any:
+    """Return what JSON has none of: arrays as lists, complex numbers as pairs, values as tables."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    return {name: getattr(value, name) for name in value.__dataclass_fields__}
 
 
 def done(given: str, files: Sequence[Path]) -> list[str]:

@@ -27,22 +27,22 @@ _KINDS = {
     stat.S_IFBLK: "a device",
     stat.S_IFSOCK: "a socket",
 }
-_NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)  # a pipe put there since is opened at once, too
 
 
 def check_regular(path: str | Path, expected: str = "a readable file") -> os.stat_result:
     """Refuse what is no regular file, without opening it."""
     with _readable(path, expected):
-        return _regular(path, os.stat(path), expected)
+        found = os.stat(path)
+    if not stat.S_ISREG(found.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no regular file")
+        raise ReadError(kind, expected, "give the path of a file", file=str(path))
+    return found
 
 
 def open_regular(path: str | Path, expected: str = "a readable file") -> BinaryIO:
     check_regular(path, expected)
-    with _readable(path, expected), contextlib.ExitStack() as stack:
-        stream = stack.enter_context(open(path, "rb", opener=_open))
-        _regular(path, os.fstat(stream.fileno()), expected)
-        stack.pop_all()  # the caller closes it
-    return stream
+    with _readable(path, expected):
+        return open(path, "rb")
 
 
 def read_regular(path: str | Path, most: int, expected: str, cure: str) -> bytes:
@@ -72,25 +72,12 @@ def check_beside(name: str, record: str | Path) -> Path:
     return path
 
 
-def _open(path: str, flags: int) -> int:
-    return os.open(path, flags | _NOT_BLOCKING)
-
-
-def _regular(path: str | Path, found: os.stat_result, expected: str) -> os.stat_result:
-    if not stat.S_ISREG(found.st_mode):
-        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no regular file")
-        raise ReadError(kind, expected, "give the path of a file", file=str(path))
-    return found
-
-
 @contextlib.contextmanager
 def _readable(path: str | Path, expected: str) -> Iterator[None]:
     """Say in one line why a file cannot be read."""
     try:
         yield
         return
-    except ReadError:
-        raise
     except FileNotFoundError:
         os.getcwd()  # where that was deleted, it says so itself
         found = "no such file"
@@ -223,7 +210,7 @@ def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | N
                 if mode is None or stat.S_ISREG(mode):
                     parts[_written(path, data, mode)] = path
                 else:
-                    _sent(path, data)
+                    path.write_bytes(data)
         for path, before in (found or {}).items():
             if path in parts.values() and seen(path) != before:
                 expected = "what was there when the command began"
@@ -254,19 +241,6 @@ def _written(path: Path, data: bytes, mode: int | None) -> str:
         os.unlink(part)
         raise
     return part
-
-
-def _sent(path: Path, data: bytes) -> None:
-    try:
-        stream = open(path, "wb", opener=_open)  # noqa: SIM115 - closed below
-    except OSError as error:
-        if error.errno != errno.ENXIO:
-            raise
-        cure = "start the reader first, or write elsewhere"
-        raise _refused(path, "a pipe that nobody reads", "one with a reader", cure) from None
-    with stream:
-        os.set_blocking(stream.fileno(), True)
-        stream.write(data)
 
 
 @contextlib.contextmanager

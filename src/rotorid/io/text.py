@@ -13,7 +13,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice, takewhile
-from os.path import getsize
 from pathlib import Path
 from typing import IO
 
@@ -355,7 +354,6 @@ def _name_and_unit(field: str) -> tuple[str, str | None]:
 
 
 _HEAD_LINES = 400
-_FAST = 32_000_000  # bytes from which on pyarrow, where it is installed, saves more than its import
 _DAY = 86400.0
 
 
@@ -477,9 +475,6 @@ class DelimitedTable:
 
     def _numbers(self, positions: list[int]) -> list[Floats]:
         """Return columns of numbers; nothing of the text is kept, and each number at most twice."""
-        fast = self._fast_numbers(positions)
-        if fast is not None:
-            return fast
         delimiter = None if self.dialect.delimiter == " " else self.dialect.delimiter
         lines = map(_pointed, self._lines()) if self.dialect.decimal_comma else self._lines()
         with warnings.catch_warnings():
@@ -498,45 +493,6 @@ class DelimitedTable:
         for _, wrong in self._wrong(self.names[place] for place in positions):
             raise wrong
         raise ReadError(found, expected, "complete or remove the row", file=self.file)
-
-    def _fast_numbers(self, positions: list[int]) -> list[Floats] | None:
-        """Read with pyarrow; None where it is not installed, or does not take the file."""
-        readable = self.dialect.delimiter != " " and self.encoding.startswith("utf-8")
-        if getsize(self.file) <= _FAST or not readable:
-            return None
-        try:
-            import pyarrow as pa
-            import pyarrow.csv as reader
-        except ImportError:
-            return None
-        keys = [str(number) for number in range(self.dialect.fields)]
-        chosen = [keys[p] for p in positions]
-        try:
-            with Path(self.file).open("rb") as stream:
-                for _ in range(self.dialect.header_lines):
-                    stream.readline()
-                table = reader.read_csv(
-                    pa.PythonFile(stream, "r"),
-                    read_options=reader.ReadOptions(column_names=keys, block_size=1 << 22),
-                    parse_options=reader.ParseOptions(delimiter=self.dialect.delimiter),
-                    convert_options=reader.ConvertOptions(
-                        include_columns=chosen,
-                        column_types=dict.fromkeys(chosen, pa.float64()),
-                        decimal_point="," if self.dialect.decimal_comma else ".",
-                        null_values=[],
-                    ),
-                )
-        except (pa.ArrowException, OSError):
-            return None  # numpy says what is wrong, or takes it
-        columns = []
-        for key in chosen:  # each leaves the table as it is copied, not by pyarrow's way: pandas
-            parts = [
-                np.frombuffer(chunk.buffers()[1], dtype=np.float64)[chunk.offset :][: len(chunk)]
-                for chunk in table.column(key).chunks
-            ]
-            columns.append(np.concatenate([np.empty(0), *parts]))
-            table = table.drop_columns([key])
-        return columns
 
     def _clock(self, position: int) -> Floats:
         name = self.names[position]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import linalg, signal
+from scipy import linalg
 
 from rotorid.core.errors import InputError, require_positive
 from rotorid.core.values import Complexes, Floats, frozen
@@ -84,12 +82,6 @@ class Controller:
 
 def side_by_side(controllers: Sequence[Controller]) -> Controller:
     for controller in controllers:
-        if (controller.positions, controller.commands) != (1, 1):
-            raise InputError(
-                f"a controller of {controller.positions} positions, {controller.commands} commands",
-                "one of each to repeat on every axis",
-                "give one controller for all axes, or one axis",
-            )
         if controller.period != controllers[0].period:
             raise InputError(
                 f"periods {controller.period} s and {controllers[0].period} s",
@@ -120,47 +112,4 @@ def pid(
         C=np.array([[-1.0, -integral]])[:, states],
         D=np.array([[-(proportional + slope)]]),
         period=period,
-    )
-
-
-def as_controller(system: Any, period: float) -> Controller:
-    """Return a controller from an object of python-control or scipy.signal."""
-    if isinstance(system, Controller):
-        return _of_period(system, period)
-    dt = getattr(system, "dt", None)
-    if dt is None or (dt == 0 and dt is not True):
-        raise InputError(
-            f"a continuous {type(system).__name__}" if hasattr(system, "dt") else repr(system)[:60],
-            "a discrete system",
-            "discretize it at the controller's period first (control.c2d, scipy's cont2discrete)",
-        )
-    space = _state_space(system)
-    matrices = {name: np.atleast_2d(getattr(space, name)) for name in "ABCD"}
-    known = period if dt is True else float(dt)
-    return _of_period(Controller(**matrices, period=known), period)
-
-
-def _of_period(controller: Controller, period: float) -> Controller:
-    if abs(controller.period - period) > 1e-9 * period:
-        raise InputError(
-            f"a controller sampled every {controller.period:g} s",
-            f"{period:g} s, the period of the controller's clock",
-            "discretize it at that period",
-        )
-    return controller
-
-
-def _state_space(system: Any) -> Any:
-    """Return the state space of a system of scipy or of python-control, neither imported here."""
-    if isinstance(system, signal.dlti):
-        return system.to_ss()
-    control = sys.modules.get("control")
-    if control is not None and isinstance(system, control.lti.LTI):
-        return control.ss(system)
-    if all(hasattr(system, name) for name in "ABCD"):
-        return system
-    raise InputError(
-        f"a {type(system).__name__}",
-        "a system of python-control or scipy.signal, or a Controller",
-        "convert it to one",
     )

@@ -14,10 +14,9 @@ import h5py
 import numpy as np
 import tomlkit
 import tomlkit.items
-from scipy.io import wavfile
 
 from rotorid.core.errors import InputError, one_line, printable
-from rotorid.core.files import MARK, Kind, write_whole
+from rotorid.core.files import MARK, Kind
 from rotorid.core.toml import inline
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.models.equations import combination_text
@@ -25,7 +24,7 @@ from rotorid.rig.file import RigPlan, load_rig
 from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, Truth, actuator_position, label
 from rotorid.rig.parts import Encoder, Keyphasor, sensor_unit
 from rotorid.rig.rig import Rig
-from rotorid.signals.multisine import Multisine, multisine
+from rotorid.signals.multisine import multisine
 
 RECORD = Kind("rotorid simulate")
 _PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
@@ -264,51 +263,3 @@ def _logged(rig: Rig, seconds: float, seed: int, gap: str = ",") -> bytes:
     table = np.column_stack(list(columns.values()))
     np.savetxt(text, table, delimiter=gap, header=head, comments="", fmt="%.7g")
     return RECORD.signed(text.getvalue())
-
-
-def write_excitation(
-    signals: Multisine, path: str | Path, sample_rate: float, *, full_scale: float | None = None
-) -> None:
-    path = Path(path)
-    samples = signals.samples(sample_rate)
-    match path.suffix.lower():
-        case ".csv":
-            time = np.arange(len(samples)) / sample_rate
-            heading = ",".join(["t [s]", *(f"{name} [{signals.unit}]" for name in signals.names)])
-            lines = (map(repr, row) for row in np.column_stack([time, samples]).tolist())
-            write_whole(path, "\n".join([heading, *map(",".join, lines), ""]).encode())
-        case ".h5" | ".hdf5":
-            named = zip(signals.names, samples.T, strict=True)
-            columns = [LoggedColumn(name, signals.unit, column) for name, column in named]
-            write_whole(path, _in_memory(lambda data: _write_columns(data, columns, sample_rate)))
-        case ".wav":
-            write_whole(path, _wav(samples, path, sample_rate, full_scale))
-        case ending:
-            raise InputError(
-                f"the ending {ending!r}", ".csv, .h5, .hdf5 or .wav", "name it so", file=str(path)
-            )
-
-
-def _wav(samples: np.ndarray, path: Path, sample_rate: float, full_scale: float | None) -> bytes:
-    peak = float(np.abs(samples).max())
-    if full_scale is None or not full_scale > 0:
-        raise InputError(
-            f"a full scale of {full_scale}",
-            "what 1 stands for in the WAV file",
-            f"give full_scale; the peak is {peak:.6g}",
-            file=str(path),
-        )
-    if peak > full_scale:
-        raise InputError(
-            f"a peak of {peak:.6g}",
-            f"at most the full scale of {full_scale:.6g}",
-            "raise full_scale, or lower the crest factor",
-            file=str(path),
-        )
-    if sample_rate != int(sample_rate):
-        raise InputError(
-            f"{sample_rate} Hz", "a whole number of Hz in a WAV file", "use CSV", file=str(path)
-        )
-    stream = BytesIO()
-    wavfile.write(stream, int(sample_rate), (samples / full_scale).astype(np.float32))
-    return stream.getvalue()
