@@ -5,6 +5,7 @@
 #   VENV=path           where the environment lies
 #   PYTEST_ARGS="..."   further arguments of pytest
 #   ONLY="rig/* bad/*", SAMPLE=8, JOBS=2   names of the cases of `make golden`, every n-th, processes
+#   EVERY_CASE=1        of large banks all cases, not the part that the commit draws
 #   FUZZ_ARGS="..."     what `make fuzz` is to damage: see tests/fuzz_run.py
 
 VENV ?= .venv

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commit import part_of
 from hypothesis import settings
 
 # Otherwise each worker, and each child that a test starts, would compile the package anew.
@@ -83,14 +84,23 @@ def refusal(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of the cases of a test marked ``sampled(count)`` leave so many fast, spread over all."""
+    """Of the cases of a test marked ``sampled(count)`` leave so many fast, spread over all.
+
+    With ``parts`` a commit runs one part of the others, an equal share of them.
+    """
     cases = defaultdict(list)
     for item in items:
         if item.get_closest_marker("sampled"):
             cases[item.nodeid.partition("[")[0]].append(item)
+    left_out = set[pytest.Item]()
     for found in cases.values():
-        count = min(found[0].get_closest_marker("sampled").args[0], len(found))
+        mark = found[0].get_closest_marker("sampled")
+        count = min(mark.args[0], len(found))
         kept = {k * len(found) // count for k in range(count)}
-        for number, item in enumerate(found):
-            if number not in kept:
-                item.add_marker(pytest.mark.slow)
+        slow = [item for number, item in enumerate(found) if number not in kept]
+        for item in slow:
+            item.add_marker(pytest.mark.slow)
+        left_out |= {*slow} - {*part_of(slow, mark.kwargs.get("parts", 1))}
+    if left_out:
+        items[0].config.hook.pytest_deselected(items=[*left_out])
+        items[:] = [item for item in items if item not in left_out]

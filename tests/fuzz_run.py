@@ -10,27 +10,14 @@ that every commit draws others, and the same commit the same; where there is non
 """
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
+from commit import seed_of_commit
 from fuzz_files import FORMATS
 from fuzz_harness import Build, Outcome, run_cases
-
-ROOT = Path(__file__).resolve().parent.parent
-SEED = 2128108498
-"""Of files that are the same in every run of CI, and where nothing tells the commit."""
-
-
-def seed_of_commit() -> int:
-    asked = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
-    try:
-        commit = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
-    except (OSError, subprocess.CalledProcessError):
-        return SEED
-    return int(commit[:8], 16)
 
 
 def builds_of(names: Iterable[str], seed: int, numbers: Iterable[int]) -> list[Build]:

@@ -9,7 +9,7 @@ import contextlib
 import io
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import combinations
 from pathlib import Path
@@ -65,6 +65,10 @@ class Mistake:
     what: str
     edit: Edit
     words: tuple[str, ...]
+
+    def edited(self, folder: Path) -> str:
+        """Return the experiment file with the mistake, in a folder with its record."""
+        return self.edit(experiment_of(self.rig, folder))
 
 
 SPEED = '"8400 rpm"'
@@ -217,12 +221,13 @@ BAD = ("warning", "refused")
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `identify` said of a mistake: what stood first, and what named it (empty: nothing)."""
+    """What `identify` said of a mistake: what stood first, what named it (empty: nothing), all."""
 
     mistake: Mistake
     status: str
     first: str
     by: str
+    said: Sequence[str] = field(repr=False)
 
     @property
     def named(self) -> bool:
@@ -242,14 +247,13 @@ def experiment_of(rig: str, folder: Path) -> str:
 
 def judge(mistake: Mistake, folder: Path) -> Verdict:
     """Make a mistake in the experiment file of a rig, in a folder with its record, and identify."""
-    text = experiment_of(mistake.rig, folder)
     path = folder / f"{mistake.rig}-wrong.toml"
-    path.write_text(mistake.edit(text), "utf-8")
+    path.write_text(mistake.edited(folder), "utf-8")
     try:
         found = rid.load_experiment(path).identify()
     except InputError as error:
         by = "refusal" if _holds(mistake, [str(error)]) else ""
-        return Verdict(mistake, "refused", str(error).split(": ", 1)[-1], by)
+        return Verdict(mistake, "refused", str(error).split(": ", 1)[-1], by, [str(error)])
     suspects, warnings = found.suspects, found.warnings
     told = {
         "first suspect": [s.term for s in suspects[:1]],
@@ -259,7 +263,8 @@ def judge(mistake: Mistake, folder: Path) -> Verdict:
     }
     first = next(text for texts in told.values() for text in texts)
     by = next((name for name, texts in told.items() if _holds(mistake, texts)), "")
-    return Verdict(mistake, found.status, first, by)
+    said = [*found.warnings, *(f"{check.found}; {check.cure}" for check in found.checks)]
+    return Verdict(mistake, found.status, first, by, said)
 
 
 def _holds(mistake: Mistake, texts: Sequence[str]) -> bool:

@@ -1,47 +1,39 @@
 """Intervals of parameters whose misfit is no parabola: a disc whose I_t is nearly its I_p."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from bank import steady
 
 import rotorid as rid
-from rotorid import MaximumLikelihood, identify, load_model
-from rotorid.core.distributions import HALF_WIDTH
-from rotorid.demo import demo_plan
-from rotorid.testing import add_noise
 
-MODEL = load_model("three-mass")
-PLAN = demo_plan(MODEL)
-SENSORS = ("x1", "y1", "x3", "y3")
+HALF_WIDTH = 1.959964
 UNBALANCE = ("xi", "zeta", "mu", "eta")
 
 
-def answer(truth, periods, seed, **fixed):
+def answer(machine, periods, seed, **fixed):
     """Return an estimate of the demo's rotor with other values, by its bearings."""
-    lines = PLAN.harmonics, PLAN.fundamental, PLAN.sample_rate, periods
-    clean = steady(MODEL, truth, PLAN.forces, *lines, hertz=140.0, sensors=SENSORS)
-    record = add_noise(clean, PLAN.noise, np.random.default_rng(seed))
-    fixed = {"L1": truth["L1"], **fixed}
-    start = {n: v for n, v in truth.items() if n not in (*fixed, *UNBALANCE)}
-    return identify(MODEL, record, MaximumLikelihood(fixed=fixed, start=start))
+    fixed = {"L1": machine.truth["L1"], **fixed}
+    start = {n: v for n, v in machine.truth.items() if n not in (*fixed, *UNBALANCE)}
+    return machine.identified(machine.seen(seed, periods=periods), fixed=fixed, start=start)
 
 
-def disc(share):
+def disc(demo, share):
     """Return the demo's rotor with a disc whose I_t differs from I_p by a share of it."""
-    return {**MODEL.nominal, "I_t": (1 + share) * MODEL.nominal["I_p"]}
+    return replace(demo, truth={**demo.truth, "I_t": (1 + share) * demo.truth["I_p"]})
 
 
 def skew(estimate):
     return {v.name for v in estimate.parameters if v.interval is not None}
 
 
-def test_interval_ends_where_the_misfit_has_risen():
+def test_interval_ends_where_the_misfit_has_risen(demo):
     """Found again with mu fixed at either end; the deviation of mu is that of a straight line."""
-    truth = disc(0.06)
-    found = answer(truth, 60, seed=3)
+    machine = disc(demo, 0.06)
+    found = answer(machine, 60, seed=3)
     assert {"mu", "eta"} >= skew(found) >= {"mu"}
     mu = found["mu"]
-    rises = [answer(truth, 60, 3, mu=end).misfit.cost - found.misfit.cost for end in mu.interval]
+    rises = [answer(machine, 60, 3, mu=end).misfit.cost - found.misfit.cost for end in mu.interval]
     assert rises[0] == pytest.approx(rises[1], rel=0.03)
     # 60 periods widen a deviation by 5 to 15 %.
     assert 1.05 * HALF_WIDTH**2 < rises[0] < 1.3 * HALF_WIDTH**2
@@ -50,16 +42,16 @@ def test_interval_ends_where_the_misfit_has_risen():
     assert next(v for v in found.derived if v.name == "m1").interval is None
 
 
-def test_ordinary_rotor_has_even_intervals():
-    found = answer(MODEL.nominal, 260, seed=3)
+def test_ordinary_rotor_has_even_intervals(demo):
+    found = answer(demo, 260, seed=3)
     assert found.status == "ok"
     assert not skew(found)
     assert "95 %" not in str(found)
 
 
-def test_end_that_the_misfit_never_reaches_is_infinite(tmp_path):
+def test_end_that_the_misfit_never_reaches_is_infinite(demo, tmp_path):
     """Where I_t = I_p is within reach, mu may be any: told so, and kept by the file."""
-    found = answer(disc(0.01), 60, seed=3)
+    found = answer(disc(demo, 0.01), 60, seed=3)
     assert found["mu"].interval == (-np.inf, np.inf)
     (row,) = (line for line in str(found).splitlines() if line.startswith("mu "))
     assert " any " in row
@@ -86,16 +78,17 @@ def test_interval_stands_beside_the_deviation(interval, told, ends):
 
 
 @pytest.mark.slow
-def test_intervals_of_nearly_gyroscopic_discs_miss_on_either_side():
+def test_intervals_of_nearly_gyroscopic_discs_miss_on_either_side(demo):
     """1.96 std to either side miss in 5 % too, but always further from zero."""
     rng, missed = np.random.default_rng(11), []
     for seed in range(100):
-        truth = disc(rng.choice([-1, 1]) * rng.uniform(0.05, 0.1))
-        found = answer(truth, 60, seed)
+        machine = disc(demo, rng.choice([-1, 1]) * rng.uniform(0.05, 0.1))
+        found = answer(machine, 60, seed)
         for value in (found["mu"], found["eta"]):
             half = HALF_WIDTH * value.std_inflated
             ends = value.interval or (value.value - half, value.value + half)
-            near, far = sorted(np.sign(truth[value.name]) * np.array(ends))
-            missed.append((abs(truth[value.name]) < near, abs(truth[value.name]) > far))
+            near, far = sorted(np.sign(machine.truth[value.name]) * np.array(ends))
+            true = abs(machine.truth[value.name])
+            missed.append((true < near, true > far))
     assert np.mean(missed, axis=0).min() > 0
     assert np.mean(missed, axis=0).max() <= 0.06  # 2.5 % and three deviations of 200 by twos

@@ -10,7 +10,6 @@ from bank import times
 from scipy.stats import norm
 
 from rotorid import Channel, MaximumLikelihood, predict_accuracy
-from rotorid.demo import demo_plan
 from rotorid.testing import add_noise
 
 pytestmark = pytest.mark.slow
@@ -172,7 +171,7 @@ def test_very_few_periods(demo, bearings, statistics, periods, every):
     Parameters of a record err together: the mean cover of 100 records is known to 1 %.
     """
     clean = demo.record(None if every else bearings, periods=periods)
-    noise = {name: 0.15 * std for name, std in demo_plan(demo.model).noise.items()}
+    noise = {name: 0.15 * std for name, std in demo.noise(clean.names).items()}
     fixed = {} if every else {"L1": 0.3}
 
     def draw(rng):
