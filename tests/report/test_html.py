@@ -20,7 +20,6 @@ from rotorid.answer.predict import ChannelError
 from rotorid.demo import TABLE, demo_report, findings, run_demo
 from rotorid.report.estimate_report import (
     estimate_report,
-    figures,
     groups,
     relations,
     validation_report,
@@ -287,22 +286,6 @@ def test_what_rounding_leaves_of_zero_is_zero(value, shown):
     assert row.moved == {"0": "0 std", "0.00011": "+0.0055 std"}.get(shown, "+0.1 std")
     assert (row.value == "0") == (shown == "0")
     assert f"phase[0]  {shown}" in re.sub(" {3,}", "  ", str(estimate))
-
-
-@pytest.mark.parametrize(
-    ("value", "half", "shown"),
-    [
-        (0.833971, 0.00056, "0.83397"),
-        (883970.4, 530.0, "883970"),
-        (-1.693e-6, 8.6e-9, "-1.6930e-06"),
-        (0.0, 0.1, "0"),
-        (2.5, np.nan, "2.5"),
-        (np.nan, np.nan, ""),
-        (3.2, 110.0, "0"),
-    ],
-)
-def test_figures_end_where_their_interval_does(value, half, shown):
-    assert figures(value, half) == shown
 
 
 # Pages in a real browser: drawn whole at every width, by day and by night, and on paper.

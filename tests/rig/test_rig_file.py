@@ -14,7 +14,6 @@ from working_folder import simulated
 import rotorid as rid
 from rotorid import InputError, load_experiment, load_rig
 from rotorid.force.laws import Differential, Linear
-from rotorid.rig.file import shipped_rigs
 from rotorid.rig.files import experiment_text, record_bytes
 from rotorid.rig.parts import Actuator, Coil, Encoder
 from rotorid.rig.rig import RigError, growth
@@ -48,7 +47,7 @@ def test_the_seeds_rotor_as_it_is_described():
     np.testing.assert_allclose(rig.excitation.samples(10e3), np.outer(seed, shares), atol=1e-10)
 
 
-@pytest.mark.parametrize("name", shipped_rigs())
+@pytest.mark.parametrize("name", ["flexible", "rigid", "three-mass"])
 def test_shipped_rigs_float_at_rest_and_at_speed(name):
     rig = load_rig(name).rig
     for speed in (0.0, rig.rotation.speed / 2, rig.rotation.speed):
@@ -361,17 +360,17 @@ def test_a_rig_that_cannot_run(fault, tmp_path, one_line):
 
 
 def test_faults_tell_when_and_where():
-    with pytest.raises(RigError, match="unstable") as caught:
+    with pytest.raises(RigError, match=r"unstable.*from the first instant"):
         parse_rig(RIGS["unstable: sign"][0]).run()
-    assert caught.value.time == 0.0
     rig = replace(load_rig("three-mass").rig, settling=0.0, clearance=1.0)
     free = rig.run(0.1, np.random.default_rng(0)).truth.position
     radius = np.maximum(np.hypot(*free[:, [0, 1]].T), np.hypot(*free[:, [6, 7]].T))
     first = np.flatnonzero(radius > 80e-6)[0] / 10e3
     with pytest.raises(RigError, match="touching") as caught:
         replace(rig, clearance=80e-6).run(0.1, np.random.default_rng(0))
-    assert caught.value.time == pytest.approx(first, abs=1e-4)
-    assert caught.value.where in rig.model.inputs
+    where, when = re.search(r"at (\w+), (\S+) s after", str(caught.value)).groups()
+    assert float(when) == pytest.approx(first, abs=1e-4)
+    assert where in rig.model.inputs
 
 
 @pytest.mark.parametrize("slew", [np.inf, 5e4])

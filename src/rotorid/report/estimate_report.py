@@ -26,6 +26,7 @@ from rotorid.answer.estimate_tables import (
     FAR,
     ROUNDING,
     as_zero,
+    figures,
     interval_text,
     on_data,
     on_fit,
@@ -54,8 +55,6 @@ allows: with tens of lines chance makes 1.3 of it."""
 TOLD = 0.5
 """Relative error from which on it is not told: a prediction from noisy forces beside a resonance
 says nothing of the fit, which the misfit does."""
-PLAIN = (1e-3, 1e7)
-"""Sizes between which a number is written without an exponent."""
 METHODS = {
     "ml": "maximum likelihood",
     "batch": "batch least squares",
@@ -295,18 +294,6 @@ def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
 
     told = f"before {_interval(prior)}, now {_interval(value)}"
     return pixels(prior.value, before), pixels(value.value, half), told
-
-
-def figures(value: float, half: float) -> str:
-    if not math.isfinite(value):
-        return ""
-    if value == 0 or not (math.isfinite(half) and half > 0):
-        return f"{value:.6g}"
-    places = 1 - math.floor(math.log10(half))
-    if PLAIN[0] <= abs(value) < PLAIN[1] and -3 <= places <= 9:
-        return f"{round(value, places):.{max(places, 0)}f}"
-    digits = math.floor(math.log10(abs(value))) + places + 1
-    return f"{value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
 
 
 BEYOND, BETWEEN = 1.2, 300

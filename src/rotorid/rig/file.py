@@ -17,7 +17,7 @@ from scipy import signal
 
 from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.toml import Schema, parse_toml, read_named, shipped, si
+from rotorid.core.toml import Schema, parse_toml, read_named, si
 from rotorid.core.units import to_si
 from rotorid.force.entry import LawEntry, law_keys
 from rotorid.force.laws import Differential, Flux, Linear
@@ -442,10 +442,6 @@ class RigPlan:
     def with_faults(self, faults: Sequence[str]) -> RigPlan:
         """Return the plan of a rig with faults, each ``name`` or ``name=size``."""
         return replace(self, rig=with_faults(self.rig, [find_fault(text) for text in faults]))
-
-
-def shipped_rigs() -> tuple[str, ...]:
-    return shipped(LIBRARY)
 
 
 def load_rig(name: str | Path) -> RigPlan:

@@ -29,16 +29,6 @@ Spoil = Callable[[dict[str, Floats], np.random.Generator], dict[str, Floats]]
 class RigError(InputError):
     """A rig that cannot run on: what happened, when (s since it was switched on), on which axis."""
 
-    time: float | None = None
-    where: str = ""
-
-    def of(self, time: float, where: str) -> RigError:
-        self.time, self.where = time, where
-        return self
-
-    def at(self, *, file: str = "", place: str = "") -> RigError:
-        return super().at(file=file, place=place).of(self.time or 0.0, self.where)
-
 
 SETTLED = 60.0
 """s that a rig is given to settle, unless its record is longer: all of it takes time to run."""
@@ -106,8 +96,7 @@ class Rig(RigMachine):
             found = f"no step small enough, {when}"
             expected = f"motion that can be followed to {self.tolerance:g}"
             cure = "check the parameters, or allow a larger tolerance"
-            name = ""
-        return RigError(found, expected, cure).of(time, name)
+        return RigError(found, expected, cure)
 
     def _require_stable(self, plant: Plant, duration: float) -> None:
         for speed in dict.fromkeys(self.rotation.range_until(duration)):
@@ -120,7 +109,7 @@ class Rig(RigMachine):
                     "a loop whose free motion decays",
                     "check the sign and the size of the gains against k_i and k_s, add damping, or "
                     "shorten the delay",
-                ).of(0.0, axis)
+                )
 
 
 FRICTION = 0.15  # of a steel shaft in a dry auxiliary bearing
