@@ -263,7 +263,7 @@ def test_commands_of_the_pages_are_ones_that_there_are():
 def examples() -> list[list[str]]:
     """Return the examples of every help, in an order in which each has what it reads."""
     order = ("simulate", "identify", "report", "inspect", "validate", "modes", "balance")
-    order = (*order, "export", "models", "new", "sensitivity", "schema")
+    order = (*order, "export", "models", "new", "sensitivity", "schema", "study")
     assert {*order, "demo"} == {*cli.cli.commands}  # that of demo runs in test_cli
     texts = [str(cli.cli.commands[name].epilog) for name in order]
     return [shlex.split(text.partition("rotorid ")[2]) for text in texts]
@@ -279,6 +279,7 @@ def test_the_example_of_every_help_runs(tmp_path, monkeypatch):
     write_table("sweep.csv", "e1,e2,r1,r2,x,y", e, r, other)
     write_table("run.csv", "a,b,c,d,x,y", e, r, other)
     Path("loop.toml").write_text(SWEEP)
+    Path("study.toml").write_text('rig = "three-mass"\nvary.duration = "1 s"')
     for arguments in examples():
         if arguments[0] == "validate":
             shutil.copy("run.toml", arguments[2])

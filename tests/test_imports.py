@@ -31,6 +31,7 @@ LAYERS = (
     ("testing",),
     ("experiment",),
     ("report",),
+    ("studies",),
     ("demo",),
     ("commands",),
     ("cli",),
@@ -52,6 +53,8 @@ CONFINED = {
     "click": {"cli", "commands"},
     "rich": {"commands"},
     "tomlkit": {"core", "rig", "experiment"},
+    "pyarrow": {"io", "studies"},
+    "distributed": {"studies"},
 }
 
 

@@ -59,6 +59,7 @@ from .rig import simulate as simulate
 from .rig import steady_state as steady_state
 from .rig.file import load_rig as load_rig
 from .signals.average import average as average
+from .studies.run import study as study
 
 __version__: str
 __all__: list[str]

@@ -35,7 +35,7 @@ _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
 _PLANE = "A place, or the pair of coordinates or inputs of its force: x2,y2. Again for more."
 _MODULES = {
-    **{"balance": "machines", "modes": "machines", "validate": "identify"},
+    **{"balance": "machines", "modes": "machines", "study": "files", "validate": "identify"},
     **dict.fromkeys(("demo", "export", "models", "new", "report", "schema", "simulate"), "files"),
 }
 _Command = Callable[..., Any]
@@ -302,8 +302,25 @@ def models() -> None:
     """
 
 
+@_command("rotorid study study.toml --out results")
+@click.argument("study", type=_FILE)
+@_file_option("--out", required=True, help="Folder of the results.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes (default: all processors).")
+@click.option("--scheduler", help="Dask scheduler in their place, such as tcp://10.0.0.1:8786.")
+@_flag("--resume", help="Go on with the results in the folder; no case runs twice.")
+@_flag("--summary", help="Summarize what the folder holds, and run nothing.")
+@_quiet_option
+@_debug_option
+def study() -> None:
+    """Run many identifications as one job, and summarize them.
+
+    STUDY names a rig, or experiment files, and what varies. The folder gets results.parquet, a row
+    per case, summary.json, summary.html, and the files of the worst cases.
+    """
+
+
 @_command("rotorid schema experiment --out experiment.schema.json")
-@click.argument("file", type=click.Choice(["experiment", "model", "rotor", "rig"]))
+@click.argument("file", type=click.Choice(["experiment", "model", "rotor", "rig", "study"]))
 @_file_option("--out", help="File to write (JSON; default: standard output).")
 @_force_option
 @_debug_option

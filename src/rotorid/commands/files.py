@@ -8,7 +8,7 @@ import tomllib
 from importlib import import_module
 from pathlib import Path
 
-from rotorid.commands import OK
+from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import STDOUT, Outputs, as_text, check_outputs, show, write
 from rotorid.core.errors import InputError, printable
 from rotorid.core.files import MARK, REPORT, Kind, check_apart
@@ -21,6 +21,7 @@ FILES = {
     "model": ("rotorid.models.loader", "ModelFile"),
     "rotor": ("rotorid.models.rotor.drawing", "Rotor"),
     "rig": ("rotorid.rig.file", "RigFile"),
+    "study": ("rotorid.studies.plan", "StudyFile"),
 }
 """The files that people write, and the class that says what may stand in each."""
 
@@ -145,6 +146,26 @@ def simulate(
     )
     show(record_page(record, str(out), str(experiment)))
     return OK
+
+
+def study(
+    study: Path,
+    out: Path,
+    workers: int | None,
+    scheduler: str | None,
+    resume: bool,
+    summary: bool,
+) -> int:
+    from rotorid.studies.plan import load_study
+    from rotorid.studies.run import run_study
+    from rotorid.studies.summary import summarize_study
+
+    plan = load_study(study)
+    if not summary:
+        run_study(plan, out, workers=workers, scheduler=scheduler, resume=resume)
+    found = summarize_study(plan, out)
+    show(found.page)
+    return OK if any(group.statuses.keys() - {"failed"} for group in found.groups) else NO_ANSWER
 
 
 def demo(runs: int, machine: Path | None, answer: Outputs) -> int:

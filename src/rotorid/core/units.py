@@ -365,26 +365,32 @@ def finite_speed(speed: float | str, place: str = "speed") -> float:
     return float(found)
 
 
-def to_si(value: object, expected: str, *, place: str = "") -> float:
-    """Return a quantity, number and unit, in the expected SI unit; a bare one where that is 1."""
+def number_and_unit(value: object) -> tuple[str, str] | None:
+    """Return number and unit of a quantity as they are written; None of what is no quantity."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise _no_quantity(value, expected, place)
+        return None
     text = value.strip() if isinstance(value, str) else repr(value)
     match = _NUMBER.match(text)
-    if match is None:
+    return None if match is None else (match.group(), text[match.end() :].strip())
+
+
+def to_si(value: object, expected: str, *, place: str = "") -> float:
+    """Return a quantity, number and unit, in the expected SI unit; a bare one where that is 1."""
+    written = number_and_unit(value)
+    if written is None:
         raise _no_quantity(value, expected, place)
-    unit = text[match.end() :].strip()
+    number, unit = written
     if not unit and expected != "1":
         raise InputError(
-            f"{text!r} without a unit",
-            f"a number and a unit, such as {_usual(match.group() + ' {}', expected)}",
+            f"{number!r} without a unit",
+            f"a number and a unit, such as {_usual(number + ' {}', expected)}",
             "write the unit",
             place=place,
         )
-    number = float(match.group()) * si_factor(unit or "1", expected, place=place)
-    if not math.isfinite(number):
+    found = float(number) * si_factor(unit or "1", expected, place=place)
+    if not math.isfinite(found):
         raise _no_quantity(value, expected, place)
-    return number
+    return found
 
 
 def _no_quantity(value: object, expected: str, place: str) -> InputError:

@@ -1,0 +1,190 @@
+"""A case of a study, and the process of its own in which it runs.
+
+    python -m rotorid.studies.case
+
+takes a case per line of its standard input (JSON), and answers with the row of its result. What is
+not done within the time limit of a case ends the process, wherever its work hangs.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from rotorid.answer.estimate import Estimate
+from rotorid.core.distributions import HALF_WIDTH
+from rotorid.core.errors import LINE, InputError, one_line
+from rotorid.core.frozen import frozen
+from rotorid.core.toml import parse_table, read_bytes, text_of
+from rotorid.experiment import load_experiment
+from rotorid.models import Model
+from rotorid.models.equations import polynomial
+from rotorid.rig.file import RigPlan, parse_rig
+from rotorid.rig.files import experiment_text, record_bytes
+
+Row = dict[str, Any]
+Place = tuple[str, ...]
+"""Where in a file a value stands: keys from the outside in, numbers in lists, `*` for all there."""
+Change = tuple[Place, Any]
+
+ABSENT = "absent"
+"""The value that takes a key away."""
+ENDS = ("", "_std", "_true", "_covered")
+"""Of the names of the columns that each parameter has."""
+FAILED = "failed"
+"""Status and verdict of a case that ended with an error."""
+
+
+def found(table: Any, place: Place) -> Any:
+    """Return the value at a place of a table that is read from a file."""
+    for key in place:
+        try:
+            table = table[int(key) if isinstance(table, list) else key]
+        except (KeyError, IndexError, TypeError, ValueError):
+            cure = "name what is there; a spread is about a value of the rig file"
+            raise InputError(f"no {key} there", "a value to change", cure) from None
+    return table
+
+
+def changed(table: Any, place: Place, value: Any) -> None:
+    """Put a value at a place of such a table; tables on the way to it are added."""
+    key, rest = place[0], place[1:]
+    if key == "*":
+        for each in range(len(table)) if isinstance(table, list) else list(table):
+            changed(table, (str(each), *rest), value)
+    elif rest:
+        if isinstance(table, dict):
+            table.setdefault(key, {})
+        changed(found(table, (key,)), rest, value)
+    elif isinstance(table, dict):
+        table[key] = value
+        if value == ABSENT:
+            del table[key]
+    else:
+        found(table, (key,))  # refuses what is neither
+        table[int(key)] = value
+
+
+@frozen
+class StudyCase:
+    """A record, simulated or measured, to be identified; all fields are as JSON has them."""
+
+    number: int
+    point: int  # of the grid
+    seed: int  # of the noise
+    settings: Row  # what varies, in SI, by the name of its column
+    rig: Row  # a rig file as a table; empty where records are measured
+    faults: list[str]
+    experiment: str  # path; empty where the rig's own is taken
+    changes: list[Change]  # of the experiment file
+    timeout: float  # s
+
+    @cached_property
+    def plan(self) -> RigPlan:
+        return parse_rig(text_of(self.rig), file="rig.toml").with_faults(self.faults)
+
+    def write(self, folder: Path) -> Path:
+        """Write the files of the case into a folder; return its experiment file."""
+        if self.experiment:
+            data = read_bytes(self.experiment)
+            table = _moved(parse_table(data, file=self.experiment), Path(self.experiment).parent)
+        if self.rig:
+            record = self.plan.record(self.seed)
+            content = record_bytes(record, rig_text=self.plan.text, faults=self.faults)
+            (folder / "rig.toml").write_text(self.plan.text, encoding="utf-8")
+            (folder / "run.h5").write_bytes(content)
+            if self.experiment:
+                changed(table, ("records", "*", "file"), "run.h5")
+            else:
+                table = parse_table(experiment_text(self.plan, record, "run.h5").encode())
+        for place, value in self.changes:
+            changed(table, tuple(place), value)
+        target = folder / "run.toml"
+        target.write_text(text_of(table), encoding="utf-8")
+        return target
+
+    def row(self, status: str, seconds: float, **said: Any) -> Row:
+        """Return the columns that a case has whatever became of it."""
+        head = {"case": self.number, "point": self.point, "seed": self.seed, "status": status}
+        rest = {"verdict": status, "p_value": None, "seconds": seconds, "error": None}
+        return {**head, **rest, **said, **self.settings}
+
+    def run(self) -> Row:
+        """Identify: a row of the answer, or of the error."""
+        begun = time.perf_counter()
+        with TemporaryDirectory() as folder:
+            try:
+                path = self.write(Path(folder))
+                begun = time.perf_counter()  # to simulate is no part of it
+                experiment = load_experiment(path)
+                estimate = experiment.identify()
+                seconds = time.perf_counter() - begun
+                truth = self.plan.rig.as_described.values if self.rig else {}
+                values = _values(estimate, truth, experiment.model)
+            except Exception as error:
+                kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
+                told = one_line(f"{kind}{error}".replace(f"{folder}{os.sep}", ""), LINE)
+                return self.row(FAILED, time.perf_counter() - begun, error=told)
+        p_value = None if estimate.misfit is None else estimate.misfit.p_value
+        said = {"verdict": estimate.verdict, "p_value": p_value}
+        return {**self.row(estimate.status, seconds, **said), **values}
+
+
+def _moved(value: Any, folder: Path) -> Any:
+    """Return what a file says, with whole paths of the files that it names."""
+    if isinstance(value, dict):
+        return {key: _moved(inner, folder) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_moved(inner, folder) for inner in value]
+    with suppress(OSError, ValueError):  # texts that are no names of files
+        if isinstance(value, str) and (folder / value).is_file():
+            return str((folder / value).resolve())
+    return value
+
+
+def _values(estimate: Estimate, truth: Mapping[str, float], model: Model) -> Row:
+    row: Row = {}
+    for value in (each for each in estimate.parameters if not each.fixed):
+        reach = HALF_WIDTH * (math.nan if value.std is None else value.std)
+        low, high = value.interval or (value.value - reach, value.value + reach)
+        true = _true(value.name, truth, model) if truth else math.nan
+        known = not math.isnan(low + true)
+        said = value.value, value.std, true, low <= true <= high if known else None
+        row |= zip((value.name + end for end in ENDS), said, strict=True)
+    return row
+
+
+def _true(name: str, truth: Mapping[str, float], model: Model) -> float:
+    """Return the true value of a parameter, of a record's own one too, or of a base parameter."""
+    values = [truth[each] for each in model.parameter_names]
+    terms = polynomial(name.partition("[")[0], model.parameter_names).items()
+    return sum(float(f) * math.prod(map(pow, values, powers)) for powers, f in terms)
+
+
+def main() -> None:
+    """Answer each case of the standard input; what libraries print goes nowhere."""
+    answers, nowhere = os.fdopen(os.dup(1), "w"), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for line in sys.stdin:
+            case = StudyCase(**json.loads(line))
+            faulthandler.dump_traceback_later(case.timeout, exit=True, file=nowhere)
+            row = case.run()
+            faulthandler.cancel_dump_traceback_later()
+            print(json.dumps(row), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,209 @@
+"""Studies run: cases given out to processes, their rows kept as they come."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from itertools import islice
+from pathlib import Path
+
+from rotorid.core.errors import InputError
+from rotorid.core.watch import watch
+from rotorid.studies.case import FAILED, Row, StudyCase
+from rotorid.studies.plan import StudyPlan, load_study
+from rotorid.studies.store import Store
+from rotorid.studies.summary import StudySummary, summarize_study
+
+TRIES = 2
+"""Processes that a case may end before it is recorded as failed: somebody may have killed one."""
+
+AHEAD = 2
+"""Cases given out for each worker, so that none waits for the next; all others are not made yet."""
+
+_LATE = "not done within {:g} s; give more time: timeout"
+_ENDED = "its process ended by itself, code {}"
+_ALONE = {  # one thread of linear algebra, and sums in the same order in every process
+    "PYTHONHASHSEED": "0",
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
+    **dict.fromkeys(("NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"),
+}
+
+
+class Processes:
+    """Processes in which cases run, one for each thread that asks; each serves many cases."""
+
+    def __init__(self) -> None:
+        self._own = threading.local()
+        self.all: list[subprocess.Popen[str]] = []
+        self.closed = False  # what ends from now on is not to be tried again
+
+    def run(self, case: StudyCase) -> Row:
+        """Return the row of a case; one that ends its process is tried again, or has failed."""
+        for _ in range(TRIES):
+            process, begun = self._process(), time.monotonic()
+            if answer := _asked(process, case):
+                return dict(json.loads(answer))
+            process.kill()
+            process.communicate()
+            self.all.remove(process)
+            self._own.process = None
+            code, seconds = process.returncode, time.monotonic() - begun
+            if self.closed:
+                break
+            if seconds >= case.timeout:
+                return case.row(FAILED, seconds, error=_LATE.format(case.timeout))
+        return case.row(FAILED, seconds, error=_ENDED.format(code))
+
+    def _process(self) -> subprocess.Popen[str]:
+        held: subprocess.Popen[str] | None = getattr(self._own, "process", None)
+        if held is None:
+            held = self._own.process = subprocess.Popen(
+                [sys.executable, "-m", "rotorid.studies.case"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                env={**os.environ, **_ALONE, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                start_new_session=True,  # an interrupt is for the study, not for its cases
+            )
+            self.all.append(held)
+        return held
+
+
+def _asked(process: subprocess.Popen[str], case: StudyCase) -> str:
+    """Send a case to a process; return its answer, empty where it ended first."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with suppress(BrokenPipeError):
+        process.stdin.write(json.dumps(asdict(case)) + "\n")
+        process.stdin.flush()
+    answer = process.stdout.readline()
+    return answer if answer.endswith("\n") else ""
+
+
+_OF_A_WORKER = Processes()
+
+
+def run_apart(case: StudyCase) -> Row:
+    """Run a case in a process of its own beside a worker of a cluster."""
+    return _OF_A_WORKER.run(case)
+
+
+Submit = Callable[[StudyCase], "Future[Row]"]
+Workers = Callable[[], int]
+
+
+@contextmanager
+def _here(workers: int) -> Iterator[tuple[Submit, Workers]]:
+    """Give cases out to processes of this machine."""
+    processes, pool = Processes(), ThreadPoolExecutor(workers)
+    try:
+        yield lambda case: pool.submit(processes.run, case), lambda: workers
+    finally:
+        processes.closed = True
+        for process in processes.all:
+            process.kill()
+        pool.shutdown(cancel_futures=True)
+        for process in processes.all:
+            process.communicate()
+
+
+@contextmanager
+def _on_cluster(url: str) -> Iterator[tuple[Submit, Workers]]:
+    """Give cases out to the workers of a Dask scheduler: as many as there are at the time."""
+    try:
+        from distributed import Client
+    except ImportError:
+        found, cure = "no package distributed", "pip install 'rotorid[cluster]'"
+        raise InputError(found, "it, to reach a scheduler", cure, place="--scheduler") from None
+    try:
+        client = Client(url)
+    except (OSError, ValueError) as error:
+        found, cure = f"no scheduler at {url} ({error})", "start one: dask scheduler"
+        raise InputError(found, "the address of a scheduler", cure, place="--scheduler") from None
+    with client:
+        pool: Executor = client.get_executor()
+        yield lambda case: pool.submit(run_apart, case), lambda: sum(client.nthreads().values())
+
+
+def study(
+    study: str | Path,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+) -> StudySummary:
+    """Run a study, many identifications as one job, and return its summary.
+
+    Parameters
+    ----------
+    study : str or Path
+        A study file (TOML).
+    out : str or Path
+        The folder of its results: `results.parquet`, a row per case, and the summary.
+    workers : int, optional
+        Processes on this machine; one for each processor without it.
+    scheduler : str, optional
+        A Dask scheduler in place of these, such as ``"tcp://10.0.0.1:8786"``.
+    resume : bool
+        Go on with what is in the folder.
+
+    Returns
+    -------
+    StudySummary
+
+    Raises
+    ------
+    InputError
+        For a study file that says what cannot be done, and a folder that holds other results.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> _ = (folder / "study.toml").write_text('''
+    ... rig = "three-mass"
+    ... cases = 2
+    ... vary.duration = "1 s"''')
+    >>> found = study(folder / "study.toml", folder / "results", workers=1)
+    >>> found.groups[0].cases, found.groups[0].statuses
+    (2, {'ok': 2})
+    """
+    plan, folder = load_study(study), Path(out)
+    run_study(plan, folder, workers=workers, scheduler=scheduler, resume=resume)
+    return summarize_study(plan, folder)
+
+
+def run_study(
+    plan: StudyPlan,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+) -> None:
+    """Run the cases of a study that a folder lacks, and keep their rows there."""
+    store = Store(folder, plan.identity, resume=resume)
+    started = _here(workers or os.cpu_count() or 1) if scheduler is None else _on_cluster(scheduler)
+    with started as (submit, count):
+        waiting = (number for number in range(len(plan)) if number not in store)
+        running: set[Future[Row]] = set()
+        while True:
+            watch("identifying", len(store), len(plan))
+            room = max(1, AHEAD * count()) - len(running)
+            running.update(submit(plan.case(number)) for number in islice(waiting, max(room, 0)))
+            if not running:
+                break
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                store.add(future.result())
+    store.close()

@@ -1,0 +1,138 @@
+"""Rows of a study in a folder: Parquet files of as many cases each, and a journal of the rest."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.files import write_whole
+from rotorid.studies.case import Row
+
+try:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+except ImportError:
+    told, cure = "no package pyarrow, which keeps the rows", "pip install 'rotorid[files]'"
+    raise InputError(told, "it to be installed", cure) from None
+
+PART = 250
+"""Cases of a file: a few hundred files for 100,000 cases, and a journal that is read in no time."""
+RESULTS, PARTS, JOURNAL, STUDY = "results.parquet", "part-*.parquet", "journal.jsonl", "study.json"
+
+_TEXTS = ("status", "verdict", "error")
+"""Columns that may be empty throughout a part, and are texts all the same."""
+
+
+class Store:
+    """The rows of a study, each kept from the moment it is added, whatever ends the program then.
+
+    A part is written, whole, when all its cases are there, in the order of their numbers: what is
+    in it depends on neither the order in which they came nor on interruptions.
+    """
+
+    def __init__(self, folder: Path, identity: str, *, resume: bool) -> None:
+        self._results, self._journal = folder / RESULTS, folder / JOURNAL
+        self._results.mkdir(parents=True, exist_ok=True)
+        _check(folder / STUDY, identity, resume)
+        self._whole: set[int] = set()  # numbers of the parts that are complete
+        self._open: dict[int, Row] = {}  # rows of the others
+        for path in self._parts:
+            if pq.read_metadata(path).num_rows == PART:
+                self._whole.add(int(path.stem.rpartition("-")[2]))
+            else:
+                self._open |= {row["case"]: row for row in pq.read_table(path).to_pylist()}
+        found = {row["case"]: row for row in _journalled(self._journal)}
+        self._open |= {case: row for case, row in found.items() if case not in self}
+        self._write_journal()
+
+    @property
+    def _parts(self) -> list[Path]:
+        return sorted(self._results.glob(PARTS))
+
+    def __len__(self) -> int:
+        return PART * len(self._whole) + len(self._open)
+
+    def __contains__(self, case: int) -> bool:
+        return case // PART in self._whole or case in self._open
+
+    def add(self, row: Row) -> None:
+        self._open[row["case"]] = row
+        part = row["case"] // PART
+        if all(case in self._open for case in _cases(part)):
+            self._write_part(part)
+            self._write_journal()
+        else:
+            with self._journal.open("a", encoding="utf-8") as journal:
+                journal.write(json.dumps(row) + "\n")
+
+    def close(self) -> None:
+        """Write what is left, and give all parts the same columns: one of failures has fewer."""
+        for part in sorted({case // PART for case in self._open}):
+            self._write_part(part)
+        self._journal.unlink()
+        schema = pa.unify_schemas([pq.read_schema(path) for path in self._parts])
+        for path in self._parts:
+            if pq.read_schema(path) != schema:
+                _write(path, pa.Table.from_pylist(pq.read_table(path).to_pylist(), schema))
+
+    def _write_part(self, part: int) -> None:
+        rows = [self._open.pop(case) for case in _cases(part) if case in self._open]
+        _write(self._results / PARTS.replace("*", f"{part:06}"), _table(rows))
+        if len(rows) == PART:
+            self._whole.add(part)
+
+    def _write_journal(self) -> None:
+        lines = (json.dumps(row) + "\n" for row in self._open.values())
+        write_whole(self._journal, "".join(lines).encode())
+
+
+def _check(file: Path, identity: str, resume: bool) -> None:
+    """Refuse a folder with other results, and one with results where nobody wants to go on."""
+    if not file.exists():
+        write_whole(file, identity.encode())
+        return
+    found, cure = "results of this study", "go on with --resume, or name another folder"
+    if differs := file.read_text(encoding="utf-8") != identity:
+        found, cure = "results of another study, or of this one as it was", "name another folder"
+    if differs or not resume:
+        raise InputError(found, "a folder without results", cure, file=str(file.parent))
+
+
+def _cases(part: int) -> range:
+    return range(part * PART, (part + 1) * PART)
+
+
+def _table(rows: list[Row]) -> Any:
+    names = dict.fromkeys(name for row in rows for name in row)
+    texts = dict.fromkeys(_TEXTS, pa.string())
+    return pa.table({n: pa.array([row.get(n) for row in rows], texts.get(n)) for n in names})
+
+
+def _write(path: Path, table: Any) -> None:
+    content = BytesIO()
+    pq.write_table(table, content, compression="zstd")
+    write_whole(path, content.getvalue())
+
+
+def _journalled(path: Path) -> Iterator[Row]:
+    """Yield the rows of a journal; the last may be cut off where the program was killed."""
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+    return (json.loads(line) for line in lines if line.endswith("\n"))
+
+
+def read_rows(folder: Path) -> Any:
+    """Return the rows that a folder holds, also while a study runs, as a table of pyarrow."""
+    parts = [pq.read_table(path) for path in sorted((folder / RESULTS).glob(PARTS))]
+    if rows := list(_journalled(folder / JOURNAL)):
+        parts.append(_table(rows))
+    if not parts:
+        raise InputError("no results", "those of a study", "run it first", file=str(folder))
+    table = pa.concat_tables(parts, promote_options="default")
+    _, first = np.unique(table["case"].to_numpy(), return_index=True)  # some are in both
+    return table.take(first)

@@ -1,0 +1,171 @@
+"""What a study found: accuracy against what was stated, verdicts, times, and the worst cases."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+
+from rotorid.core.files import write_whole
+from rotorid.core.frozen import frozen
+from rotorid.core.tables import Page, Table, table
+from rotorid.core.values import Floats
+from rotorid.core.watch import watch
+from rotorid.report.html import Passage, page_of
+from rotorid.report.records import cell
+from rotorid.studies.case import ENDS, FAILED
+from rotorid.studies.plan import StudyPlan
+from rotorid.studies.store import read_rows
+
+WORST = 3
+"""Cases whose files are written for a closer look, and errors that are told."""
+_SAID = (
+    "Errors are those of the answers with status ok, in SI. std: root of the mean of the variances "
+    "that they state; cover: share of 95 % intervals that contain the true value."
+)
+
+
+@frozen
+class Accuracy:
+    """Errors of a parameter over the accepted answers, against the deviations that they state."""
+
+    name: str
+    count: int
+    bias: float  # mean error, in SI
+    rms: float  # root mean square error
+    std: float  # root of the mean of std^2
+    cover: float  # share of 95 % intervals that hold the true value
+    interval: tuple[float, float]  # 95 % interval of this share, after Clopper and Pearson
+
+    @classmethod
+    def of(cls, name: str, error: Floats, std: Floats, covered: Floats) -> Accuracy:
+        count, hits = len(error), int(covered.sum())
+        rms, stated = (float(np.sqrt(np.mean(each**2))) for each in (error, std))
+        low = scipy.special.betaincinv(hits, count - hits + 1, 0.025) if hits else 0.0
+        high = scipy.special.betaincinv(hits + 1, count - hits, 0.975) if hits < count else 1.0
+        share, mean = hits / count, float(error.mean())
+        return cls(name, count, mean, rms, stated, share, (float(low), float(high)))
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        bias, rms, cover = self.bias / self.std, self.rms / self.std, f"{100 * self.cover:.1f}"
+        low, high = (f"{100 * end:.1f}" for end in self.interval)
+        count = str(self.count)
+        return self.name, count, f"{bias:+.2f}", f"{rms:.2f}", cover, f"{low} to {high}"
+
+
+@frozen
+class Group:
+    """The cases of one point of the grid."""
+
+    label: str
+    cases: int
+    statuses: dict[str, int]
+    verdicts: dict[str, int]
+    seconds: tuple[float, float]  # of an identification: the median, and what 95 % stay below
+    accuracy: tuple[Accuracy, ...]  # empty where no true value is known
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """The group in a line, all its parameters together, each in its stated deviations."""
+        counts, parts = [part.count for part in self.accuracy], self.accuracy
+        cover = rms = None
+        if parts:
+            cover = np.average([part.cover for part in parts], weights=counts)
+            rms = np.average([(part.rms / part.std) ** 2 for part in parts], weights=counts) ** 0.5
+        bias = max(parts, key=lambda part: abs(part.bias / part.std), default=None)
+        unanswered = sum(self.statuses.get(each, 0) for each in ("not_converged", FAILED))
+        told = self.label or "all", self.cases, self.statuses.get("ok", 0), self.cases - unanswered
+        worst = "" if bias is None else f"{bias.bias / bias.std:+.2f} ({bias.name})"
+        seconds = (f"{each:.3g}" for each in self.seconds)
+        return *map(str, told), cell(cover, ".1f", 100.0), cell(rms, ".2f"), worst, *seconds
+
+
+@frozen
+class StudySummary:
+    """What a study found, point by point of its grid, and the files of its worst cases."""
+
+    groups: tuple[Group, ...]
+    errors: tuple[tuple[str, int], ...]  # of cases that failed, the most frequent first
+    worst: tuple[str, ...]  # experiment files
+
+    @property
+    def page(self) -> Page:
+        """What a terminal shows: all points, and the parameters of one that stands alone."""
+        tables = [each for _, each in self._tables] if len(self.groups) == 1 else []
+        return [self._overview, *tables, *self._remarks]
+
+    @property
+    def _overview(self) -> Table:
+        heads = "study", "cases", "ok", "converged", "cover %", "rms/std", "largest bias/std"
+        return table((*heads, "median s", "95 % s"), (group.row for group in self.groups))
+
+    @property
+    def _tables(self) -> list[tuple[str, Table]]:
+        heads = "parameter", "answers", "bias/std", "rms/std", "cover %", "its 95 % interval"
+        told = (group for group in self.groups if group.accuracy)
+        return [(g.label or "all", table(heads, (each.row for each in g.accuracy))) for g in told]
+
+    @property
+    def _remarks(self) -> list[str]:
+        verdicts = sum((Counter(group.verdicts) for group in self.groups), Counter[str]())
+        told = [f"verdicts: {', '.join(f'{n} {each}' for each, n in verdicts.most_common())}"]
+        told += [f"failed, {count} cases: {error}" for error, count in self.errors]
+        return [*told, *(f"worst: {file}" for file in self.worst)]
+
+    def write(self, folder: Path) -> None:
+        """Write `summary.json` and `summary.html`."""
+        first = Passage("All cases", _SAID, self._overview, tuple(self._remarks))
+        parts = (Passage(f"Parameters: {label}", table=each) for label, each in self._tables)
+        html = page_of(Passage("Study", parts=(first, *parts)))
+        write_whole(folder / "summary.html", html.encode())
+        write_whole(folder / "summary.json", json.dumps(asdict(self), indent=2).encode())
+
+
+def summarize_study(plan: StudyPlan, folder: Path) -> StudySummary:
+    """Summarize the rows that a folder holds, and write that and the worst cases into it."""
+    rows = read_rows(folder)
+    points = rows["point"].to_numpy()
+    groups = (_group(plan.label(p), rows.filter(points == p)) for p in np.unique(points).tolist())
+    failed = Counter(error for error in rows["error"].to_pylist() if error).most_common(WORST)
+    summary = StudySummary(tuple(groups), tuple(failed), tuple(_worst(plan, rows, folder)))
+    summary.write(folder)
+    return summary
+
+
+def _group(label: str, rows: Any) -> Group:
+    statuses, verdicts = (Counter(rows[name].to_pylist()) for name in ("status", "verdict"))
+    median, most = np.quantile(rows["seconds"].to_numpy(), [0.5, 0.95]).tolist()
+    accuracy = []
+    for name, *columns in _errors(rows.filter(np.array(rows["status"].to_pylist()) == "ok")):
+        if (known := np.isfinite(columns).all(axis=0)).any():
+            accuracy.append(Accuracy.of(name, *(column[known] for column in columns)))
+    return Group(label, len(rows), dict(statuses), dict(verdicts), (median, most), tuple(accuracy))
+
+
+def _errors(rows: Any) -> Iterator[tuple[str, Floats, Floats, Floats]]:
+    """Yield name, errors, deviations and covering of each parameter, NaN where one is unknown."""
+    for name in (n.removesuffix("_true") for n in rows.column_names if n.endswith("_true")):
+        columns = (np.array(rows[name + end].to_pylist(), dtype=float) for end in ENDS)
+        value, std, true, covered = columns
+        yield name, value - true, np.where(std > 0, std, np.nan), covered
+
+
+def _worst(plan: StudyPlan, rows: Any, folder: Path) -> Iterator[str]:
+    """Write the cases of the largest errors, or of the least p-values where no truth is known."""
+    rows = rows.filter(np.array(rows["status"].to_pylist()) != FAILED)
+    score = -np.nan_to_num(np.array(rows["p_value"].to_pylist(), dtype=float), nan=2.0)
+    for _, error, std, _ in _errors(rows):
+        score = np.fmax(score, np.abs(error) / std)
+    numbers = rows["case"].to_numpy()[np.argsort(-score, kind="stable")[:WORST]]
+    for number in numbers.tolist():
+        watch("writing the worst cases")
+        target = folder / "worst" / f"case-{number}"
+        target.mkdir(parents=True, exist_ok=True)
+        yield str(plan.case(number).write(target))

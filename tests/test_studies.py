@@ -1,0 +1,234 @@
+"""Studies: many identifications as one job, the same whatever the workers and interruptions."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from threading import Timer
+
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid import cli
+from rotorid.studies.plan import load_study
+from rotorid.studies.run import Processes
+from rotorid.studies.store import PART, Store, read_rows
+
+pytest.importorskip("pyarrow", reason="no package that keeps the rows of a study")
+STUDY = """
+rig = "three-mass"
+cases = 6
+seed = 3
+timeout = "100 s"
+[vary]
+duration = "0.5 s"
+settling = "0.2 s"
+parameters.m1 = { spread = "5 %" }
+rotation.phase = { from = "-180 deg", to = "3 rad" }
+experiment.estimator.method = "batch"
+[[variants]]
+label = "plain"
+[[variants]]
+label = "too fast"
+rotation.speed = "1e9 rpm"
+"""
+
+
+def write(folder: Path, text: str = STUDY) -> Path:
+    (folder / "study.toml").write_text(text)
+    return folder / "study.toml"
+
+
+def frame(folder: Path):
+    """Return the rows without what no two runs have in common."""
+    return read_rows(folder).drop(["seconds"])
+
+
+def command(study: Path, out: Path, *more: str) -> list[str]:
+    return [sys.executable, "-m", "rotorid", "study", str(study), "--out", str(out), *more]
+
+
+def test_a_study_holds_a_row_per_case_and_what_failed(tmp_path, output):
+    study, out = write(tmp_path), tmp_path / "results"
+    shown = output("study", study, "--out", out, "--workers", "1")
+    assert "3 ok, 3 failed" in shown
+    assert "unstable loop" in shown
+    rows = read_rows(out)
+    first = ["case", "point", "seed", "status", "verdict", "p_value", "seconds", "error"]
+    assert rows.column_names[:8] == first
+    found = rows.to_pylist()
+    assert [row["case"] for row in found] == list(range(6))
+    assert [row["status"] for row in found] == ["ok", "failed"] * 3
+    assert found[0]["m1_true"] == found[0]["vary.parameters.m1"] == pytest.approx(0.833, rel=0.2)
+    for row in found[::2]:
+        inside = abs(row["m1"] - row["m1_true"]) < 1.96 * row["m1_std"]
+        assert row["m1_covered"] == inside
+        assert row["k1*L1"] == pytest.approx(row["k1*L1_true"], rel=0.2)
+    told = json.loads((out / "summary.json").read_text())
+    plain, fast = told["groups"]
+    assert (plain["label"], plain["statuses"], fast["accuracy"]) == ("plain", {"ok": 3}, [])
+    errors = np.array([row["m1"] - row["m1_true"] for row in found[::2]])
+    m1 = next(part for part in plain["accuracy"] if part["name"] == "m1")
+    assert m1["bias"] == pytest.approx(errors.mean())
+    assert m1["rms"] == pytest.approx(np.sqrt((errors**2).mean()))
+    low, high = m1["interval"]
+    assert 0 <= low < m1["cover"] <= high <= 1
+    # The worst case is ready to be identified, and gives what its row says.
+    worst = Path(told["worst"][0])
+    again, row = rid.load_experiment(worst).identify(), found[int(worst.parent.name[5:])]
+    assert again.value("m1") == row["m1"]
+    assert "Parameters: plain" in (out / "summary.html").read_text()
+    assert output("study", study, "--out", out, "--summary") == shown
+
+
+def row(case: int) -> dict[str, object]:
+    """Return a row; that of one case has a column more."""
+    said = {"case": case, "point": 0, "seed": case, "error": None, "m": case / 3}
+    return {**said, "late": 1.0} if case == PART + 2 else said
+
+
+def test_what_is_kept_is_kept_wherever_the_journal_is_cut(tmp_path):
+    """Rows come in any order; a part is written with its last; the rest is read again."""
+    order, files = np.random.default_rng(1).permutation(PART + 5).tolist(), []
+    for cut in (0, 1, PART // 2, PART + 4):
+        folder = tmp_path / str(cut)
+        store = Store(folder, "it", resume=False)
+        for case in order[:cut]:
+            store.add(row(case))
+        with (folder / "journal.jsonl").open("a") as journal:
+            journal.write(json.dumps(row(order[cut]))[: 7 * cut])  # killed while it was written
+        store = Store(folder, "it", resume=True)
+        assert [case for case in order if case in store] == order[:cut]
+        for case in order[cut:]:
+            store.add(row(case))
+        assert len(store) == PART + 5
+        store.close()
+        files.append([path.read_bytes() for path in sorted(folder.rglob("part-*"))])
+    assert read_rows(folder).to_pylist() == [
+        {**row(c), "late": row(c).get("late")} for c in sorted(order)
+    ]
+    assert files == [files[0]] * 4
+
+
+def test_cases_follow_from_their_numbers_and_are_made_when_asked_for(tmp_path):
+    text = STUDY.replace("cases = 6", "cases = 1_000_000_000").replace(
+        '"0.5 s"', '["0.5 s", "2 s"]'
+    )
+    plan = load_study(write(tmp_path, text))
+    assert (len(plan), plan.points) == (10**9, 4)
+    assert [plan.label(k) for k in range(4)] == [
+        *("plain, duration = 0.5 s", "plain, duration = 2 s"),
+        *("too fast, duration = 0.5 s", "too fast, duration = 2 s"),
+    ]
+    last = plan.case(10**9 - 1)
+    assert (last.point, last.settings["vary.duration"]) == (3, 2.0)
+    assert last == load_study(tmp_path / "study.toml").case(10**9 - 1)
+    cases = [plan.case(k) for k in range(200)]
+    assert len({case.seed for case in cases}) == 200
+    phases = np.array([case.settings["vary.rotation.phase"] for case in cases])
+    assert -np.pi < phases.min() < -2.8 < 2.7 < phases.max() < 3.0
+    masses = np.array([case.settings["vary.parameters.m1"] for case in cases]) / 0.83339
+    assert masses.std() == pytest.approx(0.05, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('rig = "three-mass"', "", "found no source of records"),
+        ('rig = "three-mass"', 'experiments = ["fleet/*.toml"]', "no file 'fleet/*.toml'"),
+        ("duration", "durration", "unknown key 'durration'"),
+        ('spread = "5 %"', 'from = "1 kg", to = "1 m"', "vary.parameters.m1: found unit 'm'"),
+        ("parameters.m1", "parameters.m9", "vary.parameters.m9: found no m9 there"),
+        ("cases = 6", "cases = 0", "cases: found 0"),
+    ],
+)
+def test_what_cannot_be_studied_is_told_before_anything_runs(old, new, told, tmp_path, refusal):
+    assert told in refusal(
+        "study", write(tmp_path, STUDY.replace(old, new)), "--out", tmp_path / "o"
+    )
+    assert not (tmp_path / "o").exists()
+
+
+def test_results_are_gone_on_with_only_where_that_is_asked_for(tmp_path, refusal):
+    study, out = write(tmp_path), tmp_path / "results"
+    Store(out, load_study(study).identity, resume=False)
+    assert "go on with --resume" in refusal("study", study, "--out", out)
+    write(tmp_path, STUDY.replace("seed = 3", "seed = 4"))
+    assert "results of another study" in refusal("study", study, "--out", out, "--resume")
+
+
+def test_a_case_that_takes_too_long_is_ended_and_recorded(tmp_path):
+    study = write(tmp_path, STUDY.replace("cases = 6", "cases = 1").replace("100 s", "1 ms"))
+    found = rid.study(study, tmp_path / "results", workers=1)
+    assert found.errors == (("not done within 0.001 s; give more time: timeout", 1),)
+
+
+@pytest.mark.slow
+def test_measured_experiments_are_a_fleet(tmp_path, output):
+    for seed in (1, 2):
+        output("simulate", "three-mass", "--out", tmp_path / f"{seed}.h5", "--seed", seed)
+    text = 'experiments = ["*[12].toml"]\nvary.estimator.method = ["batch", "ls"]'
+    rows = read_rows(_studied(write(tmp_path, text), tmp_path / "results")).to_pylist()
+    assert [row["vary.experiment"] for row in rows] == ["1.toml", "1.toml", "2.toml", "2.toml"]
+    alone = rid.load_experiment(tmp_path / "2.toml").identify("ls")
+    assert rows[3]["m1"] == alone.value("m1")
+    assert np.isnan(rows[3]["m1_true"])
+
+
+def _studied(study: Path, out: Path, **how: object) -> Path:
+    rid.study(study, out, **how)
+    return out
+
+
+@pytest.mark.slow
+def test_a_killed_study_goes_on_and_repeats_nothing(tmp_path):
+    study = write(tmp_path, STUDY.replace("cases = 6", "cases = 24"))
+    whole = frame(_studied(study, tmp_path / "whole", workers=1))
+    out, rng = tmp_path / "killed", np.random.default_rng(2)
+    journal, seen = out / "journal.jsonl", {}
+    for attempt in range(4):
+        more = ["--resume"] * bool(attempt)
+        process = subprocess.Popen(command(study, out, "--workers", "2", *more))
+        until = len(seen) + rng.integers(1, 5)
+        while not journal.exists() or journal.read_text().count("\n") < until:
+            time.sleep(0.01)
+            assert process.poll() is None
+        time.sleep(rng.uniform(0, 0.3))
+        process.kill()
+        process.wait()
+        lines = journal.read_text().splitlines(keepends=True)
+        now = {json.loads(line)["case"]: line for line in lines if line.endswith("\n")}
+        assert seen.items() <= now.items()
+        seen = now
+    assert cli.run(["study", str(study), "--out", str(out), "--resume", "--quiet"]) == 0
+    assert frame(out).equals(whole)
+    times = {row["case"]: row["seconds"] for row in read_rows(out).to_pylist()}
+    assert all(json.loads(line)["seconds"] == times[case] for case, line in seen.items())
+
+
+@pytest.mark.slow
+def test_a_killed_worker_loses_nothing(tmp_path):
+    plan, processes = load_study(write(tmp_path)), Processes()
+    rows = [processes.run(plan.case(0))]
+    (process,) = processes.all
+    Timer(0.1, os.kill, (process.pid, signal.SIGKILL)).start()
+    rows.append(processes.run(plan.case(0)))
+    (second,) = processes.all
+    second.kill()
+    second.communicate()
+    assert process.returncode == -signal.SIGKILL
+    assert [{**row, "seconds": 0} for row in rows] == [{**rows[0], "seconds": 0}] * 2
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_rows(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="no Dask to be a cluster")
+    study = write(tmp_path)
+    here = frame(_studied(study, tmp_path / "here", workers=1))
+    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster:
+        there = _studied(study, tmp_path / "there", scheduler=cluster.scheduler_address)
+    assert frame(there).equals(here)
