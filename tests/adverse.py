@@ -231,7 +231,6 @@ class Outcome:
     error: float
     worst: str
     said: tuple[str, ...]
-    misfit: float = np.nan  # over what noise would leave
 
     @property
     def wrong(self) -> bool:
@@ -249,9 +248,7 @@ def outcome(estimate: Estimate, truth: Mapping[str, float]) -> Outcome:
     checks = [str(c) for c in estimate.checks if c.verdict not in ("ok",)]
     terms = [s.term for s in estimate.suspects[:3]]
     said = (*terms, *checks, *estimate.warnings)
-    left = estimate.misfit
-    misfit = left.cost / left.expected if left and left.expected > 0 else np.nan
-    return Outcome(estimate.status, off.get(worst, 0.0), worst, said, misfit)
+    return Outcome(estimate.status, off.get(worst, 0.0), worst, said)
 
 
 Edit = Callable[[Trial], None]
@@ -296,15 +293,6 @@ class Case:
         except InputError as error:
             return Outcome("refused", 0.0, "", (str(error),))
         return outcome(estimate, truth)
-
-    @property
-    def by_misfit(self) -> bool:
-        """Whether misfit or search exclude the answer, and no check of its own is asked for.
-
-        Lines below noise are what several cases have in common.
-        """
-        checked = set(self.words) - {"lines below noise", "period"}
-        return "ok" not in self.called.split() and (not checked or self.by_leads)
 
     @property
     def by_leads(self) -> bool:

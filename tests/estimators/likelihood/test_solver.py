@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bank import agrees, steady
+from commit import part_of
 from model_text import model_text
 from result_cases import fit, problem_of
 from rotor_bank import SETTINGS, Case, rotor_case
@@ -63,17 +64,13 @@ def test_arrives_where_it_is_hard(setting, seed):
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_arrives(setting):
-    assert not missed(rotor_case(SETTINGS[setting], 1))
+    """Of four starts, one a commit; with 24 settings they are 96.
 
-
-@pytest.mark.slow
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_arrives_always(setting):
-    """With 24 settings there are 96: a solver that loses 3.1 % of them passes with 5 %.
-
-    `python benchmarks/solver.py 300` counts more of them.
+    A solver that loses 3.1 % of them passes all with 5 %. `python benchmarks/solver.py 300` counts
+    more of them.
     """
-    assert not [seed for seed in range(100, 103) if missed(rotor_case(SETTINGS[setting], seed))]
+    seeds = part_of((1, 100, 101, 102), 4)
+    assert not [seed for seed in seeds if missed(rotor_case(SETTINGS[setting], seed))]
 
 
 @pytest.mark.slow
