@@ -230,7 +230,7 @@ def test_forces_that_come_late_are_turned_away(late):
     assert np.abs(pulls(right, AXIS_TRUE)).max() < 4
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(3, parts=2)
 @pytest.mark.parametrize("share", [0.03, 0.3])
 @pytest.mark.parametrize("lacks", UNMODELLED)
 def test_a_force_that_the_equations_lack_is_in_the_deviations(lacks, share):
@@ -346,7 +346,7 @@ def test_filters_that_cannot_be(asked, message):
         rid.filtered(record, **asked)
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize("kind", ["axis", "white", "rests", "spring"])
 def test_deviations_cover(kind):
     """Forty records of each; the scatter of all parameters over what is stated is known to 8 %.

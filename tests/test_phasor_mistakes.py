@@ -51,7 +51,7 @@ def test_the_tables_as_they_are(tmp_path):
     assert worst(estimate) < 3
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.sampled(1, parts=2)
 @pytest.mark.parametrize(
     ("change", "old", "new", "told"),
     [

@@ -348,7 +348,7 @@ def test_every_fault_is_on_the_page():
     assert named >= 24
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=4)
 @pytest.mark.parametrize("name", ["hysteresis", "sensor-plane", "transient", "notch"])
 def test_the_page_is_what_a_run_gives(name):
     """One of the records behind the page: no worse than it says there. Of each kind one."""
@@ -357,7 +357,7 @@ def test_the_page_is_what_a_run_gives(name):
     assert order.index(answer.kind) >= order.index(rows()[name][1]), answer
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize("case", ["measured", "flux"])
 def test_intervals_hold_the_truth(case):
     """Five records: 35 errors or more, correlated in each record; 95 % give 80 to 100.

@@ -167,7 +167,7 @@ TURNING = [
 ]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(3, parts=2)
 @pytest.mark.parametrize("turning", TURNING)
 @pytest.mark.parametrize("mark", [Encoder(1024), Keyphasor(), None])
 def test_the_angle_is_measured(quiet, turning, mark):

@@ -183,7 +183,7 @@ def test_the_unbalance_between_lines_is_as_sharp_as_on_one():
         assert abs(beside.value(name) - TRUTH[name]) < 4 * beside.std(name)
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize(
     ("slip", "periods", "off"),
     [(0.05, 60, 0), (0.2, 60, 0), (0.78, 60, 0), (15.0, 60, 0), (0.2, 60, 0.1), (0.5, 3, 0)],

@@ -365,12 +365,12 @@ def worst(case, estimate):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize("setting", ADVERSE)
 def test_no_wrong_answer_is_called_ok(setting):
-    """With 18 such rotors of the adverse bank there are 26 with equal or nearly equal forces.
+    """With 18 such rotors of the adverse bank a commit has 22 of equal or nearly equal forces.
 
-    What errs in a tenth of them is found with 94 %.
+    What errs in a tenth of them is found with 90 %.
     """
     for seed in range(2):
         case = rotor_case(ADVERSE[setting], 50 + seed)
@@ -388,7 +388,7 @@ def test_pitch_at_rest_has_other_answers_and_a_cure():
     assert "I_t" in dict(estimate.alternatives[0].parameters)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(2, parts=2)
 @pytest.mark.parametrize("setting", ["8 sensors, +-40 %", "4 sensors, +-40 %", "5 sensors, +-40 %"])
 @pytest.mark.parametrize("seed", [0, 2, 5, 11])  # rotors that can be: I_p below 2 I_t
 def test_no_alarm_in_good_records(setting, seed):

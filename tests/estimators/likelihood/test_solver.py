@@ -55,7 +55,7 @@ HARD = [
 ]
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.sampled(1, parts=2)
 @pytest.mark.parametrize(("setting", "seed"), HARD)
 def test_arrives_where_it_is_hard(setting, seed):
     assert not missed(rotor_case(SETTINGS[setting], seed))

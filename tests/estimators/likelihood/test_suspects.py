@@ -59,7 +59,7 @@ def rotor(demo):
     return three_mass_rotor(demo.truth)
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize("by_bearings", [False, True])
 @pytest.mark.parametrize(
     ("fault", "first"),
@@ -284,7 +284,7 @@ LACKS = {  # what is so, the first suspect, its value and bar, what is said, the
 }
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize("what", LACKS)
 def test_what_a_drawing_lacks_is_named_first(what):
     text, (term, value, bar), told, (mended, fixed, truth) = LACKS[what]
@@ -521,7 +521,7 @@ def test_what_bearings_add_and_a_mass_that_changed_are_named(what):
         assert told_on_bearings("", 0).status == "ok"
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize("what", NAMES)
 def test_nine_of_ten_are_named(what):
     named = [told_on_bearings(what, seed).suspects[0].term == what for seed in range(1, 11)]
