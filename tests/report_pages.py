@@ -53,15 +53,7 @@ class Page(HTMLParser):
     def plots(self) -> dict[str, dict[str, object]]:
         """What each place of the page draws."""
         found = [text for attrs, text in self.scripts if attrs.get("id") == "plots"]
-        if not found:
-            return {}
-        held = json.loads(found[0])
-        for plot in held["plots"].values():
-            for trace in plot["data"]:
-                for key in {"x", "y"} & trace.keys():
-                    if isinstance(trace[key], dict):
-                        trace[key] = held["lists"][trace[key]["list"]]
-        return held["plots"]
+        return json.loads(found[0]) if found else {}
 
     def values(self, name: str) -> list[str]:
         return [value for key, value in self.attributes if key == name]

@@ -312,7 +312,7 @@ def test_what_a_record_is_read_with_is_an_input(folder, refusal):
     assert (folder / "quiet.csv").read_bytes() == kept
 
 
-def test_files_of_holes_are_not_hashed(tmp_path, monkeypatch):
+def test_files_beyond_measure_are_not_hashed(tmp_path, monkeypatch):
     path = tmp_path / "run.h5"
     path.write_bytes(b"small")
     assert source_of(path).sha256 == hashlib.sha256(b"small").hexdigest()

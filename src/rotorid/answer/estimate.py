@@ -285,7 +285,7 @@ class Unbalance:
 class SourceFile:
     """A file that went into an estimate, and the sha256 of its content in hexadecimal.
 
-    Empty where the file is beyond 16 GB, or made of holes for the most part.
+    Empty where the file is beyond 16 GB.
     """
 
     file: str

@@ -33,11 +33,8 @@ if TYPE_CHECKING:
     from rotorid.answer.estimate import SourceFile
 
 HASHED_BYTES = 16_000_000_000
-"""Of a file whose sha256 is kept with a result: ten to twenty seconds. Of a larger one, or one of
-holes for the most part, a fraction was read, and to hash the rest would take longer than to answer.
-"""
-
-_HOLLOW = 16_000_000  # bytes up to which holes do not matter: reading them takes 10 ms
+"""Of a file whose sha256 is kept with a result: ten to twenty seconds. Of a larger one a fraction
+was read, and to hash the rest would take longer than to answer."""
 
 Output = tuple[Path | None, files.Content]
 _COLOURS = {  # others are yellow
@@ -300,12 +297,10 @@ def environment() -> str:
 
 
 def source_of(path: Path) -> SourceFile:
-    """Return a file with its sha256; without it, where it is beyond measure or made of holes."""
+    """Return a file with its sha256; without it, where it is beyond measure."""
     from rotorid.answer.estimate import SourceFile
 
-    found = files.check_regular(path)
-    held = 512 * getattr(found, "st_blocks", found.st_size)  # less where it is made of holes
-    if found.st_size > HASHED_BYTES or 2 * held < found.st_size > _HOLLOW:
+    if files.check_regular(path).st_size > HASHED_BYTES:
         return SourceFile(str(path), "")
     with path.open("rb") as stream:
         return SourceFile(str(path), file_digest(stream, "sha256").hexdigest())

@@ -460,18 +460,18 @@ class DelimitedTable:
                 yield number, split(text, self.dialect.delimiter)
 
     def _lines(self) -> Iterator[str]:
-        """Yield the lines of values; a line without end is refused before it is read."""
-        with Path(self.file).open("rb") as blocks:
-            for block in iter(partial(blocks.read, LINE_CHARACTERS), b""):
-                if len(block) == LINE_CHARACTERS and not (b"\n" in block or b"\r" in block):
+        """Yield the lines of values; of one without end only the beginning is read."""
+        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
+            lines = iter(partial(stream.readline, LINE_CHARACTERS), "")
+            for line in islice(lines, self.dialect.header_lines, None):
+                if len(line) == LINE_CHARACTERS and not line.endswith("\n"):
                     raise ReadError(
                         f"a line of more than {LINE_CHARACTERS} characters",
                         "lines of a table",
                         "export the record anew; this is no table, or it was damaged",
                         file=self.file,
                     )
-        with Path(self.file).open(encoding=self.encoding, errors="replace") as lines:
-            yield from islice(lines, self.dialect.header_lines, None)
+                yield line
 
     def _numbers(self, positions: list[int]) -> list[Floats]:
         """Return columns of numbers; nothing of the text is kept, and each number at most twice."""

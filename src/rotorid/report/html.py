@@ -157,32 +157,17 @@ MOST_POINTS, FEWEST_POINTS = 2048, 64
 """Points of a curve: at first, and where a page has so many curves that it would be too long."""
 MOST_DATA = 1_000_000
 """Characters of all curves of a page: with plotly's 4.9 million it stays under 6 million."""
-WORTH = 16
-"""Numbers of a list from which on it is held once for all curves that have it."""
 
 
 def plots_text(panels: Sequence[Panel]) -> str:
     """Return panels as JSON that ends no script, thinned until a page can hold it."""
     most = MOST_POINTS
     while True:
-        found = _shared([spec(thinned(panel, most)) for panel in panels])
+        plots = {f"plot-{k}": spec(thinned(panel, most)) for k, panel in enumerate(panels, start=1)}
+        found = json.dumps(plots, allow_nan=False, separators=(",", ":"))
         if len(found) <= MOST_DATA or most <= FEWEST_POINTS:
-            return found
+            return found.replace("<", "\\u003c").replace("&", "\\u0026")
         most //= 2
-
-
-def _shared(specs: list[dict[str, Any]]) -> str:
-    """Return specs as JSON; a list of numbers that several curves have stands once."""
-    lists: dict[str, int] = {}
-    for trace in (trace for drawn in specs for trace in drawn["data"]):
-        for key in ("x", "y"):
-            if len(trace.get(key, ())) >= WORTH:
-                text = json.dumps(trace[key], allow_nan=False, separators=(",", ":"))
-                trace[key] = {"list": lists.setdefault(text, len(lists))}
-    plots = {f"plot-{k}": drawn for k, drawn in enumerate(specs, start=1)}
-    content = json.dumps(plots, allow_nan=False, separators=(",", ":"))
-    found = f'{{"lists":[{",".join(lists)}],"plots":{content}}}'
-    return found.replace("<", "\\u003c").replace("&", "\\u0026")
 
 
 _WIDTH = {"thin": 0.9, "thick": 4.5}  # of lines; 1.6 otherwise

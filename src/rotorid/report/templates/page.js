@@ -1,7 +1,6 @@
 (function () {
   "use strict";
-  var held = JSON.parse(document.getElementById("plots").textContent);
-  var plots = held.plots;
+  var plots = JSON.parse(document.getElementById("plots").textContent);
   var touched = window.matchMedia("(pointer: coarse)").matches;
   var settings = {
     responsive: true, displaylogo: false, showTips: false,
@@ -13,11 +12,6 @@
 
   function draw(place) {
     var plot = plots[place.id];
-    plot.data.forEach(function (trace) {
-      ["x", "y"].forEach(function (key) {
-        if (trace[key] && trace[key].list !== undefined) { trace[key] = held.lists[trace[key].list]; }
-      });
-    });
     // The place holds the height: what answers to a new width forgets that of the layout.
     place.style.height = plot.layout.height + "px";
     delete plot.layout.height;
