@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from source_trees import nodes
 
 from rotorid import InputError, ReadError
-from rotorid.core.distributions import f_limit
+from rotorid.core.distributions import chance_of_any, f_limit
 from rotorid.core.errors import CELL, LINE, PART, SENTENCE, one_line, printable, shortened
 from rotorid.core.tables import page_html, page_text, table
 from rotorid.core.toml import Schema, parse_toml
@@ -323,6 +323,16 @@ def test_every_value_of_the_package_is_made_by_it():
 
 
 # Tails of distributions and where they end.
+
+
+@pytest.mark.parametrize("r", [0.0, 0.5, 0.9, 1 - 1e-9])
+def test_the_chance_that_any_of_three_is_far_out_is_hardly_overrated(r):
+    """The sum of the chances would overrate it threefold where the three are one and the same."""
+    draws = np.random.default_rng(3).standard_normal((500_000, 4))
+    alike = np.sqrt(r) * draws[:, :1] + np.sqrt(1 - r) * draws[:, 1:]
+    truth = float((np.abs(alike).max(axis=1) > 2.5758293).mean())  # 1 % of each alone
+    found = chance_of_any(0.01, np.full((3, 3), r) + (1 - r) * np.eye(3))
+    assert 0.97 * truth < found < 1.1 * truth
 
 
 @pytest.mark.parametrize(("first", "second"), [(1, 7), (2, 9), (2, 518), (8, 30)])

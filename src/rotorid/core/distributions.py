@@ -31,6 +31,21 @@ def f_limit(chance: float, first: float, second: float) -> float:
     return float(second / first * (1 - share) / share)
 
 
+def chance_of_any(chance: float, correlation: Floats) -> float:
+    """Return a bound on that any of n normal variables is as far out as one alone is by a chance.
+
+    ``n chance`` less the chance of both of each pair in a tree that joins them all, that of the
+    largest correlations (Worsley 1982). Two of correlation r are both above t with the chance
+    ``Phi(-t) - 2 T(t, sqrt((1 - r) / (1 + r)))``, T of Owen, and of -r on opposite sides.
+    """
+    alike = np.minimum(np.abs(correlation), 1 - 1e-12)
+    tree = scipy.sparse.csgraph.minimum_spanning_tree(np.triu(2 - alike, 1))
+    r = np.outer([1, -1], 2 - tree.data)
+    level = -scipy.special.ndtri(chance / 2)
+    both = chance / 2 - 2 * scipy.special.owens_t(level, np.sqrt((1 - r) / (1 + r)))
+    return float(len(alike) * chance - 2 * both.sum())
+
+
 def bound_of_length(mean: Floats, covariance: Floats, chance: float) -> float:
     """Return what the length of a normal vector, (2,), stays below with a chance."""
     size, axes = np.linalg.eigh(covariance)

@@ -18,6 +18,7 @@ import scipy
 from rotorid.answer.estimate import DOUBTFUL, Estimate, Shift
 from rotorid.answer.judge import DIRECTION
 from rotorid.answer.shifts import MATTERS, weighed
+from rotorid.core.distributions import chance_of_any
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, fact, frozen
@@ -27,6 +28,7 @@ from rotorid.likelihood.case import not_asked
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.inference import freedom, weights_of_rows
 from rotorid.likelihood.linear import DISTINCT
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import levers, parts_between, trials, turned_magnets
@@ -165,39 +167,37 @@ def contradicted(fit: Fit, every: Sequence[Assumed]) -> Iterator[Note]:
     What shows in one direction drowns in a sum over a hundred. Along the rest of a column, what
     noise leaves is normal; its deviation on lines is known from the periods only.
     """
-    point, expected = fit.solution.point, fit.inference.expectation
-    lines, known = len(point.residual) - len(point.known), point.problem.known.relations.texts
-    if not fit.records or expected.dof <= 0:
+    point, inference = fit.solution.point, fit.inference
+    known = point.problem.known.relations.texts
+    if not fit.records or inference.expectation.dof <= 0:
         return
-    found: dict[str, tuple[float, float]] = {}  # how probable, and how many deviations
-    dof = min(at.problem.noise.dof - at.problem.equations + 1 for at in point.records)
     columns = [(one.names, one.effect) for one in every]
-    for names, effect in [*columns, *(((text,), point.slack(text)) for text in known)]:
-        rest, whole = point.linear.rest(effect), np.linalg.norm(effect, axis=0)
-        length = np.linalg.norm(rest, axis=0)
-        # One that would not show at a hundred times its size is none.
-        seen = (length > DISTINCT * whole) & (length > FAINT)
-        unit = rest / np.where(seen, length, np.inf)
-        share = (unit[:lines] ** 2).sum(axis=0)  # of the variance, by the noise of lines
-        noise = 1 + share * (expected.mean / expected.dof - 1)
-        along = np.abs(point.linear.residual @ unit) / np.sqrt(noise)
-        freedom = np.minimum(max(dof, 1.0) / np.maximum(share, TAKEN_OVER) ** 2, 1e9)
-        chances = scipy.special.stdtr(freedom, -along)
-        for name, chance, size in zip(names, chances.tolist(), along.tolist(), strict=True):
-            if size > 0:
-                found[name] = min((chance, size), found.get(name, (1.0, 0.0)))
-    chance, most = min(found.values(), default=(1.0, 0.0))
-    chance *= 2 * len(found)
-    if not found or chance >= DOUBTFUL:
+    columns += [((text,), point.slack(text)) for text in known]
+    effect = np.concatenate([np.zeros((len(point.residual), 0)), *(e for _, e in columns)], axis=1)
+    rest, whole = point.linear.rest(effect), np.linalg.norm(effect, axis=0)
+    length = np.linalg.norm(rest, axis=0)
+    # One that would not show at a hundred times its size is none.
+    (seen,) = np.nonzero((length > DISTINCT * whole) & (length > FAINT))
+    if not len(seen):
         return
-    falling = sorted(found, key=lambda name: found[name])
-    alike = [name for name in falling if found[name][1] > ALIKE * most]
+    unit = rest[:, seen] / length[seen]
+    costs = inference.records
+    noise = np.linalg.norm(unit / weights_of_rows(point, costs)[:, None], axis=0)
+    along = np.abs(point.linear.residual @ unit) / noise
+    chances = 2 * scipy.special.stdtr(freedom(point, costs, unit**2), -along)
+    chance = chance_of_any(float(chances.min()), unit.T @ unit)
+    if chance >= DOUBTFUL:
+        return
+    order = np.lexsort([-along, chances])
+    most = float(along[order[0]])
+    names = [name for each, _ in columns for name in each]
+    alike = list(dict.fromkeys(names[seen[k]] for k in order if along[k] > ALIKE * most))
     pair = [name for name in alike if name in known][:2]
     apart = ", which contradict each other" if len(pair) > 1 else ""
     on = tuple(pair if apart else alike[:3])
     text = (
         f"the model is doubtful: what it leaves is {most:.2g} std off along {' or '.join(on)}"
-        f"{apart}, the most of {len(found)} directions (p = {chance:.1g})"
+        f"{apart}, the most of {len(seen)} directions (p = {chance:.1g})"
     )
     cure = "check that, or have it estimated; values may be off by more than their std"
     yield Note(DIRECTION, "doubts", text, cure, on, most, "1")

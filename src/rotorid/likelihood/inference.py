@@ -91,16 +91,23 @@ class Inference:
         return np.asarray(np.sqrt(np.diag(self.covariance).clip(0)))
 
 
-def _widening(point: Point, shares: Floats, left: list[Floats]) -> Floats:
-    """Return by how much few periods widen deviations, (free,); `shares` (free, row); `left`: t."""
-    unsure = np.zeros(len(shares))
-    for at, rows, t in zip(point.records, point.by_line(shares.T), left, strict=True):
+def weights_of_rows(point: Point, costs: Sequence[RecordCost]) -> Floats:
+    """Return the share of the information of each row that few periods leave, (row,)."""
+    return np.concatenate([*(cost.weights for cost in costs), np.ones(len(point.known))])
+
+
+def freedom(point: Point, costs: Sequence[RecordCost], shares: Floats) -> Floats:
+    """Return by how many degrees of freedom the variance of sums of rows is known.
+
+    `shares` of the rows in each, (row, sum): that of a line is known by its periods.
+    """
+    unsure = np.zeros(shares.shape[1])
+    for at, rows, cost in zip(point.records, point.by_line(shares), costs, strict=True):
         if at.problem.noise.shared > 1:  # one size for all lines
             continue
-        freedom = at.problem.multiplicity * np.maximum(effective_dof(at) - t + 1, 1.0)
-        unsure += (rows.sum(axis=1) ** 2 / freedom[:, None]).sum(axis=0)
-    freedom = 1 / np.clip(unsure, 1e-9, 0.5)  # beyond a billion t is normal, and stdtrit imprecise
-    return np.asarray(-scipy.special.stdtrit(freedom, TAIL) / NORMAL)
+        degrees = at.problem.multiplicity * np.maximum(effective_dof(at) - cost.unused + 1, 1.0)
+        unsure += (rows.sum(axis=1) ** 2 / degrees[:, None]).sum(axis=0)
+    return 1 / np.clip(unsure, 1e-9, 0.5)  # beyond a billion t is normal, and stdtrit imprecise
 
 
 def _expected(at: Evaluation, leverage: Floats) -> RecordCost:
@@ -134,11 +141,11 @@ def infer(point: Point) -> Inference:
     rest = 1 - point.of_known(linear.leverage)
     absorbed = sum(at.ends.basis.shape[1] for at in point.records if at.ends is not None)
     dof = point.problem.real_equations - linear.rank - absorbed
-    weights = [*(cost.weights for cost in costs), np.ones(len(rest))]
-    weighted = linear.determined.weighted(np.concatenate(weights))
-    unused = [cost.unused for cost in costs]
+    weighted = linear.determined.weighted(weights_of_rows(point, costs))
+    degrees = freedom(point, costs, weighted.told_by().T)
+    widening = -scipy.special.stdtrit(degrees, TAIL) / NORMAL
     with np.errstate(over="ignore", invalid="ignore"):  # far from any minimum
-        wider = _widening(point, weighted.told_by(), unused)[:, None] * weighted.root
+        wider = widening[:, None] * weighted.root
         along = weighted.directions
         root = linear.scale[:, None] * (along @ (along.T @ (wider / linear.scale[:, None])))
         covariance = root @ root.T  # exact relations stay exact
