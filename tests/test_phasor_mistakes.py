@@ -183,6 +183,6 @@ def test_the_files_of_two_runs_exchanged(folder):
     exchanged = TWO.replace("bare.csv", "other.csv").replace("run.csv", "bare.csv")
     estimate = identify(folder, exchanged.replace("other.csv", "run.csv"))
     told = estimate.warnings[0]
-    assert "swap[record 0, record 1]" in {s.term for s in estimate.suspects[:2]}
+    assert "swap[record 1, record 2]" in {s.term for s in estimate.suspects[:2]}
     assert "exchanged" in told
     assert "unknown" not in told

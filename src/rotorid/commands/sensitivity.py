@@ -34,7 +34,8 @@ def run(experiment: Path, pair: Sequence[str], answer: Outputs) -> int:
     plan = load_experiment(experiment)
     plan.require_records()
     check_apart(targets, plan.files)
-    records, named, options = _read(plan, _pairs(plan, pair))
+    place = "--pair" if pair else "records.{}.references"
+    records, named, options = _read(plan, _pairs(plan, pair), place)
     with naming(str(experiment)):
         watch("computing")
         found = sensitivity(records, named, **options)
@@ -62,12 +63,19 @@ def _pairs(plan: Experiment, given: Sequence[str]) -> list[dict[str, str]]:
                     f"{text[:60]!r}",
                     "a channel and the column of its reference",
                     "write --pair F_x1=r_x1",
-                    place="pair",
+                    place="--pair",
                 )
         tables = (open_tables(p.paths, header_row=p.entry.header_row) for p in plan.channels)
         held = [table.names for table in tables]
         lost = {r for _, r in pairs if not any(r in names for names in held)}  # refused when read
-        return [{e: r for e, r in pairs if r in names or r in lost} for names in held]
+        named = [[(e, r) for e, r in pairs if r in names or r in lost] for names in held]
+        for own in named:
+            named_inputs = [e for e, _ in own]
+            if e := next((e for e in named_inputs if named_inputs.count(e) > 1), ""):
+                twice = " and ".join(r for one, r in own if one == e)
+                expected = "one reference of an input in a record"
+                raise InputError(f"{e} with {twice}", expected, "give one of them", place="--pair")
+        return [dict(own) for own in named]
     inputs, listed = plan.model.inputs, [one.references or [] for one in plan.entry.records]
     if not all(listed):
         raise InputError(
@@ -91,7 +99,7 @@ def _pairs(plan: Experiment, given: Sequence[str]) -> list[dict[str, str]]:
 
 
 def _read(
-    plan: Experiment, pairs: Sequence[Mapping[str, str]]
+    plan: Experiment, pairs: Sequence[Mapping[str, str]], place: str
 ) -> tuple[Sequence[PeriodicRecord] | Sequence[Record], dict[str, str], dict[str, Any]]:
     """Return the records, the channel of r of each command in all of them, and band and skip."""
     entries = plan.entry.records
@@ -115,7 +123,7 @@ def _read(
                 file=plan.file,
                 place=f"records.{number}",
             )
-        record = measured(channels, _beside(channels, own, commands))
+        record = measured(channels, _beside(channels, own, commands, place.format(number)))
         if "" in own:
             own = {_axis_of(record, own[""], [*commands], entry.band): own[""]}
         read.append((record, own))
@@ -147,10 +155,10 @@ def _axis_of(
 
 
 def _beside(
-    channels: Recording, pairs: Mapping[str, str], commands: Iterable[str]
+    channels: Recording, pairs: Mapping[str, str], commands: Iterable[str], place: str
 ) -> dict[str, Source]:
     """Return where the references come from, in the unit and with the scale of their commands."""
-    found, place = {}, "--pair"
+    found = {}
     for e in commands:
         command = channels.sources.get(e)
         if e in channels.laws and not isinstance(channels.laws[e].law, Linear):
@@ -158,7 +166,7 @@ def _beside(
                 f"{e}, a force that is made of currents or fluxes",
                 "the command behind the sum",
                 "name its column: --pair COMMAND=REFERENCE",
-                place="pair",
+                place=place,
             )
         if command is None:
             found[e] = command = Source(e, place=place)

@@ -28,6 +28,7 @@ from rotorid.likelihood.rivals import Plain, plainly
 from rotorid.likelihood.solver import Solution, settle, solve
 from rotorid.likelihood.starts import (
     FINER,
+    GENERATOR,
     NEGLIGIBLE,
     ROUGH,
     SHARE,
@@ -38,7 +39,7 @@ from rotorid.likelihood.starts import (
     shift_by_reduction,
     thinned,
 )
-from rotorid.likelihood.symmetric_answers import Mirrors
+from rotorid.likelihood.symmetric_answers import Mirrors, Symmetry
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.estimators import Batch
 from rotorid.models import Model
@@ -335,6 +336,8 @@ def _in_new_places(problem: Problem, start: Floats, records: Records) -> Iterato
     fixed = [i for i, unknown in enumerate(problem.layout.unknowns) if unknown.fixed]
     for exchange in Mirrors.of(problem, records, start, as_free=True).exchanges:
         moved, found = exchange.of(start), None
+        if _leaves_all(problem, exchange, fixed):
+            continue
         moved[fixed] = start[fixed]
         for lowest in search(problem, moved):
             found = lowest
@@ -342,6 +345,21 @@ def _in_new_places(problem: Problem, start: Floats, records: Records) -> Iterato
         if found is not None and found.converged and found.inference.explained:
             yield found
             return
+
+
+def _leaves_all(problem: Problem, exchange: Symmetry, fixed: list[int]) -> bool:
+    """Tell whether what is known says the same of parts in other places: no way leads elsewhere.
+
+    Asked at values that are alike by nothing but the exchange.
+    """
+    start = problem.layout.start
+    x = np.where(start, start, 1.0) * np.random.default_rng(GENERATOR).uniform(1, 2, len(start))
+    x[fixed] = start[fixed]
+    moved = exchange.of(x)
+    told = [[at[fixed] for at in (x, moved)]]
+    for known in (problem.exact, problem.bounds, problem.known.relations):
+        told.append([np.sort(known.values(at) / known.sizes(at)) for at in (x, moved)])
+    return all(np.allclose(one, other, atol=1e-12) for one, other in told)
 
 
 def _problem(prepared: Problem, records: Records) -> Problem:

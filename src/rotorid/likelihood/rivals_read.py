@@ -703,10 +703,10 @@ def _exchanges(case: Case) -> Iterator[Rival]:
     for i, j in alike[:MOST]:
         order = list(range(len(kinds)))
         order[i], order[j] = j, i
-        term, on = f"swap[record {i}, record {j}]", (f"record {i + 1}", f"record {j + 1}")
+        on = f"record {i + 1}", f"record {j + 1}"
         said = f"the files of records {i + 1} and {j + 1} exchanged"
         cure = "exchange their files, or what [records.parameters] says of the two"
-        yield Rival(term, said, cure, partial(_in_order, order=order), on=on)
+        yield Rival(f"swap[{', '.join(on)}]", said, cure, partial(_in_order, order=order), on=on)
 
 
 def _in_order(case: Case, order: Sequence[int]) -> Case:

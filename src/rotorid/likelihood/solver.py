@@ -148,7 +148,7 @@ class _Walk:
         try:
             if converged is None:
                 point, converged = self.descend(relaxation, problem.tolerance, LIMIT)
-                if brief and not converged and not _hopeless(point):
+                if brief and not converged and not hopeless(point):
                     self.effort = EFFORT  # a bent valley, not another mountain
                     point, converged = self.descend(relaxation, problem.tolerance, LIMIT)
                 return point, converged
@@ -168,9 +168,9 @@ class _Walk:
         self.problem = problem.sketch
         with suppress(np.linalg.LinAlgError):
             point, converged = self.descend(relaxation)
-            if _hopeless(point, problem.lowest):
+            if hopeless(point, problem.lowest):
                 point, converged = self.descend(relaxation, 1e-10, LIMIT)
-                return converged if _hopeless(point, problem.lowest) else None
+                return converged if hopeless(point, problem.lowest) else None
         return None
 
 
@@ -209,7 +209,7 @@ def _kept(problem: Problem, unknowns: Floats, scale: Floats, bounded: bool) -> F
     return unknowns
 
 
-def _hopeless(point: Point, above: Point | None = None) -> bool:
+def hopeless(point: Point, above: Point | None = None) -> bool:
     """Tell whether a cost is hopeless, `above` that of the minimum on few lines."""
     least = 0.0 if above is None else above.cost
     return point.cost >= HOPELESS * (len(point.residual) + least)
@@ -266,7 +266,7 @@ def _ends(
             return [found]
         if found is not None:
             ways.append((found.point.unknowns, stages[-1:]))
-            if brief and _hopeless(found.point):  # bounds only add to that
+            if brief and hopeless(found.point):  # bounds only add to that
                 del ways[0]
     inner = [_descended(problem, *way, True, brief=brief, near=near) for way in ways]
     return [end for end in inner if end is not None]
@@ -350,7 +350,7 @@ def _idle(
     assert sketch is not None
     assert lowest is not None
     found = _descended(sketch, start, stages, False, known, brief=True)
-    if found is None or _hopeless(found.point, lowest):
+    if found is None or hopeless(found.point, lowest):
         return True
     near = found.point.cost <= lowest.cost * (1 + 2 * sketch.tolerance) + 1e-3
     return near and _same(problem, found.point.unknowns, lowest.unknowns)

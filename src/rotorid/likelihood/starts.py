@@ -25,7 +25,7 @@ from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.relations import Relation
-from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
+from rotorid.likelihood.solver import STAGES, Solution, hopeless, joins, settle, solve
 from rotorid.models import Model
 from rotorid.models.knowledge import Mode
 from rotorid.models.rotor.fem import force
@@ -212,7 +212,7 @@ def search(problem: Problem, start: Floats) -> Iterator[Solution]:
                 break
             continue
         try:
-            found = _gone(problem, way)
+            found = _gone(problem, way, best)
             inference = found.inference
         except np.linalg.LinAlgError:  # the way led where the equations lose their meaning
             continue
@@ -244,9 +244,11 @@ def searched(problem: Problem, start: Floats) -> Solution | None:
     return ends.pop() if ends else None
 
 
-def _gone(problem: Problem, way: _Way) -> Solution:
+def _gone(problem: Problem, way: _Way, best: Solution | None) -> Solution:
+    """Go a way; where the best so far only crawls, at a cost beyond hope, in few steps."""
+    brief = best is not None and not best.converged and hopeless(best.point)
     if not way.held:
-        return solve(problem, way.start, way.stages, way.bounded)
+        return solve(problem, way.start, way.stages, way.bounded, brief=brief)
     within = solve(_within(problem, way.start), way.start, way.stages, True)
     return settle(problem, within.point.unknowns)
 

@@ -1,7 +1,7 @@
 """Answers that fit as well by a symmetry of the equations: found, told, and no false alarm."""
 
 from dataclasses import replace
-from itertools import product
+from itertools import product, takewhile
 from types import SimpleNamespace
 
 import numpy as np
@@ -180,6 +180,18 @@ def test_what_is_told_as_a_cure_cures(wings, cure):
     told = {**cure.get("known", {}), **cure.get("fixed", {})}
     start = {name: value for name, value in EXCHANGED.items() if name not in told}
     agrees(identify(BODY, wings, MaximumLikelihood(start=start, **cure)), BODY.nominal, 5)
+
+
+@pytest.mark.parametrize(("fixed", "tried"), [({}, False), ({"k1": 2e5}, True)])
+def test_hidden_parts_change_places_before_the_search_only_where_something_known_does(
+    wings, fixed, tried
+):
+    spectra = wings.spectra.copy()
+    spectra[:, ::2] *= [1.0, 1.1]  # every other line of the sensor: no machine explains that
+    search = MaximumLikelihood(fixed=fixed).search(BODY, [replace(wings, spectra=spectra)])
+    said = {step.say for step in takewhile(lambda step: "mistakes" not in step.say, search)}
+    assert "trying further starts" in said
+    assert ("trying hidden parts in other places" in said) == tried
 
 
 def test_a_value_that_is_hardly_known_does_not_tell_the_places(wings):

@@ -223,8 +223,8 @@ def ways(monkeypatch):
     """Return where each way from a start ends, from then on."""
     seen: list[Solution] = []
 
-    def counting(*given: Any) -> Solution:
-        seen.append(solver.solve(*given))
+    def counting(*given: Any, **how: Any) -> Solution:
+        seen.append(solver.solve(*given, **how))
         return seen[-1]
 
     monkeypatch.setattr(search, "solve", counting)
