@@ -5,6 +5,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.signals.average import RecordBlocks, average_blocks
+from rotorid.signals.turning import STATED
 from rotorid.testing import bind
 
 RATE, SIZE = 1000.0, 50
@@ -144,10 +145,38 @@ def test_a_mask_leaves_the_speed_to_be_estimated():
     assert abs(found.speed - truth) < 0.1 * abs(record.speed - truth)
 
 
-def identified(seed, turns, periods, stated=None):
+def identified(seed, turns, periods, stated=None, noise=(0.3, 1e-6)):
     rng = np.random.default_rng([seed, 5])
-    record, *_ = shaft(turns, periods, rng=rng, order=3, stated=stated)
+    record, *_ = shaft(turns, periods, rng=rng, order=3, stated=stated, noise=noise)
     return rid.identify(MODEL, periods_of(record), rid.MaximumLikelihood())
+
+
+def shift_of(found):
+    return next((each for each in found.assumptions if each.assumed == "speed"), None)
+
+
+@pytest.mark.parametrize(("turns", "periods"), [(7.24, 2), (2.45, 3)])
+def test_a_stated_speed_that_no_period_tells_moves_the_unbalance_as_is_said(turns, periods):
+    right, off = (
+        identified(1, turns, periods, turns * (1 + by), noise=(0.03, 1e-7)) for by in (0, STATED)
+    )
+    told = shift_of(right)
+    moved = abs(off.value(told.parameter) - right.value(told.parameter))
+    assert told.moves == pytest.approx(moved / right.std(told.parameter), rel=0.1)
+    assert "record a mark" in told.cure
+    assert told.size == f"{60 * FUNDAMENTAL * turns * STATED:.2g} rpm"
+
+
+def test_a_speed_that_periods_tell_or_a_mark_measures_is_assumed_no_further():
+    few, more = (shift_of(identified(2, 3.75, n, noise=(0.03, 1e-7))) for n in (3, 8))
+    assert few.moves > 2
+    assert more is None or more.moves < 4  # what noise leaves of it
+    t = np.arange(3 * SIZE) / RATE
+    record, *_ = shaft(
+        3.75, 3, rng=np.random.default_rng(2), phi=2 * np.pi * FUNDAMENTAL * 3.75 * t
+    )
+    marked = rid.identify(MODEL, periods_of(record), rid.MaximumLikelihood())
+    assert shift_of(marked) is None
 
 
 def test_least_squares_says_what_leaks_into_the_lines_that_it_uses():

@@ -482,6 +482,10 @@ class RotationLine(Arrays):
     spectra: Complexes  # (period, channel): of the first multiple, from the first sample used on
     recorded: Complexes  # (period, line, channel): the lines of the periods with it
     kept: Complexes  # (line, 2): what the lines of the periods keep of cos(phi) and sin(phi)
+    # rad/s by which a speed that is used as stated plausibly is off, and by what that moves the
+    # lines, (line, channel), the rotation's own behind those of the periods
+    slip: float = 0.0
+    moved: Complexes | None = None
 
 
 @frozen

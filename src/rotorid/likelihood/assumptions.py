@@ -246,6 +246,7 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     found = [_crosstalk(*each) for each in zip(fit.solution.point.records, records, strict=True)]
     yield from _by_rows(fit, ("cross-talk", "0.1 %", text, cure), found)
     yield from _analysers(fit)
+    yield from _speeds(fit)
 
 
 def _exact(
@@ -541,6 +542,31 @@ def _analysers(fit: Fit) -> Iterator[Assumed]:
         of, size = f"window[{window}]", f"{window}, lines of {spacing:.3g} Hz"
         found = [{} if e is None else {of: _misread(at, r, e)} for at, r, e in errors]
         yield from _by_rows(fit, ("window", size, f"narrow: {size}", cure), found)
+
+
+def _speeds(fit: Fit) -> Iterator[Assumed]:
+    """Yield the stated speeds of rotations beside the periods, whose angle no mark measures.
+
+    A speed that is off makes the periods scatter, by which lines are weighed: no misfit shows it.
+    """
+    found, slips = list[Rows](), [0.0]
+    for k, (at, record) in enumerate(zip(fit.solution.point.records, fit.records, strict=True)):
+        periodic = record.periodic
+        rotation = None if periodic is None else periodic.rotation
+        if periodic is None or rotation is None or rotation.moved is None:
+            found.append({})
+            continue
+        own = int(np.searchsorted(periodic.frequency, periodic.turns * periodic.fundamental))
+        every = np.insert(rotation.moved[:-1], own, rotation.moved[-1], axis=0)
+        moved = np.zeros_like(record.lines.mean)  # inputs without a channel stand last
+        moved[:, : every.shape[1]] = every
+        rows = at.columns @ moved[:, at.problem.order, None]
+        found.append({f"speed[{k}]": as_complex(rows[:, :, 0])})
+        slips.append(rotation.slip)
+    size = f"{max(slips) * 30 / np.pi:.2g} rpm"
+    cure = "record a mark (encoder or keyphasor), or more periods, which tell the speed"
+    for one in _by_rows(fit, ("speed", size, f"as stated: {size} of error", cure), found):
+        yield replace(one, effect=one.effect - fit.solution.point.linear.rest(one.effect))
 
 
 def _noise_of_force(at: Evaluation, lines: Lines) -> float:

@@ -27,7 +27,17 @@ from rotorid.data.record import (
 from rotorid.signals.checks.periods import LOOKED_AT, ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording
-from rotorid.signals.turning import LEAST, SURE, Turning, orders_apart, scattered, slip, turning
+from rotorid.signals.turning import (
+    LEAST,
+    SURE,
+    Turning,
+    also_kept,
+    orders_apart,
+    plausible_slip,
+    scattered,
+    slip,
+    turning,
+)
 
 KEYS = frozenset({"fundamental", "period_samples", "harmonics", "band", "skip"})
 """What an error of this module is about, by the place that it names."""
@@ -385,9 +395,10 @@ class PeriodSums:
         )
 
 
-SETTLED = (SURE, *[0.1] * 7, np.inf)
+SETTLED = (1.0, *[0.1] * 7, np.inf)
 """Deviations by which the speed may be off in each round of finding it: from a turn off within the
-record it takes six, from a tenth of one three."""
+record it takes six, from a tenth of one three. A speed that is off widens the first: of few periods
+it never shows by more than four."""
 
 
 def _with_rotation(
@@ -401,7 +412,7 @@ def _with_rotation(
     """Return the periods without a rotation that stands on none of their lines, and that.
 
     Where no mark measures the angle, the speed is estimated with the lines, and takes the place of
-    the one stated where that is surely off.
+    the one stated where that is surely off. Else it is told how far that plausibly is.
     """
     speed, size, rate = told["speed"], sums.size, sums.sample_rate
 
@@ -421,6 +432,7 @@ def _with_rotation(
         return turning(passes, angle, sums.mean, orders, turns, sums.lines, rest.add), rest
 
     begins = np.concatenate([some_periods(time, p, p + 1)[:, 0] for p in range(sums.count)])
+    off, std = 0.0, np.inf
     for settled in SETTLED:
         turns = abs(told["speed"]) * per_turn
         found, rest = joint(angle, turns)
@@ -431,23 +443,39 @@ def _with_rotation(
             break
         told["speed"] += off
         angle = turned(told["speed"])
-    line, own = found.line, found.line + found.width * found.noise
-    kept = found.kept @ [2 * line.real, -2 * line.imag]
+    off += told["speed"] - speed
+    if told["speed"] != speed and abs(off) <= SURE * std:
+        told["speed"], angle, turns = speed, turned(speed), abs(speed) * per_turn
+        found, rest = joint(angle, turns)
+    kept = also_kept(found)
     # Taken for a response at the frequency of its line, which goes with its square at most.
     off_by = 2 * abs(turns - round(turns)) / turns * kept
-    if told["speed"] != speed:
-        told["checks"] = (_speed_note(told["speed"], std, speed),)
-        aside, moved = joint(turned(told["speed"] + std), turns)
-        # A speed off by that turns the line, and exchanges what is real of it with other lines.
-        phase_std = np.vdot(line, aside.line).imag / np.vdot(line, line).real
-        told["phase_std"] = float(np.hypot(told["phase_std"], phase_std))
-        own = own + scattered(np.sqrt(2) * (aside.line - (1 + 1j * phase_std) * line), sums.count)
-        off_by = off_by + np.sqrt(2) * line_spectra(moved.mean - rest.mean, sums.lines)
-    own = own * np.exp(1j * some_periods(angle, 0, 1)[0, 0])
+    line, own = found.line, found.line + found.width * found.noise
+    begun = np.exp(1j * some_periods(angle, 0, 1)[0, 0])
     transfer = partial(transfer_of_recording, sums.channels, sample_rate=rate)
-    own = (own if speed > 0 else own.conj()) * transfer(np.array([turns * rate / size]))
+
+    def at_start(own: Complexes) -> Complexes:
+        begins = own * begun if speed > 0 else (own * begun).conj()
+        return np.asarray(begins * transfer(np.array([turns * rate / size])))
+
+    error, moved = 0.0, None
+    if mark is None:  # a speed that is off turns the line, and exchanges some of it with others
+        used = told["speed"] == speed
+        error = plausible_slip(speed, off, std) if used else std
+        aside, without = joint(turned(told["speed"] + error), turns)
+        astray, exchanged = aside.line - line, line_spectra(without.mean - rest.mean, sums.lines)
+        if used:
+            among = exchanged + also_kept(aside) - kept
+            among *= transfer(sums.lines * rate / size)
+            moved = np.concatenate([among, at_start(astray[None])])
+        else:
+            told["checks"] = (_speed_note(told["speed"], std, speed),)
+            phase_std = np.vdot(line, astray).imag / np.vdot(line, line).real
+            told["phase_std"] = float(np.hypot(told["phase_std"], phase_std))
+            own = own + scattered(np.sqrt(2) * (astray - 1j * phase_std * line), sums.count)
+            off_by, error = off_by + np.sqrt(2) * exchanged, 0.0
     recorded = sums.periods(time, angle, speed=speed).spectra
-    rotation = RotationLine(orders, own, recorded, found.kept)
+    rotation = RotationLine(orders, at_start(own), recorded, found.kept, error, moved)
     periods = rest.periods(time, angle, rotation=rotation, **told)
     mean, more = periods.mean_spectrum, kept + scattered(off_by, sums.count)
     spectra = mean + (periods.spectra - mean) * found.widths[:, None]

@@ -27,7 +27,11 @@ LEAST = 4
 """Periods that tell a line, a mean and some scatter."""
 SURE = 3.5
 """Deviations from which on the speed is the one that the lines show: chance takes one good record
-in two thousand there, whose deviations are then too wide. As for a rotation on a line."""
+in two thousand there, of eight periods one in a hundred, whose deviations are then too wide. As for
+a rotation on a line."""
+STATED = 2e-3
+"""Share by which a stated speed is plausibly off, before the record tells: what a display of three
+digits rounds, or what load and temperature change in the slip of a motor."""
 AT_ONCE = 1 << 15  # samples
 ROUNDING = 1e-9
 """What is left beside the line of a rotation, over that, below which it is rounding."""
@@ -148,4 +152,18 @@ def slip(found: Turning, time: Floats, angle: Floats) -> tuple[float, float]:
     along = (1j * column)[:, None] * line
     rate = float(((along.conj() * noise).real @ weight).sum()) / power
     each = (along.conj() * (noise - rate * along)).real @ weight
-    return rate, max(float(np.linalg.norm(each)) / power, (2 * power) ** -0.5)
+    std = max(float(np.linalg.norm(each)) / power, (2 * power) ** -0.5)
+    taken = 3  # the mean period, the line and the slope hold noise of one period each
+    return rate, std * float(np.sqrt(len(noise) / (len(noise) - taken)))
+
+
+def also_kept(found: Turning) -> Complexes:
+    """Return what the lines of the periods keep of a rotation, (line, channel)."""
+    return found.kept @ [2 * found.line.real, -2 * found.line.imag]
+
+
+def plausible_slip(speed: float, off: float, std: float) -> float:
+    """Return by how much a stated speed errs (root mean square), where the lines show `off`."""
+    size = STATED * abs(speed)
+    trust = 1 / np.hypot(1, std / size)  # 0 where the lines tell nothing
+    return float(np.hypot(trust**2 * off, size * np.sqrt(1 - trust**2)))
