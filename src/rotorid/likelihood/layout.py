@@ -39,6 +39,10 @@ class Layout:
     def free(self) -> Integers:
         return np.flatnonzero([not unknown.fixed for unknown in self.unknowns])
 
+    @cached_property
+    def additive(self) -> Booleans:
+        return np.array([unknown.additive for unknown in self.unknowns], dtype=bool)
+
     def names(self, which: Booleans | slice = slice(None)) -> tuple[str, ...]:
         """Return the names of the free unknowns, or of some."""
         return tuple(self.unknowns[i].name for i in self.free[which])

@@ -97,9 +97,9 @@ def _of_loads(end: Point, unit: Floats) -> Floats:
 
 def _floor(point: Point, change: Floats, unit: Floats) -> Iterator[Point]:
     """Yield points of the floor that begins with a change of the free unknowns."""
-    layout, affine = point.problem.layout, set(point.problem.affine.tolist())
+    layout, affine = point.problem.layout, point.problem.affine
     free, stride = layout.free, float(np.linalg.norm(change / unit))
-    scaling = np.array([i not in affine and not layout.unknowns[i].additive for i in free], bool)
+    scaling = ~(np.isin(free, affine) | layout.additive[free])
     at, step = point, change
     for _ in range(STRIDES):
         # No unknown, other than a load or a shift, moves by too much of itself.

@@ -210,7 +210,7 @@ class Point:
         size = self.sizes[free]
         typical = np.where(size > 0, size, 1.0)
         relations = self.problem.exact.jacobian(self.unknowns)[:, free]
-        shifts = np.array([layout.unknowns[i].additive for i in free], dtype=bool)
+        shifts = layout.additive[free]
         return Linearized.of(self.jacobian, self.residual, relations, typical, shifts)
 
     @cached_property

@@ -56,6 +56,9 @@ BENDS = 4
 ARRIVED = 1e-3
 """Gain of the cost, hidden from steps by rounding, that leaves every value within a thirtieth of
 its deviation from the minimum."""
+RUN_AWAY = 1e12
+"""Times its start from which on an unknown is on its way to infinity. Beside it all others keep
+four digits at most: the cost is rounding, which steps of no length lower."""
 HELD = 1e-9
 """Distance from a bound, relative to the size of its terms, at which it is active."""
 
@@ -86,6 +89,13 @@ class _Walk:
         self.problem, self.bounded = anchored(problem.sketch or problem, start), bounded
         self.unknowns = start if x is None else x
         self.iterations, self.effort = 0, EFFORT
+        sized = ~problem.layout.additive & (start != 0)
+        self.rigid = problem.rigid[sized[problem.rigid]]
+        self.reach = RUN_AWAY * np.abs(start[self.rigid])
+
+    @property
+    def lost(self) -> bool:
+        return bool((np.abs(self.unknowns[self.rigid]) > self.reach).any())
 
     def descend(
         self,
@@ -112,6 +122,8 @@ class _Walk:
                 return point, where.decrease <= max(least, 1e-6 * max(point.cost, floor))
             point = trial
             self.unknowns = point.unknowns
+            if self.lost:
+                break
         return point, False
 
     def _forward(
@@ -282,7 +294,7 @@ def _descended(
     brief: bool = False,
     near: bool = False,
 ) -> Solution | None:
-    """Go through the stages; None for no finite cost, or where a stage ends as the known way's."""
+    """Go through the stages; None for a way that is lost, or ends a stage as the known one."""
     try:
         walk = _Walk(problem, start, bounded)
     except np.linalg.LinAlgError:
@@ -292,6 +304,11 @@ def _descended(
         there = known[stage] if known else None
         with suppress(np.linalg.LinAlgError):
             walk.descend(relaxation, known=there)
+        if walk.lost and brief:
+            return None
+        if walk.lost:  # no stage leads back from there
+            trail.clear()
+            break
         trail.append(walk.unknowns)
         if there is not None and _same(problem, walk.unknowns, there):
             return None
