@@ -174,11 +174,14 @@ class Case:
             return None
         return point if np.isfinite(point.cost) else None
 
-    def screened(self) -> float:
-        """Return the cost after a few steps from the starts, errors granted to the equations."""
+    def screened(self, most: float = np.inf) -> float:
+        """Return the cost after a few steps from the starts, errors granted to the equations.
+
+        What will cost more than `most` is not followed to the end.
+        """
         try:
             with np.errstate(all="ignore"):
-                return min(_screened(self.problem, x) for x in self._starts())
+                return min(_screened(self.problem, x, most) for x in self._starts())
         except np.linalg.LinAlgError:
             return np.inf
 
@@ -195,12 +198,12 @@ class Case:
         return found
 
 
-def _screened(problem: Problem, start: Floats) -> float:
+def _screened(problem: Problem, start: Floats, most: float) -> float:
     """Return the cost after a few steps at each stage of a screening, at the bounds if beyond.
 
     All forces upside down are a rotor of negative mass: only its bounds tell it from the right one.
     """
-    point = few_steps(problem, start, COARSE, STEPS)
+    point = few_steps(problem, start, COARSE, STEPS, most)
     if not len(outside(problem.bounds, point.unknowns)):
         return point.cost
     size = np.abs(point.unknowns[problem.layout.free])

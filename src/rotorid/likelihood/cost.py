@@ -176,6 +176,12 @@ class Likelihood:
         return len(self.data)
 
     @cached_property
+    def units(self) -> Complexes:
+        """A one in each equation by itself, (line, row, equation)."""
+        ones = np.eye(self.all_rows, dtype=np.complex128)[:, : self.rows]
+        return np.broadcast_to(ones, (self.lines, *ones.shape))
+
+    @cached_property
     def load_monomials(self) -> Monomials:
         return replace(self.monomials, factors=self.monomials.factors[self.loading])
 
@@ -256,9 +262,7 @@ class Evaluation:
         self._loose = np.zeros((len(rows), count, rows.shape[2]), dtype=np.complex128)
         if transient is not None:
             if self.ends is None:
-                ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, :count]
-                unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
-                self._end_columns = transient.columns(self._white(unit))
+                self._end_columns = transient.columns(self._white(self.problem.units))
                 self.ends = Ends.of(self.stacked(self._end_columns))
             tau = self.ends.tau(self.stacked(whitened))
             self._loose = transient.rows(tau, count)
@@ -305,11 +309,9 @@ class Evaluation:
 
     def _granted(self) -> Complexes:
         """Return S^1/2 N, shape (line, row, equation): the errors granted to the equations."""
-        p = self.problem
         if self.null_h is None:
-            every = np.eye(p.all_rows, dtype=np.complex128)[: p.rows]
-            return np.broadcast_to(every, (p.lines, p.rows, p.all_rows))
-        return as_complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
+            return self.problem.units.transpose(0, 2, 1)
+        return as_complex(self.null_h.conj().transpose(0, 2, 1)[:, : self.problem.rows])
 
     def _affine_directions(self, affine: Integers) -> Complexes:
         """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""
@@ -392,11 +394,14 @@ class Evaluation:
 
         Rows whitened at two points differ by a unitary matrix too, which no derivative holds.
         """
-        here, there = (np.linalg.solve(at.lower, at._gain) for at in (self, other))
-        turn = there @ here.conj().transpose(0, 2, 1)
+        turn = other._whitened_gain @ self._whitened_gain.conj().transpose(0, 2, 1)
         for _ in range(3):  # to the nearest unitary matrix (Schulz), many times faster than by SVD
             turn = 1.5 * turn - 0.5 * turn @ (turn.conj().transpose(0, 2, 1) @ turn)
         return self.stacked(turn @ self.whitened[:, :, None])[:, 0]
+
+    @cached_property
+    def _whitened_gain(self) -> Complexes:
+        return as_complex(np.linalg.solve(self.lower, self._gain))
 
     def stacked(self, whitened: Complexes) -> Floats:
         """Return real over imaginary parts, (line, equation, column) -> (real equation, column)."""

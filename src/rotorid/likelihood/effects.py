@@ -294,9 +294,17 @@ class Calibration:
         """Unknowns on which the equation error depends linearly, whitening not at all."""
         return np.unique(np.array([b.unknowns[:2] for b in self.rotating], dtype=np.int64))
 
+    @cached_property
+    def _still(self) -> CalibrationState:
+        """The state where nothing acts."""
+        factors, added = (np.full(self.shape, value, np.complex128) for value in (1.0, 0.0))
+        return CalibrationState(factors, added, np.ones(len(self.phase_orders), np.complex128))
+
     def at(self, unknowns: Floats) -> CalibrationState:
-        factors = np.ones(self.shape, dtype=np.complex128)
-        added = np.zeros(self.shape, dtype=np.complex128)
+        still = self._still
+        if not self.every and self.phase_unknown is None:
+            return still
+        factors, added = still.factors.copy(), still.readings.copy()
         for bound in self.every:
             factor, more = bound.at(unknowns)
             factors[:, bound.channel] *= factor

@@ -206,8 +206,8 @@ class RivalSearch:
         return float(min(1.0, max(0.0, drop / excess))) if excess > 0 else 0.0
 
     @quiet
-    def screen(self, rival: Rival) -> float:
-        return rival.change(self.case).screened()
+    def screen(self, rival: Rival, most: float = np.inf) -> float:
+        return rival.change(self.case).screened(most)
 
     def screened(self) -> Tries:
         """Screen mistakes that are no small changes; follow what stands out at once, then the best.
@@ -217,14 +217,16 @@ class RivalSearch:
         """
         if not self.case.records:
             return
-        before, level = len(self.found), self.case.screened()
+        before, level, most = len(self.found), self.case.screened(), np.inf
         waiting: list[tuple[float, Rival]] = []
         for stage in LARGE:
             stages = [r for r in self.entered(stage) if r.term not in self.known]
             for number, rival in enumerate(stages, 1):
-                cost = self.screen(rival)
+                cost = self.screen(rival, most)
                 if cost < STANDS_OUT * level:
                     self.follow(rival)
+                    if any(map(self.explains, self.found[before:])):
+                        most = STANDS_OUT * level  # what costs more is not asked for any more
                 else:
                     waiting.append((cost, rival))
                 yield self.told(self.found, number, len(stages))

@@ -320,9 +320,16 @@ def _descended(
 
 
 @np.errstate(all="ignore")
-def few_steps(problem: Problem, start: Floats, stages: Sequence[float], steps: int) -> Point:
+def few_steps(
+    problem: Problem, start: Floats, stages: Sequence[float], steps: int, most: float = np.inf
+) -> Point:
+    """Take a few steps at each stage, to the first that ends above `most`: later ones cost more."""
     walk = _Walk(problem, start, bounded=False)
-    return [walk.descend(relaxation, limit=steps, promise=PROMISE)[0] for relaxation in stages][-1]
+    for relaxation in stages:
+        point, _ = walk.descend(relaxation, limit=steps, promise=PROMISE)
+        if point.cost > most:
+            break
+    return point
 
 
 def beside(point: Point, change: Floats) -> Point | None:

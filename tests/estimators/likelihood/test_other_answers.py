@@ -38,9 +38,10 @@ from rotorid.testing import bind_all
 
 def unknowns_of(*names: str, additive: bool = False) -> SimpleNamespace:
     """Return a problem of some unknowns, all free and none of them a load: shifts, or sizes."""
-    unknowns = [SimpleNamespace(name=n, nuisance=False, additive=additive) for n in names]
+    unknowns = [SimpleNamespace(name=n, nuisance=False) for n in names]
     free = np.arange(len(names))
     layout = SimpleNamespace(free=free, unknowns=unknowns, start=np.ones(len(names)))
+    layout.additive = np.full(len(names), additive)
     layout.names = lambda which=slice(None): tuple(names[i] for i in free[which])
     return SimpleNamespace(layout=layout, affine=free[:0], rigid=free, exact=(), effort=1)
 

@@ -34,7 +34,7 @@ def rival(
             gone.append(term)
         return SimpleNamespace(cost=left)
 
-    changed = SimpleNamespace(screened=lambda: screened, minimized=at_minimum)
+    changed = SimpleNamespace(screened=lambda most=np.inf: screened, minimized=at_minimum)
     made = Rival(term, term, "add it", lambda case: changed, 1.0, "kg", on, kind, **more)
     object.__setattr__(made, "score", lambda point: (drop, 1.0))
     return made
@@ -61,7 +61,7 @@ def catalogue(monkeypatch):
     stages = {stage: [] for stage in rivals.CATALOGUE}
     monkeypatch.setattr(rivals, "CATALOGUE", stages)
     monkeypatch.setattr(rivals, "apart", lambda case, small: [(case.point, small)])
-    monkeypatch.setattr(Case, "screened", lambda case: 1000.0)
+    monkeypatch.setattr(Case, "screened", lambda case, most=np.inf: 1000.0)
 
     def enter(stage: str, *entered: Rival) -> None:
         stages[stage].append(lambda case: iter(entered))
@@ -488,7 +488,8 @@ def test_lines_of_the_rotation_are_no_odd_ones():
     at = SimpleNamespace(problem=SimpleNamespace(equations=1, lines=12), residual=np.ones(24))
     at.jacobian = lambda: np.zeros((24, 0))
     known = SimpleNamespace(jacobian=lambda *at: np.zeros((0, 0)))
-    layout = SimpleNamespace(free=np.zeros(0, dtype=int), unknowns=(), start=np.zeros(0))
+    none = np.zeros(0)
+    layout = SimpleNamespace(free=none.astype(int), start=none, additive=none.astype(bool))
     problem = SimpleNamespace(layout=layout, exact=Relations((), 0), known=known)
     none = np.zeros(0)
     point = Point(problem, none, [at], none)
