@@ -39,8 +39,7 @@ LAYERS = (
 )
 
 # What shows itself asks for its picture, or a model for ROSS, when that is called, not before.
-SHOWN_LATE = {"core.values", "data.record", "data.lines", "answer.estimate", "results.machine"}
-SHOWN_LATE |= {"models.rotor.rotor_model"}
+SHOWN_LATE = {"core.values", "data.record", "answer.estimate", "models.rotor.rotor_model"}
 
 # Packages from outside that only some parts may import.
 CONFINED = {

@@ -127,6 +127,21 @@ class Shown(Arrays):
         return figure_of(self._drawn()[0])
 
 
+class Result(Shown):
+    """A base of what is made of an estimate; its report says how each is told and drawn."""
+
+    @property
+    def page(self) -> Page:
+        from rotorid.report.machines import RESULTS  # takes its time to load
+
+        return RESULTS[type(self)][0](self)
+
+    def _drawn(self) -> tuple[Sequence[Any], str]:
+        from rotorid.report.machines import RESULTS
+
+        return RESULTS[type(self)][1](self), type(self).__name__
+
+
 def import_pandas() -> Any:
     """Return pandas, which few need."""
     try:

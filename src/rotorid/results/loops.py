@@ -19,13 +19,12 @@ from rotorid.answer.estimate_tables import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.units import finite_speed
-from rotorid.core.values import Complexes, Floats, frozen
+from rotorid.core.values import Complexes, Floats, Result, frozen
 from rotorid.models import Model
 from rotorid.models.modal import poles_of
 from rotorid.results.machine import (
     Laws,
     Machine,
-    Result,
     directions_of,
     laws_of,
     machine_of,

@@ -16,9 +16,8 @@ from rotorid.answer.shifts import MATTERS, weighed
 from rotorid.core.errors import InputError, ModelError, require_type
 from rotorid.core.linalg import covariance_root
 from rotorid.core.notes import Note
-from rotorid.core.tables import Page
 from rotorid.core.toml import table_within
-from rotorid.core.values import Complexes, Floats, Shown, frozen
+from rotorid.core.values import Complexes, Floats, Result, frozen
 from rotorid.force.entry import LawEntry, law_keys
 from rotorid.force.laws import Differential, Linear
 from rotorid.likelihood.mode_rows import Pencil
@@ -272,21 +271,6 @@ class Machine:
         size = np.where(values != 0, np.abs(values), np.inf)
         largest = float((np.abs(moved) / size)[self.needed].max(initial=0.0))
         return replace(self, values=values + (NEAR / largest * moved if largest > 0 else 0.0))
-
-
-class Result(Shown):
-    """A base of results, whose pages say how each is told and drawn."""
-
-    @property
-    def page(self) -> Page:
-        from rotorid.report.machines import RESULTS  # takes its time to load
-
-        return RESULTS[type(self)][0](self)
-
-    def _drawn(self) -> tuple[Sequence[Any], str]:
-        from rotorid.report.machines import RESULTS
-
-        return RESULTS[type(self)][1](self), type(self).__name__
 
 
 class OfAMachine(Result):

@@ -21,10 +21,9 @@ import scipy
 
 from rotorid.core.errors import InputError, require_names, require_type
 from rotorid.core.units import quantity
-from rotorid.core.values import Complexes, Floats, frozen, grouped
+from rotorid.core.values import Complexes, Floats, Result, frozen, grouped
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.whole_record import whole_lines
-from rotorid.results.machine import Result
 from rotorid.results.sensitivity_peak import (
     LEAST,
     MOST,
