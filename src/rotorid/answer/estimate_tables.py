@@ -162,14 +162,14 @@ def _by_noise(estimate: Estimate) -> str:
 
 def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> Table:
     if intervals:
-        ends = [(value.name, *_ends(value), _row(value)[-1]) for value in values]
+        ends = [(value.name, *_ends(value), row_of(value)[-1]) for value in values]
         return table((title, "value", "95 % from", "to", "unit"), ends)
     shown = ["value", "std", "std %", *(["inflated"] if _inflated(values) else [])]
     shown += ["if assumptions err"] if _assuming(values) else []
     shown += ["95 %"] if any(v.interval for v in values) else []
     rows = [
         [cells[0], *(cells[_COLUMNS.index(head)] for head in (*shown, "unit"))]
-        for cells in map(_row, values)
+        for cells in map(row_of, values)
     ]
     return table((title, *shown, "unit"), rows)
 
@@ -214,7 +214,7 @@ def _unbalance_table(estimate: Estimate, *, intervals: bool) -> Table:
             None if a is None else math.degrees(a) for a in (plane.angle_rad, plane.angle_std_rad)
         ]
         first, second = (
-            _ends(value) if intervals else _row(value)[1:3]
+            _ends(value) if intervals else row_of(value)[1:3]
             for value in (Value("", "", *sizes), Value("", "", angles[0] or 0.0, angles[1]))
         )
         if angles[1] is not None and angles[1] > ANYWHERE:
@@ -274,7 +274,7 @@ def as_zero(value: float, spread: float) -> float:
     return 0.0 if abs(value) < ROUNDING * spread else value
 
 
-def _row(value: Value) -> tuple[str, ...]:
+def row_of(value: Value) -> tuple[str, ...]:
     """Return the cells of `_COLUMNS`."""
     unit = "" if value.unit == "1" else value.unit
     inflated = "" if value.std_inflated is None else two_digits(value.std_inflated)
@@ -294,7 +294,7 @@ def _ends(value: Value) -> tuple[str, ...]:
     """Return a value and the ends of its 95 % interval, all to the same digit."""
     std = value.std_inflated or value.std
     if value.fixed or not std or not np.isfinite([value.value, std]).all():
-        _, number, told = _row(value)[:3]
+        _, number, told = row_of(value)[:3]
         return number, told if told == "fixed" else "-", "" if told == "fixed" else "-"
     even = (value.value - HALF_WIDTH * std, value.value + HALF_WIDTH * std)
     low, high = value.interval or even

@@ -25,11 +25,10 @@ from rotorid.answer.estimate import (
 from rotorid.answer.estimate_tables import (
     FAR,
     ROUNDING,
-    as_zero,
     figures,
-    interval_text,
     on_data,
     on_fit,
+    row_of,
     two_digits,
     value_tables,
 )
@@ -252,17 +251,10 @@ def _unit(unit: str) -> str:
 
 
 def _row(value: Value, prior: Prior | None) -> Row:
-    std = value.std or math.nan
-    number = figures(as_zero(value.value, value.std or 0.0), std)
+    name, number, std, percent, _, assumed, interval, unit = row_of(value)
+    row = Row(name, number, interval or std, "" if interval else percent, unit, assumed)
     if not math.isfinite(value.value):
-        number = "not determined"
-    far = std > FAR * abs(value.value)  # a percentage of what may as well be zero
-    percent = math.nan if far else 100 * std / abs(value.value) if value.value else math.nan
-    unit = "" if value.unit == "1" else value.unit
-    assumed = "" if value.std_assumed is None else two_digits(value.std_assumed)
-    row = Row(value.name, number, two_digits(std), two_digits(percent), unit, assumed)
-    if value.interval:
-        row = replace(row, half=interval_text(value), percent="")
+        row = replace(row, value="not determined", half="")
     if prior is None:
         return row
     moved = ""
