@@ -165,6 +165,24 @@ def test_a_period_is_one_that_columns_share(tmp_path, other, found):
     )
 
 
+@pytest.mark.parametrize(("rises", "found"), [([0], None), ([0, 7], 50)])
+def test_a_mark_is_no_excitation_but_two_levels_that_jump_unevenly_are(tmp_path, rises, found):
+    noise = np.random.default_rng(3).normal(size=(4000, 2))
+    two = 5.0 * np.isin(np.arange(4000) % 50, rises)
+    write_table(tmp_path / "run.csv", "a,b,c", np.column_stack([noise, two]))
+    (record,) = parse(draft([tmp_path / "run.csv"], "jeffcott", tmp_path))["records"]
+    assert record.get("period_samples") == found
+
+
+@pytest.mark.parametrize("repeats", [True, False])
+def test_a_band_ends_below_half_the_sample_rate(tmp_path, repeats):
+    rate, rng, place = 12356.7, np.random.default_rng(4), np.arange(4000)
+    noise = rng.normal(size=(4000, 2))[place % 250 if repeats else place]
+    write_table(tmp_path / "run.csv", "t_s,F_x,x", np.column_stack([place / rate, noise]))
+    (record,) = parse(draft([tmp_path / "run.csv"], "jeffcott", tmp_path))["records"]
+    assert 0.99 * rate / 2 < float(record["band"][1].split()[0]) <= rate / 2
+
+
 def test_a_nonlinear_model_takes_every_line(tmp_path):
     place = np.arange(4000) / 500
     motion = np.sin(2 * np.pi * place) + 0.3 * np.sin(6 * np.pi * place)

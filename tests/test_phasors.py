@@ -79,6 +79,7 @@ def test_conditions_of_one_table_are_records(folder):
     assert identify(folder, text).value("k") == pytest.approx(TRUTH["k"], rel=1e-3)
     for old, new, told in (
         ('"with 2 g"', '"with 2g"', "rows.is: found no row whose run is 'with 2g'.*with 2 g"),
+        ('is = "with 2 g"', "is = true", "rows.is.*found True"),
         ('"with 2 g"', '"bare"', "the phasors of records.0 again.*give each its own rows"),
         ('"0.1 rpm"', '"0.001 rpm"', "no std"),
         ('"0.1 rpm"', '"300 rpm"', "follow the speed .*a smaller same_speed"),

@@ -412,7 +412,7 @@ def test_records_that_excite_one_axis_each_tell_its_own_loop(tmp_path, output, r
         assert told == pytest.approx(dict(zip(("F_x", "F_y"), peaks, strict=True)), rel=0.05)
     assert "--pair: found no column 'r9'" in refusal(*run, "--pair", "F_y=r9")
     twice = ("--pair", "F_y=r8", "--pair", "F_y=r9")
-    assert "--pair: found F_y with r8 and r9; expected one" in refusal(*run, *twice)
+    assert "--pair: found two references of F_y; expected one" in refusal(*run, *twice)
     wrong = (tmp_path / "run.toml").read_text().replace(f'["{columns[0]}"]', '["r9"]')
     (tmp_path / "run.toml").write_text(wrong)
     assert ".references: found no column 'r9'" in refusal(*run)

@@ -69,12 +69,9 @@ def _pairs(plan: Experiment, given: Sequence[str]) -> list[dict[str, str]]:
         held = [table.names for table in tables]
         lost = {r for _, r in pairs if not any(r in names for names in held)}  # refused when read
         named = [[(e, r) for e, r in pairs if r in names or r in lost] for names in held]
-        for own in named:
-            named_inputs = [e for e, _ in own]
-            if e := next((e for e in named_inputs if named_inputs.count(e) > 1), ""):
-                twice = " and ".join(r for one, r in own if one == e)
-                expected = "one reference of an input in a record"
-                raise InputError(f"{e} with {twice}", expected, "give one of them", place="--pair")
+        if twice := {e for own in named for e, r in own if dict(own)[e] != r}:
+            expected, cure = "one of an input in each record", "give one of them"
+            raise InputError(f"two references of {min(twice)}", expected, cure, place="--pair")
         return [dict(own) for own in named]
     inputs, listed = plan.model.inputs, [one.references or [] for one in plan.entry.records]
     if not all(listed):

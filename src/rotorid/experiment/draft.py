@@ -310,8 +310,10 @@ class _Run:
         return [c for c in self.columns if c.role == "channel" and np.isfinite(c.values).all()]
 
     def moving(self) -> list[Found]:
-        """Return the channels that may hold excitation: no counter of samples."""
-        return [c for c in self.channels() if even_rate(c.values) is None]
+        """Return the channels that may hold excitation: no counter of samples, no mark."""
+        return [
+            c for c in self.channels() if even_rate(c.values) is None and not _is_mark(c.values)
+        ]
 
     def driving(self) -> list[Found]:
         return [c for c in self.channels() if is_excitation(c) and np.ptp(c.values) > 0]
@@ -321,6 +323,7 @@ DRAFT = Kind("rotorid new")
 _TABLES = (
     'no samples? Of a row per speed or run, kind = "phasors"; of a row per frequency, "responses"'
 )
+BELOW_HALF = 0.499  # of the sample rate: four digits of it do not exceed a half
 _ENOUGH = 10_000  # samples that show whether a column has two values
 _HEAD = f"""#:schema experiment.schema.json
 # By that file an editor completes and checks. To write it:
@@ -537,6 +540,16 @@ def _rotation(run: _Run, model: Model | None) -> Iterator[_Line]:
         yield "speed", OPEN, 'of the rotation, "8400 rpm"; "0 rpm" at standstill'
 
 
+def _is_mark(values: Floats) -> bool:
+    """Tell whether a column of two values rises evenly, as of a mark that passes once a turn."""
+    rises = np.flatnonzero(np.diff(values) > 0)
+    return (
+        len(np.unique(values[:_ENOUGH])) == 2
+        and len(rises) > 2
+        and bool(np.ptp(np.diff(rises)) <= 1)
+    )
+
+
 def _turns(model: Model) -> bool:
     return unbalanced(model) or any(re.search(r"\bOmega\b", text) for text in model.texts)
 
@@ -570,7 +583,7 @@ def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
         yield "harmonics", lines, "with that of the rotation, if the rotor turns"
     else:
         spacing = None if rate is None else rate / round(period.samples)
-        ends = (0 if bends else lines[0], lines[-1] + 0.5)
+        ends = (0 if bends else lines[0], lines[-1] + 0.25)
         told = "the mean and every line: the model is not linear" if bends else ""
         yield "band", [f"{k * spacing:.6g} Hz" if spacing else OPEN for k in ends], told
 
@@ -619,7 +632,8 @@ def _excited_band(signal: Floats, rate: float) -> tuple[float, float]:
     stripes = power[: len(power) // width * width].reshape(-1, width).mean(axis=1)
     above = np.flatnonzero(stripes > _POWER * np.sort(stripes)[-3:].mean())
     spacing = rate / len(signal)
-    return max(above[0] * width, 2) * spacing, (above[-1] + 1) * width * spacing
+    last = min((above[-1] + 1) * width * spacing, BELOW_HALF * rate)
+    return max(above[0] * width, 2) * spacing, last
 
 
 def _lines(signals: Sequence[Floats], period: Period) -> list[int]:
@@ -629,7 +643,7 @@ def _lines(signals: Sequence[Floats], period: Period) -> list[int]:
     for signal in signals:
         count = len(signal) // size
         mean = signal[len(signal) - count * size :].reshape(count, size).mean(axis=0)
-        level = np.abs(np.fft.rfft(mean))[1:]
+        level = np.abs(np.fft.rfft(mean))[1 : (size + 1) // 2]  # that at half the rate has no phase
         excited |= {int(k) + 1 for k in np.flatnonzero(level > _EXCITED * level.max())}
     return sorted(excited)
 

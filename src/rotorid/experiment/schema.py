@@ -342,7 +342,7 @@ class RowsEntry(Schema):
     """The rows of a table that a record takes: those in which a column holds a text or number."""
 
     column: str
-    value: str | int | float = Field(alias="is")
+    value: str | StrictInt | Annotated[float, Field(strict=True)] = Field(alias="is")
 
 
 class RecordKeys(Schema):
