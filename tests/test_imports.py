@@ -51,7 +51,7 @@ CONFINED = {
     "control": {"results"},
     "click": {"cli", "commands"},
     "rich": {"commands"},
-    "tomlkit": {"core", "rig", "experiment"},
+    "tomlkit": {"core", "rig", "experiment", "studies"},
     "pyarrow": {"io", "studies"},
     "distributed": {"studies"},
 }

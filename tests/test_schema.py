@@ -19,6 +19,7 @@ SHIPPED = [
     *(("rig", path) for path in sorted((LIBRARY / "rig" / "library").glob("*.toml"))),
     *(("model", path) for path in sorted((LIBRARY / "models" / "library").glob("*.toml"))),
     *(("experiment", path) for path in sorted((ROOT / "examples").rglob("*.toml"))),
+    *(("study", path) for path in sorted((ROOT / "docs").glob("*.toml"))),
 ]
 
 

@@ -156,14 +156,14 @@ def study(
     resume: bool,
     summary: bool,
 ) -> int:
+    from rotorid.studies import run
     from rotorid.studies.plan import load_study
-    from rotorid.studies.run import run_study
     from rotorid.studies.summary import summarize_study
 
-    plan = load_study(study)
-    if not summary:
-        run_study(plan, out, workers=workers, scheduler=scheduler, resume=resume)
-    found = summarize_study(plan, out)
+    if summary:
+        found = summarize_study(load_study(study), out)
+    else:
+        found = run.study(study, out, workers=workers, scheduler=scheduler, resume=resume)
     show(found.page)
     return OK if any(group.statuses.keys() - {"failed"} for group in found.groups) else NO_ANSWER
 

@@ -187,13 +187,6 @@ def inline(value: Any) -> Any:
     return value
 
 
-def text_of(table: dict[str, Any]) -> str:
-    """Return a table as TOML."""
-    import tomlkit
-
-    return tomlkit.dumps(table)
-
-
 def table_within(text: str | bytes) -> dict[str, Any]:
     """Parse TOML text that another file holds; empty where it is none, or would take long."""
     data = text.encode("utf-8", "replace") if isinstance(text, str) else text

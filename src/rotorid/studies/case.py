@@ -15,19 +15,19 @@ import os
 import sys
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import tomlkit
 
 from rotorid.answer.estimate import Estimate
 from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.errors import LINE, InputError, one_line
 from rotorid.core.frozen import frozen
-from rotorid.core.toml import parse_table, read_bytes, text_of
+from rotorid.core.toml import parse_table, read_bytes
 from rotorid.experiment import load_experiment
 from rotorid.models import Model
 from rotorid.models.equations import polynomial
@@ -93,7 +93,7 @@ class StudyCase:
 
     @cached_property
     def plan(self) -> RigPlan:
-        return parse_rig(text_of(self.rig), file="rig.toml").with_faults(self.faults)
+        return parse_rig(tomlkit.dumps(self.rig), file="rig.toml").with_faults(self.faults)
 
     def write(self, folder: Path) -> Path:
         """Write the files of the case into a folder; return its experiment file."""
@@ -112,7 +112,7 @@ class StudyCase:
         for place, value in self.changes:
             changed(table, tuple(place), value)
         target = folder / "run.toml"
-        target.write_text(text_of(table), encoding="utf-8")
+        target.write_text(tomlkit.dumps(table), encoding="utf-8")
         return target
 
     def row(self, status: str, seconds: float, **said: Any) -> Row:
@@ -142,16 +142,14 @@ class StudyCase:
         return {**self.row(estimate.status, seconds, **said), **values}
 
 
-def _moved(value: Any, folder: Path) -> Any:
+def _moved(value: Any, folder: Path, key: str = "") -> Any:
     """Return what a file says, with whole paths of the files that it names."""
     if isinstance(value, dict):
-        return {key: _moved(inner, folder) for key, inner in value.items()}
+        return {key: _moved(inner, folder, key) for key, inner in value.items()}
     if isinstance(value, list):
-        return [_moved(inner, folder) for inner in value]
-    with suppress(OSError, ValueError):  # texts that are no names of files
-        if isinstance(value, str) and (folder / value).is_file():
-            return str((folder / value).resolve())
-    return value
+        return [_moved(inner, folder, key) for inner in value]
+    named = key in ("model", "file", "files", "quiet", "table") and isinstance(value, str)
+    return str((folder / value).resolve()) if named and (folder / value).is_file() else value
 
 
 def _values(estimate: Estimate, truth: Mapping[str, float], model: Model) -> Row:
@@ -159,7 +157,7 @@ def _values(estimate: Estimate, truth: Mapping[str, float], model: Model) -> Row
     for value in (each for each in estimate.parameters if not each.fixed):
         reach = HALF_WIDTH * (math.nan if value.std is None else value.std)
         low, high = value.interval or (value.value - reach, value.value + reach)
-        true = _true(value.name, truth, model) if truth else math.nan
+        true = _true(value.name, truth, model)
         known = not math.isnan(low + true)
         said = value.value, value.std, true, low <= true <= high if known else None
         row |= zip((value.name + end for end in ENDS), said, strict=True)
@@ -167,8 +165,8 @@ def _values(estimate: Estimate, truth: Mapping[str, float], model: Model) -> Row
 
 
 def _true(name: str, truth: Mapping[str, float], model: Model) -> float:
-    """Return the true value of a parameter, of a record's own one too, or of a base parameter."""
-    values = [truth[each] for each in model.parameter_names]
+    """Return the true value of a parameter or a base parameter; NaN where nobody knows it."""
+    values = [truth.get(each, math.nan) for each in model.parameter_names]
     terms = polynomial(name.partition("[")[0], model.parameter_names).items()
     return sum(float(f) * math.prod(map(pow, values, powers)) for powers, f in terms)
 

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+import tomlkit
 from pydantic import Field, StrictInt, model_validator
 
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
-from rotorid.core.toml import Schema, parse_table, parse_toml, read_toml, shipped, si, text_of
+from rotorid.core.toml import Schema, parse_table, parse_toml, read_toml, shipped, si
 from rotorid.core.units import number_and_unit, si_factor, to_si
 from rotorid.rig.file import LIBRARY, RigFile, load_rig
 from rotorid.studies.case import ABSENT, Change, Place, StudyCase, changed, found
@@ -102,12 +103,9 @@ class StudyPlan:
     def case(self, number: int) -> StudyCase:
         """Return the case of a number: its files, with what is drawn for it, and its seed."""
         drawing, noise = np.random.SeedSequence(self.entry.seed, spawn_key=(number,)).spawn(2)
-        rng, rig, path = (
-            np.random.default_rng(drawing),
-            deepcopy(self.table),
-            "".join(self.paths[:1]),
-        )
+        rng, rig = np.random.default_rng(drawing), deepcopy(self.table)
         settings, changes, faults = dict[str, Any](), list[Change](), list[str]()
+        path = self.paths[0] if self.paths else ""
         for place, said in (pair for c in self.choices(number) for pair in c.values.items()):
             with naming(place=".".join(("vary", *place))):
                 value: Any = _drawn(said, rig, place, rng) if _is_drawn(said) else said
@@ -145,7 +143,7 @@ def load_study(path: str | Path) -> StudyPlan:
         paths = tuple(name for pattern in globs for name in _matches(folder, pattern))
         plan = StudyPlan(folder, entry, paths, table, tuple(_axes(entry, paths)))
         for number in range(min(plan.points, len(plan), CHECKED) if table else 0):
-            parse_toml(text_of(plan.case(number).rig).encode(), RigFile)
+            parse_toml(tomlkit.dumps(plan.case(number).rig).encode(), RigFile)
     return plan
 
 

@@ -9,7 +9,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from itertools import islice
@@ -18,7 +25,7 @@ from pathlib import Path
 from rotorid.core.errors import InputError
 from rotorid.core.watch import watch
 from rotorid.studies.case import FAILED, Row, StudyCase
-from rotorid.studies.plan import StudyPlan, load_study
+from rotorid.studies.plan import load_study
 from rotorid.studies.store import Store
 from rotorid.studies.summary import StudySummary, summarize_study
 
@@ -28,8 +35,6 @@ TRIES = 2
 AHEAD = 2
 """Cases given out for each worker, so that none waits for the next; all others are not made yet."""
 
-_LATE = "not done within {:g} s; give more time: timeout"
-_ENDED = "its process ended by itself, code {}"
 _ALONE = {  # one thread of linear algebra, and sums in the same order in every process
     "PYTHONHASHSEED": "0",
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
@@ -55,15 +60,17 @@ class Processes:
             process.communicate()
             self.all.remove(process)
             self._own.process = None
-            code, seconds = process.returncode, time.monotonic() - begun
-            if self.closed:
-                break
+            seconds = time.monotonic() - begun
             if seconds >= case.timeout:
-                return case.row(FAILED, seconds, error=_LATE.format(case.timeout))
-        return case.row(FAILED, seconds, error=_ENDED.format(code))
+                told = f"not done within {case.timeout:g} s; give more time: timeout"
+                break
+            told = f"its process ended by itself, code {process.returncode}"
+        return case.row(FAILED, seconds, error=told)
 
     def _process(self) -> subprocess.Popen[str]:
         held: subprocess.Popen[str] | None = getattr(self._own, "process", None)
+        if self.closed:
+            raise CancelledError
         if held is None:
             held = self._own.process = subprocess.Popen(
                 [sys.executable, "-m", "rotorid.studies.case"],
@@ -97,12 +104,12 @@ def run_apart(case: StudyCase) -> Row:
     return _OF_A_WORKER.run(case)
 
 
-Submit = Callable[[StudyCase], "Future[Row]"]
-Workers = Callable[[], int]
+Workers = tuple[Callable[[StudyCase], "Future[Row]"], Callable[[], int]]
+"""Who takes a case, and how many they are at the time."""
 
 
 @contextmanager
-def _here(workers: int) -> Iterator[tuple[Submit, Workers]]:
+def _here(workers: int) -> Iterator[Workers]:
     """Give cases out to processes of this machine."""
     processes, pool = Processes(), ThreadPoolExecutor(workers)
     try:
@@ -117,8 +124,8 @@ def _here(workers: int) -> Iterator[tuple[Submit, Workers]]:
 
 
 @contextmanager
-def _on_cluster(url: str) -> Iterator[tuple[Submit, Workers]]:
-    """Give cases out to the workers of a Dask scheduler: as many as there are at the time."""
+def _on_cluster(url: str) -> Iterator[Workers]:
+    """Give cases out to the workers of a Dask scheduler."""
     try:
         from distributed import Client
     except ImportError:
@@ -179,19 +186,6 @@ def study(
     (2, {'ok': 2})
     """
     plan, folder = load_study(study), Path(out)
-    run_study(plan, folder, workers=workers, scheduler=scheduler, resume=resume)
-    return summarize_study(plan, folder)
-
-
-def run_study(
-    plan: StudyPlan,
-    folder: Path,
-    *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    resume: bool = False,
-) -> None:
-    """Run the cases of a study that a folder lacks, and keep their rows there."""
     store = Store(folder, plan.identity, resume=resume)
     started = _here(workers or os.cpu_count() or 1) if scheduler is None else _on_cluster(scheduler)
     with started as (submit, count):
@@ -207,3 +201,4 @@ def run_study(
             for future in done:
                 store.add(future.result())
     store.close()
+    return summarize_study(plan, folder)
