@@ -308,10 +308,13 @@ def _shares(case: Case) -> Iterator[Rival]:
         yield _share("crosstalk", "1", said, {name: (other, float(rows[name][k]))}, 0.0, [label])
     yield from _beside_planes(rows, place, tilts, turn)
     single = {int(np.flatnonzero(r)[0]): n for n, r in rows.items() if (r != 0).sum() == 1}
-    for a, b in structure.pairs:
-        if a in single and b in single:
-            said = f"the axes of {single[a]} and {single[b]} turned by the angle"
-            yield _share("rotation", "rad", said, {single[a]: (b, 1.0), single[b]: (a, -1.0)})
+    pairs = [(a, b) for a, b in structure.pairs if a in single and b in single]
+    turned = [{single[a]: (b, 1.0), single[b]: (a, -1.0)} for a, b in pairs]
+    if len(turned) > 1:  # all against the magnets, which no pair by itself shows
+        turned.append({name: share for each in turned for name, share in each.items()})
+    for shares in turned:
+        said = f"the axes of {' and '.join(shares)} turned by the angle"
+        yield _share("rotation", "rad", said, shares)
 
 
 def _tilts(structure: Structure, seen: int, lengths: Sequence[bool]) -> list[int]:

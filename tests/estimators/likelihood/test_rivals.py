@@ -373,6 +373,9 @@ def record(demo):
     return replace(demo, force_noise=0.05, position_noise=5e-7).seen(5, None, periods=60)
 
 
+AXES = (("x", "y", 0.01), ("y", "x", -0.01))
+
+
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("besides", "term", "unit", "size"),
@@ -380,10 +383,17 @@ def record(demo):
         ({("x1", "theta_y"): 0.005}, "plane[x1]", "m", 0.005),
         ({("x1", "theta_y"): 0.005, ("y1", "theta_x"): -0.005}, "plane[x1, y1]", "m", 0.005),
         ({("x1", "y1"): 0.01, ("y1", "x1"): -0.01}, "rotation[x1, y1]", "rad", 0.01),
+        (
+            {(f"{a}{end}", f"{b}{end}"): s for a, b, s in AXES for end in ("1", "2", "3")}
+            | {("theta_x", "theta_y"): 0.01, ("theta_y", "theta_x"): -0.01},
+            "rotation[x1, y1, x2, y2, x3, y3, theta_x, theta_y]",
+            "rad",
+            0.01,
+        ),
     ],
 )
 def test_what_sensors_read_besides(demo, record, besides, term, unit, size):
-    """One beside its plane; both, as a plane that is elsewhere; axes that are turned."""
+    """One beside its plane; both, as a plane that is elsewhere; axes that are turned, or all."""
     mixing = np.eye(len(record.names))
     for (name, other), share in besides.items():
         mixing[record.index(name), record.index(other)] = share
