@@ -24,7 +24,7 @@ from rotorid.core.watch import watch
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.problem import Point, outside
 from rotorid.likelihood.relations import Relation
-from rotorid.likelihood.solver import settle
+from rotorid.likelihood.solver import evaluated, settle
 
 ASKED = 2.0
 """Deviations to either side at which the rise of the cost is held against that of a parabola."""
@@ -70,10 +70,12 @@ class _Held:
         size = float(np.linalg.norm(root))
         self.unit = root / size
         self.wider = std / size  # by few periods, and by what else widens deviations
-        along = np.zeros(len(point.unknowns))
-        along[free] = ASKED * self.wider * (point.linear.root @ self.unit)
+        # a deviation of it: alone, and with the others following along a straight line
+        self.steps = np.zeros((2, len(point.unknowns)))
+        self.steps[0, self.i] = self.std
+        self.steps[1, free] = self.wider * (point.linear.root @ self.unit)
         # where the unknown is held, or nearly so: the ways from there are short
-        self.near = [point.unknowns, point.unknowns + along, point.unknowns - along]
+        self.near = [point.unknowns + ASKED * side * self.steps[1] for side in (0, 1, -1)]
         self.rise = cache(self._rise)
 
     @property
@@ -106,7 +108,11 @@ class _Held:
             lowest=None,
             tolerance=0.02 * self.wider**2 / max(point.cost, 1.0),
         )
-        found = settle(problem, min(self.near, key=lambda x: abs(x[self.i] - value))).point
+        near = min(self.near, key=lambda x: abs(x[self.i] - value))
+        # Alone it leaves a narrow valley; the straight line leaves one that is bent.
+        ways = near + (value - near[self.i]) / self.std * self.steps
+        costs = [math.inf if (at := evaluated(problem, x)) is None else at.cost for x in ways]
+        found = settle(problem, ways[np.argmin(costs)]).point
         self.near.append(found.unknowns)
         return (found.cost - point.cost) / self.wider**2
 

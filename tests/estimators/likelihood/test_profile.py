@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid.testing import add_noise, line_record
 
 HALF_WIDTH = 1.959964
 UNBALANCE = ("xi", "zeta", "mu", "eta")
@@ -40,6 +41,23 @@ def test_interval_ends_where_the_misfit_has_risen(demo):
     below, above = mu.value - mu.interval[0], mu.interval[1] - mu.value
     assert max(below, above) > 1.4 * min(below, above)
     assert next(v for v in found.derived if v.name == "m1").interval is None
+
+
+def test_inertias_that_are_known_by_their_ratio_alone_reach_as_far():
+    """A line 1 Hz beside the nutation: the valley is so narrow that one alone leaves it."""
+    model, rng = rid.load_model("rigid"), np.random.default_rng(0)
+    truth, forces = model.nominal, 5 * np.exp(2j * np.pi * rng.random((3, 4)))
+    lines = {"harmonics": (1, 3, 7), "fundamental": 20.0, "sample_rate": 5000.0, "periods": 12}
+    clean = line_record(model, model.values(truth), forces, **lines, speed=2 * np.pi * 140)
+    size = np.sqrt((np.abs(clean.spectra[0]) ** 2).mean(axis=0))
+    record = add_noise(clean, dict(zip(clean.names, 0.5 * size, strict=True)), rng)
+    known = {name: truth[name] for name in ("L_a", "L_b")}
+    start = {name: truth[name] for name in ("m", "I_t", "I_p")}
+    quick = rid.MaximumLikelihood(fixed=known, start=start, effort="quick")
+    found = rid.identify(model, record, quick)
+    ends = [(np.array(v.interval) - v.value) / v.std for v in (found["I_t"], found["I_p"])]
+    assert ends[0] == pytest.approx(ends[1], abs=0.05)
+    assert ends[0][1] > 1.1 * HALF_WIDTH
 
 
 def test_ordinary_rotor_has_even_intervals(demo):
