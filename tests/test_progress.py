@@ -13,6 +13,7 @@ import pytest
 from rotor_files import CORED
 
 from rotorid import cli, load_rig
+from rotorid.likelihood import solver
 
 pty = pytest.importorskip("pty", reason="no terminals of this kind here")
 HUNG, SPRUNG = (229.37, 632.02, 1250.0), (84.56, 109.2, 270.94)  # 1186.48 Hz would be right
@@ -130,10 +131,25 @@ def test_an_interrupt_behind_the_search_takes_no_answer_with_it(folder, monkeypa
     assert cli.run([*LONG, "--quiet", "--force"]) == 130
 
 
-def test_an_interrupt_before_the_first_minimum_leaves_nothing(folder, monkeypatch):
-    monkeypatch.setattr("rotorid.likelihood.fit.search", interrupt)
-    assert cli.run([*LONG, "--quiet"]) == 130
-    assert not (folder / "run.json").exists()
+@pytest.mark.parametrize("effort", ["quick", "normal"])
+def test_an_interrupt_before_the_first_minimum_leaves_the_point_that_was_reached(
+    folder, monkeypatch, effort
+):
+    costs, tangent = list[float](), solver.tangent
+
+    def third(point, *rest):
+        costs.append(point.problem.best_at(point.unknowns).cost)
+        return interrupt() if len(costs) == 3 else tangent(point, *rest)
+
+    monkeypatch.setattr("rotorid.likelihood.solver.tangent", third)
+    assert cli.run([*LONG, "--quiet", "--effort", effort]) == 1
+    result = json.loads((folder / "run.json").read_text())
+    assert result["status"] == "not_converged"
+    assert "looking for the first minimum" in next(
+        note["found"] for note in result["notes"] if note["about"] == "interrupted"
+    )
+    assert result["misfit"]["cost"] == pytest.approx(costs[-1])
+    assert costs[-1] < costs[0]
 
 
 @pytest.mark.parametrize(

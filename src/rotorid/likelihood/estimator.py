@@ -18,7 +18,7 @@ from rotorid.core.notes import Note, Severity
 from rotorid.core.watch import Pace, watch, words
 from rotorid.data.observation import Data, Records, bind_all, refuse_unread
 from rotorid.likelihood.doubts import doubted
-from rotorid.likelihood.fit import CovarianceChoice, Fitting, Step
+from rotorid.likelihood.fit import FIRST, CovarianceChoice, Fitting, Step
 from rotorid.likelihood.rivals import Tried
 from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances
@@ -95,12 +95,12 @@ class Search(Iterator[Progress]):
 
     def __next__(self) -> Progress:
         if self._last is None:
-            watch("looking for the first minimum")
+            watch(FIRST)
         step = next(self._steps)
         if step.say != DONE:
             watch(step.say, step.done, step.of, step.found)
         self._last = replace(step, left=self._pace.left(step.say, step.done, step.of))
-        return self._last
+        return self._last if step.say != FIRST else next(self)  # which passes the interrupt on
 
     @property
     def best(self) -> Estimate | None:
@@ -257,7 +257,7 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
         fitting = Fitting(model, known, self, *how)
         try:
             for step in fitting.steps(bound):
-                if not times:  # the first minimum is the last step
+                if not times and step.say != FIRST:  # the first minimum is the last step
                     yield Progress(DONE, answer=partial(_first, model, step))
                     return
                 so_far = partial(_so_far, model, step)

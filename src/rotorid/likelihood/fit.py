@@ -19,7 +19,7 @@ from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.case import Case
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.expected_cost import by_equation_errors
-from rotorid.likelihood.inference import Inference, SharedNoise, in_common, shared_noise
+from rotorid.likelihood.inference import Inference, SharedNoise, in_common, infer, shared_noise
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.other_answers import questioned
 from rotorid.likelihood.preparation import prepare
@@ -28,7 +28,6 @@ from rotorid.likelihood.rivals import Plain, plainly
 from rotorid.likelihood.solver import Solution, settle, solve
 from rotorid.likelihood.starts import (
     FINER,
-    GENERATOR,
     NEGLIGIBLE,
     ROUGH,
     SHARE,
@@ -39,7 +38,7 @@ from rotorid.likelihood.starts import (
     shift_by_reduction,
     thinned,
 )
-from rotorid.likelihood.symmetric_answers import Mirrors, Symmetry
+from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.estimators import Batch
 from rotorid.models import Model
@@ -95,6 +94,8 @@ class Fit:
         return Case(self.problem, self.records, point.unknowns, expected, values, point)
 
 
+FIRST = "looking for the first minimum"
+"""What is done at first; what is behind it was interrupted there."""
 SEARCHING = "trying further starts"
 """What comes next while the minimum is looked for."""
 DOUBTING = "asking what may be wrong"
@@ -217,8 +218,17 @@ class Fitting:
     def located(self, records: Records, rough: Rough | None = None) -> Generator[Step, None, Fit]:
         if self.covariance == "correlated":
             records = _correlated(records, self.neighbours)
-        for step in _globally(self.prepared(records), records, rough):
-            yield replace(step, refine=self.refined)
+        prepared, step = self.prepared(records), None
+        try:
+            for step in _globally(prepared, records, rough):
+                yield replace(step, refine=self.refined)
+        except KeyboardInterrupt as stop:
+            if step is None and len(stop.args) == len(prepared.layout.unknowns):
+                with suppress(np.linalg.LinAlgError):
+                    at = prepared.of(records).best_at(np.array(stop.args))
+                    yield Step(Fit(Solution(at, False, 0), infer(at), tuple(records)), FIRST)
+            raise
+        assert step is not None  # or there is no minimum, which is said
         found = self.refined(step.fit)
         yield Step(found, refine=lambda found: found)
         return found
@@ -334,10 +344,11 @@ def _in_new_places(problem: Problem, start: Floats, records: Records) -> Iterato
     Fixed values and bounds that tell the places shut a start with the parts in the wrong ones off.
     """
     fixed = [i for i, unknown in enumerate(problem.layout.unknowns) if unknown.fixed]
+    alike = {exchange.places for exchange in Mirrors.of(problem, records, start).exchanges}
     for exchange in Mirrors.of(problem, records, start, as_free=True).exchanges:
         moved, found = exchange.of(start), None
-        if _leaves_all(problem, exchange, fixed):
-            continue
+        if exchange.places in alike and not len(outside(problem.bounds, moved)):
+            continue  # the same problem, with the same ways
         moved[fixed] = start[fixed]
         for lowest in search(problem, moved):
             found = lowest
@@ -345,21 +356,6 @@ def _in_new_places(problem: Problem, start: Floats, records: Records) -> Iterato
         if found is not None and found.converged and found.inference.explained:
             yield found
             return
-
-
-def _leaves_all(problem: Problem, exchange: Symmetry, fixed: list[int]) -> bool:
-    """Tell whether what is known says the same of parts in other places: no way leads elsewhere.
-
-    Asked at values that are alike by nothing but the exchange.
-    """
-    start = problem.layout.start
-    x = np.where(start, start, 1.0) * np.random.default_rng(GENERATOR).uniform(1, 2, len(start))
-    x[fixed] = start[fixed]
-    moved = exchange.of(x)
-    told = [[at[fixed] for at in (x, moved)]]
-    for known in (problem.exact, problem.bounds, problem.known.relations):
-        told.append([np.sort(known.values(at) / known.sizes(at)) for at in (x, moved)])
-    return all(np.allclose(one, other, atol=1e-12) for one, other in told)
 
 
 def _problem(prepared: Problem, records: Records) -> Problem:

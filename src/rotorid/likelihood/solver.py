@@ -300,19 +300,23 @@ def _descended(
     except np.linalg.LinAlgError:
         return None
     trail: list[Floats] = []
-    for stage, relaxation in enumerate(stages[:-1]):
-        there = known[stage] if known else None
-        with suppress(np.linalg.LinAlgError):
-            walk.descend(relaxation, known=there)
-        if walk.lost and brief:
-            return None
-        if walk.lost:  # no stage leads back from there
-            trail.clear()
-            break
-        trail.append(walk.unknowns)
-        if there is not None and _same(problem, walk.unknowns, there):
-            return None
-    ended = walk.ended(problem, stages[-1], brief, near)
+    try:
+        for stage, relaxation in enumerate(stages[:-1]):
+            there = known[stage] if known else None
+            with suppress(np.linalg.LinAlgError):
+                walk.descend(relaxation, known=there)
+            if walk.lost and brief:
+                return None
+            if walk.lost:  # no stage leads back from there
+                trail.clear()
+                break
+            trail.append(walk.unknowns)
+            if there is not None and _same(problem, walk.unknowns, there):
+                return None
+        ended = walk.ended(problem, stages[-1], brief, near)
+    except KeyboardInterrupt as stop:
+        stop.args = tuple(walk.unknowns)  # how far the way has led
+        raise
     if ended is None:
         return None
     active = bounds_held(ended[0]) if bounded else ()
