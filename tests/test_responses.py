@@ -379,7 +379,7 @@ class TestFiles:
             rid.load_experiment(folder / "samples.toml")
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize("averages", [5, 20])
 def test_deviations_hold(averages):
     """100 tests each: errors over stated deviations, cover, and a 5 % test."""

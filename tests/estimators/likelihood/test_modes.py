@@ -296,6 +296,7 @@ CROSSED = 'kxx = "k_s", kyy = "k_s", kxy = "2e5 N/m", kyx = "-1e5 N/m", cxx = "9
 WHIRLING = FINE.replace('k = "k_s"', CROSSED)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("text", "hung", "asked", "speed"),
     [(FINE, {"k_s": 0.0}, "s_A s_B", 0.0), (WHIRLING, {}, "m_w k_s", 900.0)],

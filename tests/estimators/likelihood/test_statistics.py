@@ -164,6 +164,7 @@ def test_few_periods(demo, statistics):
     check(statistics.over_seeds(demo.model, demo.truth, draw, SEEDS, seed=105), joint=False)
 
 
+@pytest.mark.sampled(0, parts=3)
 @pytest.mark.parametrize(("periods", "every"), [(3, True), (4, False), (6, False)])
 def test_very_few_periods(demo, bearings, statistics, periods, every):
     """C is mixed with its diagonal: four and eight sensors, of 3 to 6 periods.
