@@ -401,6 +401,9 @@ record it takes six, from a tenth of one three. A speed that is off widens the f
 it never shows by more than four."""
 
 
+Joint = tuple[Turning, PeriodSums]  # a rotation, and the periods without it
+
+
 def _with_rotation(
     sums: PeriodSums,
     passes: Callable[[], Iterable[Floats]],  # each yields the periods anew
@@ -427,26 +430,19 @@ def _with_rotation(
     if not orders or any(channel.law is not None for channel in sums.channels):
         return sums.periods(time, angle, **told), sums
 
-    def joint(angle: Steady | Floats, turns: float) -> tuple[Turning, PeriodSums]:
+    def joint(angle: Steady | Floats, turns: float) -> Joint:
         rest = PeriodSums(sums.channels, rate, size, sums.lines)
         return turning(passes, angle, sums.mean, orders, turns, sums.lines, rest.add), rest
 
-    begins = np.concatenate([some_periods(time, p, p + 1)[:, 0] for p in range(sums.count)])
-    off, std = 0.0, np.inf
-    for settled in SETTLED:
-        turns = abs(told["speed"]) * per_turn
+    off, std, turns = 0.0, np.inf, abs(speed) * per_turn
+    if mark is not None or sums.count < LEAST:
         found, rest = joint(angle, turns)
-        if mark is not None or sums.count < LEAST:
-            break
-        off, std = slip(found, begins, phase + told["speed"] * begins)
-        if abs(off) <= settled * std:
-            break
-        told["speed"] += off
-        angle = turned(told["speed"])
-    off += told["speed"] - speed
-    if told["speed"] != speed and abs(off) <= SURE * std:
-        told["speed"], angle, turns = speed, turned(speed), abs(speed) * per_turn
-        found, rest = joint(angle, turns)
+    else:
+        begins = np.concatenate([some_periods(time, p, p + 1)[:, 0] for p in range(sums.count)])
+        told["speed"], off, std, found, rest = _at_its_speed(
+            lambda speed: joint(turned(speed), abs(speed) * per_turn), begins, phase, speed
+        )
+        turns, angle = abs(told["speed"]) * per_turn, turned(told["speed"])
     kept = also_kept(found)
     # Taken for a response at the frequency of its line, which goes with its square at most.
     off_by = 2 * abs(turns - round(turns)) / turns * kept
@@ -480,6 +476,26 @@ def _with_rotation(
     mean, more = periods.mean_spectrum, kept + scattered(off_by, sums.count)
     spectra = mean + (periods.spectra - mean) * found.widths[:, None]
     return changed(periods, spectra=spectra + more * transfer(periods.frequency)), rest
+
+
+def _at_its_speed(
+    joint: Callable[[float], Joint], begins: Floats, phase: float, stated: float
+) -> tuple[float, float, float, Turning, PeriodSums]:
+    """Return the speed to use, by how much that of the lines is off the stated one, and its std.
+
+    The one stated is held against that of the lines at its end: only there noise alone is its std.
+    """
+    speed, found = stated, joint(stated)
+    for settled in SETTLED:
+        off, std = slip(found[0], begins, phase + speed * begins)
+        if abs(off) <= settled * std:
+            break
+        speed += off
+        found = joint(speed)
+    off += speed - stated
+    if speed != stated and abs(off) <= SURE * std:
+        return stated, off, std, *joint(stated)
+    return speed, off, std, *found
 
 
 def _speed_note(speed: float, std: float, stated: float) -> Note:

@@ -29,9 +29,9 @@ SURE = 3.5
 """Deviations from which on the speed is the one that the lines show: chance takes one good record
 in two thousand there, of eight periods one in a hundred, whose deviations are then too wide. As for
 a rotation on a line."""
-STATED = 2e-3
+STATED = 5e-3
 """Share by which a stated speed is plausibly off, before the record tells: what a display of three
-digits rounds, or what load and temperature change in the slip of a motor."""
+digits rounds at most, or what load changes in the slip of a motor."""
 AT_ONCE = 1 << 15  # samples
 ROUNDING = 1e-9
 """What is left beside the line of a rotation, over that, below which it is rounding."""
