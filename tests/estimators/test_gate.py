@@ -258,8 +258,8 @@ def test_halves_of_four_periods_are_held_against_each_other(monkeypatch, method,
     [
         (0.9e-6, "rejected", "the data reject the model"),
         (1.1e-6, "ok", "the model is doubtful"),
-        (0.9e-3, "ok", "the model is doubtful"),
-        (1.1e-3, "ok", None),
+        (0.4e-3, "ok", "the model is doubtful"),
+        (0.6e-3, "ok", None),
     ],
 )
 def test_a_misfit_that_chance_gives_once_in_a_million_is_rejected(

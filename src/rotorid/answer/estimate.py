@@ -95,8 +95,9 @@ class Value:
     interval: Interval | None = None
 
 
-DOUBTFUL = 1e-3
-"""The p-value from which on a misfit is what noise leaves; below it the model is doubtful."""
+DOUBTFUL = 5e-4
+"""The p-value from which on a misfit is what noise leaves; below it the model is doubtful. The
+directional tests are held against it too: together they doubt one right model in a thousand."""
 UNDER = "ok under assumptions"
 """The verdict of an answer that what it assumes may move by more than `FAR` of its deviations."""
 FAR = 10.0
