@@ -56,9 +56,9 @@ BENDS = 4
 ARRIVED = 1e-3
 """Gain of the cost, hidden from steps by rounding, that leaves every value within a thirtieth of
 its deviation from the minimum."""
-RUN_AWAY = 1e12
+RUN_AWAY = 1e10
 """Times its start from which on an unknown is on its way to infinity. Beside it all others keep
-four digits at most: the cost is rounding, which steps of no length lower."""
+six digits at most: soon the cost is rounding, which steps of no length lower."""
 HELD = 1e-9
 """Distance from a bound, relative to the size of its terms, at which it is active."""
 
@@ -89,9 +89,11 @@ class _Walk:
         self.problem, self.bounded = anchored(problem.sketch or problem, start), bounded
         self.unknowns = start if x is None else x
         self.iterations, self.effort = 0, EFFORT
-        sized = ~problem.layout.additive & (start != 0)
+        # what a start at a bound of zero has lost, it may find again
+        sizes = np.maximum(np.abs(start), np.abs(problem.layout.start))
+        sized = ~problem.layout.additive & (sizes > 0)
         self.rigid = problem.rigid[sized[problem.rigid]]
-        self.reach = RUN_AWAY * np.abs(start[self.rigid])
+        self.reach = RUN_AWAY * sizes[self.rigid]
 
     @property
     def lost(self) -> bool:

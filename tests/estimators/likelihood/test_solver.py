@@ -131,7 +131,8 @@ class Stairs:
     def __init__(self, steps: int, cost: float = 1e6, residuals: int = 1) -> None:
         self.steps, self.height, self.residuals = steps, cost, residuals
         self.granted: list[float] = []
-        self.layout = SimpleNamespace(free=np.arange(1), additive=np.zeros(1, dtype=bool))
+        self.layout = SimpleNamespace(free=np.arange(1), start=np.zeros(1))
+        self.layout.additive = np.zeros(1, dtype=bool)
         self.rigid, self.sketch, self.tolerance, self.exact = np.arange(1), None, 1e-10, ()
 
     def best_at(self, unknowns, relaxation=0.0):
@@ -189,10 +190,13 @@ def test_the_last_stage_has_two_hundred_steps(walk_down, steps, arrived):
     assert point.unknowns[0] == steps
 
 
-@pytest.mark.parametrize(("steps", "lost"), [(9, False), (10, True)])
-def test_a_way_ends_where_an_unknown_has_run_off(walk_down, steps, lost):
-    """Beyond a million million times its start, here 1e-11: other starts are spared the rest."""
-    problem, start = walk_down(steps, cost=1e4).problem, np.full(1, 1e-11)
+@pytest.mark.parametrize(
+    ("steps", "first", "lost"), [(9, 1e-9, False), (10, 1e-9, True), (10, 2e-9, False)]
+)
+def test_a_way_ends_where_an_unknown_has_run_off(walk_down, steps, first, lost):
+    """Beyond ten thousand million times its first start, or where this way began, here at 1e-9."""
+    problem, start = walk_down(steps, cost=1e4).problem, np.full(1, 1e-9)
+    problem.layout.start[:] = first
     assert (solver._descended(problem, start, solver.STAGES, False, brief=True) is None) == lost
     assert len(problem.granted) == steps + (1 if lost else 5)
 
