@@ -91,11 +91,8 @@ class StudyPlan:
 
     def choices(self, number: int) -> list[Choice]:
         """Return where a case stands on each axis; the last one varies fastest."""
-        chosen = []
-        for axis in reversed(self.axes):
-            number, at = divmod(number, len(axis))
-            chosen.append(axis[at])
-        return chosen[::-1]
+        at = np.unravel_index(number % self.points, [len(axis) for axis in self.axes])
+        return [axis[k] for axis, k in zip(self.axes, at, strict=True)]
 
     def label(self, point: int) -> str:
         return ", ".join(filter(None, (choice.label for choice in self.choices(point))))

@@ -135,7 +135,7 @@ def _on_cluster(url: str) -> Iterator[Workers]:
         client = Client(url)
     except (OSError, ValueError) as error:
         found, cure = f"no scheduler at {url} ({error})", "start one: dask scheduler"
-        raise InputError(found, "the address of a scheduler", cure, place="--scheduler") from None
+        raise InputError(found, "such as tcp://10.0.0.1:8786", cure, place="--scheduler") from None
     with client:
         pool: Executor = client.get_executor()
         yield lambda case: pool.submit(run_apart, case), lambda: sum(client.nthreads().values())
