@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
+from io_writers import write_table
 
 import rotorid as rid
-from rotorid.signals.average import RecordBlocks, average_blocks
-from rotorid.signals.turning import STATED
 from rotorid.testing import bind
 
 RATE, SIZE = 1000.0, 50
 FUNDAMENTAL = RATE / SIZE
 TRUTH = {"m": 2.0, "c": 60.0, "k": 4e4, "xi": 2e-5, "zeta": -1e-5}
 LINES = (1, 2, 4, 5)
+STATED = 5e-3  # the share by which a stated speed may be off
 MODEL = rid.load_model("jeffcott")
 
 
@@ -80,17 +80,29 @@ def test_a_rotation_that_gains_less_than_a_tenth_of_a_turn_stays_on_its_line(sli
     assert scatter[2] < np.sqrt(40) * 0.1 / (4 * 40) * np.abs(turned).max()  # as told of its loads
 
 
-def test_blocks_find_what_the_whole_record_does():
+FILE = """
+model = "jeffcott"
+[[records]]
+file = "run.csv"
+sample_rate = "1 kHz"
+fundamental = "20 Hz"
+harmonics = [1, 2, 4, 5]
+speed = "75.004 Hz"
+[channels]
+F_x = { column = "F_x", unit = "N" }
+F_y = { column = "F_y", unit = "N" }
+x = { column = "x", unit = "m" }
+y = { column = "y", unit = "m" }
+"""
+
+
+def test_blocks_find_what_the_whole_record_does(tmp_path, monkeypatch):
     record, *_ = shaft(3.75, rng=np.random.default_rng(1), stated=3.7502)
-    blocks = RecordBlocks(
-        record.channels,
-        RATE,
-        record.speed,
-        0.0,
-        "",
-        lambda: iter(np.array_split(record.samples, [333, 700, 1800])),
-    )
-    found, whole = average_blocks(blocks, FUNDAMENTAL, harmonics=LINES), periods_of(record)
+    write_table(tmp_path / "run.csv", "F_x,F_y,x,y", record.samples, fmt="%.17g")
+    (tmp_path / "run.toml").write_text(FILE)
+    monkeypatch.setattr("rotorid.io.columns.WORTH", 0)
+    monkeypatch.setattr("rotorid.io.columns.ROWS", 333)
+    (found,), whole = rid.load_experiment(tmp_path / "run.toml").records(), periods_of(record)
     assert found.speed == pytest.approx(whole.speed, rel=1e-12)
     assert found.spectra == pytest.approx(whole.spectra, rel=1e-9)
     assert found.rotation.spectra == pytest.approx(whole.rotation.spectra, rel=1e-9)

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from bank import shaken, stated, times
+from numpy.typing import NDArray
 
 import rotorid as rid
 from rotorid import Channel, Drive, Estimate, MaximumLikelihood, Misfit, Model, PeriodicRecord, Plan
-from rotorid.core.values import Floats
-from rotorid.models.equations import split_equations
-from rotorid.models.model import Parameter
 from rotorid.testing import add_noise, line_record
 
+Floats = NDArray[np.float64]
 HARMONICS = (1, 3, 5, 7, 9, 11)
 BEARINGS = ("x1", "y1", "x3", "y3")
 
@@ -243,15 +242,10 @@ class Levitated:
 
 
 def with_force_slope(model: Model, where: Mapping[str, str]) -> Model:
-    texts = list(model.texts)
+    equations, rest = model.file_text.split("[coordinates]")
     for name, coordinate in where.items():
-        texts = [re.sub(rf"\b{name}\b", f"{name} + ks*{coordinate}", text) for text in texts]
-    parameters = (*model.parameters, Parameter("ks", "N/m"))
-    names = [p.name for p in parameters]
-    equations = split_equations(texts, model.coordinates, model.inputs, names)
-    return replace(
-        model, texts=tuple(texts), parameters=parameters, equations=equations, file_text=""
-    )
+        equations = re.sub(rf"\b{name}\b", f"{name} + ks*{coordinate}", equations)
+    return rid.parse_model(f'{equations}[coordinates]{rest}ks = {{ unit = "N/m" }}\n')
 
 
 @pytest.fixture(scope="session")
