@@ -557,11 +557,10 @@ def _speeds(fit: Fit) -> Iterator[Assumed]:
             found.append({})
             continue
         own = int(np.searchsorted(periodic.frequency, periodic.turns * periodic.fundamental))
-        every = np.insert(rotation.moved[:-1], own, rotation.moved[-1], axis=0)
-        moved = np.zeros_like(record.lines.mean)  # inputs without a channel stand last
-        moved[:, : every.shape[1]] = every
-        rows = at.columns @ moved[:, at.problem.order, None]
-        found.append({f"speed[{k}]": as_complex(rows[:, :, 0])})
+        moved = np.insert(rotation.moved[:-1], own, rotation.moved[-1], axis=0)
+        there = np.array(at.problem.order) < moved.shape[1]  # inputs without a channel stand behind
+        columns = moved[:, np.array(at.problem.order)[there], None]
+        found.append({f"speed[{k}]": as_complex((at.columns[:, :, there] @ columns)[:, :, 0])})
         slips.append(rotation.slip)
     size = f"{max(slips) * 30 / np.pi:.2g} rpm"
     cure = "record a mark (encoder or keyphasor), or more periods, which tell the speed"

@@ -485,7 +485,7 @@ def _at_its_speed(
 
     The one stated is held against that of the lines at its end: only there noise alone is its std.
     """
-    speed, found = stated, joint(stated)
+    speed, found = stated, (first := joint(stated))
     for settled in SETTLED:
         off, std = slip(found[0], begins, phase + speed * begins)
         if abs(off) <= settled * std:
@@ -494,7 +494,7 @@ def _at_its_speed(
         found = joint(speed)
     off += speed - stated
     if speed != stated and abs(off) <= SURE * std:
-        return stated, off, std, *joint(stated)
+        return stated, off, std, *first
     return speed, off, std, *found
 
 
