@@ -755,7 +755,7 @@ def test_a_pole_on_the_right_has_gone_past_half_a_turn(away, angle):
 # The peak of S on the lines of whole records, held against loops in closed form.
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=2)
 @pytest.mark.parametrize(
     ("seconds", "gains", "size"), [(4, (2e4, 10.0), 3.1019), (2, (3e4, 14.0), 3.8956)]
 )
@@ -770,7 +770,7 @@ def test_a_peak_that_is_narrower_than_a_window_of_lines(seconds, gains, size):
     assert np.abs(found.sensitivity).max() == pytest.approx(found.peak)  # as it is drawn
 
 
-@pytest.mark.slow
+@pytest.mark.sampled(0, parts=3)
 @pytest.mark.parametrize(("gain", "zone"), [(2.0, "A or worse"), (1.43, "A or worse"), (0.5, "D")])
 def test_a_reference_of_another_unit_or_gain(gain, zone):
     record, exact = sampled_loop(1.5e5, 60.0, 2, np.random.default_rng(4), damping=60.0, gain=gain)
