@@ -80,7 +80,9 @@ class Solution:
 class _Walk:
     """A way from the nearest point that keeps the relations, on few lines where there are some."""
 
-    def __init__(self, problem: Problem, start: Floats, bounded: bool) -> None:
+    def __init__(
+        self, problem: Problem, start: Floats, bounded: bool, *, brief: bool = False
+    ) -> None:
         size = np.abs(start[problem.layout.free])
         scale = np.maximum(size, 1e-12 * size.max(initial=0.0))
         x = _kept(problem, start, np.where(scale > 0, scale, 1.0), bounded)
@@ -93,7 +95,7 @@ class _Walk:
         sizes = np.maximum(np.abs(start), np.abs(problem.layout.start))
         sized = ~problem.layout.additive & (sizes > 0)
         self.rigid = problem.rigid[sized[problem.rigid]]
-        self.reach = RUN_AWAY * sizes[self.rigid]
+        self.reach = RUN_AWAY * sizes[self.rigid] if brief else np.inf
 
     @property
     def lost(self) -> bool:
@@ -124,7 +126,7 @@ class _Walk:
                 return point, where.decrease <= max(least, 1e-6 * max(point.cost, floor))
             point = trial
             self.unknowns = point.unknowns
-            if self.lost:
+            if relaxation > 0 and self.lost:
                 break
         return point, False
 
@@ -296,9 +298,12 @@ def _descended(
     brief: bool = False,
     near: bool = False,
 ) -> Solution | None:
-    """Go through the stages; None for a way that is lost, or ends a stage as the known one."""
+    """Go through the stages; None for no finite cost, or where a stage ends as the known way's.
+
+    And for a brief way, beside which others stand, on which an unknown runs off to infinity.
+    """
     try:
-        walk = _Walk(problem, start, bounded)
+        walk = _Walk(problem, start, bounded, brief=brief)
     except np.linalg.LinAlgError:
         return None
     trail: list[Floats] = []
@@ -307,11 +312,8 @@ def _descended(
             there = known[stage] if known else None
             with suppress(np.linalg.LinAlgError):
                 walk.descend(relaxation, known=there)
-            if walk.lost and brief:
-                return None
             if walk.lost:  # no stage leads back from there
-                trail.clear()
-                break
+                return None
             trail.append(walk.unknowns)
             if there is not None and _same(problem, walk.unknowns, there):
                 return None
