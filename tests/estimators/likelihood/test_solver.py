@@ -81,7 +81,7 @@ def test_two_ways_to_a_mass_of_nothing_do_not_agree(monkeypatch):
     unknowns = right.point.unknowns.copy()
     unknowns[problem.layout.index["m2"]] *= 1e-10
     ways = iter([replace(right, point=right.point.problem.best_at(unknowns, 0.0))] * 3)
-    monkeypatch.setattr(search, "solve", lambda *way: next(ways, right))
+    monkeypatch.setattr(search, "solve", lambda *way, brief: next(ways, right))
     found = search.searched(problem, problem.layout.start)
     assert found.point.cost == pytest.approx(right.point.cost)
 
@@ -326,10 +326,10 @@ def test_where_noise_excludes_the_minimum_nothing_is_said_of_what_is_open(monkey
     """Without the further way: it did not arrive, and no parameter is to be fixed."""
     gone = search._gone
 
-    def without(problem, way):
+    def without(problem, way, best):
         if way.held:
             raise np.linalg.LinAlgError
-        return gone(problem, way)
+        return gone(problem, way, best)
 
     monkeypatch.setattr(search, "_gone", without)
     found = [identify(MODEL, record_of(seed), MaximumLikelihood()) for seed in range(3)]
