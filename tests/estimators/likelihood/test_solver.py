@@ -81,7 +81,7 @@ def test_two_ways_to_a_mass_of_nothing_do_not_agree(monkeypatch):
     unknowns = right.point.unknowns.copy()
     unknowns[problem.layout.index["m2"]] *= 1e-10
     ways = iter([replace(right, point=right.point.problem.best_at(unknowns, 0.0))] * 3)
-    monkeypatch.setattr(search, "solve", lambda *way, brief: next(ways, right))
+    monkeypatch.setattr(search, "solve", lambda *way, **how: next(ways, right))
     found = search.searched(problem, problem.layout.start)
     assert found.point.cost == pytest.approx(right.point.cost)
 
