@@ -158,7 +158,7 @@ def study(
 ) -> int:
     from rotorid.studies import run
     from rotorid.studies.plan import load_study
-    from rotorid.studies.summary import summarize_study
+    from rotorid.studies.study_summary import summarize_study
 
     if summary:
         found = summarize_study(load_study(study), out)

@@ -418,12 +418,7 @@ def _with_rotation(
     the one stated where that is surely off. Else it is told how far that plausibly is.
     """
     speed, size, rate = told["speed"], sums.size, sums.sample_rate
-
-    def turned(speed: float) -> Steady | Floats:
-        if isinstance(time, Steady):
-            return replace(time, offset=phase, slope=speed)
-        return phase + speed * time
-
+    turned = partial(_turned, time, phase)
     per_turn, angle = size / rate / (2 * np.pi), turned(speed) if mark is None else mark
     orders = orders_apart(abs(speed) * per_turn, sums.count, size)
     # What bends a force with the displacement asks for the samples of a mean period that has both.
@@ -447,13 +442,9 @@ def _with_rotation(
     # Taken for a response at the frequency of its line, which goes with its square at most.
     off_by = 2 * abs(turns - round(turns)) / turns * kept
     line, own = found.line, found.line + found.width * found.noise
-    begun = np.exp(1j * some_periods(angle, 0, 1)[0, 0])
     transfer = partial(transfer_of_recording, sums.channels, sample_rate=rate)
-
-    def at_start(own: Complexes) -> Complexes:
-        begins = own * begun if speed > 0 else (own * begun).conj()
-        return np.asarray(begins * transfer(np.array([turns * rate / size])))
-
+    first = some_periods(angle, 0, 1)[0, 0]
+    at_start = partial(_at_start, first, transfer(np.array([turns * rate / size])), speed > 0)
     error, moved = 0.0, None
     if mark is None:  # a speed that is off turns the line, and exchanges some of it with others
         used = told["speed"] == speed
@@ -476,6 +467,19 @@ def _with_rotation(
     mean, more = periods.mean_spectrum, kept + scattered(off_by, sums.count)
     spectra = mean + (periods.spectra - mean) * found.widths[:, None]
     return changed(periods, spectra=spectra + more * transfer(periods.frequency)), rest
+
+
+def _turned(time: Steady | Floats, phase: float, speed: float) -> Steady | Floats:
+    """Return the angle of a steady rotation, of the phase at t = 0."""
+    if isinstance(time, Steady):
+        return replace(time, offset=phase, slope=speed)
+    return phase + speed * time
+
+
+def _at_start(angle: float, transfer: Complexes, forward: bool, line: Complexes) -> Complexes:
+    """Return the line of a rotation, at angle zero, as recorded from the first sample on."""
+    begins = line * np.exp(1j * angle)
+    return np.asarray((begins if forward else begins.conj()) * transfer)
 
 
 def _at_its_speed(

@@ -20,7 +20,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.toml import Schema, parse_table, parse_toml, read_toml, shipped, si
 from rotorid.core.units import number_and_unit, si_factor, to_si
 from rotorid.rig.file import LIBRARY, RigFile, load_rig
-from rotorid.studies.case import ABSENT, Change, Place, StudyCase, changed, found
+from rotorid.studies.study_case import ABSENT, Change, Place, StudyCase, changed, found
 
 CHECKED = 100
 """Points of the grid whose rig files are held against their schema before anything runs."""

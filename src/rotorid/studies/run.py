@@ -24,10 +24,10 @@ from pathlib import Path
 
 from rotorid.core.errors import InputError
 from rotorid.core.watch import watch
-from rotorid.studies.case import FAILED, Row, StudyCase
 from rotorid.studies.plan import load_study
 from rotorid.studies.store import Store
-from rotorid.studies.summary import StudySummary, summarize_study
+from rotorid.studies.study_case import FAILED, Row, StudyCase
+from rotorid.studies.study_summary import StudySummary, summarize_study
 
 TRIES = 2
 """Processes that a case may end before it is recorded as failed: somebody may have killed one."""
@@ -73,7 +73,7 @@ class Processes:
             raise CancelledError
         if held is None:
             held = self._own.process = subprocess.Popen(
-                [sys.executable, "-m", "rotorid.studies.case"],
+                [sys.executable, "-m", "rotorid.studies.study_case"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

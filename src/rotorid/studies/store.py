@@ -12,7 +12,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError
 from rotorid.core.files import write_whole
-from rotorid.studies.case import Row
+from rotorid.studies.study_case import Row
 
 try:
     import pyarrow as pa

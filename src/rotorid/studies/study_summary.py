@@ -19,9 +19,9 @@ from rotorid.core.values import Floats
 from rotorid.core.watch import watch
 from rotorid.report.html import Passage, page_of
 from rotorid.report.records import cell
-from rotorid.studies.case import ENDS, FAILED
 from rotorid.studies.plan import StudyPlan
 from rotorid.studies.store import read_rows
+from rotorid.studies.study_case import ENDS, FAILED
 
 WORST = 3
 """Cases whose files are written for a closer look, and errors that are told."""

@@ -1,6 +1,6 @@
 """A case of a study, and the process of its own in which it runs.
 
-    python -m rotorid.studies.case
+    python -m rotorid.studies.study_case
 
 takes a case per line of its standard input (JSON), and answers with the row of its result. What is
 not done within the time limit of a case ends the process, wherever its work hangs.
