@@ -26,6 +26,7 @@ COMMANDS = {
     "models": ["jeffcott"],
     "schema": ["rig", "--out", "new.json"],
     "demo": ["--runs", "1", *OUTPUTS],
+    "study": ["study.toml", "--out", "new"],
 }
 ERRORS = {
     WRONG_INPUT: [

@@ -227,9 +227,9 @@ class Mode:
             number = float(quantity(getattr(self, name), "Hz", place=name))
             _positive(number, "Hz", name)
             object.__setattr__(self, name, number)
-        if self.in_si[1] < _SHARPEST * self.in_si[0]:
+        if (share := float(self.std) / float(self.frequency)) < _SHARPEST:
             raise InputError(
-                f"{self.std:g} Hz, {self.in_si[1] / self.in_si[0]:.0e} of {self.frequency:g} Hz",
+                f"{self.std:g} Hz, {share:.0e} of {self.frequency:g} Hz",
                 f"{_SHARPEST:g} of the frequency or more: no computed mode is more exact",
                 "state the deviation of the test: what repeating it scatters by",
                 place="std",

@@ -215,7 +215,7 @@ def test_too_few_periods_say_so(demo, periods):
 
 
 def test_no_way_to_a_minimum_is_a_result_too(demo, bearings, tmp_path, monkeypatch):
-    def lost(*_):
+    def lost(*_, **__):
         raise np.linalg.LinAlgError("singular")
 
     monkeypatch.setattr("rotorid.likelihood.starts.solve", lost)
