@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from threading import Timer
@@ -16,7 +17,7 @@ import rotorid as rid
 from rotorid import cli
 from rotorid.studies.plan import load_study
 from rotorid.studies.run import Processes
-from rotorid.studies.store import PART, Store, read_rows
+from rotorid.studies.store import PART, Store, held, read_rows
 
 pytest.importorskip("pyarrow", reason="no package that keeps the rows of a study")
 STUDY = """
@@ -87,7 +88,7 @@ def test_a_study_holds_a_row_per_case_and_what_failed(tmp_path, output):
 
 def row(case: int) -> dict[str, object]:
     """Return a row; that of one case has a column more."""
-    said = {"case": case, "point": 0, "seed": case, "error": None, "m": case / 3}
+    said = {"case": case, "verdict": "ok", "seconds": 0.0, "error": None, "m": case / 3}
     return {**said, "late": 1.0} if case == PART + 2 else said
 
 
@@ -96,12 +97,12 @@ def test_what_is_kept_is_kept_wherever_the_journal_is_cut(tmp_path):
     order, files = np.random.default_rng(1).permutation(PART + 5).tolist(), []
     for cut in (0, 1, PART // 2, PART + 4):
         folder = tmp_path / str(cut)
-        store = Store(folder, "it", resume=False)
+        store = Store(folder, "it", resume=False, timeout=1.0)
         for case in order[:cut]:
             store.add(row(case))
         with (folder / "journal.jsonl").open("a") as journal:
             journal.write(json.dumps(row(order[cut]))[: 7 * cut])  # killed while it was written
-        store = Store(folder, "it", resume=True)
+        store = Store(folder, "it", resume=True, timeout=1.0)
         assert [case for case in order if case in store] == order[:cut]
         for case in order[cut:]:
             store.add(row(case))
@@ -144,6 +145,14 @@ def test_cases_follow_from_their_numbers_and_are_made_when_asked_for(tmp_path):
         ('spread = "5 %"', 'from = "1 kg", to = "1 m"', "vary.parameters.m1: found unit 'm'"),
         ("parameters.m1", "parameters.m9", "vary.parameters.m9: found no m9 there"),
         ("cases = 6", "cases = 0", "cases: found 0"),
+        ('"0.5 s"', "[]", "vary.duration: found an empty grid"),
+        (
+            '"0.5 s"',
+            "2026-01-01",
+            "vary.duration: found datetime.date(2026, 1, 1); expected a number",
+        ),
+        ('to = "3 rad"', 'to = "-4 rad"', "expected a range; write the lower limit in from"),
+        ("[vary]", '[vary]\nfaults = [["backwards"], []]', "found the fault 'backwards'"),
     ],
 )
 def test_what_cannot_be_studied_is_told_before_anything_runs(old, new, told, tmp_path, refusal):
@@ -155,16 +164,54 @@ def test_what_cannot_be_studied_is_told_before_anything_runs(old, new, told, tmp
 
 def test_results_are_gone_on_with_only_where_that_is_asked_for(tmp_path, refusal):
     study, out = write(tmp_path), tmp_path / "results"
-    Store(out, load_study(study).identity, resume=False)
+    Store(out, load_study(study).identity, resume=False, timeout=1.0)
     assert "go on with --resume" in refusal("study", study, "--out", out)
     write(tmp_path, STUDY.replace("seed = 3", "seed = 4"))
-    assert "results of another study" in refusal("study", study, "--out", out, "--resume")
+    for how in ("--resume", "--summary"):
+        assert "results of another study" in refusal("study", study, "--out", out, how)
 
 
-def test_a_case_that_takes_too_long_is_ended_and_recorded(tmp_path):
+def test_one_run_at_a_time_works_on_a_folder(tmp_path, refusal):
+    with held(tmp_path / "results"):
+        told = refusal("study", write(tmp_path), "--out", tmp_path / "results", "--resume")
+    assert "found a study that runs" in told
+    with held(tmp_path / "results"):
+        pass
+
+
+@pytest.mark.parametrize("number", [0, -1, 1.5])
+def test_a_number_of_workers_is_one_or_more(number, tmp_path):
+    with pytest.raises(rid.InputError, match="workers"):
+        rid.study(write(tmp_path), tmp_path / "results", workers=number)
+    assert not (tmp_path / "results").exists()
+
+
+def test_what_was_stopped_runs_again_where_that_may_help(tmp_path):
+    """In a whole part as in the journal; what the new row says stands before the old one's."""
+    stopped = {2: 1.0, 3: 5.0, PART: 1.0}  # s
+    store = Store(tmp_path, "it", resume=False, timeout=5.0)
+    for case in range(PART + 2):
+        verdict = {"verdict": "stopped", "seconds": stopped[case]} if case in stopped else {}
+        store.add({**row(case), **verdict})
+    with (tmp_path / "journal.jsonl").open("ab") as journal:
+        journal.write(b"\0\0\n")  # as an end of the machine leaves it
+    store = Store(tmp_path, "it", resume=True, timeout=5.0)
+    assert [case for case in range(PART + 2) if case not in store] == [2, PART]
+    store.add(row(2))
+    verdicts = read_rows(tmp_path)["verdict"].to_pylist()
+    assert [verdicts[case] for case in (2, 3)] == ["ok", "stopped"]
+    store = Store(tmp_path, "it", resume=True, timeout=6.0)
+    assert [case for case in range(PART + 2) if case not in store] == [3, PART]
+
+
+def test_a_case_that_takes_too_long_is_ended_and_runs_with_more_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     study = write(tmp_path, STUDY.replace("cases = 6", "cases = 1").replace("100 s", "1 ms"))
     found = rid.study(study, tmp_path / "results", workers=1)
-    assert found.errors == (("not done within 0.001 s; give more time: timeout", 1),)
+    assert found.errors == (("not done within 0.001 s; raise timeout and --resume", 1),)
+    write(tmp_path, study.read_text().replace("1 ms", "100 s"))
+    assert rid.study(study, tmp_path / "results", workers=1, resume=True).errors == ()
+    assert {path.name for path in tmp_path.iterdir()} == {"study.toml", "results"}
 
 
 @pytest.mark.slow

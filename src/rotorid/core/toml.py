@@ -217,8 +217,9 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
     # A misspelt key first: it may be the one that is missing.
     faults = error.errors(include_url=False)
     fault = min(faults, key=lambda f: f["type"] != "extra_forbidden")
-    if fault["type"] in ("model_type", "dict_type"):
-        fault["msg"] = "a table, such as { key = value }"
+    told = dict.fromkeys(("model_type", "dict_type"), "a table, such as { key = value }")
+    told["invalid-json-value"] = "a number, a text, true or false, or lists or tables of these"
+    fault["msg"] = told.get(fault["type"], fault["msg"])
     if fault["type"] != "extra_forbidden":
         return fault_in_line(fault).at(file=file)
     name, known = str(fault["loc"][-1]), _known_keys(schema, fault["loc"][:-1])

@@ -13,12 +13,13 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tomlkit
-from pydantic import Field, StrictInt, model_validator
+from pydantic import Field, JsonValue, StrictInt, model_validator
 
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import Schema, parse_table, parse_toml, read_toml, shipped, si
 from rotorid.core.units import number_and_unit, si_factor, to_si
+from rotorid.rig.faults import find_fault
 from rotorid.rig.file import LIBRARY, RigFile, load_rig
 from rotorid.studies.study_case import ABSENT, Change, Place, StudyCase, changed, found
 
@@ -45,8 +46,8 @@ class StudyFile(Schema):
     cases: Annotated[StrictInt | None, Field(ge=1, le=10**9)] = None
     seed: Annotated[StrictInt, Field(ge=0)] = 0
     timeout: Annotated[float, si("s"), Field(gt=0, le=1e6)] = 600.0
-    vary: dict[str, Any] = Field(default_factory=dict)
-    variants: list[dict[str, Any]] = Field(default_factory=list)
+    vary: dict[str, JsonValue] = Field(default_factory=dict)
+    variants: list[dict[str, JsonValue]] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _one_source(self) -> StudyFile:
@@ -109,7 +110,7 @@ class StudyPlan:
                 if place == _EXPERIMENT:
                     path = value
                 elif place == _FAULTS:
-                    faults = value
+                    faults = list(map(str, value if isinstance(value, list) else [value]))
                 elif not rig:
                     changes.append((place, value))
                 elif place[:1] == _EXPERIMENT:
@@ -139,8 +140,11 @@ def load_study(path: str | Path) -> StudyPlan:
         globs = entry.experiments or filter(None, [entry.experiment])
         paths = tuple(name for pattern in globs for name in _matches(folder, pattern))
         plan = StudyPlan(folder, entry, paths, table, tuple(_axes(entry, paths)))
-        for number in range(min(plan.points, len(plan), CHECKED) if table else 0):
-            parse_toml(tomlkit.dumps(plan.case(number).rig).encode(), RigFile)
+        for number in range(min(plan.points, len(plan), CHECKED)):
+            case = plan.case(number)
+            if table:
+                parse_toml(tomlkit.dumps(case.rig).encode(), RigFile)
+            list(map(find_fault, case.faults))  # refuses one that is unknown
     return plan
 
 
@@ -169,6 +173,9 @@ def _axes(entry: StudyFile, paths: Sequence[str]) -> Iterator[list[Choice]]:
         yield [Choice(*each) for each in zip(labels, tables, strict=True)]
     for place, said in _leaves(entry.vary):
         several = said if isinstance(said, list) else [said]
+        if not several:
+            cure = "remove it, or write [[]] for a list without members"
+            raise InputError("an empty grid", "values", cure, place=".".join(("vary", *place)))
         one = len(several) == 1
         yield [Choice("" if one else f"{place[-1]} = {v}", {place: v}) for v in several]
 
@@ -192,7 +199,10 @@ def _drawn(said: dict[str, Any], table: Any, place: Place, rng: np.random.Genera
         number *= 1 + to_si(said["spread"], "1") * rng.standard_normal()
     else:
         (low, unit), (high, other) = map(_quantity, (said["from"], said["to"]))
-        number = rng.uniform(low, high * si_factor(other, unit))
+        high *= si_factor(other, unit)
+        if not 0 <= high - low < math.inf:
+            raise InputError(str(said), "a range", "write the lower limit in from")
+        number = rng.uniform(low, high)
     return number if unit == "1" else f"{number!r} {unit}"
 
 

@@ -9,24 +9,18 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    CancelledError,
-    Executor,
-    Future,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rotorid.core.errors import InputError
 from rotorid.core.watch import watch
 from rotorid.studies.plan import load_study
-from rotorid.studies.store import Store
-from rotorid.studies.study_case import FAILED, Row, StudyCase
+from rotorid.studies.store import Store, held
+from rotorid.studies.study_case import FAILED, STOPPED, Row, StudyCase
 from rotorid.studies.study_summary import StudySummary, summarize_study
 
 TRIES = 2
@@ -54,18 +48,19 @@ class Processes:
         """Return the row of a case; one that ends its process is tried again, or has failed."""
         for _ in range(TRIES):
             process, begun = self._process(), time.monotonic()
-            if answer := _asked(process, case):
-                return dict(json.loads(answer))
-            process.kill()
-            process.communicate()
+            with TemporaryDirectory() as folder:  # whose files outlive a process that is killed
+                if answer := _asked(process, case, folder):
+                    return dict(json.loads(answer))
+                process.kill()
+                process.communicate()
             self.all.remove(process)
             self._own.process = None
             seconds = time.monotonic() - begun
             if seconds >= case.timeout:
-                told = f"not done within {case.timeout:g} s; give more time: timeout"
+                told = f"not done within {case.timeout:g} s; raise timeout and --resume"
                 break
-            told = f"its process ended by itself, code {process.returncode}"
-        return case.row(FAILED, seconds, error=told)
+            told = f"its process ended, code {process.returncode} (memory?); --resume repeats it"
+        return case.row(FAILED, seconds, verdict=STOPPED, error=told)
 
     def _process(self) -> subprocess.Popen[str]:
         held: subprocess.Popen[str] | None = getattr(self._own, "process", None)
@@ -85,12 +80,12 @@ class Processes:
         return held
 
 
-def _asked(process: subprocess.Popen[str], case: StudyCase) -> str:
-    """Send a case to a process; return its answer, empty where it ended first."""
+def _asked(process: subprocess.Popen[str], case: StudyCase, folder: str) -> str:
+    """Send a case, with a folder for its files; return the answer, empty where it ended first."""
     assert process.stdin is not None
     assert process.stdout is not None
     with suppress(BrokenPipeError):
-        process.stdin.write(json.dumps(asdict(case)) + "\n")
+        process.stdin.write(json.dumps((asdict(case), folder)) + "\n")
         process.stdin.flush()
     answer = process.stdout.readline()
     return answer if answer.endswith("\n") else ""
@@ -137,7 +132,7 @@ def _on_cluster(url: str) -> Iterator[Workers]:
         found, cure = f"no scheduler at {url} ({error})", "start one: dask scheduler"
         raise InputError(found, "such as tcp://10.0.0.1:8786", cure, place="--scheduler") from None
     with client:
-        pool: Executor = client.get_executor()
+        pool = client.get_executor()
         yield lambda case: pool.submit(run_apart, case), lambda: sum(client.nthreads().values())
 
 
@@ -171,7 +166,7 @@ def study(
     Raises
     ------
     InputError
-        For a study file that says what cannot be done, and a folder that holds other results.
+        For a study file that says what cannot be done, and a folder of other results or a run.
 
     Examples
     --------
@@ -185,20 +180,23 @@ def study(
     >>> found.groups[0].cases, found.groups[0].statuses
     (2, {'ok': 2})
     """
+    if workers is not None and workers not in range(1, 10**4):
+        raise InputError(repr(workers), "a number of processes", "write 2, say", place="workers")
     plan, folder = load_study(study), Path(out)
-    store = Store(folder, plan.identity, resume=resume)
-    started = _here(workers or os.cpu_count() or 1) if scheduler is None else _on_cluster(scheduler)
-    with started as (submit, count):
-        waiting = (number for number in range(len(plan)) if number not in store)
-        running: set[Future[Row]] = set()
-        while True:
-            watch("identifying", len(store), len(plan))
-            room = max(1, AHEAD * count()) - len(running)
-            running.update(submit(plan.case(number)) for number in islice(waiting, max(room, 0)))
-            if not running:
-                break
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                store.add(future.result())
-    store.close()
+    with held(folder):
+        store = Store(folder, plan.identity, resume=resume, timeout=plan.entry.timeout)
+        started = _on_cluster(scheduler) if scheduler else _here(workers or os.cpu_count() or 1)
+        with started as (submit, count):
+            waiting = (number for number in range(len(plan)) if number not in store)
+            running: set[Future[Row]] = set()
+            while True:
+                watch("identifying", len(store), len(plan))
+                room = max(0, max(1, AHEAD * count()) - len(running))
+                running.update(submit(plan.case(number)) for number in islice(waiting, room))
+                if not running:
+                    break
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    store.add(future.result())
+        store.close()
     return summarize_study(plan, folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError
 from rotorid.core.files import write_whole
-from rotorid.studies.study_case import Row
+from rotorid.studies.study_case import STOPPED, Row
 
 try:
     import pyarrow as pa
@@ -29,26 +30,46 @@ _TEXTS = ("status", "verdict", "error")
 """Columns that may be empty throughout a part, and are texts all the same."""
 
 
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Hold a folder for one run; the system lets go of it however that ends (not on Windows)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("a") as lock:
+        with suppress(ImportError, OSError):  # of a file system without locks
+            import fcntl
+
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                found, cure = "a study that runs", "wait for its end, or name another folder"
+                raise InputError(found, "one run per folder", cure, file=str(folder)) from None
+        yield
+
+
 class Store:
     """The rows of a study, each kept from the moment it is added, whatever ends the program then.
 
     A part is written, whole, when all its cases are there, in the order of their numbers: what is
-    in it depends on neither the order in which they came nor on interruptions.
+    in it depends on neither the order in which they came nor on interruptions. What stopped a case
+    within less than the time limit may have passed: the case is not kept.
     """
 
-    def __init__(self, folder: Path, identity: str, *, resume: bool) -> None:
+    def __init__(self, folder: Path, identity: str, *, resume: bool, timeout: float) -> None:
         self._results, self._journal = folder / RESULTS, folder / JOURNAL
         self._results.mkdir(parents=True, exist_ok=True)
-        _check(folder / STUDY, identity, resume)
+        check_folder(folder, identity, resume=resume)
+        write_whole(folder / STUDY, identity.encode())
         self._whole: set[int] = set()  # numbers of the parts that are complete
         self._open: dict[int, Row] = {}  # rows of the others
         for path in self._parts:
-            if pq.read_metadata(path).num_rows == PART:
+            heads = pq.read_table(path, columns=["verdict", "seconds"]).to_pylist()
+            if len(heads) == PART and not any(_passes(row, timeout) for row in heads):
                 self._whole.add(int(path.stem.rpartition("-")[2]))
             else:
                 self._open |= {row["case"]: row for row in pq.read_table(path).to_pylist()}
-        found = {row["case"]: row for row in _journalled(self._journal)}
-        self._open |= {case: row for case, row in found.items() if case not in self}
+        newer = {row["case"]: row for row in _journalled(self._journal)}
+        found = {c: row for c, row in (self._open | newer).items() if c // PART not in self._whole}
+        self._open = {c: row for c, row in found.items() if not _passes(row, timeout)}
         self._write_journal()
 
     @property
@@ -92,16 +113,20 @@ class Store:
         write_whole(self._journal, "".join(lines).encode())
 
 
-def _check(file: Path, identity: str, resume: bool) -> None:
+def check_folder(folder: Path, identity: str, *, resume: bool) -> None:
     """Refuse a folder with other results, and one with results where nobody wants to go on."""
-    if not file.exists():
-        write_whole(file, identity.encode())
+    if not (file := folder / STUDY).exists():
         return
     found, cure = "results of this study", "go on with --resume, or name another folder"
     if differs := file.read_text(encoding="utf-8") != identity:
         found, cure = "results of another study, or of this one as it was", "name another folder"
     if differs or not resume:
-        raise InputError(found, "a folder without results", cure, file=str(file.parent))
+        raise InputError(found, "a folder without results", cure, file=str(folder))
+
+
+def _passes(row: Row, timeout: float) -> bool:
+    """Tell whether a case was stopped by what may pass: another limit, more memory or disk."""
+    return bool(row["verdict"] == STOPPED and row["seconds"] < timeout)
 
 
 def _cases(part: int) -> range:
@@ -121,16 +146,19 @@ def _write(path: Path, table: Any) -> None:
 
 
 def _journalled(path: Path) -> Iterator[Row]:
-    """Yield the rows of a journal; the last may be cut off where the program was killed."""
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-    return (json.loads(line) for line in lines if line.endswith("\n"))
+    """Yield the rows of a journal; one may be cut off where the program or the machine ended."""
+    lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
+    for line in (each for each in lines if each.endswith(b"\n")):
+        with suppress(ValueError):
+            yield json.loads(line)
 
 
 def read_rows(folder: Path) -> Any:
     """Return the rows that a folder holds, also while a study runs, as a table of pyarrow."""
-    parts = [pq.read_table(path) for path in sorted((folder / RESULTS).glob(PARTS))]
-    if rows := list(_journalled(folder / JOURNAL)):
-        parts.append(_table(rows))
+    # First the journal: its rows are the newer ones, and leave it only for a part.
+    rows = list(_journalled(folder / JOURNAL))
+    parts = [_table(rows)] if rows else []
+    parts += [pq.read_table(path) for path in sorted((folder / RESULTS).glob(PARTS))]
     if not parts:
         raise InputError("no results", "those of a study", "run it first", file=str(folder))
     table = pa.concat_tables(parts, promote_options="default")

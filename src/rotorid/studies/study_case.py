@@ -2,8 +2,8 @@
 
     python -m rotorid.studies.study_case
 
-takes a case per line of its standard input (JSON), and answers with the row of its result. What is
-not done within the time limit of a case ends the process, wherever its work hangs.
+takes a case and a folder per line of its standard input (JSON), and answers with the row of its
+result. What is not done within the time limit of a case ends the process, wherever its work hangs.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import json
 import math
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,8 @@ ENDS = ("", "_std", "_true", "_covered")
 """Of the names of the columns that each parameter has."""
 FAILED = "failed"
 """Status and verdict of a case that ended with an error."""
+STOPPED = "stopped"
+"""Verdict of a failed case that the machine ended: time, memory, disk, or somebody."""
 
 
 def found(table: Any, place: Place) -> Any:
@@ -126,7 +128,7 @@ class StudyCase:
     def run(self) -> Row:
         """Identify: a row of the answer, or of the error."""
         begun = time.perf_counter()
-        with TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory() as folder:
             try:
                 path = self.write(Path(folder))
                 begun = time.perf_counter()  # to simulate is no part of it
@@ -138,7 +140,9 @@ class StudyCase:
             except Exception as error:
                 kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
                 told = one_line(f"{kind}{error}".replace(f"{folder}{os.sep}", ""), LINE)
-                return self.row(FAILED, time.perf_counter() - begun, error=told)
+                verdict = STOPPED if isinstance(error, (MemoryError, OSError)) else FAILED
+                seconds = time.perf_counter() - begun
+                return self.row(FAILED, seconds, verdict=verdict, error=told)
         p_value = None if estimate.misfit is None else estimate.misfit.p_value
         said = {"verdict": estimate.verdict, "p_value": p_value}
         return {**self.row(estimate.status, seconds, **said), **values}
@@ -179,7 +183,8 @@ def main() -> None:
     os.dup2(nowhere, 1)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for line in sys.stdin:
-            case = StudyCase(**json.loads(line))
+            said, tempfile.tempdir = json.loads(line)
+            case = StudyCase(**said)
             faulthandler.dump_traceback_later(case.timeout, exit=True, file=nowhere)
             row = case.run()
             faulthandler.cancel_dump_traceback_later()

@@ -20,7 +20,7 @@ from rotorid.core.watch import watch
 from rotorid.report.html import Passage, page_of
 from rotorid.report.records import cell
 from rotorid.studies.plan import StudyPlan
-from rotorid.studies.store import read_rows
+from rotorid.studies.store import check_folder, read_rows
 from rotorid.studies.study_case import ENDS, FAILED
 
 WORST = 3
@@ -130,6 +130,7 @@ class StudySummary:
 
 def summarize_study(plan: StudyPlan, folder: Path) -> StudySummary:
     """Summarize the rows that a folder holds, and write that and the worst cases into it."""
+    check_folder(folder, plan.identity, resume=True)
     rows = read_rows(folder)
     points = rows["point"].to_numpy()
     groups = (_group(plan.label(p), rows.filter(points == p)) for p in np.unique(points).tolist())
