@@ -7,10 +7,12 @@ from functools import cache
 import h5py
 import numpy as np
 import pytest
+import tomlkit
 from rigs import with_actuators, without_noise
 from source_trees import DOCS, script
 from working_folder import short_rig
 
+import rotorid as rid
 from rotorid import InputError, load_rig
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.faults import FAULTS, find_fault, with_faults
@@ -358,13 +360,19 @@ def test_the_page_is_what_a_run_gives(name):
 
 
 @pytest.mark.sampled(0, parts=2)
-@pytest.mark.parametrize("case", ["measured", "flux"])
-def test_intervals_hold_the_truth(case):
+@pytest.mark.parametrize("label", ["currents measured, encoder", "flux densities"])
+def test_intervals_hold_the_truth(label, tmp_path):
     """Five records: 35 errors or more, correlated in each record; 95 % give 80 to 100.
 
     Of the first minimum, which here is the one that normal effort finds.
     """
-    ok, cover, rms, _ = script("calibration").calibration([case], 5, 3.0, 1, "quick")[case]
-    assert ok >= 4
-    assert cover > 80.0
-    assert 0.65 < rms < 1.4
+    study = tomlkit.parse((DOCS / "calibration-rigid.toml").read_text(encoding="utf-8")).unwrap()
+    (variant,) = (one for one in study["variants"] if one["label"] == label)
+    study |= {"cases": 5, "variants": [variant]}
+    study["vary"]["duration"] = "3 s"
+    study["vary"]["experiment"]["estimator"] = {"effort": "quick"}
+    (tmp_path / "study.toml").write_text(tomlkit.dumps(study), encoding="utf-8")
+    (found,) = rid.study(tmp_path / "study.toml", tmp_path / "results", workers=1).groups
+    assert found.statuses["ok"] >= 4
+    assert np.mean([one.cover for one in found.accuracy]) > 0.8
+    assert 0.65 < np.sqrt(np.mean([(one.rms / one.std) ** 2 for one in found.accuracy])) < 1.4
