@@ -170,6 +170,10 @@ class Shift:
         if len({len(by) for by in self.moves.values()}) != 1:
             raise ValueError("as many numbers for each value, of one value at least")
 
+    @property
+    def note(self) -> Note:
+        return Note(self.about, "assumes", self.text, self.cure, size=self.size)
+
     def at(self, speed: float, highest: float) -> dict[str, Floats]:
         over = math.hypot(max(speed, highest) ** 2, self.seen) if self.grows else 1.0
         added = {name: slope * speed**2 for name, slope in self.grows.items()}

@@ -1,4 +1,4 @@
-"""What the notes on an answer come to: its status, and the order in which they are told.
+"""What the notes on an answer come to: its status, their order, what errors of assumptions move.
 
 No other place weighs notes against one another: doubts that are cast only on an answer of a certain
 status ask `judge` for that of the notes so far.
@@ -7,9 +7,13 @@ status ask `judge` for that of the notes so far.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Literal
 
+import numpy as np
+
 from rotorid.core.notes import VERDICTS, Note, Severity
+from rotorid.core.values import Floats
 
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
 STATUSES: dict[str, Status] = {
@@ -106,3 +110,34 @@ def of_data(checks: Sequence[Note], status: Status) -> list[Note]:
     if judge(found, status) != "ok":
         return found
     return [note for note in found if note.about not in SILENT]
+
+
+MATTERS = 1.0
+"""Deviations by which an unseen error moves a quantity, above which it is told."""
+
+
+def weighed(
+    found: Iterable[tuple[Note, Floats, float]], names: Sequence[str]
+) -> tuple[Floats, list[Note]]:
+    """Return how far all together move each quantity, in its deviations, and notes on them.
+
+    `found`: what is assumed, by how many it moves them, (quantity,), from how many on it is told.
+    Of what is wrong in one way or another the worst counts. First stands what moves a quantity
+    most, then what moves another one most, and so on: what small errors of many quantities are made
+    of comes last.
+    """
+    told, worst = dict[str, Note](), dict[str, Floats]()
+    for one, moved, least in found:
+        most = int(np.argmax(moved))
+        size, name = float(moved[most]), one.about
+        if size > max(least, told[name].value or 0.0 if name in told else 0.0):
+            figure = f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
+            text = f"assumed {one.found} would shift {names[most]} by {figure} std unseen"
+            told[name] = replace(one, found=text, on=(names[most],), value=size, unit="1")
+        worst[name] = np.maximum(worst.get(name, 0.0), moved)
+    total = sum((moved**2 for moved in worst.values()), np.zeros(len(names)))
+
+    moved = np.array([worst[name] for name in told]).reshape(len(told), len(names))
+    leads = np.where(moved == moved.max(axis=0, initial=0.0), moved, 0.0)
+    order = np.lexsort([-each.max(axis=1, initial=0.0) for each in (moved, leads)])
+    return np.sqrt(total), [list(told.values())[k] for k in order]

@@ -16,8 +16,7 @@ import numpy as np
 import scipy
 
 from rotorid.answer.estimate import DOUBTFUL, Estimate, Shift
-from rotorid.answer.judge import DIRECTION
-from rotorid.answer.shifts import MATTERS, weighed
+from rotorid.answer.judge import DIRECTION, MATTERS, weighed
 from rotorid.core.distributions import chance_of_any
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note
@@ -142,7 +141,7 @@ def assumed(estimate: Estimate, fit: Fit) -> Estimate:
         return estimate
     names, every = fit.layout.names(), list(assumptions(fit))
     shifts = [one.shift(fit) for one in every]
-    found = ((s, one.moved(fit), one.least) for s, one in zip(shifts, every, strict=True))
+    found = ((s.note, one.moved(fit), one.least) for s, one in zip(shifts, every, strict=True))
     total, notes = weighed(found, names)
     shifts = [s for s, one in zip(shifts, every, strict=True) if one.held is not None]
     shifts += [one.shift(fit) for one in following(fit)]

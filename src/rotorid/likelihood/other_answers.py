@@ -391,14 +391,13 @@ class _Minimum:
             if number >= always and not every:
                 break
             watch("asking whether other answers fit as well", number, asked if every else always)
-            try:
+            end: Solution | None = None
+            with suppress(np.linalg.LinAlgError):
                 if unlikely:
                     end = solve(self.problem, start, WAYS[number % len(WAYS)], brief=True)
                 else:
                     stages = STAGES if number < always else OTHERWISE[number % 2]
                     end = elsewhere(self.problem, start, self.solution, stages)
-            except np.linalg.LinAlgError:
-                continue
             if end is not None:
                 every = True
                 found.append(end)

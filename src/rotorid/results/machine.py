@@ -12,7 +12,7 @@ import numpy as np
 
 from rotorid.answer.derived import physical_fit, require_parameters
 from rotorid.answer.estimate import SAME_SPEED, Estimate, Shift, Value, under
-from rotorid.answer.shifts import MATTERS, weighed
+from rotorid.answer.judge import MATTERS, weighed
 from rotorid.core.errors import InputError, ModelError, require_type
 from rotorid.core.linalg import covariance_root
 from rotorid.core.notes import Note
@@ -234,12 +234,12 @@ class Machine:
         """
         if self.speeds is None or self.recorded(speed) or not std.size:
             return np.full(std.shape, np.nan), []
-        scale, found = np.where(std > 0, std, np.inf), list[tuple[Shift, Floats, float]]()
+        scale, found = np.where(std > 0, std, np.inf), list[tuple[Note, Floats, float]]()
         for shift in self.shifts:
             moves = shift.at(abs(speed), self.speeds[1])
             none = np.zeros(len(next(iter(moves.values()))))
             own = [moves.get(f"{n}[{self.record}]", moves.get(n, none)) for n in self.names]
-            found.append((shift, (by(np.array(own)) / scale).ravel(), MATTERS))
+            found.append((shift.note, (by(np.array(own)) / scale).ravel(), MATTERS))
         total, notes = weighed(found, names)
         return total.reshape(std.shape) * std, notes
 
