@@ -153,6 +153,12 @@ def test_cases_follow_from_their_numbers_and_are_made_when_asked_for(tmp_path):
         ),
         ('to = "3 rad"', 'to = "-4 rad"', "expected a range; write the lower limit in from"),
         ("[vary]", '[vary]\nfaults = [["backwards"], []]', "found the fault 'backwards'"),
+        ("estimator.method", "estimator.metod", "did you mean method?"),
+        (
+            'estimator.method = "batch"',
+            'parameters.m22.start = "8 kg"',
+            "study.toml: experiment.parameters.m22: found 'm22', which is no parameter",
+        ),
     ],
 )
 def test_what_cannot_be_studied_is_told_before_anything_runs(old, new, told, tmp_path, refusal):
@@ -160,6 +166,19 @@ def test_what_cannot_be_studied_is_told_before_anything_runs(old, new, told, tmp
         "study", write(tmp_path, STUDY.replace(old, new)), "--out", tmp_path / "o"
     )
     assert not (tmp_path / "o").exists()
+
+
+def test_a_damaged_part_is_named_and_its_cases_run_again_without_it(tmp_path, refusal):
+    study, out = write(tmp_path, STUDY.replace("cases = 6", "cases = 1")), tmp_path / "results"
+    rid.study(study, out, workers=1)
+    (part,) = out.rglob("part-*")
+    part.write_bytes(part.read_bytes()[:-20])
+    for how in ("--resume", "--summary"):
+        told = refusal("study", study, "--out", out, how)
+        assert f"{part}: found a damaged file" in told
+        assert "delete it; --resume repeats its cases" in told
+    part.unlink()
+    assert rid.study(study, out, workers=1, resume=True).groups[0].statuses == {"ok": 1}
 
 
 def test_results_are_gone_on_with_only_where_that_is_asked_for(tmp_path, refusal):
@@ -232,7 +251,9 @@ def _studied(study: Path, out: Path, **how: object) -> Path:
 
 
 @pytest.mark.slow
-def test_a_killed_study_goes_on_and_repeats_nothing(tmp_path):
+def test_a_killed_study_goes_on_repeats_nothing_and_leaves_no_files(tmp_path, monkeypatch):
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
     study = write(tmp_path, STUDY.replace("cases = 6", "cases = 24"))
     whole = frame(_studied(study, tmp_path / "whole", workers=1))
     out, rng = tmp_path / "killed", np.random.default_rng(2)
@@ -255,6 +276,7 @@ def test_a_killed_study_goes_on_and_repeats_nothing(tmp_path):
     assert frame(out).equals(whole)
     times = {row["case"]: row["seconds"] for row in read_rows(out).to_pylist()}
     assert all(json.loads(line)["seconds"] == times[case] for case, line in seen.items())
+    assert [path.name for path in (tmp_path / "temporary").glob("tmp*")] == []
 
 
 @pytest.mark.slow

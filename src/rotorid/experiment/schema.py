@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 from collections.abc import Set
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -605,6 +606,8 @@ class ExperimentFile(Schema):
         return self
 
     model: str
+    serial: Annotated[str | None, Field(max_length=60, coerce_numbers_to_str=True)] = None
+    date: datetime.date | None = None
     records: list[RecordEntry] = Field(default_factory=list)
     modes: list[ModeEntry] = Field(default_factory=list)
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import suppress
 from copy import deepcopy
 from glob import glob
@@ -21,7 +21,7 @@ from rotorid.core.toml import Schema, parse_table, parse_toml, read_toml, shippe
 from rotorid.core.units import number_and_unit, si_factor, to_si
 from rotorid.rig.faults import find_fault
 from rotorid.rig.file import LIBRARY, RigFile, load_rig
-from rotorid.studies.study_case import ABSENT, Change, Place, StudyCase, changed, found
+from rotorid.studies.study_case import ABSENT, Change, Place, StudyCase, changed, found, moved
 
 CHECKED = 100
 """Points of the grid whose rig files are held against their schema before anything runs."""
@@ -95,8 +95,10 @@ class StudyPlan:
         at = np.unravel_index(number % self.points, [len(axis) for axis in self.axes])
         return [axis[k] for axis, k in zip(self.axes, at, strict=True)]
 
-    def label(self, point: int) -> str:
-        return ", ".join(filter(None, (choice.label for choice in self.choices(point))))
+    def label(self, point: int, without: Set[str] = frozenset()) -> str:
+        """Return where a point stands on each axis but those of places that end in these keys."""
+        choices = (c for c in self.choices(point) if without.isdisjoint(p[-1] for p in c.values))
+        return ", ".join(filter(None, (choice.label for choice in choices)))
 
     def case(self, number: int) -> StudyCase:
         """Return the case of a number: its files, with what is drawn for it, and its seed."""
@@ -111,10 +113,9 @@ class StudyPlan:
                     path = value
                 elif place == _FAULTS:
                     faults = list(map(str, value if isinstance(value, list) else [value]))
-                elif not rig:
-                    changes.append((place, value))
-                elif place[:1] == _EXPERIMENT:
-                    changes.append((place[1:], value))
+                elif not rig or place[:1] == _EXPERIMENT:
+                    inside = place[1:] if rig else place
+                    changes.append((inside, moved(value, self.folder, place[-1])))
                 else:
                     changed(rig, place, value)
             settings[".".join(("vary", *place))] = _told(value)
@@ -145,6 +146,8 @@ def load_study(path: str | Path) -> StudyPlan:
             if table:
                 parse_toml(tomlkit.dumps(case.rig).encode(), RigFile)
             list(map(find_fault, case.faults))  # refuses one that is unknown
+            if case.changes:
+                case.check()
     return plan
 
 

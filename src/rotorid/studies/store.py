@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, ReadError
 from rotorid.core.files import write_whole
-from rotorid.studies.study_case import STOPPED, Row
+from rotorid.studies.study_case import MACHINE, STOPPED, Row
 
 try:
     import pyarrow as pa
@@ -26,7 +26,7 @@ PART = 250
 """Cases of a file: a few hundred files for 100,000 cases, and a journal that is read in no time."""
 RESULTS, PARTS, JOURNAL, STUDY = "results.parquet", "part-*.parquet", "journal.jsonl", "study.json"
 
-_TEXTS = ("status", "verdict", "error")
+_TEXTS = ("status", "verdict", "error", *MACHINE)
 """Columns that may be empty throughout a part, and are texts all the same."""
 
 
@@ -62,11 +62,11 @@ class Store:
         self._whole: set[int] = set()  # numbers of the parts that are complete
         self._open: dict[int, Row] = {}  # rows of the others
         for path in self._parts:
-            heads = pq.read_table(path, columns=["verdict", "seconds"]).to_pylist()
+            heads = _read(path, ["verdict", "seconds"]).to_pylist()
             if len(heads) == PART and not any(_passes(row, timeout) for row in heads):
                 self._whole.add(int(path.stem.rpartition("-")[2]))
             else:
-                self._open |= {row["case"]: row for row in pq.read_table(path).to_pylist()}
+                self._open |= {row["case"]: row for row in _read(path).to_pylist()}
         newer = {row["case"]: row for row in _journalled(self._journal)}
         found = {c: row for c, row in (self._open | newer).items() if c // PART not in self._whole}
         self._open = {c: row for c, row in found.items() if not _passes(row, timeout)}
@@ -139,6 +139,14 @@ def _table(rows: list[Row]) -> Any:
     return pa.table({n: pa.array([row.get(n) for row in rows], texts.get(n)) for n in names})
 
 
+def _read(path: Path, columns: list[str] | None = None) -> Any:
+    try:
+        return pq.read_table(path, columns=columns)
+    except (pa.ArrowException, OSError) as error:
+        found, cure = f"a damaged file ({error})", "delete it; --resume repeats its cases"
+        raise ReadError(found, "rows as a study wrote them", cure, file=str(path)) from None
+
+
 def _write(path: Path, table: Any) -> None:
     content = BytesIO()
     pq.write_table(table, content, compression="zstd")
@@ -158,7 +166,7 @@ def read_rows(folder: Path) -> Any:
     # First the journal: its rows are the newer ones, and leave it only for a part.
     rows = list(_journalled(folder / JOURNAL))
     parts = [_table(rows)] if rows else []
-    parts += [pq.read_table(path) for path in sorted((folder / RESULTS).glob(PARTS))]
+    parts += [_read(path) for path in sorted((folder / RESULTS).glob(PARTS))]
     if not parts:
         raise InputError("no results", "those of a study", "run it first", file=str(folder))
     table = pa.concat_tables(parts, promote_options="default")

@@ -12,10 +12,12 @@ import faulthandler
 import json
 import math
 import os
+import shutil
 import sys
 import tempfile
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -44,6 +46,8 @@ ABSENT = "absent"
 """The value that takes a key away."""
 ENDS = ("", "_std", "_true", "_covered")
 """Of the names of the columns that each parameter has."""
+MACHINE = ("serial", "date")
+"""Keys of an experiment file that say which machine it is of, and when: columns where they do."""
 FAILED = "failed"
 """Status and verdict of a case that ended with an error."""
 STOPPED = "stopped"
@@ -102,7 +106,7 @@ class StudyCase:
         """Write the files of the case into a folder; return its experiment file."""
         if self.experiment:
             data = read_bytes(self.experiment)
-            table = _moved(parse_table(data, file=self.experiment), Path(self.experiment).parent)
+            table = moved(parse_table(data, file=self.experiment), Path(self.experiment).parent)
         if self.rig:
             record = self.plan.record(self.seed)
             (folder / "rig.toml").write_text(self.plan.text, encoding="utf-8")
@@ -119,6 +123,27 @@ class StudyCase:
         target.write_text(tomlkit.dumps(table), encoding="utf-8")
         return target
 
+    def check(self) -> None:
+        """Refuse changes with which an experiment file is none, before anything runs.
+
+        A file, or a rig, that is none without them fails by itself, and leaves the others alone.
+        """
+        short = self.rig and {**self.rig, "duration": "1 ms", "settling": "0 s"}
+        case = replace(self, rig=short)  # whose samples nobody reads
+        if (fault := case._fault) and not replace(case, changes=[])._fault:
+            place = ".".join(filter(None, ("experiment" * bool(self.rig), fault.place)))
+            raise InputError(fault.found, fault.expected, fault.cure, place=place)
+
+    @property
+    def _fault(self) -> InputError | None:
+        """What is wrong with the experiment file, as far as its records need not be read."""
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                load_experiment(self.write(Path(folder)))
+            except InputError as error:
+                return error
+        return None
+
     def row(self, status: str, seconds: float, **said: Any) -> Row:
         """Return the columns that a case has whatever became of it."""
         head = {"case": self.number, "point": self.point, "seed": self.seed, "status": status}
@@ -128,11 +153,14 @@ class StudyCase:
     def run(self) -> Row:
         """Identify: a row of the answer, or of the error."""
         begun = time.perf_counter()
+        stated: Row = {}
         with tempfile.TemporaryDirectory() as folder:
             try:
                 path = self.write(Path(folder))
                 begun = time.perf_counter()  # to simulate is no part of it
                 experiment = load_experiment(path)
+                said = {key: getattr(experiment.entry, key) for key in MACHINE}
+                stated = {key: str(value) for key, value in said.items() if value is not None}
                 estimate = experiment.identify()
                 seconds = time.perf_counter() - begun
                 truth = self.plan.rig.as_described.values if self.rig else {}
@@ -142,18 +170,18 @@ class StudyCase:
                 told = one_line(f"{kind}{error}".replace(f"{folder}{os.sep}", ""), LINE)
                 verdict = STOPPED if isinstance(error, (MemoryError, OSError)) else FAILED
                 seconds = time.perf_counter() - begun
-                return self.row(FAILED, seconds, verdict=verdict, error=told)
+                return self.row(FAILED, seconds, verdict=verdict, error=told, **stated)
         p_value = None if estimate.misfit is None else estimate.misfit.p_value
-        said = {"verdict": estimate.verdict, "p_value": p_value}
+        said = {"verdict": estimate.verdict, "p_value": p_value, **stated}
         return {**self.row(estimate.status, seconds, **said), **values}
 
 
-def _moved(value: Any, folder: Path, key: str = "") -> Any:
+def moved(value: Any, folder: Path, key: str = "") -> Any:
     """Return what a file says, with whole paths of the files that it names."""
     if isinstance(value, dict):
-        return {key: _moved(inner, folder, key) for key, inner in value.items()}
+        return {key: moved(inner, folder, key) for key, inner in value.items()}
     if isinstance(value, list):
-        return [_moved(inner, folder, key) for inner in value]
+        return [moved(inner, folder, key) for inner in value]
     named = key in ("model", "file", "files", "quiet", "table") and isinstance(value, str)
     return str((folder / value).resolve()) if named and (folder / value).is_file() else value
 
@@ -181,14 +209,16 @@ def main() -> None:
     """Answer each case of the standard input; what libraries print goes nowhere."""
     answers, nowhere = os.fdopen(os.dup(1), "w"), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+    folder = ""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), suppress(BrokenPipeError):
         for line in sys.stdin:
-            said, tempfile.tempdir = json.loads(line)
-            case = StudyCase(**said)
+            said, folder = json.loads(line)
+            case, tempfile.tempdir = StudyCase(**said), folder
             faulthandler.dump_traceback_later(case.timeout, exit=True, file=nowhere)
             row = case.run()
             faulthandler.cancel_dump_traceback_later()
             print(json.dumps(row), file=answers, flush=True)
+    shutil.rmtree(folder, ignore_errors=True)  # whoever gave it may have been killed
 
 
 if __name__ == "__main__":
