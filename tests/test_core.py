@@ -19,6 +19,7 @@ from source_trees import nodes
 from rotorid import InputError, ReadError
 from rotorid.core.distributions import chance_of_any, f_limit
 from rotorid.core.errors import CELL, LINE, PART, SENTENCE, one_line, printable, shortened
+from rotorid.core.linalg import thin_qr, triangle
 from rotorid.core.tables import page_html, page_text, table
 from rotorid.core.toml import Schema, parse_toml
 from rotorid.core.units import (
@@ -343,6 +344,16 @@ def test_a_limit_is_exceeded_with_its_chance(first, second, chance):
 
 
 # Units and quantities.
+
+
+@pytest.mark.parametrize("shape", [(5, 5), (399, 5), (400, 5), (4013, 24), (600, 80)])
+def test_a_tall_matrix_is_factored_in_blocks(shape):
+    matrix = np.random.default_rng(0).standard_normal(shape)
+    basis, upper = thin_qr(matrix)
+    np.testing.assert_allclose(basis @ upper, matrix, atol=1e-13)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(shape[1]), atol=1e-14)
+    for found in (upper, triangle(matrix)):
+        np.testing.assert_allclose(np.abs(found), np.abs(np.linalg.qr(matrix)[1]), atol=1e-12)
 
 
 @pytest.mark.parametrize(

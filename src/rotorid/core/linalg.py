@@ -39,8 +39,36 @@ def whole_svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
     return left[:rows], values, right
 
 
+BLOCK = 200
+"""Rows that are factored at once of a tall matrix: as many stay in the cache."""
+
+
+def _blocks(matrix: NDArray[Number]) -> tuple[NDArray[Number], NDArray[Number]] | None:
+    """Return a tall matrix in blocks of rows, and the rest; None of one that is not tall."""
+    rows, columns = matrix.shape
+    if rows < 2 * BLOCK or 4 * columns > BLOCK:
+        return None
+    whole = rows - rows % BLOCK
+    return matrix[:whole].reshape(-1, BLOCK, columns), matrix[whole:]
+
+
+def thin_qr(matrix: Floats) -> tuple[Floats, Floats]:
+    """Return Q, orthonormal columns, and R; of a tall matrix by the triangles of its blocks."""
+    if (parts := _blocks(matrix)) is None:
+        return np.linalg.qr(matrix)
+    (blocks, rest), columns = parts, matrix.shape[1]
+    bases, triangles = np.linalg.qr(blocks)
+    above, last = thin_qr(np.concatenate([triangles.reshape(-1, columns), rest]))
+    own, below = np.split(above, [len(above) - len(rest)])
+    basis = (bases @ own.reshape(triangles.shape)).reshape(-1, columns)
+    return np.concatenate([basis, below]), last
+
+
 def triangle(matrix: NDArray[Number]) -> NDArray[Number]:
     """Return R of QR, of a matrix or of each of many: numpy's "r" makes a mask at every call."""
+    if matrix.ndim == 2 and (parts := _blocks(matrix)) is not None:
+        blocks, rest = parts
+        return triangle(np.concatenate([triangle(blocks).reshape(-1, matrix.shape[1]), rest]))
     reflected, _ = np.linalg.qr(matrix, mode="raw")
     rows = reflected.swapaxes(-1, -2)[..., : min(matrix.shape[-2:]), :]
     return np.where(_upper(*rows.shape[-2:]), rows, reflected.dtype.type(0))

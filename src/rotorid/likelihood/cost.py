@@ -262,7 +262,9 @@ class Evaluation:
         self._loose = np.zeros((len(rows), count, rows.shape[2]), dtype=np.complex128)
         if transient is not None:
             if self.ends is None:
-                self._end_columns = transient.columns(self._white(self.problem.units))
+                units = self.problem.units if self.null_h is None else self.null_h[:, :, :count]
+                whitened_units = as_complex(np.linalg.solve(self.lower, units))
+                self._end_columns = transient.columns(whitened_units)
                 self.ends = Ends.of(self.stacked(self._end_columns))
             tau = self.ends.tau(self.stacked(whitened))
             self._loose = transient.rows(tau, count)

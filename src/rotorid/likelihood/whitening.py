@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.linalg import column_lengths
+from rotorid.core.linalg import column_lengths, thin_qr
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.signals.covariance import FLOOR, LineCovariance
 
@@ -161,7 +161,7 @@ class Transient:
         return cls(row, power, np.asarray(powers))
 
     def columns(self, unit_rows: Complexes) -> Complexes:
-        """Return the columns, given what stands for a one in each row, (line, any, row)."""
+        """Return the columns, given what a one in each row becomes, (line, any, row)."""
         return np.asarray(unit_rows[:, :, self.row] * self.powers[:, None, self.power])
 
     def rows(self, tau: Floats, count: int) -> Complexes:
@@ -182,7 +182,7 @@ class Ends:
     @classmethod
     def of(cls, columns: Floats) -> Ends:
         scale = 1 / column_lengths(columns)
-        orthogonal, triangle = np.linalg.qr(columns * scale)
+        orthogonal, triangle = thin_qr(columns * scale)
         left, values, right = np.linalg.svd(triangle)
         kept = values > RANK * values.max(initial=0.0)
         solve = scale[:, None] * (right[kept].T / values[kept])
