@@ -41,7 +41,7 @@ def profiled(estimate: Estimate, fit: Fit) -> Estimate:
 
     Bounds count for nothing here, as in deviations; beside an active one neither tells much.
     """
-    layout, found = fit.layout, dict[str, Interval]()
+    layout, found, few = fit.layout, dict[str, Interval](), _on_few_lines(fit.solution.point)
     of = {value.name: value for value in estimate.parameters if not fit.solution.active}
     for k, name in enumerate(layout.names(layout.free < layout.named)):
         watch("looking at the profiles of the parameters", k, layout.named)
@@ -49,8 +49,10 @@ def profiled(estimate: Estimate, fit: Fit) -> Estimate:
             continue
         # What widened deviations in a bent valley is just what is asked here.
         bend = 1.0 if fit.shared else float(fit.inference.bend[k])
-        held = _Held(fit.solution.point, k, std / bend)
+        held = _Held.by_deviation(fit.solution.point, k, std / bend)
         with suppress(np.linalg.LinAlgError):
+            if few is not None and _Held(few, k, held.wider).straight:
+                continue
             if held.bent:
                 low, high = (of[name].value + held.std * end for end in held.ends())
                 found[name] = low, high
@@ -61,15 +63,31 @@ def profiled(estimate: Estimate, fit: Fit) -> Estimate:
     return estimate.with_(**kinds) if found else estimate
 
 
-class _Held:
-    """One unknown held some of its deviations away; rises are in squares of them."""
+def _on_few_lines(point: Point) -> Point | None:
+    """Return the minimum on the few lines that led to one on thousands.
 
-    def __init__(self, point: Point, k: int, std: float) -> None:
-        self.point, self.std, free = point, std, point.problem.layout.free
+    Deviations are wider there: what is straight that far is straight on all lines.
+    """
+    if point.problem.sketch is None:
+        return None
+    with suppress(np.linalg.LinAlgError):
+        few = settle(point.problem.sketch, point.unknowns)
+        if few.converged and few.point.linear.rank == point.linear.rank:
+            return few.point
+    return None
+
+
+class _Held:
+    """One unknown held some of its deviations away; rises are in squares of them.
+
+    `wider`: by how much these are wider than the information tells, by few periods and the like.
+    """
+
+    def __init__(self, point: Point, k: int, wider: float) -> None:
+        self.point, self.wider, free = point, wider, point.problem.layout.free
         self.i, root = int(free[k]), point.linear.root[k]
         size = float(np.linalg.norm(root))
-        self.unit = root / size
-        self.wider = std / size  # by few periods, and by what else widens deviations
+        self.unit, self.std = root / size, wider * size
         # a deviation of it: alone, and with the others following along a straight line
         self.steps = np.zeros((2, len(point.unknowns)))
         self.steps[0, self.i] = self.std
@@ -78,10 +96,18 @@ class _Held:
         self.near = [point.unknowns + ASKED * side * self.steps[1] for side in (0, 1, -1)]
         self.rise = cache(self._rise)
 
+    @classmethod
+    def by_deviation(cls, point: Point, k: int, std: float) -> _Held:
+        return cls(point, k, std / float(np.linalg.norm(point.linear.root[k])))
+
+    @property
+    def straight(self) -> bool:
+        return bool((np.abs(self._to_second_order() / ASKED**2 - 1) <= NEARLY).all())
+
     @property
     def bent(self) -> bool:
-        far = any(abs(rise / ASKED**2 - 1) > NEARLY for rise in self._to_second_order())
-        return far and any(abs(self.rise(s * ASKED) / ASKED**2 - 1) > PARABOLA for s in (1, -1))
+        sides = () if self.straight else (1, -1)
+        return any(abs(self.rise(s * ASKED) / ASKED**2 - 1) > PARABOLA for s in sides)
 
     def _to_second_order(self) -> Floats:
         point, told = self.point, self.point.linear.range

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from linear_machines import written
+from scipy.signal import cont2discrete, dlsim
 
 import rotorid as rid
 from rotorid.testing import add_noise, line_record
@@ -75,6 +77,20 @@ def test_end_that_the_misfit_never_reaches_is_infinite(demo, tmp_path):
     assert " any " in row
     found.save(tmp_path / "found.json")
     assert rid.load_estimate(tmp_path / "found.json") == found
+
+
+@pytest.mark.parametrize(("noise", "told"), [(3e-7, set()), (3e-5, {"m", "c", "k"})])
+def test_few_lines_tell_which_of_many_have_even_intervals(noise, told):
+    spring = written("a spring", ["m*x'' + c*x' + k*x = F"], "x m", "F N", "m kg, c N s/m, k N/m")
+    start, rng = {"m": 2.0, "c": 60.0, "k": 2e5}, np.random.default_rng(1)
+    force = rng.standard_normal(12000)
+    machine = [np.array(part) for part in ([[0, 1], [-1e5, -30]], [[0], [0.5]], [[1, 0]], [[0]])]
+    motion = dlsim(cont2discrete(machine, 1 / 2000), force)[1][:, 0]
+    samples = np.column_stack([force, motion + noise * rng.standard_normal(12000)])
+    channels = [rid.Channel("F", "N", hold=True), rid.Channel("x", "m")]
+    lines = rid.spectra(rid.Record(channels, samples, 2000.0), (5.0, 150.0), inputs=["F"])
+    assert len(lines.frequency) == 871
+    assert skew(rid.identify(spring, lines, rid.MaximumLikelihood(start=start))) == told
 
 
 @pytest.mark.parametrize(
