@@ -5,6 +5,7 @@
 #   VENV=path           where the environment lies
 #   PYTEST_ARGS="..."   further arguments of pytest
 #   ONLY="rig/* bad/*", SAMPLE=8, JOBS=2   names of the cases of `make golden`, every n-th, processes
+#   COUNT=100, PEERS=lmfit   machines of a benchmark, and who else meets them
 #   EVERY_CASE=1        of large banks all cases, not the part that the commit draws
 #   FUZZ_ARGS="..."     what `make fuzz` is to damage: see tests/fuzz_run.py
 
@@ -14,6 +15,9 @@ FUZZ_ARGS ?= --each 1000
 SAMPLE ?= 1
 JOBS ?= 2
 GOLDEN_ARGS ?=
+BENCH := build/bench
+PEERS ?= numpy figaroh pysindy nfoursid lmfit odrpack
+COUNT ?= 100
 PYTHON ?= python3 python3.14 python3.13 python3.12 python3.11 python
 PYTEST_ARGS ?=
 BIN := $(VENV)/bin
@@ -26,7 +30,7 @@ export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: help demo test types fast statistics docs golden golden-record census fuzz test-lowest test-newest clean
+.PHONY: help demo test types fast statistics docs golden golden-record census fuzz bench bench-rotors bench-answers test-lowest test-newest clean
 
 help:
 	@echo "make demo         set up, run the demonstration, write its reports ($(REPORT), $(PAPER))"
@@ -37,6 +41,8 @@ help:
 	@echo "make golden-record   the record anew, of ONLY=\"rig/* bad/*\" or of all"
 	@echo "make census       lines and modules by package, and what else the source comes to"
 	@echo "make fuzz         a thousand damaged files of each format, drawn from the commit"
+	@echo "make bench        rotorid beside its peers, each in an environment of its own: docs/peers.md"
+	@echo "make bench-rotors SIMULATOR=machines.py   the same with machines of your own simulator"
 	@echo "make test-lowest  the fast tests with the lowest versions that pyproject.toml allows;"
 	@echo "make test-newest  and with the newest there are"
 	@echo "make clean        remove the environment and what the tools leave behind"
@@ -47,8 +53,8 @@ demo: $(VENV)/.ready-demo
 	@echo "Next: docs/start.md"
 
 # One BLAS thread per worker: the matrices are small, and the workers fill the cores.
-test fast statistics docs fuzz test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1
-test fast statistics docs fuzz test-lowest test-newest: export OMP_NUM_THREADS := 1
+test fast statistics docs fuzz bench bench-rotors test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1
+test fast statistics docs fuzz bench bench-rotors test-lowest test-newest: export OMP_NUM_THREADS := 1
 
 test: $(VENV)/.ready-test
 	$(BIN)/ruff check .
@@ -80,6 +86,30 @@ census: $(VENV)/.ready-test
 
 fuzz: $(VENV)/.ready-test
 	$(BIN)/python tests/fuzz_run.py $(FUZZ_ARGS)
+
+# What rotorid and its peers make of the same cases; each peer has an environment of its own.
+bench: $(VENV)/.ready-test $(PEERS:%=$(BENCH)/env/%/.ready) $(BENCH)/env/ross/.ready
+	rm -rf $(BENCH)/eight $(BENCH)/four
+	$(BIN)/python benchmarks/peers/cases.py $(BENCH)/eight $(COUNT)
+	$(BIN)/python benchmarks/peers/cases.py $(BENCH)/four $(COUNT) --sensors 4
+	@$(MAKE) --no-print-directory bench-answers OUT=$(BENCH)/eight
+	@$(MAKE) --no-print-directory bench-answers OUT=$(BENCH)/four
+	$(BIN)/python benchmarks/rig_ross.py
+
+bench-rotors: $(VENV)/.ready-test $(PEERS:%=$(BENCH)/env/%/.ready)
+	rm -rf $(BENCH)/rotors
+	$(BIN)/python benchmarks/peers/cases.py $(BENCH)/rotors $(COUNT) --sensors 4 --spread 0.3 --simulator "$(SIMULATOR)"
+	@$(MAKE) --no-print-directory bench-answers OUT=$(BENCH)/rotors
+
+bench-answers:
+	$(BIN)/python benchmarks/peers/with_rotorid.py $(OUT)
+	for peer in $(PEERS); do $(BENCH)/env/$$peer/bin/python benchmarks/peers/with_$$peer.py $(OUT) || exit; done
+	$(BIN)/python benchmarks/peers/score.py $(OUT)
+
+$(BENCH)/env/%/.ready: benchmarks/peers/requirements/%.txt | $(VENV)/.ready-test
+	$(BIN)/python -m venv --clear $(@D)
+	$(@D)/bin/python -m pip install --quiet --requirement $<
+	@touch $@
 
 # Old packages use what others have deprecated since: that is theirs to mend.
 test-lowest:
