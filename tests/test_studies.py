@@ -15,6 +15,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import cli
+from rotorid.studies.fleet import ALARM, FleetResult, fleet_parameter
 from rotorid.studies.plan import load_study
 from rotorid.studies.run import Processes
 from rotorid.studies.store import PART, Store, held, read_rows
@@ -196,6 +197,96 @@ def test_one_run_at_a_time_works_on_a_folder(tmp_path, refusal):
     assert "found a study that runs" in told
     with held(tmp_path / "results"):
         pass
+
+
+FLEET = """
+rig = "three-mass"
+vary.duration = "0.5 s"
+vary.experiment.serial = ["9", "10", "11", "12", "13", "14", "15", "16"]
+vary.experiment.date = ["2026-03-01", "2026-06-01"]
+"""
+
+
+def test_a_fleet_tells_who_differs_and_who_changed(tmp_path, output):
+    """m of serial 12 is off by 40 std; k of serial 10 changes by 12, and stays like the others."""
+    pandas = pytest.importorskip("pandas", reason="nothing else that reads the rows")
+    study, out, rng = write(tmp_path, FLEET), tmp_path / "results", np.random.default_rng(1)
+    plan = load_study(study)
+    store = Store(out, plan.identity, resume=False, timeout=1.0)
+    for case in range(16):
+        serial, date = plan.label(case).split(", ")
+        said = {"serial": serial[9:], "date": date[7:]}
+        noise = rng.standard_normal(2)
+        m, k = 2 + 0.01 * (noise[0] + 40 * (said["serial"] == "12")), 5 + noise[1] / 2
+        k += {"10 2026-03-01": -3.0, "10 2026-06-01": 3.0}.get(
+            f"{said['serial']} {said['date']}", 0
+        )
+        values = {"m": m, "m_std": 0.01, "k": k, "k_std": 0.5, "b": 1.0, "b_std": None}
+        values |= {f"{name}_{end}": None for name in "mkb" for end in ("true", "covered")}
+        status = "rejected" if case == 15 else "ok"
+        store.add({**plan.case(case).row(status, 0.1, **said), **values})
+    store.close()
+    shown = output("study", study, "--out", out, "--summary")
+    assert shown.count(" differs by ") == shown.count(" changed by ") == 1
+    assert "m of serial 12 differs by +" in shown
+    assert "k of serial 10 changed by +8." in shown
+    assert "std between 2026-03-01 and 2026-06-01 (p < 1e-6)" in shown
+    m, k = json.loads((out / "summary.json").read_text())["fleet"]
+    assert [each["serial"] for each in k["machines"]] == [str(n) for n in range(9, 17)]
+    assert [len(each["results"]) for each in m["machines"]] == [2] * 7 + [1]
+    assert k["interval"][0] < 5 < k["interval"][1]
+    assert "k of serial 10 changed by" in (out / "summary.html").read_text()
+    rows = pandas.read_parquet(out / "results.parquet").pivot(index="serial", columns="date")
+    assert rows["m"]["2026-06-01"]["12"] == m["machines"][3]["results"][1][2]
+
+
+def test_what_machines_have_in_common_in_closed_form():
+    """Two of equal deviations scatter by (d^2 / 2 - s^2)^(1/2); those that agree have one mean."""
+
+    def fleet(*pairs: tuple[float, float]):
+        told = {str(k): [FleetResult("", k, *pair)] for k, pair in enumerate(pairs)}
+        return fleet_parameter("m", told)
+
+    two = fleet((1e-7, 3e-9), (1.1e-7, 3e-9))
+    assert two.scatter == pytest.approx(np.sqrt(1e-16 / 2 - 9e-18), rel=1e-9)
+    assert two.common == pytest.approx(1.05e-7)
+    half = 12.7062 * 1e-8 / 2  # t of one degree of freedom, d / 2
+    assert two.interval == pytest.approx((1.05e-7 - half, 1.05e-7 + half), rel=1e-4)
+    ends = np.sqrt(1e-16 / 2 / np.array([5.02389, 0.000982069]) - 9e-18)
+    assert two.scatter_interval == pytest.approx(ends, rel=1e-4)
+    shrunk = 1.05e-7 - 5e-9 * (1 - 9e-18 / (1e-16 / 2))
+    assert two.machines[0].shrunk == pytest.approx(shrunk)
+    agreed = fleet((1.0, 1.0), (2.0, 2.0), (1.5, 1.0))
+    assert agreed.scatter == 0
+    assert agreed.common == pytest.approx((1 + 2 / 4 + 1.5) / 2.25)
+    assert [each.shrunk for each in agreed.machines] == pytest.approx([agreed.common] * 3)
+    assert not [*agreed.remarks, *two.remarks]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("machines", "fleets"), [(5, 600), (20, 200), (200, 20)])
+@pytest.mark.parametrize("scatter", [0.0, 1.0, 10.0])
+def test_statements_on_fleets_hold(machines, fleets, scatter):
+    rng, held, named = np.random.default_rng(machines), [], []
+    for _ in range(fleets):
+        true = scatter * rng.standard_normal(machines)
+        std = 3 ** rng.uniform(-0.5, 0.5, machines)
+        noisy = zip(true + std * rng.standard_normal(machines), std, strict=True)
+        found = fleet_parameter(
+            "m", {str(k): [FleetResult("", k, *map(float, p))] for k, p in enumerate(noisy)}
+        )
+        (low, high), (least, most) = found.interval, found.scatter_interval
+        inside = [
+            abs(each.shrunk - true[int(each.serial)]) < 1.96 * each.shrunk_std
+            for each in found.machines
+        ]
+        held.append((low < 0 < high, least <= scatter <= most, np.mean(inside)))
+        named.append(any(each.away.p_value < ALARM for each in found.machines))
+    common, between, shrunk = np.mean(held, axis=0)
+    wide = 3 * np.sqrt(0.05 * 0.95 / fleets)
+    assert min(common, between) > 0.95 - wide
+    assert shrunk > 0.925
+    assert sum(named) <= ALARM * fleets + 3 * np.sqrt(ALARM * fleets) + 1
 
 
 @pytest.mark.parametrize("number", [0, -1, 1.5])

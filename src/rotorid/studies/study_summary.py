@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,25 @@ import scipy
 from rotorid.core.files import write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import Page, Table, table
-from rotorid.core.values import Floats
+from rotorid.core.values import Floats, grouped
 from rotorid.core.watch import watch
 from rotorid.report.html import Passage, page_of
 from rotorid.report.records import cell
+from rotorid.studies.fleet import FleetParameter, FleetResult, fleet_parameter
 from rotorid.studies.plan import StudyPlan
 from rotorid.studies.store import check_folder, read_rows
-from rotorid.studies.study_case import ENDS, FAILED
+from rotorid.studies.study_case import ENDS, FAILED, MACHINE
 
 WORST = 3
 """Cases whose files are written for a closer look, and errors that are told."""
 _SAID = (
     "Errors are those of the answers with status ok, in SI. std: root of the mean of the variances "
     "that they state; cover: share of 95 % intervals that contain the true value."
+)
+
+_SAID_OF_FLEETS = (
+    "In SI, of answers with status ok. scatter: standard deviation between machines; shrunk: best "
+    "estimate of one, knowing the others; away: from what the others predict."
 )
 
 
@@ -92,6 +99,7 @@ class StudySummary:
     """What a study found, point by point of its grid, and the files of its worst cases."""
 
     groups: tuple[Group, ...]
+    fleet: tuple[FleetParameter, ...]  # empty where fewer than two serial numbers are stated
     errors: tuple[tuple[str, int], ...]  # of cases that failed, the most frequent first
     worst: tuple[str, ...]  # experiment files
 
@@ -99,7 +107,13 @@ class StudySummary:
     def page(self) -> Page:
         """What a terminal shows: all points, and the parameters of one that stands alone."""
         tables = [each for _, each in self._tables] if len(self.groups) == 1 else []
-        return [self._overview, *tables, *self._remarks]
+        return [self._overview, *tables, *self._fleet, *self._remarks]
+
+    @property
+    def _fleet(self) -> list[Table]:
+        heads = "fleet", "machines", "results", "common", "half of its 95 %", "scatter"
+        rows = [each.row for each in self.fleet]
+        return [table((*heads, "its 95 % interval"), rows)] if rows else []
 
     @property
     def _overview(self) -> Table:
@@ -117,13 +131,16 @@ class StudySummary:
         verdicts = sum((Counter(group.verdicts) for group in self.groups), Counter[str]())
         told = [f"verdicts: {', '.join(f'{n} {each}' for each, n in verdicts.most_common())}"]
         told += [f"failed, {count} cases: {error}" for error, count in self.errors]
+        told += [remark for each in self.fleet for remark in each.remarks]
         return [*told, *(f"worst: {file}" for file in self.worst)]
 
     def write(self, folder: Path) -> None:
         """Write `summary.json` and `summary.html`."""
         first = Passage("All cases", _SAID, self._overview, tuple(self._remarks))
         parts = (Passage(f"Parameters: {label}", table=each) for label, each in self._tables)
-        html = page_of(Passage("Study", parts=(first, *parts)))
+        every = tuple(each.passage for each in self.fleet)
+        fleet = (Passage("Fleet", _SAID_OF_FLEETS, each, parts=every) for each in self._fleet)
+        html = page_of(Passage("Study", parts=(first, *parts, *fleet)))
         write_whole(folder / "summary.html", html.encode())
         write_whole(folder / "summary.json", json.dumps(asdict(self), indent=2).encode())
 
@@ -135,7 +152,8 @@ def summarize_study(plan: StudyPlan, folder: Path) -> StudySummary:
     points = rows["point"].to_numpy()
     groups = (_group(plan.label(p), rows.filter(points == p)) for p in np.unique(points).tolist())
     failed = Counter(error for error in rows["error"].to_pylist() if error).most_common(WORST)
-    summary = StudySummary(tuple(groups), tuple(failed), tuple(_worst(plan, rows, folder)))
+    fleet, worst = tuple(_fleet(plan, rows)), tuple(_worst(plan, rows, folder))
+    summary = StudySummary(tuple(groups), fleet, tuple(failed), worst)
     summary.write(folder)
     return summary
 
@@ -156,6 +174,24 @@ def _errors(rows: Any) -> Iterator[tuple[str, Floats, Floats, Floats]]:
         columns = (np.array(rows[name + end].to_pylist(), dtype=float) for end in ENDS)
         value, std, true, covered = columns
         yield name, value - true, np.where(std > 0, std, np.nan), covered
+
+
+def _fleet(plan: StudyPlan, rows: Any) -> Iterator[FleetParameter]:
+    """Yield what accepted answers with serial numbers say, parameter by parameter."""
+    of_fleets = {"experiment", "file", *MACHINE}  # what else varies makes fleets of their own
+    known = rows.to_pylist() if "serial" in rows.column_names else []
+    good = [row for row in known if row["serial"] and row["status"] == "ok"]
+    apart = grouped((plan.label(row["point"], of_fleets), row) for row in good)
+    names = [n.removesuffix("_true") for n in rows.column_names if n.endswith("_true")]
+    for (setting, members), name in product(apart.items(), names):
+        told = grouped(
+            (row["serial"], FleetResult(row.get("date") or "", row["case"], row[name], row[std]))
+            for std in [f"{name}_std"]
+            for row in members
+            if 0 < (row[std] or 0.0) < np.inf
+        )
+        if len(told) > 1:
+            yield fleet_parameter(f"{name}, {setting}" if setting else name, told)
 
 
 def _worst(plan: StudyPlan, rows: Any, folder: Path) -> Iterator[str]:
