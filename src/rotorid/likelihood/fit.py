@@ -25,7 +25,7 @@ from rotorid.likelihood.other_answers import questioned
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.rivals import Plain, plainly
-from rotorid.likelihood.solver import Solution, settle, solve
+from rotorid.likelihood.solver import Interrupted, Solution, settle, solve
 from rotorid.likelihood.starts import (
     FINER,
     NEGLIGIBLE,
@@ -222,10 +222,10 @@ class Fitting:
         try:
             for step in _globally(prepared, records, rough):
                 yield replace(step, refine=self.refined)
-        except KeyboardInterrupt as stop:
-            if step is None and len(stop.args) == len(prepared.layout.unknowns):
+        except Interrupted as stop:
+            if step is None and len(stop.unknowns) == len(prepared.layout.unknowns):
                 with suppress(np.linalg.LinAlgError):
-                    at = prepared.of(records).best_at(np.array(stop.args))
+                    at = prepared.of(records).best_at(stop.unknowns)
                     yield Step(Fit(Solution(at, False, 0), infer(at), tuple(records)), FIRST)
             raise
         assert step is not None  # or there is no minimum, which is said

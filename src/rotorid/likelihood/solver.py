@@ -77,6 +77,14 @@ class Solution:
         return infer(self.point)
 
 
+class Interrupted(KeyboardInterrupt):
+    """An interrupt on a way, with the unknowns where it has led."""
+
+    def __init__(self, unknowns: Floats) -> None:
+        super().__init__()
+        self.unknowns = unknowns
+
+
 class _Walk:
     """A way from the nearest point that keeps the relations, on few lines where there are some."""
 
@@ -319,8 +327,7 @@ def _descended(
                 return None
         ended = walk.ended(problem, stages[-1], brief, near)
     except KeyboardInterrupt as stop:
-        stop.args = tuple(walk.unknowns)  # how far the way has led
-        raise
+        raise Interrupted(walk.unknowns) from stop
     if ended is None:
         return None
     active = bounds_held(ended[0]) if bounded else ()
