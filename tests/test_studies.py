@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from threading import Timer
 
@@ -87,6 +88,23 @@ def test_a_study_holds_a_row_per_case_and_what_failed(tmp_path, output):
     assert output("study", study, "--out", out, "--summary") == shown
 
 
+def test_noise_on_lines_is_a_case_of_its_number_alone(tmp_path, refusal):
+    text = STUDY.replace("seed = 3", 'seed = 3\nnoise = "lines"').replace(
+        'experiment.estimator.method = "batch"', 'experiment.estimator.effort = "quick"'
+    )
+    told = refusal("study", write(tmp_path, text), "--out", tmp_path / "o")
+    assert "833333 revolutions in a period" in told
+    assert 'write noise = "samples"' in told
+    plan = load_study(write(tmp_path, text.partition("[[")[0]))
+    first, second, again = (plan.case(number).run() | {"seconds": 0} for number in (0, 1, 0))
+    assert first == again
+    assert (first["status"], second["status"]) == ("ok", "ok")
+    assert first["m1"] != second["m1"]
+    assert abs(first["m1"] - first["m1_true"]) < 5 * first["m1_std"]
+    told = replace(plan.case(0), changes=[(["estimator", "method"], "batch")]).run()["error"]
+    assert "not one record of periods for ml" in told
+
+
 def row(case: int) -> dict[str, object]:
     """Return a row; that of one case has a column more."""
     said = {"case": case, "verdict": "ok", "seconds": 0.0, "error": None, "m": case / 3}
@@ -141,6 +159,7 @@ def test_cases_follow_from_their_numbers_and_are_made_when_asked_for(tmp_path):
     ("old", "new", "told"),
     [
         ('rig = "three-mass"', "", "found no source of records"),
+        ('rig = "three-mass"', 'noise = "lines"\nexperiments = ["f"]', "of measured records"),
         ('rig = "three-mass"', 'experiments = ["fleet/*.toml"]', "no file 'fleet/*.toml'"),
         ("duration", "durration", "unknown key 'durration'"),
         ('spread = "5 %"', 'from = "1 kg", to = "1 m"', "vary.parameters.m1: found unit 'm'"),

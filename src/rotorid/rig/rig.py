@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy import linalg
 
 from rotorid.core.errors import InputError
 from rotorid.core.values import Floats, frozen
@@ -14,9 +13,10 @@ from rotorid.core.watch import polled
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig import kernel
 from rotorid.rig.kernel import Bearings, Events, Log, Loop, RotorTable, Steps, Tables
+from rotorid.rig.linear_loop import exact_steps, growth, noise_matrix
 from rotorid.rig.logger import Logged, RigRecord, logged, read
 from rotorid.rig.machine import RigMachine
-from rotorid.rig.plant import Lags, Plant, Rows, pairs
+from rotorid.rig.plant import Plant, pairs
 
 RIG_SAMPLES = 5_000_000
 """Of a record that a rig makes, with the settling before it: eight minutes at 10 kHz, a third of
@@ -115,87 +115,6 @@ class Rig(RigMachine):
 FRICTION = 0.15  # of a steel shaft in a dry auxiliary bearing
 HUM = 50.0  # Hz, of the mains
 _POSITION_FLOOR, _VELOCITY_FLOOR = 1e-6, 1e-3  # m, m/s: below, errors count absolutely
-
-
-def exact_steps(rig: RigMachine, plant: Plant, lags: Lags, speed: float) -> Steps:
-    """Return the exact steps of a rig linearized at its centre, at a speed (matrix exponential)."""
-    a, cuts = _continuous(rig, plant.at(speed), lags, speed)
-    lengths = rig.schedule.length
-    step = {length: linalg.expm(a * length) for length in set(lengths)}
-    steps = np.array([step[length] for length in lengths])[:, : cuts[0]]
-    blocks = np.split(steps, cuts, axis=2)
-    return Steps(True, *(np.ascontiguousarray(block) for block in blocks))
-
-
-def _continuous(
-    rig: RigMachine, plant: Plant, lags: Lags, speed: float
-) -> tuple[Floats, list[int]]:
-    """Return the rates of [x, commands, random forces, loads], and where each of these begins."""
-    n, inputs = plant.force.shape
-    ki, ks = np.array([part.slopes for part in rig.parts]).T
-    lag = np.array([part.time_constant for part in rig.parts])
-    noise = noise_matrix(rig, plant)
-    lagging, z = np.flatnonzero(lag > 0), 2 * n + np.count_nonzero(lag)
-    states = z + len(lags.floor)
-    first, last = states + inputs, states + inputs + noise.shape[1]
-    size = last + 2 * len(plant.harmonics)
-    # What [i, h] is, without hysteresis: the commands, or the states of the amplifiers that lag.
-    current = np.zeros((inputs, size))
-    current[:, states:first] = np.diag(lag == 0)
-    current[lagging, 2 * n + np.arange(len(lagging))] = 1.0
-
-    def rows(signal: Rows) -> Floats:
-        motion, electric, state = signal
-        found = (electric[:, :inputs] + electric[:, inputs:]) @ current
-        found[:, : 2 * n] += motion
-        found[:, z:states] += state
-        return np.asarray(found)
-
-    a = np.zeros((size, size))
-    a[:n, n : 2 * n] = np.eye(n)
-    a[n : 2 * n, : 2 * n] = plant.motion[0]
-    a[n : 2 * n, :n] += (plant.force * ks) @ plant.displacement
-    a[n : 2 * n] += (plant.force * ki) @ rows(lags.effective)
-    rates = 1.0 / lag[lagging]
-    a[2 * n : z, 2 * n : z] = -np.diag(rates)
-    a[2 * n + np.arange(len(lagging)), states + lagging] = rates
-    a[z:states] = rows(lags.rate)
-    a[n : 2 * n, first:last] = noise
-    a[n : 2 * n, last:] = plant.load[0].transpose(1, 0, 2).reshape(n, -1)
-    for h, multiple in enumerate(plant.harmonics):
-        turn = np.array([[0.0, -1.0], [1.0, 0.0]]) * multiple * speed
-        a[last + 2 * h : last + 2 * h + 2, last + 2 * h : last + 2 * h + 2] = turn
-    return a, [states, first, last]
-
-
-def noise_matrix(rig: RigMachine, plant: Plant) -> Floats:
-    """Return the accelerations per random force and per disturbance, shape (coordinate, noise)."""
-    own = np.eye(len(plant.force))
-    inputs = dict(zip(rig.model.inputs, plant.force.T, strict=True))
-    moved = dict(zip(rig.model.coordinates, own, strict=True))
-    pushed = dict(zip(rig.model.coordinates, np.linalg.solve(plant.mass, own).T, strict=True))
-    columns = [(inputs | pushed)[name] for name in rig.process_noise]
-    for part in rig.disturbances:
-        columns.append(sum((inputs | moved)[name] for name in part.on))
-    return np.ascontiguousarray(np.array(columns).reshape(len(columns), len(own)).T, dtype=float)
-
-
-def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, str]:
-    """Return growth rate (1/s), frequency (Hz) and axis of the loop's least stable motion."""
-    lags = rig.lags(plant)
-    steps = exact_steps(rig, plant, lags, speed)
-    motion, _, state = lags.reading
-    reads = np.zeros((len(rig.fed_back), steps.state.shape[1]))
-    reads[:, : motion.shape[1]] = motion[rig.fed_back]
-    reads[:, reads.shape[1] - len(lags.floor) :] = state[rig.fed_back]
-    values, vectors = np.linalg.eig(_loop_matrix(rig, steps, reads))
-    worst = int(np.argmax(np.abs(values)))
-    radius, angle = float(np.abs(values[worst])), float(np.abs(np.angle(values[worst])))
-    moving = np.abs(vectors[:, worst])
-    at_actuators = np.abs(plant.displacement @ moving[: len(plant.force)])
-    axis = rig.model.inputs[int(np.argmax(at_actuators))]
-    duration = rig.schedule.duration
-    return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
 
 
 def tables_of(rig: RigMachine, plant: Plant, samples: int, rng: np.random.Generator) -> Tables:
@@ -340,29 +259,3 @@ def empty_log(rig: RigMachine, samples: int) -> Log:
     state = np.zeros((samples, 2 * len(rig.model.coordinates)))
     reading = np.zeros((samples, len(rig.sensors)))
     return Log(state, reading, command, current, force, recorded, effective, every)
-
-
-def _loop_matrix(rig: RigMachine, steps: Steps, reads: Floats) -> Floats:
-    """Return the matrix that carries the loop over one pattern of events, without inputs.
-
-    Its states are those of the rotor and the amplifiers, of the controller, and the commands that
-    wait or are held, as the kernel keeps them.
-    """
-    schedule, controller = rig.schedule, rig.controller
-    rotor, memory, inputs = steps.state.shape[1], controller.states, controller.commands
-    slots = schedule.lag + 1  # commands that wait at the start of a pattern, the newest last
-    size = rotor + memory + (slots + 1) * inputs
-    identity = np.eye(size)
-    x, m = identity[:rotor], identity[rotor : rotor + memory]
-    rest = identity[rotor + memory :].reshape(slots + 1, inputs, size)
-    held, waiting = rest[0], list(rest[1:])
-    for e in range(len(schedule.offset)):
-        if schedule.control[e] >= 0:
-            y = reads @ x
-            waiting.append(controller.C @ m + controller.D @ y)
-            m = controller.A @ m + controller.B @ y
-        if schedule.apply[e] >= 0:
-            # Commands since the pattern began, and those from before it, counted from its start.
-            held = waiting[slots + schedule.apply[e] - schedule.lag]
-        x = steps.state[e] @ x + steps.command[e] @ held
-    return np.vstack([x, m, held, *waiting[-slots:]])

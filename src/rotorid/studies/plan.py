@@ -9,7 +9,7 @@ from contextlib import suppress
 from copy import deepcopy
 from glob import glob
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import tomlkit
@@ -21,6 +21,7 @@ from rotorid.core.toml import Schema, parse_table, parse_toml, read_toml, shippe
 from rotorid.core.units import number_and_unit, si_factor, to_si
 from rotorid.rig.faults import find_fault
 from rotorid.rig.file import LIBRARY, RigFile, load_rig
+from rotorid.studies.drawn_lines import require_lines
 from rotorid.studies.study_case import ABSENT, Change, Place, StudyCase, changed, found, moved
 
 CHECKED = 100
@@ -37,7 +38,7 @@ class StudyFile(Schema):
     ``experiments``: measured ones, paths with ``*``. ``vary`` holds places of the rig file (of the
     experiment files), each with a value, a list, which makes a grid, or what it is drawn from:
     ``{ spread = "10 %" }`` or ``{ from = .., to = .. }``. ``variants`` are tables of such places
-    that change together.
+    that change together. ``noise`` of a rig is drawn on its samples or on the lines alone.
     """
 
     rig: str | None = None
@@ -46,6 +47,7 @@ class StudyFile(Schema):
     cases: Annotated[StrictInt | None, Field(ge=1, le=10**9)] = None
     seed: Annotated[StrictInt, Field(ge=0)] = 0
     timeout: Annotated[float, si("s"), Field(gt=0, le=1e6)] = 600.0
+    noise: Literal["samples", "lines"] = "samples"
     vary: dict[str, JsonValue] = Field(default_factory=dict)
     variants: list[dict[str, JsonValue]] = Field(default_factory=list)
 
@@ -58,6 +60,9 @@ class StudyFile(Schema):
                 "a rig, with an experiment or without, or experiments",
                 'write rig = "three-mass", or experiments = ["fleet/*.toml"]',
             )
+        if self.noise == "lines" and self.rig is None:
+            found, cure = 'noise = "lines" of measured records', "remove it, or name a rig"
+            raise InputError(found, "a rig, whose noise is drawn", cure)
         return self
 
 
@@ -128,6 +133,7 @@ class StudyPlan:
             faults=faults,
             experiment=str((self.folder / path).resolve()) if path else "",
             changes=changes,
+            noise=self.entry.noise,
             timeout=self.entry.timeout,
         )
 
@@ -146,6 +152,8 @@ def load_study(path: str | Path) -> StudyPlan:
             if table:
                 parse_toml(tomlkit.dumps(case.rig).encode(), RigFile)
             list(map(find_fault, case.faults))  # refuses one that is unknown
+            if case.noise == "lines":
+                require_lines(case.plan.rig)
             if case.changes:
                 case.check()
     return plan

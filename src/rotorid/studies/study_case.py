@@ -16,12 +16,12 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import asdict, replace
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tomlkit
@@ -36,6 +36,8 @@ from rotorid.models import Model
 from rotorid.models.equations import polynomial
 from rotorid.rig.file import RigPlan, parse_rig
 from rotorid.rig.files import experiment_text, record_bytes
+from rotorid.rig.logger import Logged
+from rotorid.studies.drawn_lines import DrawnLines
 
 Row = dict[str, Any]
 Place = tuple[str, ...]
@@ -52,6 +54,9 @@ FAILED = "failed"
 """Status and verdict of a case that ended with an error."""
 STOPPED = "stopped"
 """Verdict of a failed case that the machine ended: time, memory, disk, or somebody."""
+
+PREPARED = 64
+"""Points of a grid whose rigs without noise a process keeps: cases take them in turn."""
 
 
 def found(table: Any, place: Place) -> Any:
@@ -96,19 +101,26 @@ class StudyCase:
     faults: list[str]
     experiment: str  # path; empty where the rig's own is taken
     changes: list[Change]  # of the experiment file
+    noise: Literal["samples", "lines"]  # what it is drawn on
     timeout: float  # s
 
     @cached_property
     def plan(self) -> RigPlan:
         return parse_rig(tomlkit.dumps(self.rig), file="rig.toml").with_faults(self.faults)
 
-    def write(self, folder: Path) -> Path:
-        """Write the files of the case into a folder; return its experiment file."""
+    @property
+    def lines(self) -> DrawnLines:
+        """What the lines are drawn from: the same for cases that differ by their seeds alone."""
+        alike = replace(self, number=0, point=0, seed=0, settings={})
+        return _prepared(json.dumps(asdict(alike)))
+
+    def write(self, folder: Path, record: Logged | None = None) -> Path:
+        """Write the files of the case, or of a record of its rig; return its experiment file."""
         if self.experiment:
             data = read_bytes(self.experiment)
             table = moved(parse_table(data, file=self.experiment), Path(self.experiment).parent)
         if self.rig:
-            record = self.plan.record(self.seed)
+            record = record or self.plan.record(self.seed)
             (folder / "rig.toml").write_text(self.plan.text, encoding="utf-8")
             # Without the true motion, which takes longer to write than the rig to run.
             content = record_bytes(replace(record, truth=None))  # type: ignore[arg-type]
@@ -156,12 +168,19 @@ class StudyCase:
         stated: Row = {}
         with tempfile.TemporaryDirectory() as folder:
             try:
-                path = self.write(Path(folder))
-                begun = time.perf_counter()  # to simulate is no part of it
-                experiment = load_experiment(path)
+                identify: Callable[[], Estimate]
+                if self.noise == "lines":
+                    lines, begun = self.lines, time.perf_counter()
+                    experiment, rng = lines.experiment, np.random.default_rng(self.seed)
+                    identify = partial(lines.identify, rng)
+                else:
+                    path = self.write(Path(folder))
+                    begun = time.perf_counter()  # to simulate is no part of it
+                    experiment = load_experiment(path)
+                    identify = experiment.identify
                 said = {key: getattr(experiment.entry, key) for key in MACHINE}
                 stated = {key: str(value) for key, value in said.items() if value is not None}
-                estimate = experiment.identify()
+                estimate = identify()
                 seconds = time.perf_counter() - begun
                 truth = self.plan.rig.as_described.values if self.rig else {}
                 values = _values(estimate, truth, experiment.model)
@@ -174,6 +193,17 @@ class StudyCase:
         p_value = None if estimate.misfit is None else estimate.misfit.p_value
         said = {"verdict": estimate.verdict, "p_value": p_value, **stated}
         return {**self.row(estimate.status, seconds, **said), **values}
+
+
+@lru_cache(PREPARED)
+def _prepared(said: str) -> DrawnLines:
+    case = StudyCase(**json.loads(said))
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return DrawnLines.of(case.plan, partial(case.write, Path(folder)))
+        except InputError as error:
+            error.file = Path(error.file).name  # the same, whatever the folder
+            raise
 
 
 def moved(value: Any, folder: Path, key: str = "") -> Any:

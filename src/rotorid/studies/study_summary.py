@@ -196,6 +196,8 @@ def _fleet(plan: StudyPlan, rows: Any) -> Iterator[FleetParameter]:
 
 def _worst(plan: StudyPlan, rows: Any, folder: Path) -> Iterator[str]:
     """Write the cases of the largest errors, or of the least p-values where no truth is known."""
+    if plan.entry.noise == "lines":  # no samples to write
+        return
     rows = rows.filter(np.array(rows["status"].to_pylist()) != FAILED)
     score = -np.nan_to_num(np.array(rows["p_value"].to_pylist(), dtype=float), nan=2.0)
     for _, error, std, _ in _errors(rows):
