@@ -55,10 +55,16 @@ def _equal(self: Any, other: Any) -> Any:
     return same(self._content(self), other._content(other))
 
 
+PLAIN = {int, str, bool}
+"""What equals its like and no array; NaN is not among them."""
+
+
 def same(first: Any, second: Any) -> bool:
     """Compare by content: arrays whole, NaN as NaN."""
     if first is second:
         return True
+    if first.__class__ in PLAIN and second.__class__ in PLAIN:
+        return bool(first == second)
     if hasattr(first, "dtype") or hasattr(second, "dtype"):
         import numpy as np  # no command loads it for its values alone
 

@@ -442,5 +442,6 @@ def _write(atoms: Mapping[str, int], *, angle: bool) -> str:
     return f"{' '.join(above) or '1'}/{denominator}"
 
 
+@lru_cache(maxsize=1000)
 def dimension_of(unit: str) -> Dimension:
     return _unit(unit, "").dimension

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -233,7 +234,8 @@ def _signal_lines(
     return found[used], np.asarray(np.fft.fftfreq(steps, 1 / steps)[used], dtype=np.float64)
 
 
-def phase_steps(signals: Sequence[Expression]) -> int:
+@lru_cache(maxsize=1000)
+def phase_steps(signals: tuple[Expression, ...]) -> int:
     """Return how many angles of a revolution tell every order of some loads: 2 n + 1 tell n."""
     if not signals:
         return 1

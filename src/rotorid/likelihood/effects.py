@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -85,8 +85,13 @@ class Entry:
 
     @property
     def kind(self) -> TermKind:
-        power = [(symbol("Omega"), Fraction(self.speed_power))] if self.speed_power else []
-        return TermKind(self.order, product(power), structural=False)
+        return _kind(self.order, self.speed_power)
+
+
+@lru_cache(maxsize=100)
+def _kind(order: int, speed_power: int) -> TermKind:
+    power = [(symbol("Omega"), Fraction(speed_power))] if speed_power else []
+    return TermKind(order, product(power), structural=False)
 
 
 @frozen

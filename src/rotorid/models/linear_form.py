@@ -33,6 +33,7 @@ REPEATS = 1e-9
 """Share of its size by which a load may differ from turn to turn: rounding."""
 
 
+@lru_cache(maxsize=1000)
 def rotation_line(signal: Expression, speed: float) -> complex:
     """Return g of the part ``Re(g exp(i phi))`` of a load at a speed in rad/s; NaN if not finite.
 
@@ -308,6 +309,7 @@ def solved(stiffness: Array, right: Array, omega: Floats, size: Floats | None = 
     return np.asarray(np.linalg.solve(scaled, right * row[..., None]) * column[..., None])
 
 
+@lru_cache(maxsize=1000)
 def speed_factor(factor: Expression, speed: float) -> float:
     """Return the value of an expression that holds Omega at the most, at a speed in rad/s."""
     value = float(evaluate(factor, {"Omega": speed}))

@@ -189,7 +189,7 @@ SQUARE = product([(COS, Fraction(2)), (SIN, Fraction(1)), (OMEGA, Fraction(-1))]
     ],
 )
 def test_as_many_angles_as_a_load_has_orders(signals, steps):
-    assert phase_steps(signals) == steps
+    assert phase_steps(tuple(signals)) == steps
 
 
 @pytest.mark.parametrize(
