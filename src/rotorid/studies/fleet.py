@@ -193,8 +193,8 @@ def _away(y: Floats, v: Floats) -> Iterator[Deviation]:
         yield Deviation(size, _any(float(scipy.special.stdtr(freedom, -abs(size))), len(y)))
 
 
-def _changes(histories: Sequence[Sequence[FleetResult]]) -> list[Deviation]:
-    """Return the largest change of each machine between two dates in a row."""
+def _changes(histories: Sequence[Sequence[FleetResult]]) -> Iterator[Deviation]:
+    """Yield the largest change of each machine between two dates in a row."""
     found = list[dict[tuple[str, ...], float]]()
     for results in histories:
         found.append({(): 0.0})
@@ -203,11 +203,9 @@ def _changes(histories: Sequence[Sequence[FleetResult]]) -> list[Deviation]:
             new, new_variance = _mean([each for each in results if each.date >= dates[1]])
             found[-1][dates] = (new - old) / math.sqrt(old_variance + new_variance)
     count = sum(map(len, found)) - len(found)
-    largest = (max(sizes.items(), key=lambda item: abs(item[1])) for sizes in found)
-    return [
-        Deviation(size, _any(float(scipy.special.ndtr(-abs(size))), count), dates)
-        for dates, size in largest
-    ]
+    for sizes in found:
+        between, size = max(sizes.items(), key=lambda item: abs(item[1]))
+        yield Deviation(size, _any(float(scipy.special.ndtr(-abs(size))), count), between)
 
 
 def _any(tail: float, count: int) -> float:

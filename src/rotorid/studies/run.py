@@ -162,6 +162,8 @@ def study(
     Returns
     -------
     StudySummary
+        Accuracy by point of the grid, errors, worst cases, and ``fleet``: of machines with serial
+        numbers, each parameter's common value, scatter, results, and who differs or changed.
 
     Raises
     ------

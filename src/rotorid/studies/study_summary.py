@@ -184,11 +184,11 @@ def _fleet(plan: StudyPlan, rows: Any) -> Iterator[FleetParameter]:
     apart = grouped((plan.label(row["point"], of_fleets), row) for row in good)
     names = [n.removesuffix("_true") for n in rows.column_names if n.endswith("_true")]
     for (setting, members), name in product(apart.items(), names):
+        std = f"{name}_std"
+        found = [row for row in members if 0 < (row[std] or 0.0) < np.inf]
         told = grouped(
             (row["serial"], FleetResult(row.get("date") or "", row["case"], row[name], row[std]))
-            for std in [f"{name}_std"]
-            for row in members
-            if 0 < (row[std] or 0.0) < np.inf
+            for row in found
         )
         if len(told) > 1:
             yield fleet_parameter(f"{name}, {setting}" if setting else name, told)
