@@ -9,6 +9,7 @@ import pytest
 from rotorid.rig.file import load_rig
 from rotorid.rig.linear_loop import LineNoise
 from rotorid.signals.spectrum import line_spectra
+from rotorid.studies.drawn_lines import without_noise
 from rotorid.studies.plan import load_study
 from rotorid.studies.study_case import changed
 
@@ -16,20 +17,10 @@ LINES, PERIOD, SIZE = np.array([1, 3, 7, 11]), 1 / 20, 500  # of the shipped rig
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def quiet(rig, **kept):
-    """Return the rig without noise but that of the parts given."""
-    silent = {
-        "sensors": tuple(replace(sensor, noise=0.0) for sensor in rig.sensors),
-        "process_noise": dict.fromkeys(rig.process_noise, 0.0),
-        "actuators": {name: replace(part, noise=0.0) for name, part in rig.actuators.items()},
-    }
-    return replace(rig, **silent | kept)
-
-
 def test_noise_of_the_logger_alone_is_white():
     """A line of a period of N samples has s^2 / N, circular, whatever the loop."""
     rig = load_rig("three-mass").rig
-    alone = quiet(rig, actuators=rig.actuators)
+    alone = replace(without_noise(rig), actuators=rig.actuators)
     noise = LineNoise.of(alone, 2 * np.pi * LINES / PERIOD, PERIOD)
     drawn = noise.draw(4000, np.random.default_rng(1))
     assert not drawn[:, :, 4:].any()
@@ -42,7 +33,7 @@ def test_noise_of_the_logger_alone_is_white():
 def test_noise_through_the_loop_is_that_of_its_samples(kept):
     """Variances, correlations of the columns, and what a period leaves to the next."""
     rig = load_rig("three-mass").rig
-    rig, periods = quiet(rig, **{kept: getattr(rig, kept)}), 160
+    rig, periods = replace(without_noise(rig), **{kept: getattr(rig, kept)}), 160
     columns = rig.record(PERIOD * periods, np.random.default_rng(2)).columns
     samples = np.stack([column.samples for column in columns], axis=1)
     seen = line_spectra(samples.reshape(periods, SIZE, -1), LINES)

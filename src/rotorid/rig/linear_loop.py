@@ -36,33 +36,29 @@ def _continuous(
     states = z + len(lags.floor)
     first, last = states + inputs, states + inputs + noise.shape[1]
     size = last + 2 * len(plant.harmonics)
-    # What [i, h] is, without hysteresis: the commands, or the states of the amplifiers that lag.
-    current = np.zeros((inputs, size))
-    current[:, states:first] = np.diag(lag == 0)
-    current[lagging, 2 * n + np.arange(len(lagging))] = 1.0
-
-    def rows(signal: Rows) -> Floats:
-        motion, electric, state = signal
-        found = (electric[:, :inputs] + electric[:, inputs:]) @ current
-        found[:, : 2 * n] += motion
-        found[:, z:states] += state
-        return np.asarray(found)
-
     a = np.zeros((size, size))
     a[:n, n : 2 * n] = np.eye(n)
     a[n : 2 * n, : 2 * n] = plant.motion[0]
     a[n : 2 * n, :n] += (plant.force * ks) @ plant.displacement
-    a[n : 2 * n] += (plant.force * ki) @ rows(lags.effective)
+    a[n : 2 * n, :first] += (plant.force * ki) @ _rows(rig, lags.effective)
     rates = 1.0 / lag[lagging]
     a[2 * n : z, 2 * n : z] = -np.diag(rates)
     a[2 * n + np.arange(len(lagging)), states + lagging] = rates
-    a[z:states] = rows(lags.rate)
+    a[z:states, :first] = _rows(rig, lags.rate)
     a[n : 2 * n, first:last] = noise
     a[n : 2 * n, last:] = plant.load[0].transpose(1, 0, 2).reshape(n, -1)
     for h, multiple in enumerate(plant.harmonics):
         turn = np.array([[0.0, -1.0], [1.0, 0.0]]) * multiple * speed
         a[last + 2 * h : last + 2 * h + 2, last + 2 * h : last + 2 * h + 2] = turn
     return a, [states, first, last]
+
+
+def _rows(rig: RigMachine, signal: Rows) -> Floats:
+    """Return a signal, where no iron has hysteresis, as a matrix over [x, held commands]."""
+    motion, electric, state = signal
+    lags, inputs = np.array([part.time_constant > 0 for part in rig.parts]), len(rig.parts)
+    current = electric[:, :inputs] + electric[:, inputs:]
+    return np.hstack([motion, current[:, lags], state, current * ~lags])
 
 
 def noise_matrix(rig: RigMachine, plant: Plant) -> Floats:
@@ -108,11 +104,10 @@ def followed(rig: RigMachine, plant: Plant, speed: float, noises: int) -> Patter
     steps = exact_steps(rig, plant, lags, speed)
     rotor, memory, inputs = steps.state.shape[1], controller.states, controller.commands
     slots = schedule.lag + 1  # commands that wait at the start of a pattern, the newest last
-    size, z = rotor + memory + (slots + 1) * inputs, rotor - len(lags.floor)
+    size = rotor + memory + (slots + 1) * inputs
     x, m, rest = np.split(np.eye(size, size + noises), [rotor, rotor + memory])
     held, *waiting = np.split(rest, slots + 1)
     forces = [*rig.process_noise.values()] + [0.0] * len(rig.disturbances)
-    motion, lagging = 2 * len(plant.force), [part.time_constant > 0 for part in rig.parts]
     every, drawn, shown, at = rig.logger.oversampling, size, list[Floats](), list[float]()
 
     def white(stds: Iterable[float]) -> Floats:
@@ -122,10 +117,7 @@ def followed(rig: RigMachine, plant: Plant, speed: float, noises: int) -> Patter
         return std[:, None] * np.eye(len(std), size + noises, drawn - len(std))
 
     def signal(rows: Rows) -> Floats:
-        (moved, electric, state), current = rows, held.copy()
-        current[lagging] = x[motion:z]
-        electric = electric[:, :inputs] + electric[:, inputs:]
-        return np.asarray(electric @ current + moved @ x[:motion] + state @ x[z:])
+        return _rows(rig, rows) @ np.vstack([x, held])
 
     for e, offset in enumerate(schedule.offset.tolist()):
         reads = schedule.control[e] >= 0

@@ -48,16 +48,18 @@ class DrawnLines:
         rig, excitation, rate = plan.rig, plan.rig.excitation, plan.rig.logger.sample_rate
         assert excitation is not None
         length, columns = 1 / excitation.fundamental, len(rig.parts) + len(rig.sensors)
-        quiet = replace(plan, rig=_without_noise(rig), duration=(1 + columns) * length).record()
+        quiet = replace(plan, rig=without_noise(rig), duration=(1 + columns) * length).record()
         experiment = load_experiment(write(quiet))
         record, skip = _read(experiment), experiment.entry.records[0].skip or 0.0
-        size, lines = record.samples, record.harmonics
+        size, lines, patterns = record.samples, record.harmonics, length / rig.schedule.duration
+        _refuse(f"periods of {size} samples", size != round(rate * length))
+        # What white noise has there is circular, and that of no other line.
+        apart = lines[0] > 0 and 2 * lines[-1] < patterns and abs(patterns % 1 - 0.5) > 0.499
+        _refuse(f"lines {lines[0]} to {lines[-1]} of {patterns:g} common steps", not apart)
         noise = LineNoise.of(rig, record.omega, length)
         commands = np.linalg.norm(noise.begin[-len(rig.parts) :], axis=1)
         peak = np.abs(quiet.truth.current).max(axis=0) + CLIPPED * commands
         _refuse("commands at their limit", (peak > [part.limit for part in rig.parts]).any())
-        _refuse(f"periods of {size} samples", size != round(rate * length))
-        _refuse("the lines at 0 or half the sample rate", (record.multiplicity == 1).any())
         step = np.array([NEAR * (np.abs(c.samples).max() or 1.0) for c in quiet.columns])
         wave = synthesize(np.ones((len(lines), 1)), lines, size)
         moves = (np.kron(np.eye(1 + columns, columns, -1), wave) * step).T
@@ -99,17 +101,15 @@ class DrawnLines:
 def require_lines(rig: Rig) -> None:
     """Refuse a rig whose samples hold what no noise of lines does."""
     turns = rig.rotation.speed / (2 * np.pi * (rig.excitation.fundamental if rig.excitation else 1))
+    read, moved = ("quantum", "cubic", "heating", "hum"), ("hysteresis", "heating", "unbiased")
     told = {
         "no excitation": rig.excitation is None,
         "a mark, with its jitter": rig.logger.angle,
         "a speed that changes": not rig.rotation.constant,
         f"{turns:.6g} revolutions in a period": abs(turns - round(turns)) > 1e-9,
-        "sensors that round, bend or drift": any(
-            s.quantum or s.cubic or s.heating or s.hum for s in rig.sensors
-        ),
-        "magnets that stick, drift, have no bias, or flux sensors": any(
-            p.hysteresis or p.heating or p.unbiased or p.flux for p in rig.parts
-        ),
+        "sensors that round or drift": any(getattr(s, n) for s in rig.sensors for n in read),
+        "magnets that stick or drift": any(getattr(p, n) for p in rig.parts for n in moved),
+        "flux sensors": any(part.flux for part in rig.parts),
         "faults of samples": rig.spoils or rig.disturbances or rig.gain or rig.contact,
     }
     for found, holds in told.items():
@@ -122,7 +122,8 @@ def _refuse(found: str, holds: object) -> None:
         raise InputError(found, "noise of lines, stationary and linear", cure, place="noise")
 
 
-def _without_noise(rig: Rig) -> Rig:
+def without_noise(rig: Rig) -> Rig:
+    """Return the rig with nothing random but its mark."""
     return replace(
         rig,
         process_noise=dict.fromkeys(rig.process_noise, 0.0),
