@@ -31,6 +31,8 @@ Number = TypeVar("Number", np.float64, np.int64)
 
 NOTHING = 1e-9
 """Deviations of the noise by which an unknown that is zero but for rounding moves all residuals."""
+KEPT = 20_000
+"""Rows of all points that a problem keeps: a dozen megabytes."""
 OUTSIDE = 1e-12
 """What a bound may be violated by, relative to the size of its terms: rounding."""
 
@@ -112,8 +114,21 @@ class Problem:
         """Evaluate with the affine unknowns at their best for the others, by linear regression.
 
         It takes the solver through points where a load loses its factor, as where I_t = I_p, which
-        no path of steps in all unknowns could cross.
+        no path of steps in all unknowns could cross. Ways from one start that differ in what they
+        may do at bounds come by the same points: the last ones are kept.
         """
+        at = unknowns.tobytes(), relaxation
+        if (point := self._visited.get(at)) is None:
+            point = self._visited[at] = self._best_at(unknowns, relaxation)
+            if len(self._visited) > KEPT // len(point.residual):
+                self._visited.pop(next(iter(self._visited)), None)
+        return point
+
+    @cached_property
+    def _visited(self) -> dict[tuple[bytes, float], Point]:
+        return {}
+
+    def _best_at(self, unknowns: Floats, relaxation: float) -> Point:
         affine = self.affine
         at = self.at(unknowns, relaxation, affine=affine)
         if not len(affine):
@@ -212,6 +227,22 @@ class Point:
         relations = self.problem.exact.jacobian(self.unknowns)[:, free]
         shifts = layout.additive[free]
         return Linearized.of(self.jacobian, self.residual, relations, typical, shifts)
+
+    @cached_property
+    def by_triangle(self) -> Linearized:
+        """The problem made linear for steps: its rows are a triangle, which tells them as well.
+
+        Every column counts here, for none is rounding on the way to the minimum.
+        """
+        free = self.problem.layout.free
+        rows = np.column_stack([self.jacobian, self.residual])
+        if not np.abs(rows).max(initial=0.0) < 1e150:  # LAPACK would print a line of its own
+            raise np.linalg.LinAlgError("a residual or its derivative beyond all bounds")
+        rows = triangle(rows)
+        typical = np.maximum(np.abs(self.unknowns[free]), 1e-300)
+        relations = self.problem.exact.jacobian(self.unknowns)[:, free]
+        moving = np.abs(rows[:, :-1]).max(axis=0, initial=0.0) > 1e-150
+        return Linearized.of(rows[:, :-1], rows[:, -1], relations, typical, moving)
 
     @cached_property
     def rows(self) -> tuple[slice, ...]:
@@ -337,19 +368,8 @@ def _length(vector: Floats) -> float:
 
 
 def tangent(point: Point, bounded: bool = False) -> Tangent:
-    """Linearize the problem at a point: its rows are a triangle, which tells steps as well.
-
-    Every column counts here, for none is rounding on the way to the minimum.
-    """
-    problem, free = point.problem, point.problem.layout.free
-    rows = np.column_stack([point.jacobian, point.residual])
-    if not np.abs(rows).max(initial=0.0) < 1e150:  # LAPACK would print a line of its own
-        raise np.linalg.LinAlgError("a residual or its derivative beyond all bounds")
-    rows = triangle(rows)
-    typical = np.maximum(np.abs(point.unknowns[free]), 1e-300)
-    relations = problem.exact.jacobian(point.unknowns)[:, free]
-    moving = np.abs(rows[:, :-1]).max(axis=0, initial=0.0) > 1e-150
-    linear = Linearized.of(rows[:, :-1], rows[:, -1], relations, typical, moving)
+    """Return the steps from a point, with the bounds where they are to be kept."""
+    problem, free, linear = point.problem, point.problem.layout.free, point.by_triangle
     normals, distances = np.zeros((0, len(linear.values))), np.zeros(0)
     if bounded and len(problem.bounds):
         normals = problem.bounds.jacobian(point.unknowns)[:, free] * linear.scale

@@ -13,7 +13,7 @@ from result_cases import fit, problem_of
 from rotor_bank import SETTINGS, Case, rotor_case
 
 from rotorid import MaximumLikelihood, identify, parse_model
-from rotorid.likelihood import solver
+from rotorid.likelihood import problem, solver
 from rotorid.likelihood import starts as search
 from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.problem import Problem
@@ -71,6 +71,16 @@ def test_arrives(setting):
     """
     seeds = part_of((1, 100, 101, 102), 4)
     assert not [seed for seed in seeds if missed(rotor_case(SETTINGS[setting], seed))]
+
+
+@pytest.mark.parametrize(("room", "kept"), [(2.0, True), (1.9, False)])
+def test_the_last_points_are_evaluated_once(monkeypatch, room, kept):
+    told = at_truth(rotor_case(next(iter(SETTINGS.values())), 0))
+    x = told.layout.start
+    first = told.best_at(x, 1.0)
+    monkeypatch.setattr(problem, "KEPT", int(room * len(first.residual)))
+    told.best_at(x)
+    assert (told.best_at(x.copy(), 1.0) is first) == kept
 
 
 @pytest.mark.slow
