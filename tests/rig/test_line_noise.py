@@ -54,18 +54,18 @@ def test_a_study_on_lines_agrees_with_one_of_samples():
     plan, found = load_study(DOCS / "calibration-rigid.toml"), {}
     for noise in ("samples", "lines"):
         rows = []
-        for number in range(0, 300, 5):  # currents measured; no encoder, which has its own errors
+        for number in range(0, 300, 15):  # currents measured; no encoder, which has its own errors
             case = plan.case(number)
             for place, value in {("duration",): "2 s", ("logger", "encoder"): "absent"}.items():
                 changed(case.rig, place, value)
             rows.append(replace(case, noise=noise, changes=[]).run())
-        assert [row["status"] for row in rows] == ["ok"] * 60
+        assert [row["status"] for row in rows] == ["ok"] * 20
         names = [key.removesuffix("_true") for key in rows[0] if key.endswith("_true")]
         each = [[(r[n] - r[f"{n}_true"], r[f"{n}_std"]) for r in rows] for n in names]
         covered = np.mean([[r[f"{n}_covered"] for r in rows] for n in names])
         found[noise] = (*np.sqrt(np.mean(np.square(each), axis=1)).T, covered)
     (rms, std, cover), (own_rms, own_std, own_cover) = found.values()
     assert own_std / std == pytest.approx(np.ones(len(std)), abs=0.1)
-    assert own_rms / rms == pytest.approx(np.ones(len(rms)), abs=0.5)
-    assert np.log(own_rms / rms).mean() == pytest.approx(0.0, abs=0.2)
-    assert own_cover == pytest.approx(cover, abs=0.05)
+    assert own_rms / rms == pytest.approx(np.ones(len(rms)), abs=0.7)
+    assert np.log(own_rms / rms).mean() == pytest.approx(0.0, abs=0.3)
+    assert own_cover == pytest.approx(cover, abs=0.07)
