@@ -66,19 +66,17 @@ def in_ross() -> None:
         rotor_run = lambda n: rotor.run_time_response(SPEED, force[:n], t[:n], method=method)  # noqa: E731, B023
         with contextlib.redirect_stdout(io.StringIO()):
             rotor_run(50)
-            start = time.perf_counter()
+            start = time.process_time()
             response = rotor_run(len(t))
-            took = time.perf_counter() - start
+            took = time.process_time() - start
         largest = float(np.abs(response.yout[:, [0, 1, 12, 13]]).max())
         found[name] = {"seconds": took, "dof": rotor.ndof, "largest": largest}
     rotor = rs.Rotor(shaft, discs, [rs.BearingElement(n=n, kxx=1e-3, cxx=0.0) for n in (0, 2)])
     hertz = rotor.run_modal(SPEED).wn / (2 * np.pi)
-    start = time.perf_counter()
-    rotor.run_modal(SPEED)
-    modes = {
-        "seconds": time.perf_counter() - start,
-        "hertz": sorted(h for h in hertz if 1 < h < 1e3),
-    }
+    start = time.process_time()
+    rotor.run_modal(SPEED + 1.0)  # at another speed: it remembers the answer
+    took = time.process_time() - start
+    modes = {"seconds": took, "hertz": sorted(h for h in hertz if 1.0 < h < 1e3)}
     print(json.dumps({"runs": found, "modes": modes}))
 
 
@@ -89,9 +87,9 @@ def main() -> None:
 
     rig = load_rig("three-mass").rig
     rig.run(0.01, np.random.default_rng(0))
-    start = time.perf_counter()
+    start = time.process_time()
     rig.run(DURATION, np.random.default_rng(0))
-    ours = time.perf_counter() - start
+    ours = time.process_time() - start
     print(f"rotorid, {DURATION:g} s closed loop with noise, 8 degrees of freedom: {ours:.2f} s")
     clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     run = subprocess.run(
@@ -99,9 +97,9 @@ def main() -> None:
     )
     model, theirs = load_model("three-mass"), json.loads(run.stdout.splitlines()[-1])
     modes(model, SPEED + 1.0)
-    start = time.perf_counter()
+    start = time.process_time()
     found = modes(model, SPEED).modes
-    took = time.perf_counter() - start
+    took = time.process_time() - start
     off = max(
         abs(m.frequency_hz / h - 1) for m, h in zip(found, theirs["modes"]["hertz"], strict=True)
     )

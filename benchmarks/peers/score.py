@@ -36,6 +36,10 @@ def frequency_errors(answer: dict[str, Any], sealed: dict[str, Any]) -> np.ndarr
     return 100 * (np.abs(np.subtract.outer(true, found)).min(axis=1) / true)
 
 
+def lost(found: dict[str, float] | None, truth: dict[str, float]) -> bool:
+    return found is not None and any(abs(found[n] / truth[n] - 1) > 0.5 for n in PHYSICAL)
+
+
 def rms(each: Any, axis: int | None = None) -> Any:
     return np.sqrt(np.mean(np.square(each), axis=axis))
 
@@ -43,12 +47,7 @@ def rms(each: Any, axis: int | None = None) -> Any:
 def score(answers: dict[str, dict], sealed: dict[str, dict]) -> dict[str, Any]:
     """Return what an entrant's answers come to; a case without an answer counts as unanswered."""
     given = {n: a for n, a in answers.items() if "cannot" not in a}
-    astray = {
-        n
-        for n, a in given.items()
-        for name in PHYSICAL
-        if abs(a.get("parameters", sealed[n]["truth"])[name] / sealed[n]["truth"][name] - 1) > 0.5
-    }
+    astray = {n for n, a in given.items() if lost(a.get("parameters"), sealed[n]["truth"])}
     kept = {n: a for n, a in given.items() if n not in astray}
     told = {
         "answered": len(given),
@@ -64,17 +63,17 @@ def score(answers: dict[str, dict], sealed: dict[str, dict]) -> dict[str, Any]:
         told["frequency %"] = float(rms(off))
     if some := [n for n, a in kept.items() if "parameters" in a]:
         free = list(sealed[some[0]]["bound"])  # not what is known
-        columns = [[kept[n]["parameters"] for n in some], [sealed[n]["truth"] for n in some]]
-        columns += [[sealed[n]["bound"] for n in some], [kept[n].get("std", {}) for n in some]]
-        found, true, bound, std = (
-            np.array([[row.get(name, np.nan) for name in free] for row in rows]) for rows in columns
-        )
-        told["rms/bound"] = dict(
-            zip(free, rms((found - true) / bound, axis=0).tolist(), strict=True)
-        )
-        told["rms/bound, all"] = float(rms((found - true) / bound))
+
+        def of(rows: list[dict[str, float]]) -> np.ndarray:
+            return np.array([[row.get(name, np.nan) for name in free] for row in rows])
+
+        error = of([kept[n]["parameters"] for n in some]) - of([sealed[n]["truth"] for n in some])
+        scaled = error / of([sealed[n]["bound"] for n in some])
+        std = of([kept[n].get("std", {}) for n in some])
+        told["rms/bound"] = dict(zip(free, rms(scaled, axis=0).tolist(), strict=True))
+        told["rms/bound, all"] = float(rms(scaled))
         if np.isfinite(std).all():
-            told["cover %"] = 100 * float((np.abs(found - true) < NORMAL * std).mean())
+            told["cover %"] = 100 * float((np.abs(error) < NORMAL * std).mean())
     return told
 
 

@@ -1,7 +1,7 @@
 """The procedure of Levy and Arogeti with numpy alone, its misprints corrected.
 
 All rows at once: those with a force weighted by its variance at each sample, (8), the others by
-`FREE_WEIGHT` times the largest of these, (9); deviations by the inverse of (13).
+`FREE_WEIGHT` times the largest of these, (9); std by the inverse of (13).
 """
 
 import numpy as np
