@@ -18,13 +18,14 @@ def solve(case: Case) -> dict:
     for name in case.told["known"]:
         parameters[name].vary = False
 
+    def motion(parameters: lmfit.Parameters) -> np.ndarray:
+        return case.predicted(parameters.valuesdict(), lines, lines.force)[0]
+
     def logarithms(parameters: lmfit.Parameters) -> np.ndarray:
-        motion, _ = case.predicted(parameters.valuesdict(), lines, lines.force)
-        return real(np.log(lines.reading / motion))
+        return real(np.log(lines.reading / motion(parameters)))
 
     def residual(parameters: lmfit.Parameters) -> np.ndarray:
-        motion, _ = case.predicted(parameters.valuesdict(), lines, lines.force)
-        return real(np.einsum("kij,kj->ki", whitener, lines.reading - motion))
+        return real(np.einsum("kij,kj->ki", whitener, lines.reading - motion(parameters)))
 
     if len(case.coordinates) < 4:
         parameters = lmfit.minimize(logarithms, parameters, max_nfev=1000).params
