@@ -103,6 +103,38 @@ def test_noise_on_lines_is_a_case_of_its_number_alone(tmp_path, refusal):
     assert abs(first["m1"] - first["m1_true"]) < 5 * first["m1_std"]
     told = replace(plan.case(0), changes=[(["estimator", "method"], "batch")]).run()["error"]
     assert "not one record of periods for ml" in told
+    told = replace(plan.case(0), changes=[(["records", "0", "until"], "0.4 s")]).run()["error"]
+    assert "found a record that until or mask cuts" in told
+
+
+@pytest.mark.parametrize("name", ["error", "m_std"])
+def test_a_parameter_named_as_a_column_is_refused(name, tmp_path):
+    model = """
+        title = "a mass on a spring"
+        equations = ["m*x'' + NAME*x = F"]
+        coordinates = { x = "m" }
+        inputs = { F = "N" }
+        parameters = { m = { unit = "kg", nominal = 1 }, NAME = { unit = "N/m", nominal = 2 } }
+    """
+    (tmp_path / "mass.toml").write_text(model.replace("NAME", name))
+    t = np.arange(400) / 100
+    slow, fast = np.cos(np.pi * np.outer([1, 3], t))
+    force = (2 - np.pi**2) * slow + (2 - 9 * np.pi**2) * fast
+    samples = np.column_stack([force, slow + fast])
+    text = "\n".join(["F,x", *(f"{force!r},{x!r}" for force, x in samples.tolist())])
+    (tmp_path / "run.csv").write_text(text)
+    (tmp_path / "run.toml").write_text("""
+        model = "mass.toml"
+        channels = { F = { column = "F", unit = "N" }, x = { column = "x", unit = "m" } }
+        estimator.method = "ls"
+        [[records]]
+        file = "run.csv"
+        sample_rate = "100 Hz"
+        fundamental = "0.5 Hz"
+        harmonics = [1, 3]
+    """)
+    study = write(tmp_path, 'experiments = ["run.toml"]')
+    assert f"a parameter with the column {name}" in load_study(study).case(0).run()["error"]
 
 
 def row(case: int) -> dict[str, object]:
@@ -163,6 +195,8 @@ def test_cases_follow_from_their_numbers_and_are_made_when_asked_for(tmp_path):
         ('rig = "three-mass"', 'experiments = ["fleet/*.toml"]', "no file 'fleet/*.toml'"),
         ("duration", "durration", "unknown key 'durration'"),
         ('spread = "5 %"', 'from = "1 kg", to = "1 m"', "vary.parameters.m1: found unit 'm'"),
+        ('spread = "5 %"', 'spread = "-5 %"', "found a spread of -5 %; expected 0 to 100 %"),
+        ('estimator.method = "batch"', "date = 20260301", "year, month and day as in 2026-03-01"),
         ("parameters.m1", "parameters.m9", "vary.parameters.m9: found no m9 there"),
         ("cases = 6", "cases = 0", "cases: found 0"),
         ('"0.5 s"', "[]", "vary.duration: found an empty grid"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Set
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, create_model, model_validator
@@ -579,6 +580,18 @@ def left_open(entry: object) -> tuple[int, str]:
     return len(parts), "; ".join(told)
 
 
+def _date(value: object) -> object:
+    """Take a date, or a date and time, as TOML or a text has it; no count of days or seconds."""
+    with suppress(ValueError):
+        if isinstance(value, str):
+            return datetime.datetime.fromisoformat(value).date()
+        if isinstance(value, datetime.datetime):
+            return value.date()
+        if isinstance(value, datetime.date | None):
+            return value
+    raise InputError(repr(value)[:60], "a date", "write year, month and day as in 2026-03-01")
+
+
 class ExperimentFile(Schema):
     """An experiment file."""
 
@@ -606,14 +619,14 @@ class ExperimentFile(Schema):
         return self
 
     model: str
-    serial: Annotated[str | None, Field(max_length=60, coerce_numbers_to_str=True)] = None
-    date: datetime.date | None = None
     records: list[RecordEntry] = Field(default_factory=list)
     modes: list[ModeEntry] = Field(default_factory=list)
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)
     parameters: dict[str, ParameterEntry] = Field(default_factory=dict)
     constraints: list[ConstraintEntry] = Field(default_factory=list)
     estimator: EstimatorEntry = Field(default_factory=EstimatorEntry)
+    serial: Annotated[str | None, Field(max_length=60, coerce_numbers_to_str=True)] = None
+    date: Annotated[datetime.date | None, BeforeValidator(_date)] = None
 
 
 class DraftColumn(TimeEntry, extra="ignore"):

@@ -29,6 +29,8 @@ from rotorid.signals.spectrum import synthesize
 
 NEAR = 1e-6
 """Share of a column by which it is moved to see what the reader makes of it."""
+LEAST = 2
+"""Periods without which nothing scatters."""
 CLIPPED = 6.0
 """Deviations of a command that no record reaches."""
 
@@ -53,6 +55,13 @@ class DrawnLines:
         record, skip = _read(experiment), experiment.entry.records[0].skip or 0.0
         size, lines, patterns = record.samples, record.harmonics, length / rig.schedule.duration
         _refuse(f"periods of {size} samples", size != round(rate * length))
+        if (periods := round((plan.duration - skip) * rate) // size) < LEAST:
+            raise InputError(
+                f"{periods} periods in {plan.duration:g} s",
+                f"{LEAST} at least",
+                "write a longer duration",
+                place="duration",
+            )
         # What white noise has there is circular, and that of no other line.
         apart = lines[0] > 0 and 2 * lines[-1] < patterns and abs(patterns % 1 - 0.5) > 0.499
         _refuse(f"lines {lines[0]} to {lines[-1]} of {patterns:g} common steps", not apart)
@@ -69,7 +78,7 @@ class DrawnLines:
         return cls(
             experiment=replace(experiment, file="run.toml"),
             record=record,
-            periods=round((plan.duration - skip) * rate) // size,
+            periods=periods,
             noise=noise,
             reads=np.moveaxis((seen - record.spectra)[1:], 0, -1) / step,
         )
@@ -137,6 +146,7 @@ def _read(experiment: Experiment) -> PeriodicRecord:
     (plan, *others), method = experiment.channels, experiment.method()
     whole = not others and plan.entry.made == "periods" and method == "ml"
     _refuse("an experiment that is not one record of periods for ml", not whole)
+    _refuse("a record that until or mask cuts", plan.entry.until or plan.entry.mask)
     keys = ("fundamental", "period_samples", "harmonics", "band")
     record = average(experiment.measured()[0], **{key: getattr(plan.entry, key) for key in keys})
     return record.with_parameters(**plan.own)

@@ -207,7 +207,9 @@ def _drawn(said: dict[str, Any], table: Any, place: Place, rng: np.random.Genera
     """Draw a quantity in the unit in which it is written: normal about the file's, or uniform."""
     if "spread" in said:
         number, unit = _quantity(found(table, place))
-        number *= 1 + to_si(said["spread"], "1") * rng.standard_normal()
+        if not 0 <= (spread := to_si(said["spread"], "1")) <= 1:
+            raise InputError(f"a spread of {said['spread']}", "0 to 100 %", 'write "5 %"')
+        number *= 1 + spread * rng.standard_normal()
     else:
         (low, unit), (high, other) = map(_quantity, (said["from"], said["to"]))
         high *= si_factor(other, unit)

@@ -33,6 +33,9 @@ _TEXTS = ("status", "verdict", "error", *MACHINE)
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
     """Hold a folder for one run; the system lets go of it however that ends (not on Windows)."""
+    if folder.is_file():
+        found, cure = "a file", "name another with --out"
+        raise InputError(found, "a folder for the results", cure, file=str(folder))
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("a") as lock:
         with suppress(ImportError, OSError):  # of a file system without locks

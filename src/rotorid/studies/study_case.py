@@ -131,7 +131,7 @@ class StudyCase:
                 table = parse_table(experiment_text(self.plan, record, "run.h5").encode())
         for place, value in self.changes:
             changed(table, tuple(place), value)
-        target = folder / "run.toml"
+        target = folder / ("run.toml" if self.rig else Path(self.experiment).name)
         target.write_text(tomlkit.dumps(table), encoding="utf-8")
         return target
 
@@ -184,6 +184,8 @@ class StudyCase:
                 seconds = time.perf_counter() - begun
                 truth = self.plan.rig.as_described.values if self.rig else {}
                 values = _values(estimate, truth, experiment.model)
+                if taken := values.keys() & {*self.row("", 0.0), *MACHINE}:
+                    raise _taken(min(taken))
             except Exception as error:
                 kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
                 told = one_line(f"{kind}{error}".replace(f"{folder}{os.sep}", ""), LINE)
@@ -224,8 +226,16 @@ def _values(estimate: Estimate, truth: Mapping[str, float], model: Model) -> Row
         true = _true(value.name, truth, model)
         known = not math.isnan(low + true)
         said = value.value, value.std, true, low <= true <= high if known else None
-        row |= zip((value.name + end for end in ENDS), said, strict=True)
+        own = dict(zip((value.name + end for end in ENDS), said, strict=True))
+        if row.keys() & own.keys():
+            raise _taken(min(row.keys() & own.keys()))
+        row |= own
     return row
+
+
+def _taken(name: str) -> InputError:
+    found = f"a parameter with the column {name}, which another has"
+    return InputError(found, "a column of its own", "rename it in the model")
 
 
 def _true(name: str, truth: Mapping[str, float], model: Model) -> float:
