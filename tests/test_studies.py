@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -193,6 +195,7 @@ def test_cases_follow_from_their_numbers_and_are_made_when_asked_for(tmp_path):
         ('rig = "three-mass"', "", "found no source of records"),
         ('rig = "three-mass"', 'noise = "lines"\nexperiments = ["f"]', "of measured records"),
         ('rig = "three-mass"', 'experiments = ["fleet/*.toml"]', "no file 'fleet/*.toml'"),
+        ('estimator.method = "batch"', 'serial = " "', "experiment.serial: found"),
         ("duration", "durration", "unknown key 'durration'"),
         ('spread = "5 %"', 'from = "1 kg", to = "1 m"', "vary.parameters.m1: found unit 'm'"),
         ('spread = "5 %"', 'spread = "-5 %"', "found a spread of -5 %; expected 0 to 100 %"),
@@ -244,6 +247,25 @@ def test_results_are_gone_on_with_only_where_that_is_asked_for(tmp_path, refusal
         assert "results of another study" in refusal("study", study, "--out", out, how)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("journal.jsonl", b"[1]\n", "journal.jsonl: line 1: found [1]; expected a row of a case"),
+        ("journal.jsonl", b'{"a": 1}\n', "line 1: found {'a': 1}; expected a row of a case"),
+        ("study.json", b"\xff", "found results of another study"),
+        ("study.json", None, "study.json: found no such file beside results"),
+    ],
+)
+def test_a_damaged_folder_is_told_of_and_kept(name, content, told, tmp_path, refusal):
+    study, out = write(tmp_path), tmp_path / "results"
+    Store(out, load_study(study).identity, resume=False, timeout=1.0)
+    (out / name).unlink() if content is None else (out / name).write_bytes(content)
+    before = {path: path.read_bytes() for path in out.rglob("*.json*")}
+    for how in (["--resume"], ["--summary"], [])[: 3 if content is None else 2]:
+        assert told in refusal("study", study, "--out", out, *how)
+    assert {path: path.read_bytes() for path in out.rglob("*.json*")} == before
+
+
 def test_one_run_at_a_time_works_on_a_folder(tmp_path, refusal):
     with held(tmp_path / "results"):
         told = refusal("study", write(tmp_path), "--out", tmp_path / "results", "--resume")
@@ -293,6 +315,43 @@ def test_a_fleet_tells_who_differs_and_who_changed(tmp_path, output):
     assert rows["m"]["2026-06-01"]["12"] == m["machines"][3]["results"][1][2]
 
 
+def test_fleets_count_a_record_once_and_pool_one_model_and_method(tmp_path, output):
+    for number in (0, 2):
+        (tmp_path / str(number)).mkdir()
+        load_study(write(tmp_path)).case(number).write(tmp_path / str(number))
+    shutil.copy(tmp_path / "0" / "run.h5", tmp_path / "copy.h5")
+    swapped = {"k2": "m3", "m3": "k2"}  # a mass by the name of a stiffness
+    text = rid.load_model("three-mass").file_text
+    text = re.sub(r"\b(k2|m3)\b", lambda name: swapped[name[0]], text)
+    (tmp_path / "swapped.toml").write_text(text)
+    study = """
+experiments = ["0/run.toml"]
+variants = [
+  { serial = 1 },
+  { serial = "B", records.0.file = "copy.h5" },
+  { serial = " B", records.0.file = "2/run.h5" },
+  { serial = 1, estimator.method = "ls" },
+  { serial = "B", records.0.file = "2/run.h5", estimator.method = "ls" },
+  { serial = "B", records.0.file = "2/run.h5", model = "swapped.toml" },
+]"""
+    shown = output("study", write(tmp_path, study), "--out", tmp_path / "o", "--workers", "1")
+    assert "1 results left out" in shown
+    assert "case 1 (serial B) repeats case 0 (serial 1)" in shown
+    assert "no machine but B has model = swapped.toml" in shown
+    assert read_rows(tmp_path / "o")["serial"].to_pylist() == ["1", "B", "B", "1", "B", "B"]
+    found = json.loads((tmp_path / "o" / "summary.json").read_text())["fleet"]
+    cases = {each["name"][:12]: [m["results"][0][1] for m in each["machines"]] for each in found}
+    assert (cases["m3, model = "], cases["m3, method ="]) == ([0, 2], [3, 4])
+    assert {len(m["results"]) for each in found for m in each["machines"]} == {1}
+
+
+@pytest.mark.parametrize("values", ['["11", "A12", "13 mm"]', '[17, "B", "absent"]'])
+def test_a_column_with_a_text_is_of_texts(values, tmp_path):
+    plan = load_study(write(tmp_path, f'rig = "three-mass"\nvary.experiment.serial = {values}'))
+    found = {plan.case(k).settings["vary.experiment.serial"] for k in range(3)}
+    assert found in ({"11", "A12", "13 mm"}, {"17", "B", None})
+
+
 def test_what_machines_have_in_common_in_closed_form():
     """Two of equal deviations scatter by (d^2 / 2 - s^2)^(1/2); those that agree have one mean."""
 
@@ -314,6 +373,8 @@ def test_what_machines_have_in_common_in_closed_form():
     assert agreed.common == pytest.approx((1 + 2 / 4 + 1.5) / 2.25)
     assert [each.shrunk for each in agreed.machines] == pytest.approx([agreed.common] * 3)
     assert not [*agreed.remarks, *two.remarks]
+    (told,) = fleet((1.0, 1.0), (1.0, 1.0), (1.01, 1.0)).remarks  # by chance 1 - exp(-1e-4 / 3)
+    assert "scatter less than the std of results say (p = 3e-05)" in told
 
 
 @pytest.mark.slow

@@ -6,10 +6,10 @@ the next few are summed up to a number: by chance it stands in no two records.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from hashlib import blake2b, shake_128
+from hashlib import blake2b, file_digest, shake_128
 from itertools import combinations
 from pathlib import Path
 
@@ -182,6 +182,16 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording]) -> None:
             )
     if file.estimator.unknown["runout"]:
         check_told(file.records)
+
+
+def taken(plan: Recording) -> Iterator[tuple[str, float, float]]:
+    """Yield a digest of each file, its columns and rows, and from when to when it is used in s."""
+    columns = sorted(column for one in plan.channels.values() for column in columns_of(one))
+    of = blake2b(repr((columns, plan.entry.rows)).encode(), digest_size=8)
+    for path in plan.paths:
+        with path.open("rb") as stream:
+            digest = file_digest(stream, of.copy).hexdigest()
+        yield digest, plan.entry.skip or 0.0, plan.entry.until or 1e9
 
 
 class Overlaps:

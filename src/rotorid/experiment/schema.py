@@ -7,6 +7,7 @@ import math
 from collections.abc import Set
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from unicodedata import normalize
 
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, create_model, model_validator
 
@@ -25,6 +26,13 @@ Count = Annotated[StrictInt, Field(ge=0, le=10**9)]
 Method = Literal["ls", "batch", "sequential", "ml"]
 Effort = Literal["quick", "normal", "thorough"]
 Quantity = str | int | float  # in a unit that the model knows
+
+
+Serial = Annotated[  # each letter in one code, however it was typed
+    str,
+    Field(min_length=1, max_length=60, coerce_numbers_to_str=True),
+    BeforeValidator(lambda said: normalize("NFC", said.strip()) if isinstance(said, str) else said),
+]
 
 
 def _phase(value: object) -> float | None:
@@ -625,7 +633,7 @@ class ExperimentFile(Schema):
     parameters: dict[str, ParameterEntry] = Field(default_factory=dict)
     constraints: list[ConstraintEntry] = Field(default_factory=list)
     estimator: EstimatorEntry = Field(default_factory=EstimatorEntry)
-    serial: Annotated[str | None, Field(max_length=60, coerce_numbers_to_str=True)] = None
+    serial: Serial | None = None
     date: Annotated[datetime.date | None, BeforeValidator(_date)] = None
 
 

@@ -85,14 +85,18 @@ class FleetParameter:
 
     @property
     def remarks(self) -> Iterator[str]:
+        if not self.scatter_interval[1]:  # no scatter, however small, has a chance of 2.5 %
+            squares = sum(((each.mean - self.common) / each.std) ** 2 for each in self.machines)
+            chance = _told(float(scipy.special.chdtr(len(self.machines) - 1, squares)))
+            told = f"{self.name}: machines scatter less than the std of results say ({chance})"
+            yield f"{told}: these are too large, or results depend on each other"
         for machine in self.machines:
             for found, did in ((machine.away, "differs"), (machine.change, "changed")):
                 if found.p_value < ALARM:
                     told = f"{self.name} of serial {machine.serial} {did} by {found.size:+.1f} std"
                     where = " and ".join(found.dates)
                     where = f"between {where}" if where else "from what the others predict"
-                    chance = f"= {found.p_value:.1g}" if found.p_value > 1e-6 else "< 1e-6"
-                    yield f"{told} {where} (p {chance})"
+                    yield f"{told} {where} ({_told(found.p_value)})"
 
     @property
     def passage(self) -> Passage:
@@ -136,6 +140,10 @@ def fleet_parameter(name: str, told: Mapping[str, Sequence[FleetResult]]) -> Fle
     machines = tuple(FleetMember(one, each, *own, *found) for one, each, own, *found in parts)
     interval = float(c) - half, float(c) + half
     return FleetParameter(name, float(c), interval, math.sqrt(t), _limits(y, v), machines)
+
+
+def _told(p_value: float) -> str:
+    return f"p = {p_value:.1g}" if p_value > 1e-6 else "p < 1e-6"
 
 
 def _weighed(y: Floats, v: Floats, t: float | Floats) -> tuple[Floats, Floats, Floats]:

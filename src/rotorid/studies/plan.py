@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Sequence, Set
 from contextlib import suppress
 from copy import deepcopy
+from functools import cached_property
 from glob import glob
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -22,13 +23,16 @@ from rotorid.core.units import number_and_unit, si_factor, to_si
 from rotorid.rig.faults import find_fault
 from rotorid.rig.file import LIBRARY, RigFile, load_rig
 from rotorid.studies.drawn_lines import require_lines
-from rotorid.studies.study_case import ABSENT, Change, Place, StudyCase, changed, found, moved
+from rotorid.studies.study_case import ABSENT, DATED, Place, StudyCase, changed, found, moved
 
 CHECKED = 100
 """Points of the grid whose rig files are held against their schema before anything runs."""
 _SPREAD, _BETWEEN = {"spread"}, {"from", "to"}
 _EXPERIMENT, _FAULTS, _LABEL = ("experiment",), ("faults",), ("label",)
 """Places that no rig file has: of the experiment file that a rig writes, faults, a name."""
+_NAMING = {*_EXPERIMENT, *DATED, "file", "files"}
+_MEASURED = {*DATED, "records", "channels"}
+"""Last keys of what names a machine or its record, and first ones of how it was measured."""
 
 
 class StudyFile(Schema):
@@ -100,16 +104,34 @@ class StudyPlan:
         at = np.unravel_index(number % self.points, [len(axis) for axis in self.axes])
         return [axis[k] for axis, k in zip(self.axes, at, strict=True)]
 
-    def label(self, point: int, without: Set[str] = frozenset()) -> str:
-        """Return where a point stands on each axis but those of places that end in these keys."""
-        choices = (c for c in self.choices(point) if without.isdisjoint(p[-1] for p in c.values))
-        return ", ".join(filter(None, (choice.label for choice in choices)))
+    def label(self, point: int) -> str:
+        """Return where a point stands on each axis."""
+        return ", ".join(filter(None, (choice.label for choice in self.choices(point))))
+
+    def fleet(self, point: int) -> str:
+        """Return that without what a machine is, beside its name, and how it was measured."""
+        told = list[str]()
+        for label, values in self.choices(point):
+            if _NAMING.isdisjoint(place[-1] for place in values):
+                told.append(label)
+                continue
+            for place, value in values.items():
+                inside = place[1:] if place[:1] == _EXPERIMENT else place * (not self.table)
+                told += [f"{place[-1]} = {value}"] * (not _MEASURED.issuperset(inside[:1]))
+        return ", ".join(filter(None, told))
+
+    @cached_property
+    def _texts(self) -> Set[Place]:
+        """Places whose columns are texts: one value there is none of a quantity, or a name."""
+        every = (pair for axis in self.axes for choice in axis for pair in choice.values.items())
+        told = ((place, said) for place, said in every if not _is_drawn(said))
+        return {p for p, said in told if p[-1] in DATED or isinstance(_told(said), str)}
 
     def case(self, number: int) -> StudyCase:
         """Return the case of a number: its files, with what is drawn for it, and its seed."""
         drawing, noise = np.random.SeedSequence(self.entry.seed, spawn_key=(number,)).spawn(2)
         rng, rig = np.random.default_rng(drawing), deepcopy(self.table)
-        settings, changes, faults = dict[str, Any](), list[Change](), list[str]()
+        settings, changes, faults = dict[str, Any](), list[tuple[Place, Any]](), list[str]()
         path = self.paths[0] if self.paths else ""
         for place, said in (pair for c in self.choices(number) for pair in c.values.items()):
             with naming(place=".".join(("vary", *place))):
@@ -123,7 +145,8 @@ class StudyPlan:
                     changes.append((inside, moved(value, self.folder, place[-1])))
                 else:
                     changed(rig, place, value)
-            settings[".".join(("vary", *place))] = _told(value)
+            tell = _text if place in self._texts else _told
+            settings[".".join(("vary", *place))] = tell(value)
         return StudyCase(
             number=number,
             point=number % self.points,
@@ -227,8 +250,12 @@ def _quantity(value: object) -> tuple[float, str]:
 
 
 def _told(value: object) -> float | str | None:
-    """Return a setting as its column has it: a quantity in SI, or a text."""
+    """Return a setting as a column of quantities has it: in SI, or as a text what is none."""
     with suppress(InputError):
         if (written := number_and_unit(value)) is not None:
             return float(written[0]) * si_factor(written[1] or "1")
+    return _text(value)
+
+
+def _text(value: object) -> str | None:
     return None if value == ABSENT else value if isinstance(value, str) else json.dumps(value)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError, one_line
 from rotorid.core.files import write_whole
 from rotorid.studies.study_case import MACHINE, STOPPED, Row
 
@@ -26,6 +26,7 @@ PART = 250
 """Cases of a file: a few hundred files for 100,000 cases, and a journal that is read in no time."""
 RESULTS, PARTS, JOURNAL, STUDY = "results.parquet", "part-*.parquet", "journal.jsonl", "study.json"
 
+_HEADS = {"case", "verdict", "seconds", "error"}
 _TEXTS = ("status", "verdict", "error", *MACHINE)
 """Columns that may be empty throughout a part, and are texts all the same."""
 
@@ -119,9 +120,12 @@ class Store:
 def check_folder(folder: Path, identity: str, *, resume: bool) -> None:
     """Refuse a folder with other results, and one with results where nobody wants to go on."""
     if not (file := folder / STUDY).exists():
+        if (folder / JOURNAL).exists() or any((folder / RESULTS).glob(PARTS)):
+            found, cure = "no such file beside results", "put it back, or name another folder"
+            raise ReadError(found, "the study that they are of", cure, file=str(file))
         return
     found, cure = "results of this study", "go on with --resume, or name another folder"
-    if differs := file.read_text(encoding="utf-8") != identity:
+    if differs := file.read_bytes() != identity.encode():
         found, cure = "results of another study, or of this one as it was", "name another folder"
     if differs or not resume:
         raise InputError(found, "a folder without results", cure, file=str(folder))
@@ -159,9 +163,16 @@ def _write(path: Path, table: Any) -> None:
 def _journalled(path: Path) -> Iterator[Row]:
     """Yield the rows of a journal; one may be cut off where the program or the machine ended."""
     lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
-    for line in (each for each in lines if each.endswith(b"\n")):
-        with suppress(ValueError):
-            yield json.loads(line)
+    for number, line in enumerate(lines, start=1):
+        try:
+            row = json.loads(line) if line.endswith(b"\n") else None
+        except ValueError:
+            continue
+        if isinstance(row, dict) and row.keys() >= _HEADS and isinstance(row["case"], int):
+            yield row
+        elif row is not None:
+            found, cure = one_line(str(row), 60), "delete this line; --resume repeats its case"
+            raise ReadError(found, "a row of a case", cure, file=str(path), place=f"line {number}")
 
 
 def read_rows(folder: Path) -> Any:

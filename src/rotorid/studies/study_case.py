@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import cached_property, lru_cache, partial
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,7 +32,8 @@ from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.errors import LINE, InputError, one_line
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import parse_table, read_bytes
-from rotorid.experiment import load_experiment
+from rotorid.experiment import Experiment, load_experiment
+from rotorid.experiment.duplicates import taken
 from rotorid.models import Model
 from rotorid.models.equations import polynomial
 from rotorid.rig.file import RigPlan, parse_rig
@@ -48,8 +50,10 @@ ABSENT = "absent"
 """The value that takes a key away."""
 ENDS = ("", "_std", "_true", "_covered")
 """Of the names of the columns that each parameter has."""
-MACHINE = ("serial", "date")
+DATED = ("serial", "date")
 """Keys of an experiment file that say which machine it is of, and when: columns where they do."""
+MACHINE = (*DATED, "model", "record")
+"""These, and of a machine the meaning of its parameters, and the data that tell them."""
 FAILED = "failed"
 """Status and verdict of a case that ended with an error."""
 STOPPED = "stopped"
@@ -162,6 +166,13 @@ class StudyCase:
         rest = {"verdict": status, "p_value": None, "seconds": seconds, "error": None}
         return {**head, **rest, **said, **self.settings}
 
+    def _origin(self, experiment: Experiment) -> Row:
+        """Return digests of what the parameters mean, and of the data that tell them."""
+        model, plans = experiment.model, () if self.rig else experiment.channels
+        meaning = blake2b(repr((model.texts, model.parameter_units)).encode(), digest_size=4)
+        record = json.dumps([each for plan in plans for each in taken(plan)])
+        return {"model": meaning.hexdigest(), "record": record}
+
     def run(self) -> Row:
         """Identify: a row of the answer, or of the error."""
         begun = time.perf_counter()
@@ -178,10 +189,12 @@ class StudyCase:
                     begun = time.perf_counter()  # to simulate is no part of it
                     experiment = load_experiment(path)
                     identify = experiment.identify
-                said = {key: getattr(experiment.entry, key) for key in MACHINE}
+                said = {key: getattr(experiment.entry, key) for key in DATED}
                 stated = {key: str(value) for key, value in said.items() if value is not None}
                 estimate = identify()
                 seconds = time.perf_counter() - begun
+                if "serial" in stated:
+                    stated |= self._origin(experiment)
                 truth = self.plan.rig.as_described.values if self.rig else {}
                 values = _values(estimate, truth, experiment.model)
                 if taken := values.keys() & {*self.row("", 0.0), *MACHINE}:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
@@ -23,7 +23,7 @@ from rotorid.report.records import cell
 from rotorid.studies.fleet import FleetParameter, FleetResult, fleet_parameter
 from rotorid.studies.plan import StudyPlan
 from rotorid.studies.store import check_folder, read_rows
-from rotorid.studies.study_case import ENDS, FAILED, MACHINE
+from rotorid.studies.study_case import ENDS, FAILED, Row
 
 WORST = 3
 """Cases whose files are written for a closer look, and errors that are told."""
@@ -100,6 +100,7 @@ class StudySummary:
 
     groups: tuple[Group, ...]
     fleet: tuple[FleetParameter, ...]  # empty where fewer than two serial numbers are stated
+    fleet_remarks: tuple[str, ...]  # results that are in none, and why
     errors: tuple[tuple[str, int], ...]  # of cases that failed, the most frequent first
     worst: tuple[str, ...]  # experiment files
 
@@ -131,7 +132,7 @@ class StudySummary:
         verdicts = sum((Counter(group.verdicts) for group in self.groups), Counter[str]())
         told = [f"verdicts: {', '.join(f'{n} {each}' for each, n in verdicts.most_common())}"]
         told += [f"failed, {count} cases: {error}" for error, count in self.errors]
-        told += [remark for each in self.fleet for remark in each.remarks]
+        told += [*self.fleet_remarks, *(told for each in self.fleet for told in each.remarks)]
         return [*told, *(f"worst: {file}" for file in self.worst)]
 
     def write(self, folder: Path) -> None:
@@ -152,8 +153,10 @@ def summarize_study(plan: StudyPlan, folder: Path) -> StudySummary:
     points = rows["point"].to_numpy()
     groups = (_group(plan.label(p), rows.filter(points == p)) for p in np.unique(points).tolist())
     failed = Counter(error for error in rows["error"].to_pylist() if error).most_common(WORST)
-    fleet, worst = tuple(_fleet(plan, rows)), tuple(_worst(plan, rows, folder))
-    summary = StudySummary(tuple(groups), fleet, tuple(failed), worst)
+    fleets, remarks = _fleets(plan, rows)
+    names = [n.removesuffix("_true") for n in rows.column_names if n.endswith("_true")]
+    fleet, worst = tuple(_fleet(fleets, names)), tuple(_worst(plan, rows, folder))
+    summary = StudySummary(tuple(groups), fleet, tuple(remarks), tuple(failed), worst)
     summary.write(folder)
     return summary
 
@@ -176,14 +179,37 @@ def _errors(rows: Any) -> Iterator[tuple[str, Floats, Floats, Floats]]:
         yield name, value - true, np.where(std > 0, std, np.nan), covered
 
 
-def _fleet(plan: StudyPlan, rows: Any) -> Iterator[FleetParameter]:
-    """Yield what accepted answers with serial numbers say, parameter by parameter."""
-    of_fleets = {"experiment", "file", *MACHINE}  # what else varies makes fleets of their own
+def _fleets(plan: StudyPlan, rows: Any) -> tuple[dict[str, list[Row]], list[str]]:
+    """Return accepted answers with serial numbers by fleet, a record once; and what that leaves."""
     known = rows.to_pylist() if "serial" in rows.column_names else []
     good = [row for row in known if row["serial"] and row["status"] == "ok"]
-    apart = grouped((plan.label(row["point"], of_fleets), row) for row in good)
-    names = [n.removesuffix("_true") for n in rows.column_names if n.endswith("_true")]
-    for (setting, members), name in product(apart.items(), names):
+    several = len({row.get("model") for row in good}) > 1
+    found, uses = defaultdict[str, list[Row]](list), defaultdict[Any, list[Any]](list)
+    again = list[str]()
+    for row in good:
+        settings = plan.fleet(row["point"]), several * f"model = {row.get('model')}"
+        label = ", ".join(filter(None, settings))
+        taken = [((label, file), *times) for file, *times in json.loads(row.get("record") or "[]")]
+        held = ((begin, end, use) for file, begin, end in taken for use in uses[file])
+        same = next((one for begin, end, (b, e, one) in held if begin < e and b < end), None)
+        if same:
+            named = (f"case {each['case']} (serial {each['serial']})" for each in (row, same))
+            at = 0 if row["serial"] != same["serial"] else len(again)  # two serials: told first
+            again.insert(at, " repeats ".join(named))
+            continue
+        found[label].append(row)
+        for file, *times in taken:
+            uses[file].append((*times, row))
+    said = "; ".join(again[:WORST])
+    told = [f"{len(again)} results left out, of records that count already: {said}"] * bool(again)
+    alone = {label: {row["serial"] for row in each} for label, each in found.items() if several}
+    told += [f"no machine but {min(s)} has {k}" for k, s in alone.items() if len(s) == 1]
+    return found, told
+
+
+def _fleet(fleets: Mapping[str, Sequence[Row]], names: Sequence[str]) -> Iterator[FleetParameter]:
+    """Yield what they say, parameter by parameter."""
+    for (setting, members), name in product(fleets.items(), names):
         std = f"{name}_std"
         found = [row for row in members if 0 < (row[std] or 0.0) < np.inf]
         told = grouped(
