@@ -335,7 +335,7 @@ variants = [
   { serial = "B", records.0.file = "2/run.h5", model = "swapped.toml" },
 ]"""
     shown = output("study", write(tmp_path, study), "--out", tmp_path / "o", "--workers", "1")
-    assert "1 results left out" in shown
+    assert "left out, of records that count already, 1 cases" in shown
     assert "case 1 (serial B) repeats case 0 (serial 1)" in shown
     assert "no machine but B has model = swapped.toml" in shown
     assert read_rows(tmp_path / "o")["serial"].to_pylist() == ["1", "B", "B", "1", "B", "B"]

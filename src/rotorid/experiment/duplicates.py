@@ -184,7 +184,7 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording]) -> None:
         check_told(file.records)
 
 
-def taken(plan: Recording) -> Iterator[tuple[str, float, float]]:
+def used(plan: Recording) -> Iterator[tuple[str, float, float]]:
     """Yield a digest of each file, its columns and rows, and from when to when it is used in s."""
     columns = sorted(column for one in plan.channels.values() for column in columns_of(one))
     of = blake2b(repr((columns, plan.entry.rows)).encode(), digest_size=8)

@@ -33,7 +33,7 @@ from rotorid.core.errors import LINE, InputError, one_line
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import parse_table, read_bytes
 from rotorid.experiment import Experiment, load_experiment
-from rotorid.experiment.duplicates import taken
+from rotorid.experiment.duplicates import used
 from rotorid.models import Model
 from rotorid.models.equations import polynomial
 from rotorid.rig.file import RigPlan, parse_rig
@@ -170,7 +170,7 @@ class StudyCase:
         """Return digests of what the parameters mean, and of the data that tell them."""
         model, plans = experiment.model, () if self.rig else experiment.channels
         meaning = blake2b(repr((model.texts, model.parameter_units)).encode(), digest_size=4)
-        record = json.dumps([each for plan in plans for each in taken(plan)])
+        record = json.dumps([each for plan in plans for each in used(plan)])
         return {"model": meaning.hexdigest(), "record": record}
 
     def run(self) -> Row:

@@ -187,8 +187,8 @@ def _fleets(plan: StudyPlan, rows: Any) -> tuple[dict[str, list[Row]], list[str]
     found, uses = defaultdict[str, list[Row]](list), defaultdict[Any, list[Any]](list)
     again = list[str]()
     for row in good:
-        settings = plan.fleet(row["point"]), several * f"model = {row.get('model')}"
-        label = ", ".join(filter(None, settings))
+        apart = plan.fleet(row["point"]), several * f"model = {row.get('model')}"
+        label = ", ".join(filter(None, apart))
         taken = [((label, file), *times) for file, *times in json.loads(row.get("record") or "[]")]
         held = ((begin, end, use) for file, begin, end in taken for use in uses[file])
         same = next((one for begin, end, (b, e, one) in held if begin < e and b < end), None)
@@ -201,7 +201,7 @@ def _fleets(plan: StudyPlan, rows: Any) -> tuple[dict[str, list[Row]], list[str]
         for file, *times in taken:
             uses[file].append((*times, row))
     said = "; ".join(again[:WORST])
-    told = [f"{len(again)} results left out, of records that count already: {said}"] * bool(again)
+    told = [f"left out, of records that count already, {len(again)} cases: {said}"] * bool(again)
     alone = {label: {row["serial"] for row in each} for label, each in found.items() if several}
     told += [f"no machine but {min(s)} has {k}" for k, s in alone.items() if len(s) == 1]
     return found, told
