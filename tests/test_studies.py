@@ -336,7 +336,7 @@ variants = [
 ]"""
     shown = output("study", write(tmp_path, study), "--out", tmp_path / "o", "--workers", "1")
     assert "left out, of records that count already, 1 cases" in shown
-    assert "case 1 (serial B) repeats case 0 (serial 1)" in shown
+    assert "case 1 (serial B) repeats case 0 (serial 1)" in shown  # a copy, by another name
     assert "no machine but B has model = swapped.toml" in shown
     assert read_rows(tmp_path / "o")["serial"].to_pylist() == ["1", "B", "B", "1", "B", "B"]
     found = json.loads((tmp_path / "o" / "summary.json").read_text())["fleet"]

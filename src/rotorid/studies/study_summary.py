@@ -185,7 +185,7 @@ def _fleets(plan: StudyPlan, rows: Any) -> tuple[dict[str, list[Row]], list[str]
     good = [row for row in known if row["serial"] and row["status"] == "ok"]
     several = len({row.get("model") for row in good}) > 1
     found, uses = defaultdict[str, list[Row]](list), defaultdict[Any, list[Any]](list)
-    again = list[str]()
+    again = list[tuple[bool, int, str]]()
     for row in good:
         apart = plan.fleet(row["point"]), several * f"model = {row.get('model')}"
         label = ", ".join(filter(None, apart))
@@ -194,13 +194,13 @@ def _fleets(plan: StudyPlan, rows: Any) -> tuple[dict[str, list[Row]], list[str]
         same = next((one for begin, end, (b, e, one) in held if begin < e and b < end), None)
         if same:
             named = (f"case {each['case']} (serial {each['serial']})" for each in (row, same))
-            at = 0 if row["serial"] != same["serial"] else len(again)  # two serials: told first
-            again.insert(at, " repeats ".join(named))
+            first = row["serial"] == same["serial"], len(again)  # those of two serial numbers
+            again.append((*first, " repeats ".join(named)))
             continue
         found[label].append(row)
         for file, *times in taken:
             uses[file].append((*times, row))
-    said = "; ".join(again[:WORST])
+    said = "; ".join(text for *_, text in sorted(again)[:WORST])
     told = [f"left out, of records that count already, {len(again)} cases: {said}"] * bool(again)
     alone = {label: {row["serial"] for row in each} for label, each in found.items() if several}
     told += [f"no machine but {min(s)} has {k}" for k, s in alone.items() if len(s) == 1]
