@@ -306,7 +306,9 @@ def test_a_fleet_tells_who_differs_and_who_changed(tmp_path, output):
     assert "m of serial 12 differs by +" in shown
     assert "k of serial 10 changed by +8." in shown
     assert "std between 2026-03-01 and 2026-06-01 (p < 1e-6)" in shown
-    m, k = json.loads((out / "summary.json").read_text())["fleet"]
+    told = json.loads((out / "summary.json").read_text())
+    (all_machines,), (m, k) = told["groups"], told["fleet"]
+    assert (all_machines["label"], all_machines["cases"]) == ("", 16)
     assert [each["serial"] for each in k["machines"]] == [str(n) for n in range(9, 17)]
     assert [len(each["results"]) for each in m["machines"]] == [2] * 7 + [1]
     assert k["interval"][0] < 5 < k["interval"][1]

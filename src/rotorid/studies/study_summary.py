@@ -69,7 +69,7 @@ class Accuracy:
 
 @frozen
 class Group:
-    """The cases of one point of the grid."""
+    """The cases of one point of the grid, of a fleet those of all its machines."""
 
     label: str
     cases: int
@@ -150,8 +150,12 @@ def summarize_study(plan: StudyPlan, folder: Path) -> StudySummary:
     """Summarize the rows that a folder holds, and write that and the worst cases into it."""
     check_folder(folder, plan.identity, resume=True)
     rows = read_rows(folder)
-    points = rows["point"].to_numpy()
-    groups = (_group(plan.label(p), rows.filter(points == p)) for p in np.unique(points).tolist())
+    points = rows["point"].to_pylist()
+    serials = rows["serial"].to_pylist() if "serial" in rows.column_names else []
+    named = {point for point, serial in zip(points, serials, strict=bool(serials)) if serial}
+    of = {p: plan.fleet(p) if p in named else plan.label(p) for p in sorted({*points})}
+    labels = np.array([of[point] for point in points])
+    groups = (_group(each, rows.filter(labels == each)) for each in dict.fromkeys(of.values()))
     failed = Counter(error for error in rows["error"].to_pylist() if error).most_common(WORST)
     fleets, remarks = _fleets(plan, rows)
     names = [n.removesuffix("_true") for n in rows.column_names if n.endswith("_true")]
