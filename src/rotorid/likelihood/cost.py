@@ -176,9 +176,10 @@ class Likelihood:
         return len(self.data)
 
     @cached_property
-    def identity(self) -> Complexes:
-        """A one in each row by itself, (row, row)."""
-        return np.eye(self.all_rows, dtype=np.complex128)
+    def units(self) -> Complexes:
+        """A one in each equation by itself, (line, row, equation)."""
+        ones = np.eye(self.all_rows, dtype=np.complex128)[:, : self.rows]
+        return np.broadcast_to(ones, (self.lines, *ones.shape))
 
     @cached_property
     def load_monomials(self) -> Monomials:
@@ -236,10 +237,6 @@ class Evaluation:
         self._gain = gain
         self.whitener = triangle(root)
         self.lower = self.whitener.conj().transpose(0, 2, 1)
-        self._whitening: Complexes | None = None
-        if problem.transient is not None:  # U^-H N^H, which its columns are made of
-            basis = problem.identity if self.null_h is None else self.null_h
-            self._whitening = as_complex(np.linalg.solve(self.lower, basis))
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
         self.ends: Ends | None = None
         self._set_rows(self._affine)
@@ -263,9 +260,11 @@ class Evaluation:
             rows = np.concatenate([rows, self._affine_directions(affine)], axis=2)
         whitened = self._white(rows)
         self._loose = np.zeros((len(rows), count, rows.shape[2]), dtype=np.complex128)
-        if transient is not None and self._whitening is not None:
+        if transient is not None:
             if self.ends is None:
-                self._end_columns = transient.columns(self._whitening)
+                units = self.problem.units if self.null_h is None else self.null_h[:, :, :count]
+                whitened_units = as_complex(np.linalg.solve(self.lower, units))
+                self._end_columns = transient.columns(whitened_units)
                 self.ends = Ends.of(self.stacked(self._end_columns))
             tau = self.ends.tau(self.stacked(whitened))
             self._loose = transient.rows(tau, count)
@@ -308,16 +307,13 @@ class Evaluation:
         return rows if self.null_h is None else as_complex(self.null_h @ rows)
 
     def _white(self, rows: Complexes) -> Complexes:
-        if self._whitening is not None:
-            return as_complex(self._whitening @ rows)
         return as_complex(np.linalg.solve(self.lower, self._projected(rows)))
 
     def _granted(self) -> Complexes:
         """Return S^1/2 N, shape (line, row, equation): the errors granted to the equations."""
-        p = self.problem
         if self.null_h is None:
-            return np.broadcast_to(p.identity[: p.rows], (p.lines, p.rows, p.all_rows))
-        return as_complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
+            return self.problem.units.transpose(0, 2, 1)
+        return as_complex(self.null_h.conj().transpose(0, 2, 1)[:, : self.problem.rows])
 
     def _affine_directions(self, affine: Integers) -> Complexes:
         """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""

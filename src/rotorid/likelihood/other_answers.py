@@ -383,7 +383,8 @@ class _Minimum:
         cost, or where something is loose. Of such a cost each goes its whole way: ways that join
         at first may part again.
         """
-        found, unlikely = list[Solution](), self.unlikely(self.solution)
+        found, cost = list[Solution](), self.solution.point.cost
+        unlikely = self.inference.expectation.p_value(cost) < UNLIKELY
         every = unlikely or bool(self.loose.any())
         always, asked = ALWAYS * self.problem.effort, ASKED * self.problem.effort
         starts = further_starts(self.problem, self.problem.layout.start, asked)
@@ -402,9 +403,6 @@ class _Minimum:
                 every = True
                 found.append(end)
         return found
-
-    def unlikely(self, end: Solution) -> bool:
-        return self.inference.expectation.p_value(end.point.cost) < UNLIKELY
 
     def doubts(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Name the unknowns whose deviations are noise taken for information, or have no end."""
