@@ -100,7 +100,7 @@ DOUBTFUL = 5e-4
 directional tests are held against it too: together they doubt one right model in a thousand."""
 UNDER = "ok under assumptions"
 """The verdict of an answer that what it assumes may move by more than `FAR` of its deviations."""
-FAR = 10.0
+FAR = 5.0
 SAME_SPEED = 1e-3
 """Share by which a speed may lie beside those of the records and be one of them: they wander so."""
 EXPLAINS = 0.2
