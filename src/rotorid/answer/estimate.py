@@ -50,9 +50,8 @@ def _name(text: str) -> str:
     if text.strip() and text.isprintable():
         return text
     expected = "the name of a quantity, in printable characters"
-    raise ReadError(
-        f"the name {one_line(repr(text))}", expected, "write the file with identify --json"
-    )
+    cure = "write the file with identify --json"
+    raise ReadError(f"the name {one_line(repr(text))}", expected, cure)
 
 
 def _unit(text: str) -> str:
@@ -675,9 +674,8 @@ class Estimate(Shown):
         from rotorid.report.drawn import correlation, deviations  # takes its time to load
 
         if not 0 < len(self.free) == len(self.covariance):
-            raise InputError(
-                "an estimate without covariance", "one row per free parameter", "see its status"
-            )
+            told = "an estimate without covariance"
+            raise InputError(told, "one row per free parameter", "see its status")
         deviation = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         size = np.abs([value.value for value in self.free])
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -97,9 +97,8 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
             more = "" if table else "; rotorid inspect shows more"
             cure = refusal.cure or f"mend the record or leave that channel out{more}"
             file = each.lines.source if isinstance(each, Observation) else each.source
-            raise InputError(
-                str(replace(refusal, cure="")), "a record that can be identified", cure, file=file
-            )
+            expected = "a record that can be identified"
+            raise InputError(str(replace(refusal, cure="")), expected, cure, file=file)
     checks = tuple(dict.fromkeys(check for checks in found for check in checks))
     chosen = by_name(estimator) if isinstance(estimator, str) else estimator
     estimate = chosen.estimate(model, data)

@@ -143,11 +143,9 @@ def _check(layout: Layout, knowledge: Knowledge[float]) -> None:
 def _refuse_physical(layout: Layout, knowledge: Knowledge[float]) -> None:
     asked = "where base parameters are asked for"
     if layout.replaced:
-        raise InputError(
-            f"{layout.nuisances[0].term}, a parameter that differs between records",
-            f"the same parameters in every record, {asked}",
-            "estimate the physical parameters, or each record by itself",
-        )
+        told = f"{layout.nuisances[0].term}, a parameter that differs between records"
+        cure = "estimate the physical parameters, or each record by itself"
+        raise InputError(told, f"the same parameters in every record, {asked}", cure)
     if known := sorted(knowledge.known.keys() & {*layout.model.parameter_names}):
         cure = "estimate the physical parameters"
         raise InputError(f"a deviation of {known[0]}", f"fixed values, {asked}", cure)

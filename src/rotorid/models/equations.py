@@ -96,19 +96,15 @@ def _products(
         monomial = tuple(int(of_base.get(symbol(name), 0)) for name in parameters)
         signal = product((base, Fraction(n)) for base, n in powers if base not in own)
         if (held := signal.free_symbols & inputs) and signal not in inputs:
-            raise ModelError(
-                f"the term {shown(signal)} with the input {min(map(str, held))}",
-                "inputs that stand alone, times numbers and parameters",
-                "give the product an input of its own",
-            )
+            told = f"the term {shown(signal)} with the input {min(map(str, held))}"
+            expected = "inputs that stand alone, times numbers and parameters"
+            raise ModelError(told, expected, "give the product an input of its own")
         products.append(Product(row, monomial, coefficient, signal))
     moving = frozenset(map(symbol, motion))
     if not any(any(p.monomial) or p.signal.free_symbols & moving for p in products):
-        raise ModelError(
-            f"neither a coordinate nor a parameter in what remains of {text[:60]!r}",
-            "an equation of motion",
-            "leave it out, or write the term that moves",
-        )
+        told = f"neither a coordinate nor a parameter in what remains of {text[:60]!r}"
+        cure = "leave it out, or write the term that moves"
+        raise ModelError(told, "an equation of motion", cure)
     return sorted(products, key=lambda p: (_declaration(p.monomial), str(p.signal)))
 
 
@@ -151,12 +147,9 @@ def sensor_terms(
     for powers, coefficient in terms.items():
         motion, rest = powers[: len(moving)], powers[len(moving) :]
         if sum(motion) != 1:
-            raise InputError(
-                repr(text[:60]),
-                "a linear combination of coordinates, such as x2 - 0.02*theta_y or x1''",
-                "write a sum of coordinates, each once in a term, without a constant",
-                place=place,
-            )
+            expected = "a linear combination of coordinates, such as x2 - 0.02*theta_y or x1''"
+            cure = "write a sum of coordinates, each once in a term, without a constant"
+            raise InputError(repr(text[:60]), expected, cure, place=place)
         where = divmod(motion.index(1), len(DERIVATIVES))
         found.append(SensorTerm(*where, rest, float(coefficient)))
     return tuple(found)
@@ -174,12 +167,9 @@ def linear_combination(
     found = {}
     for term in sensor_terms(text, names, parameters, place=place):
         if term.order and not derivatives:
-            raise InputError(
-                f"{text[:60]!r}, which holds a derivative",
-                "a combination of positions here",
-                "leave the derivative out",
-                place=place,
-            )
+            told = f"{text[:60]!r}, which holds a derivative"
+            expected = "a combination of positions here"
+            raise InputError(told, expected, "leave the derivative out", place=place)
         powers = zip(parameters, term.powers, strict=True)
         levers = [name for name, power in powers for _ in range(power)]
         product = [*levers, names[term.coordinate] + DERIVATIVES[term.order]]

@@ -228,12 +228,10 @@ class Mode:
             _positive(number, "Hz", name)
             object.__setattr__(self, name, number)
         if (share := float(self.std) / float(self.frequency)) < _SHARPEST:
-            raise InputError(
-                f"{self.std:g} Hz, {share:.0e} of {self.frequency:g} Hz",
-                f"{_SHARPEST:g} of the frequency or more: no computed mode is more exact",
-                "state the deviation of the test: what repeating it scatters by",
-                place="std",
-            )
+            told = f"{self.std:g} Hz, {share:.0e} of {self.frequency:g} Hz"
+            expected = f"{_SHARPEST:g} of the frequency or more: no computed mode is more exact"
+            cure = "state the deviation of the test: what repeating it scatters by"
+            raise InputError(told, expected, cure, place="std")
         object.__setattr__(self, "speed", finite_speed(self.speed))
         if self.damping is not None:
             value, std = map(float, self.damping)

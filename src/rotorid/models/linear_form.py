@@ -235,12 +235,9 @@ class LinearForm:
 
     def require_square(self, file: str = "") -> None:
         if self.rows != self.coordinates:
-            raise InputError(
-                f"{self.rows} equations for {self.coordinates} coordinates",
-                "as many of one as of the other",
-                "complete the model",
-                file=file,
-            )
+            told = f"{self.rows} equations for {self.coordinates} coordinates"
+            expected = "as many of one as of the other"
+            raise InputError(told, expected, "complete the model", file=file)
 
     def dynamic_stiffness(self, omega: ArrayLike, values: ArrayLike, speed: float) -> Complexes:
         """Return Z of each line, shape (line, row, coordinate)."""
@@ -301,11 +298,9 @@ def solved(stiffness: Array, right: Array, omega: Floats, size: Floats | None = 
     condition = np.linalg.cond(scaled)
     if (condition > SINGULAR).any():
         where = omega[int(condition.argmax())] / (2 * np.pi)
-        raise InputError(
-            f"a singular dynamic stiffness at {where:g} Hz",
-            "lines away from undamped resonances and free motion",
-            "leave that line out or give the model damping or support",
-        )
+        expected = "lines away from undamped resonances and free motion"
+        cure = "leave that line out or give the model damping or support"
+        raise InputError(f"a singular dynamic stiffness at {where:g} Hz", expected, cure)
     return np.asarray(np.linalg.solve(scaled, right * row[..., None]) * column[..., None])
 
 
@@ -359,12 +354,10 @@ def classify(
             continue
         found = motion_factor(term.signal, coordinates)
         if found is None:
-            raise ModelError(
-                f"the term {term.signal}",
-                "equations linear in the coordinates with constant coefficients",
-                "use ls, batch or sequential, which need no linearity",
-                place=f"equation {term.row + 1}",
-            )
+            told = f"the term {term.signal}"
+            expected = "equations linear in the coordinates with constant coefficients"
+            cure = "use ls, batch or sequential, which need no linearity"
+            raise ModelError(told, expected, cure, place=f"equation {term.row + 1}")
         column, order, factor = found
         number = kinds.setdefault(TermKind(order, factor, structural=False), len(kinds))
         entries.append((number, term.row, column, term.monomial, term.coefficient))

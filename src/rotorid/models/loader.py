@@ -180,12 +180,9 @@ def _check_use(model: Model) -> None:
     only_read = {*model.parameter_names} - written
     for name in (*model.coordinates, *model.inputs, *model.parameter_names):
         if name not in only_read and not {name, name + "'", name + "''"} & used:
-            raise ModelError(
-                f"{name!r} in no equation",
-                "every declared name in an equation",
-                "use it or remove it; what it multiplies may vanish",
-                place="equations",
-            )
+            expected = "every declared name in an equation"
+            cure = "use it or remove it; what it multiplies may vanish"
+            raise ModelError(f"{name!r} in no equation", expected, cure, place="equations")
 
 
 def _check_angle(model: Model) -> None:
@@ -194,9 +191,7 @@ def _check_angle(model: Model) -> None:
     rows = {t.signal: t.row for t in model.terms if t.signal.free_symbols <= reserved}
     for signal, row in rows.items():
         if (wrong := runs_by_time(signal)) is not None:
-            raise ModelError(
-                f"{wrong}, a load that turns with the rotor, counted from when a record began",
-                "the angle of the rotor, which its mark tells",
-                "write phi, which is Omega*t where nothing else is known of the angle",
-                place=f"equation {row + 1}",
-            )
+            told = f"{wrong}, a load that turns with the rotor, counted from when a record began"
+            expected = "the angle of the rotor, which its mark tells"
+            cure = "write phi, which is Omega*t where nothing else is known of the angle"
+            raise ModelError(told, expected, cure, place=f"equation {row + 1}")

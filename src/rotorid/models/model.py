@@ -61,12 +61,9 @@ class DeclaredParameter(Schema):
         factor = si_factor(self.unit, place=place)
         nominal = None if self.nominal is None else self.nominal * factor
         if self.positive and nominal is not None and nominal <= 0:
-            raise ModelError(
-                f"{self.nominal}",
-                "a positive number, since positive = true",
-                "give a nominal above 0, or leave out positive",
-                place=f"parameters.{name}.nominal",
-            )
+            expected = "a positive number, since positive = true"
+            cure = "give a nominal above 0, or leave out positive"
+            raise ModelError(f"{self.nominal}", expected, cure, place=f"parameters.{name}.nominal")
         return Parameter(name, unit, nominal, self.positive)
 
 
@@ -232,9 +229,8 @@ class Model:
         """
         missing = [name for name in self.parameter_names if name not in by_name]
         if missing:
-            raise InputError(
-                f"no value of {', '.join(missing)}", "a value of every parameter", "give it"
-            )
+            told = f"no value of {', '.join(missing)}"
+            raise InputError(told, "a value of every parameter", "give it")
         return np.array([by_name[name] for name in self.parameter_names], dtype=float)
 
     def substitute(self, fixed: Mapping[str, float]) -> Self:
@@ -248,9 +244,8 @@ class Model:
         require_names(fixed, self.parameter_names, "no parameter {}")
         for name, value in fixed.items():
             if not np.isfinite(value):
-                raise InputError(
-                    f"{value} for {name}", "a finite number", "give its value, or leave it out"
-                )
+                cure = "give its value, or leave it out"
+                raise InputError(f"{value} for {name}", "a finite number", cure)
         return self._replaced(tuple(fixed.items())) if fixed else self
 
     @fact
@@ -296,12 +291,10 @@ class Model:
         for term in self.input_terms:
             if self.monomials[term.monomial].any():
                 held = self.parameter_names[int(self.monomials[term.monomial].argmax())]
-                raise ModelError(
-                    f"{held}, which multiplies the input {self.inputs[term.input]}",
-                    "inputs with known factors",
-                    "divide the equation by it, fix its value, or use ml",
-                    place=f"equation {term.row + 1}",
-                )
+                told = f"{held}, which multiplies the input {self.inputs[term.input]}"
+                expected = "inputs with known factors"
+                cure = "divide the equation by it, fix its value, or use ml"
+                raise ModelError(told, expected, cure, place=f"equation {term.row + 1}")
             matrix[term.row, term.input] += term.coefficient
         return matrix
 

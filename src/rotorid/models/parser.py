@@ -76,11 +76,9 @@ class Work:
     def spend(self, units: int) -> None:
         self.left -= units
         if self.left < 0:
-            raise ModelError(
-                f"equations that take more than {self.units:,} steps to expand",
-                "sums and products of a few thousand terms in all",
-                "simplify them, or give a large part of them a name and a parameter of its own",
-            )
+            told = f"equations that take more than {self.units:,} steps to expand"
+            cure = "simplify them, or give a large part of them a name and a parameter of its own"
+            raise ModelError(told, "sums and products of a few thousand terms in all", cure)
 
     def spend_exact(self, row: Iterable[Fraction], factor: Fraction) -> None:
         """Count what it takes to multiply a row of fractions exactly, and take it from another."""
@@ -182,9 +180,8 @@ class _Algebra:
         size, moving = max(1, abs(int(exponent))), any(self._names(base))
         limit = MAX_DEGREE if moving else 300
         if size > limit:
-            raise ModelError(
-                f"the power {exponent}", f"a degree of at most {limit}", "write it smaller"
-            )
+            expected = f"a degree of at most {limit}"
+            raise ModelError(f"the power {exponent}", expected, "write it smaller")
         if exponent.denominator == 1 and exponent >= 0:
             found: Polynomial = {NUMBER: Fraction(1)}
             if base.keys() == {NUMBER}:
@@ -195,9 +192,8 @@ class _Algebra:
         what = what or f"the power {exponent} of"
         self._refuse_linear(base, what)
         if self._vanishes(base):
-            raise ModelError(
-                f"{what} zero ({_shown(base)})", "a base or divisor other than zero", "remove it"
-            )
+            expected = "a base or divisor other than zero"
+            raise ModelError(f"{what} zero ({_shown(base)})", expected, "remove it")
         if len(base) > 1:
             return self._atom(expression(base), exponent)
         ((powers, c),) = base.items()
@@ -286,11 +282,9 @@ class _Algebra:
     def _refuse_linear(self, value: Polynomial, what: str) -> None:
         held = sorted(self._names(value) & self.linear)
         if held:
-            raise ModelError(
-                f"{what} {_shown(value)}, which holds {', '.join(held)}",
-                "a polynomial in the parameters, inputs to the first power only",
-                "name the whole expression as a parameter of its own",
-            )
+            told = f"{what} {_shown(value)}, which holds {', '.join(held)}"
+            expected = "a polynomial in the parameters, inputs to the first power only"
+            raise ModelError(told, expected, "name the whole expression as a parameter of its own")
 
     def with_numbers(self, value: Polynomial) -> Polynomial:
         """Make atoms that are numbers part of the coefficients, as double precision has them."""
@@ -308,11 +302,8 @@ class _Algebra:
                     c *= Fraction(repr(float(_value_of(product([factor])))))
                 total += c
             if out_of_range(total):
-                raise ModelError(
-                    f"{_shown(numbers)}, too large or too small a number",
-                    f"1e+-{MAX_EXPONENT}",
-                    "scale it",
-                )
+                told = f"{_shown(numbers)}, too large or too small a number"
+                raise ModelError(told, f"1e+-{MAX_EXPONENT}", "scale it")
             found[powers] = total
         return found
 
@@ -387,9 +378,8 @@ class _Reader(_Algebra):
             return base
         exponent = self.inner(self.unary)
         if exponent.keys() - {NUMBER}:
-            raise ModelError(
-                f"the exponent {_shown(exponent)}", "a rational number", "write a number there"
-            )
+            told = f"the exponent {_shown(exponent)}"
+            raise ModelError(told, "a rational number", "write a number there")
         return self.power(base, exponent.get(NUMBER, Fraction(0)))
 
     def atom(self) -> Polynomial:
@@ -409,11 +399,9 @@ class _Reader(_Algebra):
 
     def function(self, name: str) -> Polynomial:
         if name in self.names:
-            raise ModelError(
-                f"{name[:60]!r} before a parenthesis",
-                "a function or an operator there",
-                f"write {name[:60]}*(...) for a product",
-            )
+            told = f"{name[:60]!r} before a parenthesis"
+            cure = f"write {name[:60]}*(...) for a product"
+            raise ModelError(told, "a function or an operator there", cure)
         if name not in FUNCTIONS:
             cure = "write a product with *"
             raise _unknown(name, frozenset(FUNCTIONS), "a function: one of", cure)
@@ -482,11 +470,8 @@ def _value_of(value: Expression) -> Real:
     found = values_at({}, [value])
     largest = 10 ** (50 if value.kind == "tan" else MAX_EXPONENT)  # tan(pi/2) is 1e100
     if found is None or abs(found[0]) > largest:
-        raise ModelError(
-            f"{shown(value)}: no finite real number",
-            f"real numbers, to 1e{MAX_EXPONENT}",
-            "check divisors and roots",
-        )
+        told = f"{shown(value)}: no finite real number"
+        raise ModelError(told, f"real numbers, to 1e{MAX_EXPONENT}", "check divisors and roots")
     return found[0]
 
 
@@ -503,11 +488,9 @@ def _check_digits(value: Fraction, power: int = 1) -> None:
     """Refuse a number, or a power of one before it is computed, of too many digits."""
     bits = max(value.numerator.bit_length(), value.denominator.bit_length()) * abs(power)
     if bits > DIGITS * 10 // 3:
-        raise ModelError(
-            f"a number of more than {DIGITS} digits",
-            "numbers as they are measured",
-            "write it as a decimal of a dozen digits",
-        )
+        told = f"a number of more than {DIGITS} digits"
+        cure = "write it as a decimal of a dozen digits"
+        raise ModelError(told, "numbers as they are measured", cure)
 
 
 def _require_flat(levels: int) -> None:

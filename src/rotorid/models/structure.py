@@ -66,11 +66,9 @@ class ForceBalance:
     def check(self, shares: Floats) -> None:
         for coordinate, fault in self.faults.items():
             if np.any(shares[coordinate]):
-                raise InputError(
-                    f"the model's {fault}",
-                    f"the balance of forces on {self.names[coordinate]}, once",
-                    f"write that equation as the force on {self.names[coordinate]}",
-                )
+                expected = f"the balance of forces on {self.names[coordinate]}, once"
+                cure = f"write that equation as the force on {self.names[coordinate]}"
+                raise InputError(f"the model's {fault}", expected, cure)
 
 
 def force_balance(model: Model, inertia: Floats) -> ForceBalance:

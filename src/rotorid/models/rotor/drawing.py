@@ -146,11 +146,9 @@ def _of(unit: str, *, signed: bool = True, above: bool = False, speed: bool = Fa
             return value
         found = read_quantity(value, unit, info.context["parameters"])
         if not speed and any(name == SPEED for factors, _ in found.terms for name, _ in factors):
-            raise ModelError(
-                f"{value!r}, which depends on the speed",
-                "a quantity of the rotor itself",
-                "let the speed stand in [supports] only",
-            )
+            told = f"{value!r}, which depends on the speed"
+            cure = "let the speed stand in [supports] only"
+            raise ModelError(told, "a quantity of the rotor itself", cure)
         if above:
             _check_nominal(found, info.context["parameters"])
         if not signed and found.number is not None and found.number < 0:
@@ -163,18 +161,13 @@ def _of(unit: str, *, signed: bool = True, above: bool = False, speed: bool = Fa
 def _check_nominal(quantity: Quantity, declared: Sequence[Parameter]) -> None:
     missing = [p.name for p in declared if p.nominal is None and p.name in quantity.names]
     if missing:
-        raise ModelError(
-            f"{missing[0]} without nominal",
-            "a nominal value, for which the shaft is divided into elements",
-            "give nominal, about right",
-            place=f"parameters.{missing[0]}",
-        )
+        told = f"{missing[0]} without nominal"
+        expected = "a nominal value, for which the shaft is divided into elements"
+        cure = "give nominal, about right"
+        raise ModelError(told, expected, cure, place=f"parameters.{missing[0]}")
     if not 0 < quantity.nominal < np.inf:
-        raise ModelError(
-            f"{quantity.nominal:g} at the nominal values",
-            "a quantity above 0",
-            "look at its unit and its sign, and at nominal of what it holds",
-        )
+        cure = "look at its unit and its sign, and at nominal of what it holds"
+        raise ModelError(f"{quantity.nominal:g} at the nominal values", "a quantity above 0", cure)
 
 
 def _in_si(unit: str) -> Any:
@@ -222,11 +215,9 @@ def _material(value: Any, info: ValidationInfo) -> Any:
     if known is None:
         return value
     if value not in known:
-        raise ModelError(
-            f"the material {str(value)[:60]!r}",
-            f"one of [materials]: {', '.join(known)}",
-            "take a name from there, or add it",
-        )
+        expected = f"one of [materials]: {', '.join(known)}"
+        cure = "take a name from there, or add it"
+        raise ModelError(f"the material {str(value)[:60]!r}", expected, cure)
     return known[value]
 
 
@@ -246,11 +237,9 @@ class Section(Schema):
     @classmethod
     def _of_a_shaft(cls, value: float) -> float:
         if not SMALLEST < value < LARGEST:
-            raise ModelError(
-                f"{value:g} m",
-                f"a length above 0, from {SMALLEST:g} to {LARGEST:g} m",
-                "take it from the drawing again, with its unit",
-            )
+            expected = f"a length above 0, from {SMALLEST:g} to {LARGEST:g} m"
+            cure = "take it from the drawing again, with its unit"
+            raise ModelError(f"{value:g} m", expected, cure)
         return value
 
     @field_validator("inner")
@@ -258,11 +247,9 @@ class Section(Schema):
     def _within(cls, inner: float, info: ValidationInfo) -> float:
         outer = info.data.get("outer", np.inf)
         if not 0 <= inner < outer:
-            raise ModelError(
-                f"inner {inner:g} m in outer {outer:g} m",
-                "an inner diameter from 0 to less than the outer one",
-                "give diameters, not radii; leave inner out where the section is solid",
-            )
+            expected = "an inner diameter from 0 to less than the outer one"
+            cure = "give diameters, not radii; leave inner out where the section is solid"
+            raise ModelError(f"inner {inner:g} m in outer {outer:g} m", expected, cure)
         return inner
 
 
@@ -321,17 +308,11 @@ class Support(Schema):
         for kind in "kc":
             given = [kind + axes for axes in CROSSED if getattr(self, kind + axes) is not None]
             if getattr(self, kind) is not None and given:
-                raise ModelError(
-                    f"{kind} beside {given[0]}",
-                    f"{kind}, the same in x and y, or the four of {kind}xx to {kind}yy",
-                    "leave one out",
-                )
+                expected = f"{kind}, the same in x and y, or the four of {kind}xx to {kind}yy"
+                raise ModelError(f"{kind} beside {given[0]}", expected, "leave one out")
         if not any(quantity.terms for quantity in self.constants.values()):
-            raise ModelError(
-                "neither stiffness nor damping",
-                "k, c, or kxx to cyy",
-                "give one of them, or leave the support out",
-            )
+            cure = "give one of them, or leave the support out"
+            raise ModelError("neither stiffness nor damping", "k, c, or kxx to cyy", cure)
         return self
 
     @property
@@ -434,12 +415,9 @@ class Rotor(Schema):
                     )
                 there = float(member.at)
                 if not -self._near <= there <= self.length + self._near:
-                    raise ModelError(
-                        f"a place at {there:g} m",
-                        f"one on the shaft, which is {self.length:g} m long",
-                        "measure from the left end",
-                        place=f"{place}.at",
-                    )
+                    expected = f"one on the shaft, which is {self.length:g} m long"
+                    cure = "measure from the left end"
+                    raise ModelError(f"a place at {there:g} m", expected, cure, place=f"{place}.at")
                 known, at = first.setdefault(name, (table, there))
                 if abs(at - there) > self._near or (known != table and name in self.floating):
                     raise ModelError(
@@ -457,12 +435,10 @@ class Rotor(Schema):
         shown = [(name, self.places[name]) for name in named if name not in self.floating]
         for (other, there), (name, at) in combinations(shown, 2):
             if name != other and abs(at - there) <= self._near:
-                raise ModelError(
-                    f"{other!r} and {name!r} at {at:g} m",
-                    "one name of one place, after which its coordinates are called",
-                    f"call both {name}: the actuator then has F_x{name}, the sensor x_{name}",
-                    place=f"sensors.{other}",
-                )
+                told = f"{other!r} and {name!r} at {at:g} m"
+                expected = "one name of one place, after which its coordinates are called"
+                cure = f"call both {name}: the actuator then has F_x{name}, the sensor x_{name}"
+                raise ModelError(told, expected, cure, place=f"sensors.{other}")
         return self
 
     def with_elements(self, counts: Sequence[int]) -> Rotor:

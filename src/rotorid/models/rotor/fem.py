@@ -374,12 +374,9 @@ def divided(rotor: Rotor) -> Rotor:
             for section in rotor.sections
         ]
         if sum(counts) + len(rotor.places) > MAX_ELEMENTS:
-            raise ModelError(
-                f"more than {MAX_ELEMENTS} elements",
-                "as many as the bending modes in the band of the records need",
-                "leave elements out, or draw fewer sections",
-                place="sections",
-            )
+            expected = "as many as the bending modes in the band of the records need"
+            cure = "leave elements out, or draw fewer sections"
+            raise ModelError(f"more than {MAX_ELEMENTS} elements", expected, cure, place="sections")
         found = rotor.with_elements(counts)
         if all(section.elements for section in rotor.sections):
             return found

@@ -121,12 +121,9 @@ class RotorModel(Model):
 
     def signal_value(self, index: int, motion: Motion) -> Floats:
         if any(base.kind == LAGGING for base, _ in self.signals[index].factors):
-            raise ModelError(
-                "structural damping",
-                "damping that has a value at each instant, or estimates on lines",
-                "use ml, or give internal and external damping in its place",
-                place="damping.structural",
-            )
+            expected = "damping that has a value at each instant, or estimates on lines"
+            cure = "use ml, or give internal and external damping in its place"
+            raise ModelError("structural damping", expected, cure, place="damping.structural")
         return super().signal_value(index, motion)
 
     @property
@@ -245,17 +242,13 @@ class RotorModel(Model):
         try:
             import ross
         except ImportError:
-            raise ModelError(
-                "no package ross", "ROSS 2.3 or later, below 3", "pip install rotorid[ross]"
-            ) from None
+            expected = "ROSS 2.3 or later, below 3"
+            raise ModelError("no package ross", expected, "pip install rotorid[ross]") from None
         rotor, known = self.rotor, {**dict(self.held), **values, "Omega": speed}
         for name, damping in rotor.damping:
             if damping.value(known):
-                raise ModelError(
-                    f"{name} damping of {damping.value(known):g}",
-                    "none, which ROSS does not have",
-                    "put its parameter to 0",
-                )
+                told = f"{name} damping of {damping.value(known):g}"
+                raise ModelError(told, "none, which ROSS does not have", "put its parameter to 0")
         shaft = []
         for node, section, beam in fem.spans(rotor):
             modulus = section.material.E.times(section.stiffness).value(known)
@@ -438,19 +431,15 @@ def from_ross(
 def _shaft(rotor: Any) -> list[Any]:
     elements = sorted(rotor.shaft_elements, key=lambda e: int(e.n))
     if [int(e.n) for e in elements] != list(range(len(elements))):
-        raise InputError(
-            "elements of a shaft side by side",
-            "one element between two nodes",
-            "put layers into one element, or into the stiffness of a section",
-        )
+        cure = "put layers into one element, or into the stiffness of a section"
+        raise InputError("elements of a shaft side by side", "one element between two nodes", cure)
     return elements
 
 
 def _section(element: Any, stiffness: Quantity) -> Section:
     if element.odl != element.odr or element.idl != element.idr:
-        raise InputError(
-            f"the conical element {element.n}", "cylinders", "divide it into steps of its mean"
-        )
+        cure = "divide it into steps of its mean"
+        raise InputError(f"the conical element {element.n}", "cylinders", cure)
     size = {"length": float(element.L), "outer": float(element.odl), "inner": float(element.idl)}
     given = {"E": element.material.E, "G": element.material.G_s, "density": element.material.rho}
     material = Material(**{name: Quantity.of(value) for name, value in given.items()})
@@ -460,9 +449,6 @@ def _section(element: Any, stiffness: Quantity) -> Section:
 def _constant(bearing: Any, name: str) -> float:
     values = np.atleast_1d(np.asarray(getattr(bearing, name), dtype=float))
     if (np.abs(values - values[0]) > 0).any():
-        raise InputError(
-            f"{name} of a bearing that depends on the speed",
-            "constants",
-            "write a rotor file, whose supports may hold Omega",
-        )
+        cure = "write a rotor file, whose supports may hold Omega"
+        raise InputError(f"{name} of a bearing that depends on the speed", "constants", cure)
     return float(values[0])
