@@ -415,9 +415,9 @@ class Evaluation:
 
     def period_residual(self, spectra: Complexes) -> Complexes:
         """Return the whitened residual of each period, shape (period, line, equation)."""
-        deviation = (spectra - self.problem.data).transpose(1, 2, 0)
-        rows = self._white(as_complex(self.columns @ deviation))
-        return (rows + self.whitened[:, :, None]).transpose(2, 0, 1)
+        deviation = np.ascontiguousarray((spectra - self.problem.data).transpose(1, 2, 0))
+        rows = self.whitened_columns() @ deviation + self.whitened[:, :, None]
+        return as_complex(rows.transpose(2, 0, 1))
 
     def channel_shares(self) -> Floats:
         """Return how much of the whitened noise each channel brings, shape (line, channel).

@@ -177,17 +177,18 @@ def _fitted(angles: Floats, std: float, middle: float) -> Creep:
     count = len(angles)
     place = np.arange(count) - (count - 1) / 2
     size = float(place @ place)
-    # What is left of the angles and of a step behind p periods, less their mean and slope.
-    line = np.linalg.qr(np.column_stack([np.ones(count), place]))[0]
-    every = np.column_stack([angles, np.tri(count, k=-1)[:, :-1]])
-    every -= line @ (line.T @ every)
-    rest, steps = every[:, 0], every[:, 1:]
-    length = np.linalg.norm(steps, axis=0)
-    found = rest @ steps / length
+    slope = float(place @ angles) / size
+    rest = angles - angles.mean() - slope * place
+    # Steps behind 1, 2, .. periods, less their mean and slope: how long, and what the rest has.
+    behind = np.arange(count - 1, 0, -1)
+    lever = np.cumsum(place[::-1])[-2::-1] / size
+    length = np.sqrt(behind * (1 - behind / count) - size * lever**2)
+    found = np.cumsum(rest[::-1])[-2::-1] / length
     best = int(np.argmax(np.abs(found)))
-    left = rest - found[best] * steps[:, best] / length[best]
+    step = (np.arange(count) > best) - behind[best] / count - lever[best] * place
+    left = rest - found[best] * step / length[best]
     return Creep(
-        float(place @ angles) / size,
+        slope,
         std / float(np.sqrt(size)),
         float(found[best] / length[best]),
         std / float(length[best]),
