@@ -19,7 +19,7 @@ from rotorid.force.reading import forces
 from rotorid.rig.linear_loop import LineNoise
 from rotorid.rig.logger import how_recorded
 from rotorid.rig.parts import Encoder, FluxSensors, Keyphasor, Logger, Rotation, SensorRunout
-from rotorid.signals.inspection import detect_distortion
+from rotorid.signals.inspection import inspect_record
 from rotorid.signals.spectrum import line_spectra
 from rotorid.studies.drawn_lines import without_noise
 from rotorid.studies.plan import load_study
@@ -313,15 +313,16 @@ def test_nonlinear_law_recovers_the_forces_and_the_linear_one_does_not():
     assert nonlinear.max() < 1e-3
     assert linear.min() > 0.02
 
-    found = detect_distortion(record, 20.0, LINES, highest=22)
     slopes = {n: replace(p, law=p.law.linearize()) for n, p in plan.rig.actuators.items()}
-    plain = recorded(replace(plan.rig, actuators=slopes), 3.0)
-    straight = detect_distortion(forces(plain, period=500), 20.0, LINES, highest=22)
-    for name in MODEL.inputs:
-        odd, even, _ = found.relative(name)
-        assert odd > 5e-3  # the magnets are odd: F(-i, -x) = -F(i, x)
-        assert even < 1e-3 * odd
-        assert max(straight.relative(name)[:2]) < 1e-6
+    plain = forces(recorded(replace(plan.rig, actuators=slopes), 3.0), period=500)
+    bent, straight = (
+        inspect_record(one, period_samples=500, harmonics=LINES).channels[:4]
+        for one in (record, plain)
+    )
+    for one, other in zip(bent, straight, strict=True):
+        assert one.odd > 5e-3  # the magnets are odd: F(-i, -x) = -F(i, x)
+        assert one.even < 1e-3 * one.odd
+        assert max(other.odd, other.even) < 1e-6
 
 
 # The noise of lines, drawn without samples, is that of samples.

@@ -7,89 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.core.errors import InputError, require_names
+from rotorid.core.errors import InputError
 from rotorid.core.notes import Note, worst
-from rotorid.core.values import Complexes, Floats, Integers, frozen
+from rotorid.core.values import Complexes, Floats, frozen
 from rotorid.data.lines import Lines, PhasorClock
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.average import average
 from rotorid.signals.checks.channels import is_input
 from rotorid.signals.checks.registry import check_record
 from rotorid.signals.period_search import common_period
-
-
-@frozen
-class Distortion:
-    """Levels are root mean squares over lines of |X| of the mean over periods, one per channel."""
-
-    channels: tuple[str, ...]
-    # (line,): odd and even harmonics that were not excited
-    odd: Integers
-    even: Integers
-    level: Floats  # (channel,): on the excited lines
-    # (channel,): distortion on the odd and even lines left out, the part that noise explains taken
-    # off; nan where there are no such lines
-    odd_level: Floats
-    even_level: Floats
-    noise: Floats  # (channel,): what noise alone leaves on a line of the mean
-    # (channel,): level over noise; about 1 where there is no distortion
-    odd_excess: Floats
-    even_excess: Floats
-
-    def relative(self, channel: str) -> tuple[float, float, float]:
-        require_names([channel], self.channels, "no channel {}")
-        j = self.channels.index(channel)
-        odd, even, noise = (
-            float(part[j] / self.level[j]) for part in (self.odd_level, self.even_level, self.noise)
-        )
-        return odd, even, noise
-
-
-def detect_distortion(
-    record: Record,
-    fundamental: float,
-    excited: Sequence[int],
-    *,
-    highest: int | None = None,
-    apart: Sequence[int] = (),
-    skip: float = 0.0,
-) -> Distortion:
-    """Tell even and odd distortion and noise from the lines that were not excited, up to `highest`.
-
-    Left aside are the harmonics `apart`, and those of a rotation at a whole multiple of the
-    fundamental: there unbalance and runout are. `skip` is in s.
-    """
-    top = int(max(excited)) if highest is None else highest
-    turns = abs(record.speed) / (2 * np.pi * fundamental)
-    first = round(turns)
-    rotation = range(first, top + 1, first) if first and abs(turns - first) <= 0.01 else ()
-    aside = {*excited, *apart, *rotation}
-    out = np.array([k for k in range(1, top + 1) if k not in aside], dtype=np.int64)
-    if not out.size:
-        raise InputError(
-            f"every harmonic up to {top} excited",
-            "lines left out",
-            "excite odd harmonics, or leave some out",
-            file=record.source,
-        )
-    periods = average(record, fundamental, harmonics=range(1, top + 1), skip=skip)
-    power = np.abs(periods.mean_spectrum) ** 2
-    # Of the mean of each line: differences of successive periods hold no slow drift.
-    noise = (np.abs(np.diff(periods.spectra, axis=0)) ** 2).mean(axis=0) / 2 / periods.periods
-    odd, even = out[out % 2 == 1], out[out % 2 == 0]
-    level, quiet = np.sqrt(_mean(power, np.array(sorted(excited)))), _mean(noise, out)
-    both = [_mean(power, group) for group in (odd, even)]
-    left = [mean - _mean(noise, group) for mean, group in zip(both, (odd, even), strict=True)]
-    odd_level, even_level = (np.sqrt(np.maximum(part, 0.0)) for part in left)
-    odd_excess, even_excess = (np.sqrt(mean / np.maximum(quiet, 1e-300)) for mean in both)
-    levels = level, odd_level, even_level, np.sqrt(quiet)
-    return Distortion(periods.names, odd, even, *levels, odd_excess, even_excess)
-
-
-def _mean(power: Floats, harmonics: Integers) -> Floats:
-    if not harmonics.size:
-        return np.full(power.shape[1], np.nan)
-    return np.asarray(power[harmonics - 1].mean(axis=0))
 
 
 CREST = 3.0
