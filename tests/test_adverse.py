@@ -1,8 +1,11 @@
 """Adverse records are called what they are: no wrong answer is called ok."""
 
+import re
 from itertools import chain
 
+import numpy as np
 import pytest
+from adverse import RATE, TURN, estimate_of, measure, new_trial
 from adverse_cases import CASES
 from commit import part_of
 
@@ -28,6 +31,31 @@ SAMPLED = CASES[6::16]
 def test_what_one_record_is_called(case):
     found = case.run(0, leads=False)
     assert case.holds(found, leads=False), found
+
+
+@pytest.mark.parametrize(("size", "status"), [(30.0, "ok"), (300.0, "rejected")])
+def test_periods_that_are_doubted_reject_where_they_move_the_answer(size, status):
+    """A knock of so many times the noise: the other periods tell whether it matters."""
+    trial = new_trial("jeffcott", np.random.default_rng(0))
+    trial.method = "batch"
+    measure(trial)
+    late = np.arange(trial.periods * trial.size) / RATE - 0.93
+    knock = np.where(late > 0, np.exp(-60 * late) * np.sin(TURN * 60 * late), 0.0)
+    for name in trial.sensors:
+        trial.columns[name] += size * trial.noise * knock
+    found = estimate_of(trial)
+    (note,) = [c for c in found.checks if c.about == "knock"]
+    assert note.periods[0] == 18
+    assert re.search(r"without such samples \w+ moves by [\d.]+ std, from [-+\d.e]+ to", note.found)
+    assert found.status == status
+    assert (note.found in str(found.notes[0])) == (status == "rejected")
+
+
+def test_what_every_period_has_rejects_without_being_tried():
+    case = next(case for case in CASES if case.what == "a clipped sensor")
+    found = case.run(0, leads=False)
+    assert found.status == "rejected"
+    assert not any("without such samples" in text for text in found.said)
 
 
 @pytest.mark.slow

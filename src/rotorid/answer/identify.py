@@ -20,6 +20,7 @@ from rotorid.data.lines import PhasorClock
 from rotorid.data.observation import MEASURED, Data, Observation
 from rotorid.data.record import PeriodicRecord
 from rotorid.models import Model
+from rotorid.signals.checks.channels import OF_SAMPLES
 from rotorid.signals.checks.registry import check_periods
 
 
@@ -90,8 +91,8 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     require_type(model, Model, place="model")
     data = periods if isinstance(periods, Sequence) else [periods]
     found = [_checks(each) for each in data]
-    for each, checks in zip(data, found, strict=True):
-        refusal = next((check for check in checks if check.severity == "refuses"), None)
+    for each, notes in zip(data, found, strict=True):
+        refusal = next((check for check in notes if check.severity == "refuses"), None)
         if refusal is not None:
             table = isinstance(getattr(each, "clock", None), PhasorClock)
             more = "" if table else "; rotorid inspect shows more"
@@ -99,14 +100,13 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
             file = each.lines.source if isinstance(each, Observation) else each.source
             expected = "a record that can be identified"
             raise InputError(str(replace(refusal, cure="")), expected, cure, file=file)
-    checks = tuple(dict.fromkeys(check for checks in found for check in checks))
     chosen = by_name(estimator) if isinstance(estimator, str) else estimator
     estimate = chosen.estimate(model, data)
-    silent = [c for c in checks if c.about == NO_SCATTER and c.severity != "passes" and not c.on]
-    if silent:
+    silent = (c for notes in found for c in notes if c.about == NO_SCATTER and not c.on)
+    if any(c.severity != "passes" for c in silent):
         estimate = without_deviations(estimate)
-    checks, moved = tried(checks, estimate, partial(chosen.estimate, model), data)
-    told = of_data([c for c in checks if moved or c.about not in SAMPLES], estimate.status)
+    checks, harmless = tried(found, estimate, partial(chosen.estimate, model), data)
+    told = of_data([c for c in checks if c not in harmless], estimate.status)
     # What a result must hold of its model to be used without the model's file.
     text = Provenance(model=model.file_text, held=model.held) if model.file_text else None
     every = (*checks, *estimate.notes)
@@ -114,32 +114,49 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     return with_unbalance(model, estimate.with_notes(*told))
 
 
-SAMPLES = frozenset({"clipped", "stuck"})
-"""Checks that doubt some samples of a record, the others being right."""
 CLEAR, WEAK = 3.0, 3.0
-"""Deviations by which an answer moves without some samples that are wrong; and how much wider these
-become where too little is left to show it."""
+"""Deviations by which an answer moves without what is wrong; and how much wider these become where
+too little is left to show it."""
 
 
 def tried(
-    checks: Sequence[Note],
+    found: Sequence[Sequence[Note]],
     estimate: Estimate,
     again: Callable[[Sequence[Data]], Estimate],
     data: Sequence[Data],
-) -> tuple[tuple[Note, ...], bool]:
-    """Return checks, with what the answer is without samples that they doubt; whether it moves."""
-    doubted = [c for c in checks if c.about in SAMPLES and c.severity == "warns"]
-    without = [each.trusted() for each in data if isinstance(each, FilteredRecord)]
-    if not doubted or estimate.status != "ok" or len(without) < len(data):
-        return tuple(checks), True  # lines hold all samples alike
+) -> tuple[list[Note], set[Note]]:
+    """Return checks, with what the answer is without what some doubt in part; those it bears."""
+    checks = list(dict.fromkeys(note for notes in found for note in notes))
+    doubts, left = set[Note](), list[Data | None]()
+    for each, notes in zip(data, found, strict=True):
+        partly = [n for n in notes if n.severity == "warns"]
+        if isinstance(each, FilteredRecord):
+            partly = [n for n in partly if n.about in OF_SAMPLES]
+            left.append(each.trusted() if partly else each)
+        elif isinstance(each, PeriodicRecord):
+            partly = [n for n in partly if n.periods]
+            left.append(each.trusted(partly) if partly else each)
+        else:
+            partly = []  # lines hold all samples alike
+            left.append(each)
+        doubts.update(partly)
+    without = [each for each in left if each is not None]
+    if not doubts or estimate.status != "ok" or len(without) < len(data):
+        return checks, set()
     moved, said = 0.0, "too little is left without such samples to show whether they are wrong"
-    free = again(without).free if all(len(each.used) for each in without) else ()
+    some = all(len(each.used) for each in without if isinstance(each, FilteredRecord))
+    free = again(without).free if some else ()
     pairs = list(zip(estimate.free, free, strict=bool(free)))
     if pairs and all(w.std and w.std < WEAK * (v.std or 0.0) for v, w in pairs):
-        moved, name = max((abs(w.value - v.value) / (w.std or 1.0), v.name) for v, w in pairs)
-        said = f"without such samples {name} moves by {moved:.2g} deviations"
-    told = {c: replace(c, found=f"{c.found}; {said}") for c in doubted}
-    return tuple(told.get(c, c) for c in checks), moved > CLEAR
+        moves = [abs(w.value - v.value) / (w.std or 1.0) for v, w in pairs]
+        v, w = pairs[most := int(np.argmax(moves))]
+        moved = moves[most]
+        said = (
+            f"without such samples {v.name} moves by {moved:.2g} std, from {v.value:.6g} to "
+            f"{w.value:.6g} {v.unit}"
+        )
+    told = {c: replace(c, found=f"{c.found}; {said}") if c in doubts else c for c in checks}
+    return list(told.values()), {told[c] for c in doubts} if moved <= CLEAR else set()
 
 
 def _checks(data: Data) -> tuple[Note, ...]:

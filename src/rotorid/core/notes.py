@@ -63,6 +63,8 @@ class Note:
     size : str
         Of what is assumed: the error that is plausible; `value` is what that would move the
         parameter in `on` by, in standard deviations.
+    periods : sequence of int
+        Of the data: the periods that it doubts, from 0, where it does not doubt all alike.
 
     Examples
     --------
@@ -83,6 +85,7 @@ class Note:
     drop: float | None = None
     share: float | None = None
     size: str = ""
+    periods: tuple[int, ...] = ()
 
     @property
     def text(self) -> str:

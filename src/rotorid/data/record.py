@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
@@ -606,6 +606,26 @@ class PeriodicRecord(Shown, OfMachine):
         """Weight c of each line: 2, or 1 at DC and at the Nyquist line; shape (line,)."""
         single = (self.harmonics == 0) | (2 * self.harmonics == self.samples)
         return np.where(single, 1.0, 2.0)
+
+    def trusted(self, doubts: Iterable[Note]) -> PeriodicRecord | None:
+        """Return the record without the periods that notes doubt; None where no two are left."""
+        kept = np.setdiff1d(np.arange(self.periods), [p for note in doubts for p in note.periods])
+        if len(kept) < 2:
+            return None
+        spectra, rotation = self.spectra[kept], self.rotation
+        if rotation is not None:
+            own, recorded = rotation.spectra[kept], rotation.recorded[kept]
+            rotation = replace(rotation, spectra=own, recorded=recorded)
+        every, some = (s.var(axis=0, ddof=1).sum(axis=0) for s in (self.spectra, spectra))
+        shrunk = np.divide(some, every, where=every > 0, out=np.ones_like(every))
+        return replace(
+            self,
+            spectra=spectra,
+            variance=shrunk * self.variance,  # the samples are gone: as much less as lines scatter
+            time=self.time[kept],
+            angle=self.angle[kept],
+            rotation=rotation,
+        )
 
     def _drawn(self) -> tuple[Any, str]:
         from rotorid.report.drawn import spectra

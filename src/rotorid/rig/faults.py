@@ -479,7 +479,7 @@ def _transient(rig: Rig, size: float) -> Rig:
     return _disturbed(rig, rig.model.inputs[:1], dying)
 
 
-@_fault("3 kN", "rejected", "touch", "knock")
+@_fault("3 kN", "warned", "touch", "knock")
 def _touch_down(rig: Rig, size: float) -> Rig:
     """A shock of 4 ms after 3 s that throws the rotor into its bearings."""
 

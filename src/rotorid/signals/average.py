@@ -24,6 +24,7 @@ from rotorid.data.record import (
     check_samples,
     some_periods,
 )
+from rotorid.signals.checks.channels import OF_SAMPLES, doubtful_samples
 from rotorid.signals.checks.periods import LOOKED_AT, ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording
@@ -122,6 +123,10 @@ def average(
         again = average(flat, period_samples=size, harmonics=sums.lines.tolist(), skip=skip)
         return changed(again, checks=(*again.checks, *ramp_notes(again, rise)))
     seen = check_record(record, found, excerpt=_excerpt(record, first, size))
+    if any(note.about in OF_SAMPLES for note in seen if note.severity == "warns"):
+        doubtful = doubtful_samples(record)[used].reshape(whole, size)[kept].any(axis=1)
+        in_part = () if doubtful.all() else tuple(np.flatnonzero(doubtful).tolist())
+        seen = tuple(replace(n, periods=in_part) if n.about in OF_SAMPLES else n for n in seen)
     return changed(found, checks=(*seen, *check_periods(found, seen), *found.checks))
 
 

@@ -178,6 +178,10 @@ def _flat(samples: Floats, value: float) -> int:
     return int((after - first)[long].sum())
 
 
+OF_SAMPLES = frozenset({"clipped", "stuck"})
+"""Checks that doubt some samples of a record, the others being right."""
+
+
 def doubtful_samples(record: Record) -> Booleans:
     """Return the samples in which some channel is flat at a limit or rests in the middle."""
     valid = np.ones(len(record.samples), dtype=bool) if record.valid is None else record.valid

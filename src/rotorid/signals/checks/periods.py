@@ -275,7 +275,8 @@ def check_settled(periods: PeriodicRecord) -> list[Note]:
         if not found.periods:
             return []
         text = f"{found.told}: skip {found.drop:g} s more"
-        return [Note("settled", "warns", text)]
+        early = tuple(range(round(found.drop * periods.fundamental)))
+        return [Note("settled", "warns", text, periods=early)]
     if periods.periods < 3:
         text = f"{periods.periods} periods cannot show a transient: record 8 or more"
         return [Note("settled", "says", text)]
@@ -292,7 +293,7 @@ def check_settled(periods: PeriodicRecord) -> list[Note]:
         f"the first of {count} periods differs from the others by {np.sqrt(ratio[worst]):.3g} "
         f"times their scatter: skip {1 / periods.fundamental:g} s more"
     )
-    return [Note("settled", "warns", text, on=(periods.names[worst],))]
+    return [Note("settled", "warns", text, on=(periods.names[worst],), periods=(0,))]
 
 
 @period_check("knock", "no period stands out", *DISTURBED)
@@ -316,13 +317,14 @@ def check_knocks(periods: PeriodicRecord) -> list[Note]:
     channels = np.flatnonzero(out[knocked].any(axis=0))
     factor = float(np.sqrt(ratio[worst].max()))
     starts = periods.time[knocked, 0]
-    which = ", ".join(f"{p + 1} ({t:.4g} s)" for p, t in zip(knocked[:5], starts, strict=False))
+    listed = ", ".join(f"{p + 1} ({t:.4g} s)" for p, t in zip(knocked[:5], starts, strict=False))
     text = (
-        f"period {which}{' and more' if knocked.size > 5 else ''} deviates by up to {factor:.3g} "
+        f"period {listed}{' and more' if knocked.size > 5 else ''} deviates by up to {factor:.3g} "
         "times the scatter of the others: an external shock; leave these periods out or record "
         "again"
     )
-    return [Note("knock", "warns", text, on=tuple(periods.names[c] for c in channels))]
+    on, which = tuple(periods.names[c] for c in channels), tuple(knocked.tolist())
+    return [Note("knock", "warns", text, on=on, periods=which)]
 
 
 def _without_trend(spectra: Complexes) -> Floats:
