@@ -398,7 +398,7 @@ def test_sums_of_equations_are_refused_with_a_cure(name, change, told):
         assert with_unbalance(model, estimate_of(model)).unbalance == ()
         assert told in with_unbalance(model, estimate_of(model)).notes[0].found
         structure = find_structure(model, model.values(model.nominal), 500.0)
-        lacking = find_candidates(structure, ["m", "m"])
+        lacking = find_candidates(structure)
         places = ("mass at", "load at", "stiffness to")
         assert not [c.name for c in lacking if c.name.startswith(places)]
 
@@ -479,8 +479,7 @@ def test_terms_that_lack_have_the_size_that_they_have_at_the_coordinate():
     values = model.values(model.nominal)
     plain, twice = (find_structure(each, values, 500.0) for each in (model, doubled))
     candidates = [
-        {c.name: c for c in find_candidates(s, ["m", "m"]) if c.name.endswith("x, y")}
-        for s in (plain, twice)
+        {c.name: c for c in find_candidates(s) if c.name.endswith("x, y")} for s in (plain, twice)
     ]
     assert candidates[0].keys() == candidates[1].keys() >= {"mass at x, y", "load at x, y"}
     for name, one in candidates[0].items():

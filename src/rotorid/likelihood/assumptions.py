@@ -208,11 +208,9 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     scales = force_scale(records, None)
     kinds = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
     exact = [(plausible, not_asked(fit.case, unknowns)) for plausible, unknowns in kinds]
-    coordinates = () if structure is None else structure.coordinates
-    units = [fit.case.model.units[name] for name in coordinates]
     parts, magnets, axes = list[Unknown](), list[Unknown](), list[Unknown]()
     if structure is not None and records:
-        parts, magnets = parts_between(structure, units), list(levers(structure, fit.case.model))
+        parts, magnets = parts_between(structure), list(levers(structure, fit.case.model))
         axes = list(turned_magnets(structure, fit.case.model))
     every = (unknown for _, unknowns in exact for unknown in unknowns)
     point = fit.case.beside([*scales, *every, *parts, *magnets, *axes])
@@ -223,9 +221,9 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     yield from _held(fit, point)
     yield from _constrained(fit)
     if structure is not None and records:
-        yield from _parts(structure.mass(units), {p.term: point.by(p.term) for p in parts})
+        yield from _parts(structure.mass, {p.term: point.by(p.term) for p in parts})
         if not structure.balance.faults:
-            yield from _ground(fit, structure, units)
+            yield from _ground(fit, structure)
             if structure.pairs:
                 text, cure = "aligned: axes turned by 0.1 deg", "measure the directions of the axes"
                 said, way = ("axes", "0.1 deg", text, cure), TURNED * structure.turn()
@@ -358,10 +356,8 @@ def following(fit: Fit) -> Iterator[Assumed]:
     squares = _over(fit, per_row)[:, None]
     for i in sorted(may.union(*magnets) & {*layout.free.tolist()} - layout.idle):
         name, size = layout.unknowns[i].name, FOLLOWS * abs(float(point.unknowns[i]))
-        text, cure = (
-            "alike at all speeds: 10 % more at the highest",
-            "a record near that speed settles it",
-        )
+        text = "alike at all speeds: 10 % more at the highest"
+        cure = "a record near that speed settles it"
         effect = size * squares * point.columns[:, [i]]
         yield Assumed(f"{name} over the speed", "10 %", text, cure, effect, grows={name: size})
 
@@ -379,13 +375,13 @@ def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:
         yield Assumed("model", "1 %", text, cure, effect, least=BEYOND, errors=errors, held=None)
 
 
-def _ground(fit: Fit, structure: Structure, units: Sequence[str]) -> Iterator[Assumed]:
+def _ground(fit: Fit, structure: Structure) -> Iterator[Assumed]:
     cure = "read the casing with an accelerometer, or weigh the rotor"
     every = list(zip(fit.solution.point.records, fit.records, strict=True))
     for standing, natural in MOUNTS:
         text = f"at rest: a casing of {CASING:g} times the rotor's mass, {standing},"
         said = "ground", f"{CASING:g} rotor masses, {standing}", text, cure
-        found = [_recoil(*each, structure, units, natural) for each in every]
+        found = [_recoil(*each, structure, natural) for each in every]
         yield from _by_rows(fit, said, found)
 
 
@@ -409,9 +405,7 @@ def _by_rows(fit: Fit, said: Said, found: Sequence[Rows], **more: Any) -> Iterat
         yield Assumed(*said, _over(fit, columns), errors=names, **more)
 
 
-def _recoil(
-    at: Evaluation, record: Observation, structure: Structure, units: Sequence[str], natural: float
-) -> Rows:
+def _recoil(at: Evaluation, record: Observation, structure: Structure, natural: float) -> Rows:
     """Return what a casing that gives way does.
 
     The rotor pushes it by ``-t'(M q" - g)``, t a translation and g the unbalance; it moves by
@@ -423,9 +417,9 @@ def _recoil(
     mass = structure.inertia
     held = natural**2 + 2j * MOUNT_DAMPING * natural * omega
     give = omega**2 / (held - omega**2) if natural else np.full(omega.shape, -1.0)
-    weight = CASING * structure.mass(units)
+    weight = CASING * structure.mass
     forces = np.zeros_like(motion)
-    for along in structure.translations(units):
+    for along in structure.translations():
         reaction = (-(omega**2) * (motion @ mass) - unbalance) @ along
         forces += give * reaction[:, None] / max(weight, 1e-300) * (mass @ along)
     return {"ground": _rows(at, structure, forces)}

@@ -52,17 +52,15 @@ K, K_SPEED, D, D_SPEED, M = (0, 0), (0, 1), (1, 0), (1, 1), (2, 0)
 """Matrices by the derivative that they multiply, and by the power of the speed."""
 
 
-def find_candidates(
-    structure: Structure, units: Sequence[str], *, still: bool = False
-) -> list[Unknown]:
-    """Return the terms that may be missing; `units`: of coordinates; `still`: no rotor turns."""
-    bending = [_bending(structure, units)] if structure.pairs and not structure.springs else []
+def find_candidates(structure: Structure, *, still: bool = False) -> list[Unknown]:
+    """Return the terms that may be missing; `still`: no rotor turns."""
+    bending = [_bending(structure)] if structure.pairs and not structure.springs else []
     return [
         *(_term(structure, *each) for each in _of_parts(structure, still)),
         *bending,
-        *_sleeves(structure, units),
-        *_to_ground(structure, units, still),
-        *parts_between(structure, units),
+        *_sleeves(structure),
+        *_to_ground(structure, still),
+        *parts_between(structure),
     ]
 
 
@@ -89,14 +87,14 @@ def _of_parts(structure: Structure, still: bool) -> Iterator[tuple[str, str, Mat
                 yield f"asymmetry {name}{where}", "1", {kind: block}
 
 
-def _bending(structure: Structure, units: Sequence[str]) -> Unknown:
+def _bending(structure: Structure) -> Unknown:
     """Return what a shaft that bends adds to a rigid rotor, far below its first bending mode.
 
     With a compliance C between forces and readings, y = S q + C F, and F = B^-1 M q" of the rigid
     rotor, its equations become M q" + M A M q"" = B F with A = S^-1 C B^-1: symmetric where
     sensors stand beside their magnets, and the same in both planes.
     """
-    heavy, parts = _sum(structure.masses), list[Matrices]()
+    heavy, parts, units = _sum(structure.masses), list[Matrices](), structure.units
     for one, other in combinations_with_replacement(structure.pairs, 2):
         alike = (units[one[0]] == "m") == (units[other[0]] == "m")
         matrix = _in_both_planes(len(heavy), one, other, alike=alike)
@@ -117,8 +115,9 @@ def _in_both_planes(
     return matrix
 
 
-def _sleeves(structure: Structure, units: Sequence[str]) -> Iterator[Unknown]:
+def _sleeves(structure: Structure) -> Iterator[Unknown]:
     """Yield a mass on a rigid rotor off its centre: what of it no mass and no inertia takes up."""
+    units = structure.units
     for one, other in combinations(structure.pairs, 2) if not structure.springs else ():
         if units[one[0]] == "m" and units[other[0]] == "rad":
             places = ", ".join(structure.coordinates[k] for k in one)
@@ -131,14 +130,14 @@ def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
     return np.asarray(np.sum([matrix for _, matrix in parts], axis=0))
 
 
-def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> Iterator[Unknown]:
+def _to_ground(structure: Structure, still: bool) -> Iterator[Unknown]:
     """Yield what may act at one place: each pair of coordinates, or each that has no partner."""
     n = len(structure.coordinates)
     for group in (*structure.pairs, *((k,) for k in structure.lone)):
         if structure.balance.faults.keys() & {*group}:  # no equation tells the forces there
             continue
         names = ", ".join(structure.coordinates[k] for k in sorted(group))
-        stiff, mass, rate, load = UNITS_AT[units[group[0]] == "rad"]
+        stiff, mass, rate, load = UNITS_AT[structure.units[group[0]] == "rad"]
         one = np.diag(np.isin(np.arange(n), group).astype(float))
         yield _term(structure, f"stiffness to ground {names}", stiff, {K: one})
         yield _term(structure, f"mass at {names}", mass, {M: one})
@@ -152,10 +151,10 @@ def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> Itera
             yield _term(structure, f"damping to ground {names}", rate, {D: one})
 
 
-def parts_between(structure: Structure, units: Sequence[str]) -> list[Unknown]:
+def parts_between(structure: Structure) -> list[Unknown]:
     """Return a mass halfway between each two places of a shaft; none of a drawing: it bends."""
     found, unknown = list[Unknown](), structure.balance.faults.keys()
-    places = [p for p in structure.pairs if units[p[0]] == "m" and not unknown & {*p}]
+    places = [p for p in structure.pairs if structure.units[p[0]] == "m" and not unknown & {*p}]
     for one, other in combinations(places, 2) if not structure.slopes else ():
         half = np.zeros((2, len(structure.coordinates)))  # the mean of both, in x and in y
         half[[0, 1], one] = half[[0, 1], other] = 0.5
@@ -264,14 +263,12 @@ def _arms(structure: Structure, way: Floats) -> Mapping[int, Sequence[tuple[int,
 
 @rivals("term")
 def _terms(case: Case) -> Iterator[Rival]:
-    model, structure = case.model, case.structure
-    if structure is None:
+    if case.structure is None:
         return
     still = not any(record.lines.speed.any() for record in case.records)
-    units = [model.units[name] for name in model.coordinates]
-    drawn = isinstance(model, RotorModel)
+    drawn = isinstance(case.model, RotorModel)
     add = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
-    for term in find_candidates(structure, units, still=still):
+    for term in find_candidates(case.structure, still=still):
         yield freed(replace(term, cure=add) if drawn else term)
 
 

@@ -230,6 +230,7 @@ class Structure:
     # second
     pairs: tuple[tuple[int, int], ...]
     coordinates: tuple[str, ...]
+    units: tuple[str, ...]  # of these
     # the equation of each coordinate, and how many times the forces on it that is
     balance: ForceBalance
     lone: tuple[int, ...] = ()  # coordinates without a partner, on which something may act too
@@ -261,15 +262,16 @@ class Structure:
         """Return what sensors see of a motion, by the coordinates of the model."""
         return motion if self.shapes is None else motion @ self.shown
 
-    def mass(self, units: Sequence[str]) -> float:
-        """Return the mass that moves in x; `units`: of the coordinates."""
-        along = next(iter(self.translations(units)), np.zeros(len(units)))
+    @property
+    def mass(self) -> float:
+        """The mass that moves in x."""
+        along = next(iter(self.translations()), np.zeros(len(self.units)))
         return float(along @ self.inertia @ along)
 
-    def translations(self, units: Sequence[str]) -> list[Floats]:
+    def translations(self) -> list[Floats]:
         """Return what moves all places alike, in x and in y, or in each direction there is."""
-        shares = [np.isin(np.arange(len(units)), plane) for plane in self.planes]
-        moved = [share * (np.array(units) == "m").astype(float) for share in shares]
+        lengths, every = np.array(self.units) == "m", np.arange(len(self.units))
+        moved = [(np.isin(every, plane) & lengths).astype(float) for plane in self.planes]
         return [along for along in moved if along.any()]
 
     def turn(self) -> Floats:
@@ -316,8 +318,9 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     else:
         links = np.abs(inertia) + sum((np.abs(matrix) for _, matrix in springs), np.zeros((n, n)))
         planes = tuple(tuple(group.tolist()) for group in coupled(links + np.eye(n)))
-    structure = Structure(springs, masses, tuple(pairs), model.coordinates, balance, lone)
-    return replace(structure, inertia=inertia, planes=planes)
+    names, units = model.coordinates, tuple(model.units[name] for name in model.coordinates)
+    found = Structure(springs, masses, tuple(pairs), names, units, balance, lone)
+    return replace(found, inertia=inertia, planes=planes)
 
 
 Parts = tuple[tuple[str, Floats], ...]

@@ -199,8 +199,7 @@ def test_gains_that_are_all_stated_are_not_assumed():
 def test_the_mass_that_a_casing_carries(equations, coordinates, parameters, mass):
     model = rid.parse_model(model_text("machine", equations, coordinates, "F N", parameters))
     structure = find_structure(model, model.values(model.nominal), 0.0)
-    units = [model.units[name] for name in model.coordinates]
-    assert structure.mass(units) == pytest.approx(mass)
+    assert structure.mass == pytest.approx(mass)
     assert not structure.pairs
 
 

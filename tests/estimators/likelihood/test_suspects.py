@@ -184,7 +184,7 @@ def test_structure_of_the_shipped_models(name, springs, pairs):
     assert [found for found, _ in structure.springs] == springs
     angles = {("theta_x", "theta_y")} if "theta_x" in model.coordinates else set()
     assert {tuple(model.coordinates[k] for k in p) for p in structure.pairs} == pairs | angles
-    terms = find_candidates(structure, [model.units[c] for c in model.coordinates])
+    terms = find_candidates(structure)
     names = [term.name for term in terms]
     assert len(names) == len(set(names))
     assert ("damping k1" in names) == (name == "three-mass")

@@ -336,7 +336,8 @@ def places_of(model: Model, values: Floats, speed: float) -> Structure | None:
     planes = (tuple(every), tuple(x + 1 for x in every))
     inertia = whole.require_linear().matrices(values, speed).M
     balance = force_balance(whole, inertia)
-    found = Structure((), (), tuple(pairs), whole.coordinates, balance, (), inertia, planes, slopes)
+    names, units = whole.coordinates, tuple(whole.units[name] for name in whole.coordinates)
+    found = Structure((), (), tuple(pairs), names, units, balance, (), inertia, planes, slopes)
     if model.kept is None or model.basis is None:
         return found
     shown = np.zeros_like(model.basis)
