@@ -18,8 +18,14 @@ from rotorid.core.watch import watch
 from rotorid.data.observation import Observation, Records
 from rotorid.likelihood.case import Case
 from rotorid.likelihood.doubts_angle import Creep, creeps
-from rotorid.likelihood.expected_cost import by_equation_errors
-from rotorid.likelihood.inference import Inference, SharedNoise, in_common, infer, shared_noise
+from rotorid.likelihood.inference import (
+    Inference,
+    SharedNoise,
+    by_equation_errors,
+    in_common,
+    infer,
+    shared_noise,
+)
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.other_answers import questioned
 from rotorid.likelihood.preparation import prepare

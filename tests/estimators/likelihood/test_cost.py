@@ -16,7 +16,7 @@ from model_text import model_text
 import rotorid as rid
 from rotorid import Channel, Drive, InputError, Lines, PeriodicRecord, identify
 from rotorid.data.lines import Beside
-from rotorid.likelihood import expected_cost as by_errors
+from rotorid.likelihood import inference as by_errors
 from rotorid.likelihood import whitening
 from rotorid.likelihood.assembly import assemble, every_load, load_lines, phase_steps
 from rotorid.likelihood.cost import Likelihood
