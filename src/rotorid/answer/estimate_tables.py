@@ -269,18 +269,13 @@ def _assuming(values: Sequence[Value]) -> bool:
 _COLUMNS = ("", "value", "std", "std %", "inflated", "if assumptions err", "95 %", "unit")
 
 
-def as_zero(value: float, spread: float) -> float:
-    """Return a value, and 0 for one that the two digits of its spread do not show."""
-    return 0.0 if abs(value) < ROUNDING * spread else value
-
-
 def row_of(value: Value) -> tuple[str, ...]:
     """Return the cells of `_COLUMNS`."""
     unit = "" if value.unit == "1" else value.unit
     inflated = "" if value.std_inflated is None else two_digits(value.std_inflated)
     assumed = "" if value.std_assumed is None else two_digits(value.std_assumed)
     rest = inflated, assumed, interval_text(value), unit
-    if value.std and as_zero(value.value, value.std) == 0:
+    if value.std and abs(value.value) < ROUNDING * value.std:
         return value.name, "0", two_digits(value.std), "", *rest
     if value.fixed or value.std is None or not value.std > 0:
         std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"

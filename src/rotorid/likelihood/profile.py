@@ -41,7 +41,8 @@ def profiled(estimate: Estimate, fit: Fit) -> Estimate:
 
     Bounds count for nothing here, as in deviations; beside an active one neither tells much.
     """
-    layout, found, few = fit.layout, dict[str, Interval](), _on_few_lines(fit.solution.point)
+    layout, found, point = fit.layout, dict[str, Interval](), fit.solution.point
+    few = _on_few_lines(point)
     of = {value.name: value for value in estimate.parameters if not fit.solution.active}
     for k, name in enumerate(layout.names(layout.free < layout.named)):
         watch("looking at the profiles of the parameters", k, layout.named)
@@ -49,7 +50,8 @@ def profiled(estimate: Estimate, fit: Fit) -> Estimate:
             continue
         # What widened deviations in a bent valley is just what is asked here.
         bend = 1.0 if fit.shared else float(fit.inference.bend[k])
-        held = _Held.by_deviation(fit.solution.point, k, std / bend)
+        told = float(np.linalg.norm(point.linear.root[k]))
+        held = _Held(point, k, std / bend / told)
         with suppress(np.linalg.LinAlgError):
             if few is not None and _Held(few, k, held.wider).straight:
                 continue
@@ -95,10 +97,6 @@ class _Held:
         # where the unknown is held, or nearly so: the ways from there are short
         self.near = [point.unknowns + ASKED * side * self.steps[1] for side in (0, 1, -1)]
         self.rise = cache(self._rise)
-
-    @classmethod
-    def by_deviation(cls, point: Point, k: int, std: float) -> _Held:
-        return cls(point, k, std / float(np.linalg.norm(point.linear.root[k])))
 
     @property
     def straight(self) -> bool:

@@ -19,7 +19,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.data.observation import Records
 from rotorid.likelihood import rivals_model, rivals_read
-from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Way, apart
+from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Way, apart, not_asked
 from rotorid.likelihood.effects import Entry, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.problem import Point, Problem
@@ -159,7 +159,8 @@ class RivalSearch:
 
     @quiet
     def entered(self, *stages: str) -> list[Rival]:
-        return [r for stage in stages for entry in CATALOGUE[stage] for r in entry(self.case)]
+        every = (r for stage in stages for entry in CATALOGUE[stage] for r in entry(self.case))
+        return [r for r in every if r.added is None or not_asked(self.case, [r.added])]
 
     def explains(self, finding: Finding) -> bool:
         return finding.left < GROSS * max(self.case.expected, 1.0)

@@ -20,7 +20,7 @@ import numpy as np
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PhasorClock, SilentClock, Window
 from rotorid.data.observation import Observation, Records
-from rotorid.likelihood.case import Case, Rival, each_record, freed, not_asked, rivals
+from rotorid.likelihood.case import Case, Rival, each_record, freed, rivals
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Reads, Replaces, of_kind
 from rotorid.likelihood.problem import Point
@@ -109,9 +109,7 @@ def _gains(case: Case) -> Iterator[Rival]:
     groups = _like_groups(case)
     found = {name: [name] for group in groups for name in group}
     found |= {_label(case, group): group for group in groups if len(group) > 1}
-    for label, names in found.items():
-        for unknown in not_asked(case, [multiplier(label, names)]):
-            yield _gain(unknown, label)
+    yield from (_gain(multiplier(label, names), label) for label, names in found.items())
 
 
 @rivals("factor")
@@ -124,19 +122,17 @@ def _typical(case: Case) -> Iterator[Rival]:
         for name in group:
             ratio = float(middle / size[name]) if size[name] > 0 else 1.0
             start = 1.0 if 1 / UNLIKE <= ratio <= UNLIKE else ratio
-            for unknown in not_asked(case, [multiplier(name, [name], start)]):
-                yield replace(_gain(unknown, name), way="both")
+            yield replace(_gain(multiplier(name, [name], start), name), way="both")
 
 
 @rivals("channel")
 def _effects(case: Case) -> Iterator[Rival]:
     if case.records:
         exact = set.intersection(*(_exact_inputs(record) for record in case.records))
-        for unknown in not_asked(case, unknowns_of(case.records)):
+        for unknown in unknowns_of(case.records):
             if unknown.rival and not unknown.on <= exact:
                 yield freed(unknown, unknown.rival)
-    for runout in not_asked(case, harmonic_runouts(case.records)):
-        yield freed(runout)
+    yield from map(freed, harmonic_runouts(case.records))
 
 
 def _label(case: Case, group: Sequence[str]) -> str:
@@ -472,8 +468,7 @@ def _angles(case: Case, starts: Sequence[float] = (0.0,)) -> Iterator[Rival]:
                 "count the phases of that table from the mark of the first one: add that angle to "
                 "them in the file; or check at which angle its trial mass sat"
             )
-        for unknown in not_asked(case, [replace(phase, cure=cure)]):
-            yield freed(unknown, on=(f"record {number + 1}",))
+        yield freed(replace(phase, cure=cure), on=(f"record {number + 1}",))
 
 
 @rivals("angle far")

@@ -193,14 +193,10 @@ def gathered(rotor: Rotor, blocks: Iterable[Block]) -> tuple[Piece, ...]:
     return tuple(found)
 
 
-def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
-    return gathered(rotor, _blocks(rotor))
-
-
 _SPEED = Quantity(((((SPEED, 1),), 1.0),))
 
 
-def _blocks(rotor: Rotor) -> Iterator[Block]:
+def blocks_of(rotor: Rotor) -> Iterator[Block]:
     for node, section, beam in spans(rotor):
         yield from _elastic(rotor, PLANES * node, section, beam)
         yield from _inertial(rotor, PLANES * node, section, beam)

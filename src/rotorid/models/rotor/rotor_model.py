@@ -289,7 +289,7 @@ def rotor_model(
         tuple(parameters),
         (),
         rotor=rotor,
-        pieces=fem.pieces_of(rotor),
+        pieces=fem.gathered(rotor, fem.blocks_of(rotor)),
         loads=fem.loads_of(rotor),
         push=fem.inputs_of(rotor),
     )
