@@ -10,6 +10,8 @@ from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Literal
 
+from threadpoolctl import ThreadpoolController
+
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import EFFORT
 from rotorid.core.errors import NotConvergedError, require_names
@@ -85,18 +87,21 @@ class Search(Iterator[Progress]):
     """The steps of an estimate: each is taken when it is asked for.
 
     Whoever has seen enough asks for no more, and takes the best answer so far: after a
-    ``KeyboardInterrupt`` too, which passes through.
+    ``KeyboardInterrupt`` too, which passes through. Steps are taken on one thread of the linear
+    algebra: its matrices are so small that threads only wait for each other.
     """
 
     def __init__(self, steps: Iterator[Progress]) -> None:
         self._steps = steps
+        self._threads = ThreadpoolController()
         self._pace = Pace()
         self._last: Progress | None = None
 
     def __next__(self) -> Progress:
         if self._last is None:
             watch(FIRST)
-        step = next(self._steps)
+        with self._threads.limit(limits=1, user_api="blas"):
+            step = next(self._steps)
         if step.say != DONE:
             watch(step.say, step.done, step.of, step.found)
         self._last = replace(step, left=self._pace.left(step.say, step.done, step.of))
@@ -105,7 +110,8 @@ class Search(Iterator[Progress]):
     @property
     def best(self) -> Estimate | None:
         """The best answer so far: None before the first step, the estimate after the last."""
-        return None if self._last is None else self._last.best
+        with self._threads.limit(limits=1, user_api="blas"):
+            return None if self._last is None else self._last.best
 
     def finish(self) -> Estimate:
         for _ in self:

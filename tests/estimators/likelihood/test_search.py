@@ -11,6 +11,7 @@ import pytest
 from levitated import KNOWN, MODEL, levitated
 from levitated import QUICK as BRIEF
 from rotor_bank import SETTINGS, rotor_case
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import rotorid as rid
 from rotorid import InputError
@@ -19,6 +20,7 @@ from rotorid.likelihood import rivals as plain
 from rotorid.likelihood import solver
 from rotorid.likelihood import starts as search
 from rotorid.likelihood import summary as result
+from rotorid.likelihood.estimator import Search
 from rotorid.likelihood.problem import Point, Problem, Tangent
 from rotorid.likelihood.response import _motion
 from rotorid.likelihood.rivals import PLAIN
@@ -58,6 +60,23 @@ def test_the_first_step_has_an_answer_and_says_that_it_is_not_the_last():
     assert about(step.best, "interrupted") == [("unfinished", "let the search run to its end")]
     for name, true in CASE.truth.items():
         assert abs(step.best.value(name) - true) < 6 * step.best.std(name) + 1e-12
+
+
+def test_steps_are_taken_on_one_thread_of_the_linear_algebra():
+    def threads() -> int:
+        return max(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas")
+
+    def steps():
+        seen.append(threads())
+        yield rid.Progress("halfway", answer=lambda: seen.append(threads()))
+
+    seen: list[int] = []
+    with threadpool_limits(2, "blas"):
+        search = Search(steps())
+        assert next(search).say == "halfway"
+        assert search.best is None
+        assert threads() == 2
+    assert seen == [1, 1]
 
 
 def test_the_last_step_is_the_estimate(right):
