@@ -17,7 +17,6 @@ from rotorid.signals.checks.channels import is_input
 from rotorid.signals.checks.registry import check_record
 from rotorid.signals.period_search import common_period
 
-
 CREST = 3.0
 """Crest factor of an input that is worth a note: a multisine has 1.4 to 2, noise 4."""
 
