@@ -83,11 +83,8 @@ class Controller:
 def side_by_side(controllers: Sequence[Controller]) -> Controller:
     for controller in controllers:
         if controller.period != controllers[0].period:
-            raise InputError(
-                f"periods {controller.period} s and {controllers[0].period} s",
-                "one period",
-                "discretize all at one rate",
-            )
+            found = f"periods {controller.period} s and {controllers[0].period} s"
+            raise InputError(found, "one period", "discretize all at one rate")
     blocks = {name: linalg.block_diag(*(getattr(c, name) for c in controllers)) for name in "ABCD"}
     return Controller(**blocks, period=controllers[0].period)
 

@@ -267,11 +267,8 @@ def _bias_mismatch(law: Differential, size: float) -> Differential:
 def _bias_low(law: Differential, size: float) -> Differential:
     """Bias lower than stated by this part."""
     if not size < 1:
-        raise InputError(
-            f"a bias lower by {size:g} of it",
-            "a part below 1",
-            'write bias = "0 A" in the rig file: commands are other ones then',
-        )
+        cure = 'write bias = "0 A" in the rig file: commands are other ones then'
+        raise InputError(f"a bias lower by {size:g} of it", "a part below 1", cure)
     return replace(law, bias=law.bias * (1 - size))
 
 

@@ -159,11 +159,8 @@ class ActuatorEntry(LawEntry):
         law = self._force_law()
         unit = "N" if law is None else "A"
         if (self.supply is None) != (self.inductance is None):
-            raise InputError(
-                "one of supply and inductance",
-                "both, whose ratio limits the current's slope, or neither",
-                "add the other",
-            )
+            expected = "both, whose ratio limits the current's slope, or neither"
+            raise InputError("one of supply and inductance", expected, "add the other")
         supply, inductance = self.supply, self.inductance
         flux = None
         if self.flux is not None:
@@ -184,11 +181,8 @@ class ActuatorEntry(LawEntry):
             return law if isinstance(law, Linear | Differential) else None
         given = [key for key in law_keys() if key in self.model_fields_set and key != "law"]
         if given:
-            raise InputError(
-                f"{given[0]} without a force law",
-                "law = 'linear' or 'differential' beside it",
-                "add the law",
-            )
+            expected = "law = 'linear' or 'differential' beside it"
+            raise InputError(f"{given[0]} without a force law", expected, "add the law")
         return None
 
 

@@ -34,30 +34,18 @@ def record_bytes(
     record: Logged | RigRecord, *, rig_text: str = "", faults: Sequence[str] = ()
 ) -> bytes:
     """Return an HDF5 file: datasets with ``units``, times ``t`` and a group ``truth``."""
-
-    def fill(data: h5py.File) -> None:
+    time = np.arange(len(record.columns[0].samples)) / record.sample_rate
+    # In memory: on a disk that fills while it writes, the library crashes.
+    with h5py.File("in memory", "w", driver="core", backing_store=False) as data:
         data.attrs.update(written_by=RECORD.writer, written=MARK)
-        _write_columns(data, record.columns, record.sample_rate)
+        for column in (LoggedColumn("t", "s", time), *record.columns):
+            data.create_dataset(column.name, data=column.samples, **_PACKED)
+            data[column.name].attrs["units"] = column.unit
         if record.truth is not None:
             _write_truth(data.create_group("truth"), record.truth)
             data["truth"].attrs.update(rig=rig_text, faults=list(faults))
-
-    return RECORD.signed(_in_memory(fill))
-
-
-def _in_memory(fill: Callable[[h5py.File], None]) -> bytes:
-    """Return an HDF5 file as bytes: on a disk that fills while it writes, the library crashes."""
-    with h5py.File("in memory", "w", driver="core", backing_store=False) as data:
-        fill(data)
         data.flush()
-        return bytes(data.id.get_file_image())
-
-
-def _write_columns(data: h5py.File, columns: Sequence[LoggedColumn], sample_rate: float) -> None:
-    time = np.arange(len(columns[0].samples)) / sample_rate
-    for column in (LoggedColumn("t", "s", time), *columns):
-        data.create_dataset(column.name, data=column.samples, **_PACKED)
-        data[column.name].attrs["units"] = column.unit
+        return RECORD.signed(bytes(data.id.get_file_image()))
 
 
 def _write_truth(group: h5py.Group, truth: Truth) -> None:
@@ -109,18 +97,17 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
     turns = abs(rig.rotation.speed) / (2 * np.pi * rig.excitation.fundamental)
     if round(turns) >= 1 and abs(turns - round(turns)) < 0.01:  # that of the rotation
         lines.add(round(turns))
-    text = tomlkit.document()
-    text["model"] = plan.model
-    records = tomlkit.aot()
-    record_entry = {
+    entry = {
         "file": file,
         "sample_rate": _quantity(rig.logger.sample_rate, "Hz"),
         **_rotation(rig),
         "fundamental": _quantity(rig.excitation.fundamental, "Hz"),
         "harmonics": sorted(lines),
     }
-    records.append(_table(record_entry))
-    text["records"] = records
+    text = tomlkit.document()
+    text["model"] = plan.model
+    text["records"] = tomlkit.aot()
+    text["records"].append(_table(entry))
     text["channels"] = _table(_inputs(rig, record) | _positions(rig))
     if known := _known_parameters(rig):
         text["parameters"] = _table(known)
@@ -139,11 +126,7 @@ def _table(entries: Mapping[str, Any]) -> tomlkit.items.Table:
 
 def _quantity(value: float, unit: str) -> str:
     """Write a number with its unit so that it is read as the same one."""
-    return f"{_number(value)} {unit}"
-
-
-def _number(value: float) -> str:
-    return repr(float(value)).removesuffix(".0")
+    return f"{repr(float(value)).removesuffix('.0')} {unit}"
 
 
 def _rotation(rig: Rig) -> dict[str, Any]:

@@ -251,11 +251,7 @@ class Actuator:
     heating: float = 0.0  # growth of the gaps in 1/s, from the first sample on
 
     def __post_init__(self) -> None:
-        check(
-            self,
-            positive=("limit", "bandwidth", "slew"),
-            zero=("noise", "eddy", "hysteresis"),
-        )
+        check(self, positive=("limit", "bandwidth", "slew"), zero=("noise", "eddy", "hysteresis"))
         if self.coil is not None and (self.bandwidth is not None or self.hysteresis):
             raise InputError(
                 "a coil beside a bandwidth or hysteresis",
@@ -330,12 +326,8 @@ class SensorRunout:
 
     def __post_init__(self) -> None:
         if self.order < 1:
-            raise InputError(
-                f"order {self.order}",
-                "1 or more",
-                "count orders of the speed from 1",
-                place="order",
-            )
+            cure = "count orders of the speed from 1"
+            raise InputError(f"order {self.order}", "1 or more", cure, place="order")
 
 
 @frozen

@@ -82,11 +82,8 @@ def rotor_plant(
     between = centre if rotation.constant else centre + 0.31 * width
     exact = _motion(linear, values, mass, between)
     if np.abs(plant.at(between).motion[0] - exact).max() > 1e-9 * np.abs(exact).max(initial=0.0):
-        raise ModelError(
-            "a matrix that is no polynomial of Omega of degree 4",
-            "one, where the speed changes",
-            "run at constant speed",
-        )
+        found = "a matrix that is no polynomial of Omega of degree 4"
+        raise ModelError(found, "one, where the speed changes", "run at constant speed")
     return plant
 
 
@@ -114,20 +111,14 @@ def _mass(linear: LinearForm, values: Floats, nodes: Sequence[float]) -> Floats:
     first = masses[0]
     scale = np.abs(first).max(initial=0.0)
     if any(np.abs(mass - first).max(initial=0.0) > 1e-12 * scale for mass in masses):
-        raise ModelError(
-            "a mass that depends on the speed",
-            "constant masses where the speed changes",
-            "run at constant speed",
-        )
+        expected = "constant masses where the speed changes"
+        raise ModelError("a mass that depends on the speed", expected, "run at constant speed")
     diagonal = np.sqrt(np.abs(first).max(axis=1, initial=0.0))
     balanced = first / np.where(diagonal > 0, diagonal, 1)[:, None]
     balanced = balanced / np.where(diagonal > 0, diagonal, 1)
     if not np.isfinite(first).all() or np.linalg.cond(balanced) > 1e12:
-        raise ModelError(
-            "a coordinate without mass",
-            "a mass matrix that can be inverted",
-            "give every coordinate a mass, or eliminate it",
-        )
+        cure = "give every coordinate a mass, or eliminate it"
+        raise ModelError("a coordinate without mass", "a mass matrix that can be inverted", cure)
     return first
 
 

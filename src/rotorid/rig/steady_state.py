@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -72,11 +72,8 @@ def steady_state(
     samples = len(forces)
     turns = speed * samples / sample_rate / (2 * np.pi)
     if abs(turns - round(turns)) > 1e-9 * max(1.0, abs(turns)):
-        raise InputError(
-            f"{turns:.6g} revolutions in a period",
-            "a whole number",
-            "choose speed and fundamental so that one divides the other",
-        )
+        cure = "choose speed and fundamental so that one divides the other"
+        raise InputError(f"{turns:.6g} revolutions in a period", "a whole number", cure)
     mu = model.monomial_values(values)
     every = np.arange(samples // 2 + 1)
     driven = line_spectra(forces @ linear.input_matrix(mu).T, every)
@@ -112,17 +109,11 @@ def _check_numbers(model: Model, values: Floats, forces: Floats, sample_rate: fl
             f"values of shape {values.shape}", f"({parameters},)", "give one value per parameter"
         )
     if forces.ndim != 2 or forces.shape[1] != inputs or len(forces) < 2:
-        raise InputError(
-            f"forces of shape {forces.shape}",
-            f"(sample, {inputs}), 2 samples or more",
-            "give one column per input",
-        )
+        expected = f"(sample, {inputs}), 2 samples or more"
+        raise InputError(f"forces of shape {forces.shape}", expected, "give one column per input")
     if not (np.isfinite(values).all() and np.isfinite(forces).all() and 0 < sample_rate < np.inf):
-        raise InputError(
-            "values, forces or rate not finite",
-            "finite numbers",
-            "look for NaN and inf in what is passed, and give a positive rate in Hz",
-        )
+        cure = "look for NaN and inf in what is passed, and give a positive rate in Hz"
+        raise InputError("values, forces or rate not finite", "finite numbers", cure)
 
 
 def _load_lines(
@@ -200,8 +191,12 @@ def simulate(
         model, values, forces, sample_rate=sample_rate, speed=speed, phase=phase
     )
     names = (*model.inputs, *model.coordinates)
-    told = {n: quantity(v, model.units.get(n, "1"), place=n) for n, v in (noise or {}).items()}
-    deviation = _deviations(names, told)
+    require_names(noise or {}, names, "noise of {}")
+    told = {n: quantity(v, model.units[n], place=n) for n, v in (noise or {}).items()}
+    if wrong := [value for value in told.values() if not 0 <= value < np.inf]:
+        cure = "give a finite number, 0 or more, for each channel"
+        raise InputError(f"noise of {wrong[0]}", "a standard deviation", cure)
+    deviation = np.array([told.get(name, 0.0) for name in names])
     samples = np.tile(np.column_stack([np.asarray(forces, dtype=float), position]), (periods, 1))
     if deviation.any():
         if rng is None:
@@ -210,15 +205,3 @@ def simulate(
     angle = np.asarray(speed * np.arange(len(samples)) / sample_rate + phase, dtype=np.float64)
     channels = tuple(Channel(name, model.units[name]) for name in names)
     return Record(channels, samples, sample_rate, speed, angle, source="simulation")
-
-
-def _deviations(names: Sequence[str], noise: Mapping[str, float]) -> Floats:
-    negative = [value for value in noise.values() if not 0 <= value < np.inf]
-    if negative:
-        raise InputError(
-            f"noise of {negative[0]}",
-            "a standard deviation",
-            "give a finite number, 0 or more, for each channel",
-        )
-    require_names(noise, names, "noise of {}")
-    return np.array([noise.get(name, 0.0) for name in names])
