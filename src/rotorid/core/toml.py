@@ -136,12 +136,8 @@ def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
     if _LONG_KEY.search(data):
         raise ReadError("a key of more than 32 parts", "keys of a few parts", "cut it", file=file)
     if _LONG_NUMBER.search(data):
-        raise ReadError(
-            f"a number of more than {DIGITS} digits",
-            "TOML",
-            "write it with fewer digits, such as 1.5e3",
-            file=file,
-        )
+        cure = "write it with fewer digits, such as 1.5e3"
+        raise ReadError(f"a number of more than {DIGITS} digits", "TOML", cure, file=file)
     try:
         table = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:

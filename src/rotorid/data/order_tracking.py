@@ -131,11 +131,8 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float | str
 def _rotation(record: Record) -> Floats:
     """Return the rotor angle, checked that it goes on and is sampled often enough."""
     if record.angle is None and not record.speed:
-        raise InputError(
-            "a record without rotation",
-            "an angle, a keyphasor or a speed",
-            "name the column of the rotor angle or of the once-per-revolution pulse",
-        )
+        cure = "name the column of the rotor angle or of the once-per-revolution pulse"
+        raise InputError("a record without rotation", "an angle, a keyphasor or a speed", cure)
     angle = record.rotor_angle()
     sense = np.sign(angle[-1] - angle[0])
     steps = np.diff(angle) * sense
@@ -147,11 +144,8 @@ def _rotation(record: Record) -> Floats:
             "cut the record to the run-up or the coast-down",
         )
     if np.median(steps) > 2 * np.pi / SAMPLES:
-        raise InputError(
-            f"{2 * np.pi / np.median(steps):.3g} samples per revolution",
-            f"{SAMPLES} or more",
-            "record faster, or cut the fast part off",
-        )
+        found = f"{2 * np.pi / np.median(steps):.3g} samples per revolution"
+        raise InputError(found, f"{SAMPLES} or more", "record faster, or cut the fast part off")
     return np.asarray(angle, dtype=np.float64)
 
 

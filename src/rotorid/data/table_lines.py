@@ -461,11 +461,8 @@ def multiple_of(
 def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Floats:
     """Return the coherence, shape (line, sensor), no nearer to 1 than its digits say."""
     if coherence is None:
-        raise InputError(
-            "neither std nor coherence",
-            "what tells the noise of the responses",
-            "write coherence beside each response, with averages; or std",
-        )
+        cure = "write coherence beside each response, with averages; or std"
+        raise InputError("neither std nor coherence", "what tells the noise of the responses", cure)
     found = np.asarray(coherence, dtype=np.float64)
     if found.shape != responses.shape:
         raise InputError(
@@ -475,11 +472,8 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Flo
         )
     wrong = found[~((found >= 0) & (found <= 1))]
     if wrong.size:
-        raise InputError(
-            f"a coherence of {wrong[0]:g}",
-            "numbers from 0 to 1",
-            "divide percent by 100, or square it where the analyser gives its root",
-        )
+        cure = "divide percent by 100, or square it where the analyser gives its root"
+        raise InputError(f"a coherence of {wrong[0]:g}", "numbers from 0 to 1", cure)
     if (found == 1).all():
         raise InputError(
             "a coherence of 1 on every line",

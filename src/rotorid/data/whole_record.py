@@ -248,11 +248,8 @@ def _local(whole: _Whole, references: Complexes, lines: Integers) -> Local:
     every, rotation = whole.every, whole.rotation
     half = half_width(every.shape[1], references.shape[1], rotation.shape[1] > 0, ORDERS[0])
     if 2 * half + 1 > len(every):
-        raise InputError(
-            f"{len(every)} lines",
-            f"{2 * half + 1} or more, to tell noise from motion in {every.shape[1]} channels",
-            "record longer",
-        )
+        expected = f"{2 * half + 1} or more, to tell noise from motion in {every.shape[1]} channels"
+        raise InputError(f"{len(every)} lines", expected, "record longer")
     return local_covariance(every, references, rotation, lines)
 
 

@@ -191,11 +191,8 @@ def _response(table: ColumnFile) -> tuple[Floats, Complexes]:
     with naming(table.file):
         names = list(table.names)
         if len(names) != 3:
-            raise InputError(
-                f"{len(names)} columns",
-                "frequency in Hz, real part, imaginary part",
-                "write these three columns",
-            )
+            expected = "frequency in Hz, real part, imaginary part"
+            raise InputError(f"{len(names)} columns", expected, "write these three columns")
         read = table.read(names)
         units, columns = [read[n].unit for n in names], [read[n].values for n in names]
         hertz = columns[0] * si_factor(units[0] or "Hz", "Hz")

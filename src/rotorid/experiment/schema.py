@@ -173,11 +173,8 @@ def _check_keys(
 
 def _quantity_or_column(value: object) -> object:
     if isinstance(value, int | float) and not isinstance(value, bool):
-        raise InputError(
-            f"{value} without a unit",
-            "a quantity, or the name of a column",
-            f'write std = "{value} um", with the unit of the amplitude',
-        )
+        cure = f'write std = "{value} um", with the unit of the amplitude'
+        raise InputError(f"{value} without a unit", "a quantity, or the name of a column", cure)
     return value
 
 
@@ -286,11 +283,8 @@ def _speed(value: object) -> object:
         return value
     speed = to_si(value, "rad/s")
     if not abs(speed) <= 1e9:
-        raise InputError(
-            f"{speed:g} rad/s",
-            "1e9 rad/s at most",
-            "look at its unit: rpm, Hz and rad/s are different",
-        )
+        cure = "look at its unit: rpm, Hz and rad/s are different"
+        raise InputError(f"{speed:g} rad/s", "1e9 rad/s at most", cure)
     return SpeedEntry(value=f"{speed!r} rad/s")  # type: ignore[arg-type]
 
 
@@ -452,12 +446,8 @@ class RecordEntry(RecordKeys):
                     place=f"{first}, {second}",
                 )
         if self.until is not None and self.skip is not None and self.until <= self.skip:
-            raise InputError(
-                f"until = {self.until:g} s with skip = {self.skip:g} s",
-                "an end after the start",
-                "correct one of them",
-                place="until",
-            )
+            found = f"until = {self.until:g} s with skip = {self.skip:g} s"
+            raise InputError(found, "an end after the start", "correct one of them", place="until")
         return self
 
     @property
@@ -608,11 +598,8 @@ class ExperimentFile(Schema):
     def _nothing_left_open(cls, value: object) -> object:
         count, told = left_open(value)
         if count:
-            raise InputError(
-                f'"{OPEN}" for {told}',
-                "their values",
-                "fill them in, as the comments there say",
-            )
+            cure = "fill them in, as the comments there say"
+            raise InputError(f'"{OPEN}" for {told}', "their values", cure)
         return value
 
     @model_validator(mode="after")

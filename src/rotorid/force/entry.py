@@ -98,12 +98,8 @@ class LawEntry(Schema):
                     f"no {key}", f"{', '.join(needed)} for the {self.law} law", f"add {key}"
                 )
         for key in sorted(said - {"law", *allowed}):
-            raise InputError(
-                f"{key} with the {self.law} law",
-                f"one of {', '.join(dict.fromkeys(allowed))}",
-                "remove it",
-                place=key,
-            )
+            expected = f"one of {', '.join(dict.fromkeys(allowed))}"
+            raise InputError(f"{key} with the {self.law} law", expected, "remove it", place=key)
         given = self._constants
         for key, one in given.items():
             if self.law == "linear" and (one.std == np.inf or one.shared):

@@ -262,11 +262,8 @@ class Differential(Law):
             if over.size:
                 unit, what = ("A", "bias") if name == "current" else ("m", "gap")
                 at = f" at sample {over[0]}" if values.ndim else ""
-                raise InputError(
-                    f"{name} {values.ravel()[over[0]]:.6g} {unit}{at}, {over.size} such in all",
-                    f"less than the {what} of {limit:.6g} {unit}",
-                    cure,
-                )
+                found = f"{name} {values.ravel()[over[0]]:.6g} {unit}{at}, {over.size} such in all"
+                raise InputError(found, f"less than the {what} of {limit:.6g} {unit}", cure)
         return i, x
 
     def flowing(self, force: Floats, position: Floats) -> Floats:

@@ -264,11 +264,8 @@ def weigh_clock(
             _check_rate(given, stated, "the file", cure)
         said, until = stated if given is None else Rate(given), limits[1]
         if said is None:
-            raise InputError(
-                "no sample rate and no time column, nor does the file state a rate",
-                "one of sample_rate and time",
-                "give one",
-            )
+            found = "no sample rate and no time column, nor does the file state a rate"
+            raise InputError(found, "one of sample_rate and time", "give one")
         rate = given or _whole_multiple(said, fundamental, exactly=True)
         for name, column in unused if not overrule else ():
             _check_unused(rate, fundamental, name, column)

@@ -297,11 +297,8 @@ def open_responses(file: str) -> Iterator[dict[str, StoredResponse]]:
         )
     if len(found) < len(responses):
         twice, _ = Counter(name for name, _ in responses).most_common(1)[0]
-        raise ReadError(
-            f"two responses {twice}",
-            "one of each pair of nodes and directions",
-            "export them into files of their own",
-        )
+        cure = "export them into files of their own"
+        raise ReadError(f"two responses {twice}", "one of each pair of nodes and directions", cure)
     yield found
 
 

@@ -459,11 +459,8 @@ def _check_part(
     with opened as data:
         dataset, left = find(data, name, {})
         if dataset is None or left or Node(dataset, None).kind is not None:
-            raise ReadError(
-                f"no numbers {name[:80]!r}, a part of {_name(whole)}",
-                "a data set there",
-                "write that part again",
-            )
+            found = f"no numbers {name[:80]!r}, a part of {_name(whole)}"
+            raise ReadError(found, "a data set there", "write that part again")
         if origin.get_select_type() == h5py.h5s.SEL_ALL:  # as many as there are
             there: tuple[int, ...] = (dataset.size,)
             needed: tuple[int, ...] = (target.get_select_npoints(),)

@@ -273,11 +273,8 @@ class ArrayFile:
     def _ending(self, name: str) -> str | None:
         fitting = self._by_end.get(name.strip("/"), [])
         if len(fitting) > 1:
-            raise ReadError(
-                f"{name!r} {len(fitting)} times ({', '.join(fitting[:4])})",
-                "a name that is unique in the file",
-                "write the whole path",
-            )
+            found = f"{name!r} {len(fitting)} times ({', '.join(fitting[:4])})"
+            raise ReadError(found, "a name that is unique in the file", "write the whole path")
         return fitting[0] if fitting else None
 
     @cached_property
@@ -490,12 +487,8 @@ def open_table(path: str | Path, *, header_row: int | None = None) -> OneFile:
         return table
     if ending not in FORMATS:
         found = content(path) + (f", ending {path.suffix}" if path.suffix else ", no ending")
-        raise ReadError(
-            found,
-            f"a file that ends in {', '.join(READERS)}",
-            "export the record to one of these",
-            file=str(path),
-        )
+        cure = "export the record to one of these"
+        raise ReadError(found, f"a file that ends in {', '.join(READERS)}", cure, file=str(path))
     if header_row is not None:
         found = "header_row of a file that is no text"
         raise ReadError(found, "a text table", "remove it", file=str(path))

@@ -218,11 +218,8 @@ def _decimal_mark(fields: Sequence[str], delimiter: str) -> str:
     }
     if all(first.values()):
         shown = " and ".join(repr(field[:40]) for field in first.values())
-        raise ReadError(
-            f"numbers with commas and with points, {shown}",
-            "one decimal mark",
-            "export the table without marks between thousands",
-        )
+        cure = "export the table without marks between thousands"
+        raise ReadError(f"numbers with commas and with points, {shown}", "one decimal mark", cure)
     return next((mark for mark, field in first.items() if field), "")
 
 

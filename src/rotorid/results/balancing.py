@@ -59,12 +59,8 @@ class Masses:
         cls, radius: float | str | None, masses: Sequence[float | str], holes: int | None
     ) -> Masses:
         if (masses or holes is not None) and radius is None:
-            raise InputError(
-                "masses or holes without the radius at which they are",
-                "a radius",
-                'give it: --radius "30 mm"',
-                place="radius",
-            )
+            found = "masses or holes without the radius at which they are"
+            raise InputError(found, "a radius", 'give it: --radius "30 mm"', place="radius")
         if holes is not None and (holes < 1 or holes != int(holes)):
             raise InputError(
                 f"{holes} holes", "a whole number, 1 or more", "count them", place="holes"

@@ -291,11 +291,8 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     if isinstance(source, Model):
         model, source = source, _nominal(source)
     elif source.status == "not_converged":
-        raise InputError(
-            "a result that has not converged",
-            "one that is ok, or rejected",
-            "see its warnings, and identify again",
-        )
+        cure = "see its warnings, and identify again"
+        raise InputError("a result that has not converged", "one that is ok, or rejected", cure)
     else:
         model = own_model(source)
     source = _of_record(model, source, record)
@@ -515,10 +512,6 @@ def shares_of(machine: Machine, text: str) -> Floats | None:
 def require_shares(machine: Machine, kind: str, text: str, cure: str) -> Floats:
     found = shares_of(machine, text)
     if found is None:
-        raise InputError(
-            f"the {kind} {text[:60]!r}",
-            f"a combination of {', '.join(machine.model.coordinates[:8])}",
-            cure,
-            place=f"{kind}s",
-        )
+        expected = f"a combination of {', '.join(machine.model.coordinates[:8])}"
+        raise InputError(f"the {kind} {text[:60]!r}", expected, cure, place=f"{kind}s")
     return found

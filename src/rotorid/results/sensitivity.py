@@ -435,11 +435,8 @@ def _windows(lines: LoopLines) -> Windowed:
     frequency, columns = lines.frequency, lines.r.shape[1] + 1
     half = -(-((ORDER + 1) * columns + lines.rotation.shape[1] + LEAST - 1) // 2)
     if 2 * half + 1 > len(frequency):
-        raise InputError(
-            f"{len(frequency)} lines in the band",
-            f"{2 * half + 1} or more",
-            "record for longer, or widen the band",
-        )
+        cure = "record for longer, or widen the band"
+        raise InputError(f"{len(frequency)} lines in the band", f"{2 * half + 1} or more", cure)
     middles = frequency[half : len(frequency) - half : half]
     loud, chance = float(np.abs(lines.r).max()), RESONANT * half / len(frequency)
     rows, candidates = [], []

@@ -197,11 +197,8 @@ def keyphasor_angle(
     t = np.asarray(times, dtype=float)
     with naming(source):
         if len(t) < 4:
-            raise InputError(
-                f"{len(t)} pulses",
-                "four or more",
-                "record longer, or check the threshold and the column",
-            )
+            cure = "record longer, or check the threshold and the column"
+            raise InputError(f"{len(t)} pulses", "four or more", cure)
         kept, turns = _count_turns(t)
     open_ = np.broadcast_to(np.asarray(half, dtype=float), t.shape)[kept]
     missing = int(turns[-1] - turns[0] + 1 - len(turns))

@@ -148,11 +148,8 @@ def _kept_periods(record: Record, used: slice, size: int) -> tuple[Booleans, tup
     kept: Booleans = np.all(record.valid[used].reshape(-1, size), axis=1)
     left = int(kept.sum())
     if left < 2:
-        raise InputError(
-            f"{left} of {len(kept)} periods without a sample that the mask leaves out",
-            "at least two",
-            "record longer, or leave out less",
-        )
+        found = f"{left} of {len(kept)} periods without a sample that the mask leaves out"
+        raise InputError(found, "at least two", "record longer, or leave out less")
     told = f"{len(kept) - left} of {len(kept)} periods hold samples that are masked: left out"
     return kept, () if left == len(kept) else (told,)
 
@@ -251,11 +248,8 @@ def _begun(
 
 def _period_size(rate: float, fundamental: float | None, samples: int | None) -> int:
     if (fundamental is None) == (samples is None):
-        raise InputError(
-            "neither or both of fundamental and period_samples",
-            "one of them",
-            "give the fundamental frequency or the samples of a period",
-        )
+        cure = "give the fundamental frequency or the samples of a period"
+        raise InputError("neither or both of fundamental and period_samples", "one of them", cure)
     exact, source = float(samples or 0), ""
     if fundamental is not None:
         cure = "set fundamental to the repetition frequency"
@@ -269,11 +263,8 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
             "give a lower common fundamental and multiply the harmonics, or resample",
         )
     if size < 2:
-        raise InputError(
-            f"a period of {exact:.3g} samples{source}",
-            "2 or more",
-            "is the time column in ms? give its unit; or set fundamental to the true one",
-        )
+        cure = "is the time column in ms? give its unit; or set fundamental to the true one"
+        raise InputError(f"a period of {exact:.3g} samples{source}", "2 or more", cure)
     return size
 
 
@@ -307,12 +298,8 @@ def _lines_of(
 def _first_sample(rate: float, skip: float, start: float = 0.0) -> int:
     """Return the number of samples to skip, of a record whose first is taken at a time `start`."""
     if not 0 <= skip < math.inf:
-        raise InputError(
-            f"skip of {skip} s",
-            "0 s or more",
-            "give the time from the start of the record, in s",
-            place="skip",
-        )
+        cure = "give the time from the start of the record, in s"
+        raise InputError(f"skip of {skip} s", "0 s or more", cure, place="skip")
     return max(0, math.ceil((skip - start) * rate - 1e-6))
 
 

@@ -85,11 +85,8 @@ def _harmonics(harmonics: ArrayLike) -> Integers:
     given = np.atleast_1d(np.asarray(harmonics))
     whole = given.astype(np.int64)
     if given.ndim != 1 or not given.size or (whole != given).any() or whole[0] < 1:
-        raise InputError(
-            f"harmonics {list(given.ravel()[:8])}",
-            "whole numbers from 1",
-            "count harmonics from the fundamental, which is 1",
-        )
+        cure = "count harmonics from the fundamental, which is 1"
+        raise InputError(f"harmonics {list(given.ravel()[:8])}", "whole numbers from 1", cure)
     if (np.diff(whole) <= 0).any():
         raise InputError(f"harmonics {list(whole[:8])}", "increasing numbers", "sort them")
     return whole
