@@ -3,11 +3,16 @@
 import re
 from itertools import chain
 
+import good_records
 import numpy as np
 import pytest
 from adverse import RATE, TURN, estimate_of, measure, new_trial
 from adverse_cases import CASES
 from commit import part_of
+from good_records import informs, rotor_bound
+from rotor_bank import SETTINGS, rotor_case
+
+from rotorid import MaximumLikelihood, identify
 
 RECORDS = [range(first, first + 3) for first in range(0, 12, 3)]
 """Of each case a commit has three records: one of each machine, of those that three can be.
@@ -81,3 +86,33 @@ def test_a_lead_names_it(case):
 def test_of_two_minima_the_lower_is_the_answer_though_the_first_ways_join():
     case = next(case for case in CASES if case.what == "a hundred times the noise")
     assert case.run(2, leads=False).status == "not_identifiable"  # and 15 deviations off, ok, at 90
+
+
+# What counts as a good record is said before it is estimated: one that informs.
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "loose", "share"),
+    [
+        ("4 sensors, weak excitation", 1004, "I_t", 2.20),
+        ("4 sensors, standstill, +-40 %", 9, "k1", 0.96),
+        ("4 sensors, +-40 %", 900, "I_t", None),
+    ],
+)
+def test_a_record_that_does_not_inform_is_not_good(name, seed, loose, share):
+    case = rotor_case(SETTINGS[name], seed)
+    bound = {n: b for n, b in rotor_bound(case).items() if n not in good_records.UNBALANCE}
+    assert max(bound, key=lambda n: bound[n]) == loose
+    assert informs(case) == (share is None)
+    if share is not None:
+        assert bound[loose] == pytest.approx(share, abs=0.01)
+
+
+def test_the_bound_is_what_maximum_likelihood_states():
+    """From the bank's own matrices, by differences; the estimator's own are another way."""
+    case = rotor_case(SETTINGS["5 sensors, +-40 %"], 900)
+    estimator = MaximumLikelihood(fixed=case.fixed, start=case.start)
+    estimate = identify(case.model, case.records, estimator)
+    for name, share in rotor_bound(case).items():
+        if name not in good_records.UNBALANCE:
+            assert estimate[name].std == pytest.approx(share * case.truth[name], rel=0.15)

@@ -1,6 +1,7 @@
 """The comparison with peers: its scores, and one entrant on a small case."""
 
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -58,3 +59,15 @@ def test_the_procedure_of_the_paper_finds_the_rotor_and_its_deviations_are_too_s
     assert scores["numpy"]["lost"] == 0
     assert scores["numpy"]["frequency %"] < 1.0
     assert scores["numpy"]["cover %"] < 50.0
+
+
+# The benchmarks start: each is imported, none is timed.
+
+
+BENCHMARKS = sorted((Path(__file__).parents[1] / "benchmarks").glob("*.py"))
+
+
+@pytest.mark.parametrize("file", BENCHMARKS, ids=lambda file: file.stem)
+def test_imports(file):
+    """What a benchmark takes from the program is there."""
+    runpy.run_path(str(file))
