@@ -22,22 +22,9 @@ STATUSES: dict[str, Status] = {
     "rejects": "rejected",
 }
 """What a note makes of an answer, the gravest first."""
-CONTRADICTING = frozenset(
-    {
-        "drift",
-        "settled",
-        "knock",
-        "lost samples",
-        "clocks",
-        "speed",
-        "period",
-        "repeats",
-        "copied periods",
-        "clipped",
-        "stuck",
-        "wander",
-    }
-)
+_STAYS = {"drift", "settled", "knock", "speed", "period", "repeats", "wander"}
+_SAMPLED = {"lost samples", "clocks", "copied periods", "clipped", "stuck"}
+CONTRADICTING = frozenset(_STAYS | _SAMPLED)
 """Checks whose warnings contradict what every method takes for granted: that the machine, its
 speed and its period stay what they are, and that the samples are the quantity."""
 SILENT = frozenset({"dead", "stuck", "quantized"})
@@ -56,7 +43,7 @@ EFFORT = "effort"
 """What the note is about that not everything was asked that may change the answer."""
 SUSPECTS = "suspects"
 """What the sentence on the possible causes is about: it says what to do, and stands first."""
-_LATER = (
+_FIT = (
     "units",
     "record",
     "noise",
@@ -66,11 +53,8 @@ _LATER = (
     "other answers",
     "sign",
     "misfit",
-    OPEN,
-    "blocks",
-    "unbalance",
-    "report",
 )
+_LATER = (*_FIT, OPEN, "blocks", "unbalance", "report")
 """What is told behind the reasons to turn an answer away and the doubts about it, in this order."""
 
 

@@ -18,20 +18,9 @@ from rotorid.core.values import Complexes, Floats, fact, frozen
 from rotorid.data.lines import Clock, Lines, Signal
 from rotorid.data.observation import Observation, combined
 from rotorid.data.record import Channel
+from rotorid.likelihood import effects
 from rotorid.likelihood.cost import Entries, EntrySlopes, Likelihood, Sensing
-from rotorid.likelihood.effects import (
-    Adds,
-    Calibration,
-    Drives,
-    Entry,
-    Factors,
-    Reads,
-    Rereads,
-    RowLoad,
-    Scales,
-    Turns,
-    at_unknowns,
-)
+from rotorid.likelihood.effects import Adds, Drives, Entry, Rereads, RowLoad, Scales, at_unknowns
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_factor
@@ -51,7 +40,7 @@ class Terms:
 
     table: StiffnessTable
     monomials: Monomials  # of all unknowns
-    where: Mapping[Factors, int]  # each product of unknowns among them
+    where: Mapping[effects.Factors, int]  # each product of unknowns among them
 
     @classmethod
     def of(cls, layout: Layout, further: Sequence[Entry], loads: Sequence[RowLoad] = ()) -> Terms:
@@ -145,7 +134,7 @@ def other_terms(layout: Layout, observation: Observation) -> list[Entry]:
 
 def _constant(
     acting: Sequence[tuple[Drives, int]], part: str, known: float
-) -> tuple[float, Factors]:
+) -> tuple[float, effects.Factors]:
     """Return a constant of a force law as (number, unknowns): one of the two is trivial."""
     unknown = next((at for effect, at in acting if effect.part == part), None)
     return (known, ()) if unknown is None else (1.0, (unknown,))
@@ -169,7 +158,7 @@ def _require_known(layout: Layout, terms: Sequence[SensorTerm], what: str, place
         raise InputError(told, expected, cure, place=place)
 
 
-def _parameters(layout: Layout, term: SensorTerm) -> Factors:
+def _parameters(layout: Layout, term: SensorTerm) -> effects.Factors:
     return tuple(np.repeat(layout.held, term.powers).tolist()) if any(term.powers) else ()
 
 
@@ -187,7 +176,7 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[Entry]:
             terms.append(Entry(row, t.coordinate, t.order, t.coefficient, factors=held))
         terms += [
             Entry(row, effect.coordinate, 0, effect.coefficient, factors=(int(at[0]),))
-            for effect, at in layout.acting(Reads)
+            for effect, at in layout.acting(effects.Reads)
             if effect.channel == sensor.channel.name
         ]
     return terms
@@ -284,7 +273,7 @@ def assemble(
     ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
     loads = every_load(layout)
     terms = Terms.of(layout, other_terms(layout, observation), loads)
-    phase = next((int(at[0]) for _, at in layout.acting(Turns)), None)
+    phase = next((int(at[0]) for _, at in layout.acting(effects.Turns)), None)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     entries = terms.entries(lines, reads.shape[1] + width)
     monomials = terms.monomials
@@ -311,7 +300,7 @@ def assemble(
         np.array(sorted({terms.where[each.factors] for each in loads}), dtype=np.int64),
         rows,
         sensing,
-        Calibration.of(observation, *on_channels, phase, orders),
+        effects.Calibration.of(observation, *on_channels, phase, orders),
         data,
         noise,
         scales,

@@ -29,17 +29,10 @@ import scipy
 from rotorid.core.linalg import triangle
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Lines
+from rotorid.likelihood import whitening
 from rotorid.likelihood.effects import Calibration
 from rotorid.likelihood.relations import Monomials
-from rotorid.likelihood.whitening import (
-    Ends,
-    Noise,
-    Projection,
-    Sizes,
-    Transient,
-    as_complex,
-    projection,
-)
+from rotorid.likelihood.whitening import Projection, Sizes, Transient, as_complex, projection
 
 
 @frozen
@@ -135,7 +128,7 @@ class Likelihood:
     sensing: Sensing
     calibration: Calibration
     data: Complexes  # (line, channel): mean lines, inputs first, then sensors
-    noise: Noise  # covariance C of the mean lines, factored as F F^H
+    noise: whitening.Noise  # covariance C of the mean lines, factored as F F^H
     scales: Sizes  # what rows and coordinates were divided by
     multiplicity: Floats  # (line,): c: 2, or 1 for the real lines
     # how many of the last rows are sensors, each with its channel behind those of the inputs
@@ -198,30 +191,20 @@ class Likelihood:
             return as_complex(self.load[0])
         return as_complex(np.einsum("o,olrg->lrg", phase, self.load))
 
-    def evaluate(
-        self,
-        unknowns: Floats,
-        relaxation: float = 0.0,
-        affine: Integers | None = None,
-        like: Evaluation | None = None,
-    ) -> Evaluation:
-        """Evaluate at all unknowns; an equally stiff `like` has the projection already."""
-        return Evaluation(self, unknowns, relaxation, affine, like)
-
 
 class Evaluation:
     """Residual and Jacobian of one record at one point; real parts over imaginary ones.
 
     By line are `stiffness`, `inputs`, `plain` and `columns`: P, B, the columns of the true channels
     [B, P R], and L; `null_h`: N^H, None where no coordinate is hidden; `whitener`: U; `whitened`:
-    eps; `line_costs`. `cost` is J.
+    eps; `line_costs`. `cost` is J. An equally stiff `like` has the projection already.
     """
 
     def __init__(
         self,
         problem: Likelihood,
         unknowns: Floats,
-        relaxation: float,
+        relaxation: float = 0.0,
         affine: Integers | None = None,
         like: Evaluation | None = None,
     ) -> None:
@@ -238,7 +221,7 @@ class Evaluation:
         self.whitener = triangle(root)
         self.lower = self.whitener.conj().transpose(0, 2, 1)
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
-        self.ends: Ends | None = None
+        self.ends: whitening.Ends | None = None
         self._set_rows(self._affine)
 
     def with_data(self, problem: Likelihood) -> Evaluation:
@@ -265,7 +248,7 @@ class Evaluation:
                 units = self.problem.units if self.null_h is None else self.null_h[:, :, :count]
                 whitened_units = as_complex(np.linalg.solve(self.lower, units))
                 self._end_columns = transient.columns(whitened_units)
-                self.ends = Ends.of(self.stacked(self._end_columns))
+                self.ends = whitening.Ends.of(self.stacked(self._end_columns))
             tau = self.ends.tau(self.stacked(whitened))
             self._loose = transient.rows(tau, count)
             rows[:, :count] += self._loose

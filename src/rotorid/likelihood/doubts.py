@@ -19,6 +19,7 @@ from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.assumptions import assumed
+from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.doubts_angle import ANGLE, against_angle, told
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.inference import likeness
@@ -124,7 +125,8 @@ def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
         for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):
             shorter = replace(clock, time=clock.time[part], angle=clock.angle[part])
             other = record.with_lines(replace(record.lines, clock=shorter))
-            own = assemble(point.problem.layout, other, number).evaluate(at.unknowns, like=at)
+            likelihood = assemble(point.problem.layout, other, number)
+            own = Evaluation(likelihood, at.unknowns, like=at)
             changes[:, k] += own.residual - at.residual
     known = np.zeros((len(point.known), parts))
     return point.linear.steps(np.concatenate([*columns, known])).T

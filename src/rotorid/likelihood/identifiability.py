@@ -20,6 +20,7 @@ from rotorid.core.values import Floats, frozen, grouped
 from rotorid.data.lines import SampledClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
+from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.response import simulated
@@ -178,7 +179,7 @@ def _left_open(fit: Fit, record: Observation, number: int) -> int:
     try:  # an answer astray says nothing of other records
         with np.errstate(all="ignore"):
             likelihood = simulated(layout, record, unknowns, number)
-            jacobian = likelihood.evaluate(unknowns).jacobian()[:, layout.free] * linear.scale
+            jacobian = Evaluation(likelihood, unknowns).jacobian()[:, layout.free] * linear.scale
             size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
     except np.linalg.LinAlgError:
         return nothing

@@ -245,7 +245,7 @@ def _by_noise(point: Point) -> list[list[Floats]]:
         # What laws with other constants add comes of the samples, not of this noise.
         calibration = replace(likelihood.calibration, reread=())
         driven = replace(likelihood, load=np.zeros_like(likelihood.load), calibration=calibration)
-        quiet, idle = driven.evaluate(still, like=at), _idle_share(at, count)
+        quiet, idle = Evaluation(driven, still, like=at), _idle_share(at, count)
         every = []
         for column in range(count):
             noise = np.zeros_like(likelihood.data)

@@ -104,7 +104,7 @@ class Problem:
         """Evaluate at all unknowns, shape (unknown,); `like`: where the same rotor was, perhaps."""
         before = [] if like is None else like.records
         records = [
-            likelihood.evaluate(unknowns, relaxation, affine, at)
+            Evaluation(likelihood, unknowns, relaxation, affine, at)
             for likelihood, at in zip_longest(self.likelihoods, before)
         ]
         known = self.known.values(unknowns, relaxation)

@@ -76,7 +76,7 @@ def simulated(layout: Layout, record: Observation, unknowns: Floats, number: int
     lines = record.lines
     mean = np.empty_like(lines.mean)
     likelihood = assemble(layout, record, number)
-    mean[:, likelihood.order] = response(likelihood.evaluate(unknowns))
+    mean[:, likelihood.order] = response(Evaluation(likelihood, unknowns))
     return assemble(layout, record.with_lines(replace(lines, mean=mean)), number)
 
 

@@ -26,15 +26,7 @@ import numpy as np
 
 from rotorid.core.values import Floats, frozen
 from rotorid.likelihood.inference import Inference, infer
-from rotorid.likelihood.problem import (
-    Point,
-    Problem,
-    Tangent,
-    inside,
-    outside,
-    retract,
-    tangent,
-)
+from rotorid.likelihood.problem import Point, Problem, Tangent, inside, outside, retract, tangent
 from rotorid.likelihood.relations import Relation
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)

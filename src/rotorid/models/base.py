@@ -18,19 +18,9 @@ import numpy as np
 from rotorid.core.linalg import column_lengths
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, frozen
+from rotorid.models import expressions
 from rotorid.models.equations import Product
-from rotorid.models.expressions import (
-    MAX_VALUE,
-    TOLERANCE,
-    Expression,
-    Factor,
-    Monomial,
-    Real,
-    evaluate,
-    product,
-    simple_fraction,
-    values_at,
-)
+from rotorid.models.expressions import Expression, Factor, Monomial, Real, evaluate, product
 from rotorid.models.parser import Work
 
 _MAX_GROUP = 80  # signals; larger groups count as independent
@@ -95,7 +85,7 @@ def _suspects(signals: Sequence[Expression]) -> list[Expression]:
     }
     columns = [np.broadcast_to(evaluate(signal, arrays), (points,)) for signal in signals]
     matrix = np.column_stack(columns)
-    matrix = matrix[(np.abs(matrix) < MAX_VALUE).all(axis=1)]
+    matrix = matrix[(np.abs(matrix) < expressions.MAX_VALUE).all(axis=1)]
     if len(matrix) < 2 * len(signals):
         return list(signals)
     _, singular, directions = np.linalg.svd(matrix / column_lengths(matrix))
@@ -120,7 +110,7 @@ def _relations(
         {name: _coordinate(i, k) for i, name in enumerate(names)}
         for k in range(8 * len(_SCALES) * (len(signals) + _SPARE))
     )
-    samples = filter(None, (values_at(point, signals) for point in points))
+    samples = filter(None, (expressions.values_at(point, signals) for point in points))
     rows: list[list[Real]] = []
     while True:  # many are often a few: points for as many as may be independent, and some to spare
         wanted = len(_SCALES) * (rank + _SPARE)
@@ -148,7 +138,7 @@ def _eliminated(
         best = max(range(first, len(rows)), key=lambda i: abs(rows[i][j]), default=None)
         if best is None:
             break  # too few points: the rest counts as independent
-        if abs(rows[best][j]) <= TOLERANCE * size[j]:
+        if abs(rows[best][j]) <= expressions.TOLERANCE * size[j]:
             ratios = [_near(row[j]) for row in rows[:first]]
             relations[signal] = {signals[p]: c for p, c in zip(pivots, ratios, strict=True) if c}
             continue
@@ -163,7 +153,7 @@ def _eliminated(
 
 
 def _near(value: Real) -> Fraction:
-    simple = simple_fraction(value)
+    simple = expressions.simple_fraction(value)
     return Fraction(repr(float(value))) if simple is None else simple
 
 

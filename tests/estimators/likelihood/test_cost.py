@@ -19,7 +19,7 @@ from rotorid.data.lines import Beside
 from rotorid.likelihood import inference as by_errors
 from rotorid.likelihood import whitening
 from rotorid.likelihood.assembly import assemble, every_load, load_lines, phase_steps
-from rotorid.likelihood.cost import Likelihood
+from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.other_answers import _idle_share
 from rotorid.likelihood.unknowns import Nuisances, Scalar, unknowns_of
@@ -72,7 +72,7 @@ def test_gradient_agrees_with_differences(demo, bearings, sensors, relaxation):
     rng = np.random.default_rng(3)
     kernel = likelihood(demo.seen(rng, chosen, periods=40))
     x = demo.values * (1 + 0.2 * rng.uniform(-1, 1, 13))
-    gradient_holds(lambda at: kernel.evaluate(at, relaxation), x, x)
+    gradient_holds(lambda at: Evaluation(kernel, at, relaxation), x, x)
 
 
 def test_gradient_by_every_nuisance_agrees_with_differences(demo):
@@ -110,12 +110,12 @@ def test_equals_the_output_error_likelihood(demo, bearings, sensors):
     spread = gain @ white_covariance(record.spectra).matrices @ gain.conj().swapaxes(1, 2)
     solved = np.linalg.solve(spread, error[:, :, None])[:, :, 0]
     expected = 2 * (error.conj() * solved).real.sum()
-    np.testing.assert_allclose(kernel.evaluate(x).cost, expected, rtol=1e-9)
+    np.testing.assert_allclose(Evaluation(kernel, x).cost, expected, rtol=1e-9)
 
 
 def test_corrected_lines_satisfy_the_equations_of_motion(demo):
     kernel = likelihood(demo.seen(6, periods=40))
-    at = kernel.evaluate(demo.values)
+    at = Evaluation(kernel, demo.values)
     data, motion = at.corrected()
     force = (at.inputs @ data[:, :4, None])[:, :, 0] + at.loads
     left = (at.stiffness @ motion[:, :, None])[:, :, 0] + force
@@ -140,7 +140,7 @@ def test_stays_finite_at_a_resonance(demo):
     for k1 in (low * (1 - 1e-9), low, low * (1 + 1e-9)):
         x = demo.values.copy()
         x[5] = k1
-        at = kernel.evaluate(x)
+        at = Evaluation(kernel, x)
         assert np.isfinite(at.jacobian()).all()
         costs.append(at.cost)
     np.testing.assert_allclose(costs, costs[1], rtol=1e-5)

@@ -26,6 +26,7 @@ from rotorid.force.laws import Differential, Flux
 from rotorid.force.reading import ForceReading, forces
 from rotorid.likelihood import unknowns as nuisances
 from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Scales
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.rivals_read import multiplied
@@ -518,7 +519,7 @@ def test_the_lines_of_another_constant_are_those_of_another_law():
     layout = prepare(MODEL, Knowledge(), nuisances, False, TRUTH).layout
     x = layout.start.copy()
     x[layout.index["gap[g]"]] = MAGNET.gap
-    state = assemble(layout, wrong).evaluate(x).state
+    state = Evaluation(assemble(layout, wrong), x).state
     order = [wrong.lines.names.index(c.name) for c in wrong.channels]
     found = state.factors * wrong.lines.mean[:, order] - state.readings
     np.testing.assert_allclose(found[:, :2], right.mean_spectrum[:, :2], atol=1e-4)
