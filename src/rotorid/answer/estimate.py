@@ -128,27 +128,13 @@ class LineMisfit:
 
 @frozen
 class Assumption:
-    """What was taken as exact and would move the answer unseen.
+    """What was taken as exact and would move the answer unseen."""
 
-    Parameters
-    ----------
-    assumed : str
-        ``force scale``, ``L1``, ``ground``, ``rotor angle``, ...
-    size : str
-        The error that is plausible.
-    parameter : str
-        What it would move most.
-    moves : float
-        By so many standard deviations.
-    cure : str
-        What would settle it, or say better how well it is known.
-    """
-
-    assumed: str
-    size: str
-    parameter: str
-    moves: Number
-    cure: str
+    assumed: str  # ``force scale``, ``L1``, ``ground``, ``rotor angle``, ...
+    size: str  # the error that is plausible
+    parameter: str  # what it would move most
+    moves: Number  # by so many standard deviations
+    cure: str  # what would settle it, or say better how well it is known
 
 
 @frozen

@@ -8,6 +8,7 @@ near the estimate or from its starts. A rival hypothesis is such a change with a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -148,13 +149,11 @@ class Case:
 
     def at(self, point: Point | None) -> Case | None:
         """Return the case at a minimum of its own; None where that is none."""
-        if point is None:
-            return None
-        try:
-            expected = infer(point).expectation.mean
-        except np.linalg.LinAlgError:
-            return None
-        return replace(self, unknowns=point.unknowns, found=point, expected=expected)
+        with suppress(np.linalg.LinAlgError):
+            if point is not None:
+                expected = infer(point).expectation.mean
+                return replace(self, unknowns=point.unknowns, found=point, expected=expected)
+        return None
 
     def settled(self, way: Way = "near") -> Case | None:
         return self.at(self.minimized(way))
@@ -168,22 +167,19 @@ class Case:
 
     def _descended(self, start: Floats, stages: Sequence[float]) -> Point | None:
         """Return the minimum, found no better than a rival needs, or None where there is none."""
-        try:
+        with suppress(np.linalg.LinAlgError):
             point = solve(self.problem, start, stages, brief=True).point
-        except np.linalg.LinAlgError:
-            return None
-        return point if np.isfinite(point.cost) else None
+            return point if np.isfinite(point.cost) else None
+        return None
 
     def screened(self, most: float = np.inf) -> float:
         """Return the cost after a few steps from the starts, errors granted to the equations.
 
         What will cost more than `most` is not followed to the end.
         """
-        try:
-            with np.errstate(all="ignore"):
-                return min(_screened(self.problem, x, most) for x in self._starts())
-        except np.linalg.LinAlgError:
-            return np.inf
+        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+            return min(_screened(self.problem, x, most) for x in self._starts())
+        return np.inf
 
     def _starts(self) -> list[Floats]:
         """Return the start, and the nominal values: what comes from records is as wrong as they."""

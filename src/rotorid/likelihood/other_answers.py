@@ -160,10 +160,9 @@ AROUND = 8
 
 def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
     """Return the deviations that the noise-free response gives, infinite where it gives none."""
-    try:
+    with suppress(np.linalg.LinAlgError):
         return _predicted(problem.at(unknowns)).std
-    except np.linalg.LinAlgError:
-        return np.full(len(problem.layout.free), np.inf)
+    return np.full(len(problem.layout.free), np.inf)
 
 
 def _predicted(point: Point, weights: Sequence[Floats] = ()) -> Linearized:

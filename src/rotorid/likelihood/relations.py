@@ -22,12 +22,6 @@ class Monomials:
     unknowns: int
 
     @classmethod
-    def from_exponents(cls, exponents: ArrayLike) -> Monomials:
-        table = np.asarray(exponents, dtype=np.int64)
-        unknowns = np.arange(table.shape[1])
-        return cls.of([np.repeat(unknowns, powers).tolist() for powers in table], len(unknowns))
-
-    @classmethod
     def of(cls, products: Sequence[Sequence[int]], unknowns: int) -> Monomials:
         longest = max((len(product) for product in products), default=1)
         padded = [[*product, *[unknowns] * (longest - len(product))] for product in products]

@@ -9,6 +9,7 @@ explains the records and the cost is hopeless, the ways from other starts are go
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field, replace
 
 import numpy as np
@@ -479,16 +480,14 @@ def _searched(few: Case, problem: Problem) -> Point | None:
     there = few.at(found.point) if found is not None and found.converged else None
     if there is None or not there.costs(HOPELESS):
         return None
-    try:
+    with suppress(np.linalg.LinAlgError):
         return solve(problem, there.unknowns, (0.0,)).point
-    except np.linalg.LinAlgError:
-        return None
+    return None
 
 
 def _on_all_lines(problem: Problem, point: Point, rivals: tuple[Rival, ...] = ()) -> Plain | None:
     """Return what a minimum on few lines is on all; None where noise explains it there."""
-    try:
+    with suppress(np.linalg.LinAlgError):
         found = Solution(problem.best_at(point.unknowns), converged=True, iterations=0)
         return None if found.inference.explained else Plain(found, rivals)
-    except np.linalg.LinAlgError:
-        return None
+    return None

@@ -396,7 +396,8 @@ def _machine(
     whole = _arranged(source, covariance, (*names, *extra))
     if whole is not None:
         whole[: len(names), : len(names)] = own
-    monomials = Monomials.from_exponents(np.pad(exponents, ((0, 0), (0, len(extra)))))
+    products = [np.repeat(np.arange(len(names)), powers).tolist() for powers in exponents]
+    monomials = Monomials.of(products, len(names) + len(extra))
     every = np.append(found, list(extra.values()))
     return Machine(reduced, linear, (*names, *extra), every, whole, monomials, used)
 
