@@ -43,17 +43,7 @@ EFFORT = "effort"
 """What the note is about that not everything was asked that may change the answer."""
 SUSPECTS = "suspects"
 """What the sentence on the possible causes is about: it says what to do, and stands first."""
-_FIT = (
-    "units",
-    "record",
-    "noise",
-    "bound",
-    "search",
-    "modes",
-    "other answers",
-    "sign",
-    "misfit",
-)
+_FIT = ("units", "record", "noise", "bound", "search", "modes", "other answers", "sign", "misfit")
 _LATER = (*_FIT, OPEN, "blocks", "unbalance", "report")
 """What is told behind the reasons to turn an answer away and the doubts about it, in this order."""
 
