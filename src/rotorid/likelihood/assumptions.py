@@ -244,6 +244,7 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     yield from _by_rows(fit, ("cross-talk", "0.1 %", text, cure), found)
     yield from _analysers(fit)
     yield from _speeds(fit)
+    yield from _between_speeds(fit)
 
 
 def _exact(
@@ -360,6 +361,22 @@ def following(fit: Fit) -> Iterator[Assumed]:
         cure = "a record near that speed settles it"
         effect = size * squares * point.columns[:, [i]]
         yield Assumed(f"{name} over the speed", "10 %", text, cure, effect, grows={name: size})
+
+
+def _between_speeds(fit: Fit) -> Iterator[Assumed]:
+    """Yield the same between the speeds of the records, the value being what they tell on average.
+
+    At its own speed, a coast-down cannot tell stiffness that grows with its square from mass.
+    """
+    highest = max((float((r.lines.speed**2).max()) for r in fit.records), default=0.0)
+    for one in following(fit) if highest else ():
+        column = fit.solution.point.columns[:, [fit.layout.index[name] for name in one.grows]]
+        average = column @ (column.T @ one.effect) / max(float((column**2).sum()), 1e-300)
+        effect, cure = (
+            (one.effect - average) / highest,
+            "weigh the rotor, or excite it at each speed",
+        )
+        yield replace(one, effect=effect, cure=cure, grows={}, held=None)
 
 
 def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:

@@ -7,6 +7,7 @@ import pytest
 from bank import steady
 from coast_down import KNOWN, RPM, TRIAL, coast
 from coast_down import MODEL as COAST_DOWN
+from coast_down import TRUTH as COAST
 from model_text import model_text
 
 import rotorid as rid
@@ -149,6 +150,32 @@ def test_a_trial_mass_beside_its_place_moves_the_answer_as_its_columns_say(monke
     about = {each.about for each in assumptions.assumptions(kept[-1])}
     assert "unbalance[1]" in about
     assert "trial mass[1]" not in about
+
+
+def test_stiffness_that_follows_the_speed_passes_for_mass_between_the_speeds_of_a_table():
+    speed, channels = RPM * np.pi / 30, [rid.Channel("x", "m"), rid.Channel("y", "m")]
+    # 10 % more at the highest speed: k(Omega) - m Omega^2 is k - (m - seal) Omega^2.
+    seal = 0.1 * COAST["k"] / speed.max() ** 2
+
+    def seen(**known) -> Estimate:
+        tables = []
+        for trial in (0.0, TRIAL):
+            bare = coast(RPM, trial)[:, 0]
+            whirl = bare / (1 + bare * seal / (COAST["u_x"] + 1j * COAST["u_y"] + trial))
+            found = np.column_stack([whirl, -1j * whirl])
+            tables.append(phasor_lines(channels, speed, found, 2e-7))
+        records = [tables[0], tables[1].with_parameters(t_x=TRIAL.real, t_y=TRIAL.imag)]
+        return identify(COASTING, records, MaximumLikelihood(fixed={**KNOWN, **known}))
+
+    found = seen()
+    assert found.verdict == "ok under assumptions"
+    (told,) = [one for one in found.assumptions if one.assumed == "k over the speed"]
+    off = found.value("m") - COAST["m"]
+    assert off == pytest.approx(-seal, rel=0.05)
+    assert abs(off) > 5 * found.std("m")
+    assert next(v.std_assumed for v in found.parameters if v.name == "m") > 0.9 * abs(off)
+    assert told.cure.startswith("weigh the rotor")
+    assert seen(m=COAST["m"]).status == "rejected"  # as it says
 
 
 def test_one_ruler_scales_lengths_to_either_side():
