@@ -188,12 +188,9 @@ def check_outputs(*targets: tuple[Path | None, files.Kind], force: bool = False)
     given = [(path, kind) for path, kind in targets if path is not None and path != STDOUT]
     for path, kind in given:
         if kind is files.REPORT and path.suffix.lower() not in ("", ".html", ".htm"):
-            raise InputError(
-                f"a report of the ending {path.suffix}",
-                "a page: .html",
-                f"write {path.with_suffix('.html').name}; a browser prints it to PDF",
-                file=str(path),
-            )
+            found = f"a report of the ending {path.suffix}"
+            cure = f"write {path.with_suffix('.html').name}; a browser prints it to PDF"
+            raise InputError(found, "a page: .html", cure, file=str(path))
     for path, kind in given:
         files.check_target(path, kind, force=force)
     _FOUND.set({} if force else {path: files.seen(path) for path, _ in given})

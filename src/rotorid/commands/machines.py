@@ -187,12 +187,9 @@ def speeds_of(estimate: Estimate) -> list[str]:
     ]
     speeds = list(dict.fromkeys(stated or measured))
     if not speeds:
-        raise InputError(
-            "no speed, and none in the result",
-            "the speed at which the rotor is to run quietly",
-            'give it: --speed "8400 rpm"',
-            place="speed",
-        )
+        expected = "the speed at which the rotor is to run quietly"
+        cure = 'give it: --speed "8400 rpm"'
+        raise InputError("no speed, and none in the result", expected, cure, place="speed")
     return speeds
 
 

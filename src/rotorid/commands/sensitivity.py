@@ -101,13 +101,9 @@ def _read(
     """Return the records, the channel of r of each command in all of them, and band and skip."""
     entries = plan.entry.records
     if len({entry.made == "periods" for entry in entries}) > 1:
-        raise InputError(
-            "records of periods beside whole ones",
-            "one or the other",
-            "an experiment file for each",
-            file=plan.file,
-            place="records",
-        )
+        found = "records of periods beside whole ones"
+        cure = "an experiment file for each"
+        raise InputError(found, "one or the other", cure, file=plan.file, place="records")
     commands = dict.fromkeys(e for own in pairs for e in (plan.model.inputs if "" in own else own))
     read = list[tuple[Record, Mapping[str, str]]]()
     for number, (channels, own) in enumerate(zip(plan.channels, pairs, strict=True)):

@@ -62,12 +62,9 @@ def check_beside(name: str, record: str | Path) -> Path:
     except (OSError, RuntimeError, ValueError):  # links that go in a circle, a null byte
         inside = False
     if not inside:
-        raise ReadError(
-            f"samples in {name[:80]!r}",
-            "samples in the record, or in files below its folder",
-            "copy that file beside the record, or write the record whole",
-            file=str(record),
-        )
+        expected = "samples in the record, or in files below its folder"
+        cure = "copy that file beside the record, or write the record whole"
+        raise ReadError(f"samples in {name[:80]!r}", expected, cure, file=str(record))
     check_regular(path, f"a part of {record}")
     return path
 

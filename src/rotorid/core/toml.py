@@ -149,12 +149,9 @@ def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
     except RecursionError:
         raise _too_deep(file) from None
     if next(islice(members(table), TOML_VALUES, None), None):  # before each is looked at
-        raise ReadError(
-            f"more than {TOML_VALUES} values",
-            "a TOML file written by hand",
-            "check that this is the right file",
-            file=file,
-        )
+        expected = "a TOML file written by hand"
+        cure = "check that this is the right file"
+        raise ReadError(f"more than {TOML_VALUES} values", expected, cure, file=file)
     return table
 
 

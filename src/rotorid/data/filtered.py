@@ -114,20 +114,14 @@ def read_condition(text: str, units: dict[str, str]) -> Condition:
     """Return a condition from its text; `units` are the SI units of the channels."""
     found = _TEXT.fullmatch(text)
     if found is None:
-        raise InputError(
-            f"the condition {text!r}",
-            'a channel, < or >, and a quantity, such as "abs(q\') < 1 mm/s" or "F > 120 N"',
-            "write it so; several conditions stand in a list",
-            place="leave_out",
-        )
+        expected = 'a channel, < or >, and a quantity, such as "abs(q\') < 1 mm/s" or "F > 120 N"'
+        cure = "write it so; several conditions stand in a list"
+        raise InputError(f"the condition {text!r}", expected, cure, place="leave_out")
     name, order = found["name"], len(found["dots"])
     if name not in units:
-        raise InputError(
-            f"{name!r} in the condition {text!r}",
-            f"a channel of the record: {', '.join(units)}",
-            "name one, with ' for its velocity and '' for its acceleration",
-            place="leave_out",
-        )
+        expected = f"a channel of the record: {', '.join(units)}"
+        cure = "name one, with ' for its velocity and '' for its acceleration"
+        raise InputError(f"{name!r} in the condition {text!r}", expected, cure, place="leave_out")
     unit = _PER_SECOND[order].format(unit=units[name] or "1")
     with naming(place="leave_out"):
         limit = to_si(found["limit"], unit)
@@ -324,19 +318,13 @@ def filtered(
 
 def _check(record: Record, hertz: float, decimate: int) -> None:
     if not 0 < hertz < record.sample_rate / 2:
-        raise InputError(
-            f"a cut-off of {hertz:g} Hz",
-            f"a frequency between 0 and {record.sample_rate / 2:g} Hz, half the sample rate",
-            "give five to ten times the highest frequency of the motion",
-            place="cutoff",
-        )
+        expected = f"a frequency between 0 and {record.sample_rate / 2:g} Hz, half the sample rate"
+        cure = "give five to ten times the highest frequency of the motion"
+        raise InputError(f"a cut-off of {hertz:g} Hz", expected, cure, place="cutoff")
     if not isinstance(decimate, int) or not 1 <= decimate <= len(record.samples):
-        raise InputError(
-            f"decimate = {decimate!r}",
-            "a whole number, 1 or more, that leaves samples",
-            "leave it out to use every sample",
-            place="decimate",
-        )
+        expected = "a whole number, 1 or more, that leaves samples"
+        cure = "leave it out to use every sample"
+        raise InputError(f"decimate = {decimate!r}", expected, cure, place="decimate")
 
 
 def _good(

@@ -155,12 +155,9 @@ def bind(model: Model, data: Data) -> Observation:
         )
     sensors = tuple(Sensor(c, where[c.name], terms[c.name]) for c in read)
     if not sensors:
-        raise InputError(
-            "no sensor of any coordinate",
-            f"at least one of {', '.join(model.coordinates)}",
-            "name a channel after it, or give a channel that reads it",
-            file=lines.source,
-        )
+        expected = f"at least one of {', '.join(model.coordinates)}"
+        cure = "name a channel after it, or give a channel that reads it"
+        raise InputError("no sensor of any coordinate", expected, cure, file=lines.source)
     columns = tuple(where[name] for name in model.inputs)
     return Observation(
         model,

@@ -263,12 +263,9 @@ def check_samples(
         bad = np.flatnonzero(wrong if valid is None else wrong & valid)
         if bad.size:
             place = f"sample {first + bad[0]} of channel {name!r}"
-            raise InputError(
-                f"{column[bad[0]]} in {place}, {bad.size} in all",
-                "finite samples without gaps",
-                "cut the record before the gap, or fill it where you know the truth",
-                file=source,
-            )
+            found = f"{column[bad[0]]} in {place}, {bad.size} in all"
+            cure = "cut the record before the gap, or fill it where you know the truth"
+            raise InputError(found, "finite samples without gaps", cure, file=source)
 
 
 @frozen

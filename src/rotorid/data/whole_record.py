@@ -308,12 +308,9 @@ def _quiet_noise(quiet: Record, whole: _Whole, kept: Integers, driven: Complexes
             place="quiet",
         )
     if np.array_equal(quiet.samples, record.samples):
-        raise InputError(
-            "the record itself for its quiet record",
-            "a record of the same machine without excitation",
-            "name the file that was recorded without excitation, or name references",
-            place="quiet",
-        )
+        expected = "a record of the same machine without excitation"
+        cure = "name the file that was recorded without excitation, or name references"
+        raise InputError("the record itself for its quiet record", expected, cure, place="quiet")
     still = _Whole(quiet, whole.names, quiet.rotor_angle(), np.asarray(quiet.speed))
     none = np.zeros((len(still.every), 0), dtype=np.complex128)
     frequency = kept * whole.spacing

@@ -150,12 +150,9 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording]) -> None:
     for plan in plans:
         entry, paths = plan.entry, {_resolved(path) for path in plan.paths}
         if entry.quiet is not None and _resolved(plan.folder / entry.quiet) in paths:
-            raise InputError(
-                "the record itself",
-                "one without excitation, which tells the noise",
-                "name another file, or leave quiet out",
-                place=f"{plan.place}.quiet",
-            )
+            expected = "one without excitation, which tells the noise"
+            cure = "name another file, or leave quiet out"
+            raise InputError("the record itself", expected, cure, place=f"{plan.place}.quiet")
         sensors = {  # the columns that they are read from; of responses, all
             column
             for name, one in plan.channels.items()

@@ -121,13 +121,9 @@ class Experiment:
             Where there is no record.
         """
         if not self.entry.records:
-            raise InputError(
-                "natural frequencies alone",
-                "a record: [[records]]",
-                "add one; rotorid identify needs none",
-                file=self.file,
-                place="records",
-            )
+            found = "natural frequencies alone"
+            cure = "add one; rotorid identify needs none"
+            raise InputError(found, "a record: [[records]]", cure, file=self.file, place="records")
 
     def method(self, method: schema.Method | None = None) -> schema.Method:
         """Return the method to use: the one given, the file's, or what the model allows."""
@@ -242,12 +238,9 @@ class Experiment:
 def _check_ending(path: Path) -> None:
     ending = path.suffix.lower()
     if ending in READERS and ending != ".txt" and os.path.exists(path):
-        raise ReadError(
-            f"a file of the ending {ending}, a record",
-            "an experiment file, which says what is in the records",
-            f"write one: rotorid new {path} --model three-mass --out experiment.toml",
-            file=str(path),
-        )
+        expected = "an experiment file, which says what is in the records"
+        cure = f"write one: rotorid new {path} --model three-mass --out experiment.toml"
+        raise ReadError(f"a file of the ending {ending}, a record", expected, cure, file=str(path))
 
 
 def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Experiment:
@@ -289,7 +282,14 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     """
     require_type(path, str, Path, place="path")
     path = Path(path)
-    _check_ending(path)
+    ending = path.suffix.lower()
+    if ending in READERS and ending != ".txt" and os.path.exists(path):
+        raise ReadError(
+            f"a file of the ending {ending}, a record",
+            "an experiment file, which says what is in the records",
+            f"write one: rotorid new {path} --model three-mass --out experiment.toml",
+            file=str(path),
+        )
     entry = read_toml(path, schema.ExperimentFile)
     where = path.parent if folder is None else Path(folder)
     try:
@@ -483,12 +483,9 @@ def _told(
     zero = isinstance(entry, schema.OwnEntry)
     for key in {"fixed", "value", "start"} & told.keys():
         if parameter.positive and (told[key] < 0 or (told[key] == 0 and not zero)):
-            raise InputError(
-                f"{told[key]:g}",
-                "more than 0, since the model says positive = true",
-                "correct one of them",
-                place=f"{place}.{key}",
-            )
+            expected = "more than 0, since the model says positive = true"
+            cure = "correct one of them"
+            raise InputError(f"{told[key]:g}", expected, cure, place=f"{place}.{key}")
     return told
 
 
@@ -499,12 +496,9 @@ def _in_si(entry: schema.PriorKeys | schema.OwnEntry, unit: str, place: str) -> 
         if quantity is not None:
             found[key] = to_si(quantity, unit, place=f"{place}.{key}")
     if found.get("std", 1.0) <= 0:
-        raise InputError(
-            f"{found['std']:g}",
-            "a deviation of more than 0",
-            "leave it out for an exact value",
-            place=f"{place}.std",
-        )
+        expected = "a deviation of more than 0"
+        cure = "leave it out for an exact value"
+        raise InputError(f"{found['std']:g}", expected, cure, place=f"{place}.std")
     return found
 
 

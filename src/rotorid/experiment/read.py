@@ -216,22 +216,16 @@ def law_sources(
 ) -> tuple[dict[str, Source], ForceReading]:
     place = f"channels.{name}"
     if name not in model.inputs:
-        raise InputError(
-            f"a force law for {name}",
-            f"an input of the model ({', '.join(model.inputs)})",
-            "give laws to inputs only",
-            place=place,
-        )
+        expected = f"an input of the model ({', '.join(model.inputs)})"
+        cure = "give laws to inputs only"
+        raise InputError(f"a force law for {name}", expected, cure, place=place)
     with naming(place=place):
         law, position = entry.build(), _position(entry, entries, model)
     columns, linear = entry.recorded, isinstance(law, Linear)
     if linear and law.std.get("ks"):
-        raise InputError(
-            "a deviation of ks",
-            "ks as it is, or as an unknown",
-            'leave std out, or estimate it: gains = ["ks"]',
-            place=f"{place}.ks",
-        )
+        expected = "ks as it is, or as an unknown"
+        cure = 'leave std out, or estimate it: gains = ["ks"]'
+        raise InputError("a deviation of ks", expected, cure, place=f"{place}.ks")
     labels = [name] if linear else [f"{name}[{i}]" for i in range(len(columns))]
     unit = "T" if isinstance(law, Flux) else "A"
     sources = {
@@ -341,12 +335,9 @@ def plan_record(
         )
     for name, entry in own.items():
         if entry.kind != kind:
-            raise InputError(
-                f"a channel of {entry.kind} in a record of {kind}",
-                f"a channel of {kind}",
-                "move the channel to a record of its kind, or give this record that kind",
-                place=f"{place}.channels.{name}",
-            )
+            found = f"a channel of {entry.kind} in a record of {kind}"
+            cure = "move the channel to a record of its kind, or give this record that kind"
+            raise InputError(found, f"a channel of {kind}", cure, place=f"{place}.channels.{name}")
     entries = {name: entry for name, entry in common.items() if entry.kind == kind} | own
     check_columns(entries)
     if not entries and kind != "samples":

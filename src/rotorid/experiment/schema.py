@@ -605,12 +605,9 @@ class ExperimentFile(Schema):
     @model_validator(mode="after")
     def _something_measured(self) -> ExperimentFile:
         if not self.records and not self.modes:
-            raise InputError(
-                "neither [[records]] nor [[modes]]",
-                "at least one record, or one measured natural frequency",
-                "add one",
-                place="records",
-            )
+            expected = "at least one record, or one measured natural frequency"
+            cure = "add one"
+            raise InputError("neither [[records]] nor [[modes]]", expected, cure, place="records")
         return self
 
     model: str

@@ -193,12 +193,9 @@ def read_responses(plan: Recording) -> list[Lines]:
         if stored:
             found = _of_universal(plan)
         elif entry.frequency is None:
-            raise InputError(
-                "no frequency",
-                "the column of the frequencies of the rows",
-                'write frequency = { column = "f", unit = "Hz" }',
-                place="frequency",
-            )
+            expected = "the column of the frequencies of the rows"
+            cure = 'write frequency = { column = "f", unit = "Hz" }'
+            raise InputError("no frequency", expected, cure, place="frequency")
         else:
             rows = Columns(open_tables(paths, header_row=entry.header_row), entry)
             hertz = rows.si(entry.frequency.column, entry.frequency.unit, "Hz", "frequency")
@@ -274,12 +271,9 @@ def _lines(group: Sequence[_Read], plan: Recording) -> Lines:
     low, high = (0.0, np.inf) if entry.band is None else entry.band
     kept = np.flatnonzero((hertz >= low) & (hertz <= high))[:: entry.every]
     if not len(kept):
-        raise InputError(
-            f"no line from {low:g} to {high:g} Hz",
-            f"a band within {hertz.min():g} to {hertz.max():g} Hz",
-            "correct band",
-            place="band",
-        )
+        expected = f"a band within {hertz.min():g} to {hertz.max():g} Hz"
+        cure = "correct band"
+        raise InputError(f"no line from {low:g} to {high:g} Hz", expected, cure, place="band")
     std = [one.std[kept] for one in group if one.std is not None]
     coherence = [one.coherence[kept] for one in group if one.coherence is not None]
     return response_lines(

@@ -119,19 +119,13 @@ class Measured(Dynamics):
     def __post_init__(self) -> None:
         frequency, measured = np.asarray(self.frequency), np.asarray(self.measured)
         if frequency.ndim != 1 or len(frequency) < 2 or not (np.diff(frequency) > 0).all():
-            raise InputError(
-                f"{np.size(frequency)} frequencies of a response",
-                "two or more, increasing",
-                "sort the table by frequency",
-                place="table",
-            )
+            found = f"{np.size(frequency)} frequencies of a response"
+            expected = "two or more, increasing"
+            raise InputError(found, expected, "sort the table by frequency", place="table")
         if measured.shape != frequency.shape or not (np.isfinite(measured) & (measured != 0)).all():
-            raise InputError(
-                "a response that is zero, not finite, or not as long as its frequencies",
-                "a finite complex number other than 0 for each frequency",
-                "leave such points out of the table",
-                place="table",
-            )
+            found = "a response that is zero, not finite, or not as long as its frequencies"
+            expected = "a finite complex number other than 0 for each frequency"
+            raise InputError(found, expected, "leave such points out of the table", place="table")
         object.__setattr__(self, "frequency", read_only(frequency.astype(float)))
         object.__setattr__(self, "measured", read_only(measured.astype(np.complex128)))
 
@@ -144,12 +138,9 @@ class Measured(Dynamics):
         low, high = self.frequency[0], self.frequency[-1]
         outside = hertz[(hertz < low * (1 - 1e-9)) | (hertz > high * (1 + 1e-9))]
         if outside.size:
-            raise InputError(
-                f"a line at {outside[0]:g} Hz",
-                f"lines within the table, {low:g} to {high:g} Hz",
-                "measure the response there too, or leave the line out",
-                place="table",
-            )
+            expected = f"lines within the table, {low:g} to {high:g} Hz"
+            cure = "measure the response there too, or leave the line out"
+            raise InputError(f"a line at {outside[0]:g} Hz", expected, cure, place="table")
         size = np.interp(hertz, self.frequency, np.abs(self.measured))
         phase = np.interp(hertz, self.frequency, np.unwrap(np.angle(self.measured)))
         return np.asarray(size * np.exp(1j * phase))

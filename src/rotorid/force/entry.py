@@ -103,12 +103,9 @@ class LawEntry(Schema):
         given = self._constants
         for key, one in given.items():
             if self.law == "linear" and (one.std == np.inf or one.shared):
-                raise InputError(
-                    f"an unknown or shared {key}",
-                    "a quantity, or value and std",
-                    f'write gains = ["{key}"] under [estimator] to estimate it',
-                    place=key,
-                )
+                expected = "a quantity, or value and std"
+                cure = f'write gains = ["{key}"] under [estimator] to estimate it'
+                raise InputError(f"an unknown or shared {key}", expected, cure, place=key)
         if self.law == "differential":
             area = given.pop("area", None)
             given = {"K": self._magnet(given.get("K"), area), **given}

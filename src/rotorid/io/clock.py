@@ -290,12 +290,9 @@ def _stretch(stamps: Floats, skip: float, until: float | None) -> tuple[int, int
 def _stated_rate(rates: Sequence[Rate]) -> Rate | None:
     for rate in rates:
         if abs(rate.hertz / rates[0].hertz - 1) > SAME_RATE + rate.rounding + rates[0].rounding:
-            raise ReadError(
-                f"columns sampled at {rates[0].hertz:.9g} Hz and at {rate.hertz:.9g} Hz",
-                "columns of one rate",
-                "put them into records of their own, or write one rate",
-                place="sample_rate",
-            )
+            found = f"columns sampled at {rates[0].hertz:.9g} Hz and at {rate.hertz:.9g} Hz"
+            cure = "put them into records of their own, or write one rate"
+            raise ReadError(found, "columns of one rate", cure, place="sample_rate")
     return rates[0] if rates else None
 
 
@@ -309,12 +306,9 @@ def _check_starts(starts: Sequence[float], rate: float) -> tuple[str, ...]:
             f"columns that begin {apart:.3g} s apart, as the file has it: taken as one time; the "
             "later ones have a delay of minus that",
         )
-    raise ReadError(
-        f"columns that begin {apart:.6g} s apart, as the file has it",
-        "synchronous columns with a common start",
-        "export the stretch that they share, or give overrule = true if the file is wrong",
-        place="time",
-    )
+    found = f"columns that begin {apart:.6g} s apart, as the file has it"
+    cure = "export the stretch that they share, or give overrule = true if the file is wrong"
+    raise ReadError(found, "synchronous columns with a common start", cure, place="time")
 
 
 def _check_rate(given: float, found: Rate, teller: str, cure: str) -> None:

@@ -266,12 +266,9 @@ def unit_of(given: str | None, stated: str | None, overrule: bool, place: str) -
     except InputError:
         return given  # a text that says nothing to us contradicts nothing
     if not converts(stated, given) or abs(si_factor(stated, given) - 1.0) >= 1e-9:
-        raise InputError(
-            f"unit {given!r}, where the file says {stated!r}",
-            "one unit",
-            "leave unit out, or give overrule = true if the file is wrong",
-            place=place,
-        )
+        found = f"unit {given!r}, where the file says {stated!r}"
+        cure = "leave unit out, or give overrule = true if the file is wrong"
+        raise InputError(found, "one unit", cure, place=place)
     return given
 
 
@@ -279,12 +276,9 @@ def check_magnitude(largest: float, factor: float, place: str) -> None:
     """Refuse samples whose squares leave what doubles hold: no machine has such, units do."""
     size = abs(largest * factor)
     if largest and math.isfinite(largest) and not 1 / MAGNITUDE <= size <= MAGNITUDE:
-        raise InputError(
-            f"samples up to {size:.3g} in SI",
-            f"samples of {1 / MAGNITUDE:g} to {MAGNITUDE:g}",
-            "check the unit and the scale of the column, and its numbers",
-            place=place,
-        )
+        expected = f"samples of {1 / MAGNITUDE:g} to {MAGNITUDE:g}"
+        cure = "check the unit and the scale of the column, and its numbers"
+        raise InputError(f"samples up to {size:.3g} in SI", expected, cure, place=place)
 
 
 def _factor(column: Column, source: Source, table: ColumnFile, name: str) -> tuple[float, str]:

@@ -308,12 +308,9 @@ def _whole_names(names: list[str], fields: int, delimiter: str, line: int) -> li
     if len(whole) == fields + 1 and whole[-1].lower() == "comment":  # LabVIEW's, mostly empty
         whole.pop()
     if len(whole) != fields:
-        raise ReadError(
-            f"{len(names)} names for {fields} columns",
-            "a name for each column",
-            "name each column once there, or set header_row = 0 and call the columns 0, 1, 2",
-            place=f"line {line}",
-        )
+        found = f"{len(names)} names for {fields} columns"
+        cure = "name each column once there, or set header_row = 0 and call the columns 0, 1, 2"
+        raise ReadError(found, "a name for each column", cure, place=f"line {line}")
     return whole
 
 
@@ -378,12 +375,9 @@ class DelimitedTable:
             raise error
         count = self.names.count(name) if len(self._places) < len(self.names) else 1
         if count > 1:
-            raise ReadError(
-                f"column {name!r} {count} times",
-                "a name that is unique in the file",
-                "rename one",
-                file=self.file,
-            )
+            expected = "a name that is unique in the file"
+            cure = "rename one"
+            raise ReadError(f"column {name!r} {count} times", expected, cure, file=self.file)
         return name
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
@@ -443,12 +437,9 @@ class DelimitedTable:
         return [fields[self._places[name]] for _, fields in self._rows()]
 
     def scalar(self, name: str) -> float:
-        raise ReadError(
-            f"scale {name!r} in a text table",
-            "a number, or a scalar variable of an HDF5 or MAT file",
-            "write the number",
-            file=self.file,
-        )
+        expected = "a number, or a scalar variable of an HDF5 or MAT file"
+        cure = "write the number"
+        raise ReadError(f"scale {name!r} in a text table", expected, cure, file=self.file)
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         for number, line in enumerate(self._lines(), start=self.dialect.header_lines + 1):
@@ -462,12 +453,9 @@ class DelimitedTable:
             lines = iter(partial(stream.readline, LINE_CHARACTERS), "")
             for line in islice(lines, self.dialect.header_lines, None):
                 if len(line) == LINE_CHARACTERS and not line.endswith("\n"):
-                    raise ReadError(
-                        f"a line of more than {LINE_CHARACTERS} characters",
-                        "lines of a table",
-                        "export the record anew; this is no table, or it was damaged",
-                        file=self.file,
-                    )
+                    found = f"a line of more than {LINE_CHARACTERS} characters"
+                    cure = "export the record anew; this is no table, or it was damaged"
+                    raise ReadError(found, "lines of a table", cure, file=self.file)
                 yield line
 
     def _numbers(self, positions: list[int]) -> list[Floats]:
@@ -551,12 +539,9 @@ def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTab
         dialect = find_dialect(lines, header_row)
     if dialect is None:
         texts = [line for line in lines if not _says_nothing(line)]
-        raise ReadError(
-            "no samples" if texts else "comments only",
-            "rows of numbers below a row of names",
-            "check the file; header_row says in which line the names are",
-            file=str(path),
-        )
+        expected = "rows of numbers below a row of names"
+        cure = "check the file; header_row says in which line the names are"
+        raise ReadError("no samples" if texts else "comments only", expected, cure, file=str(path))
     return DelimitedTable(str(path), dialect, encoding)
 
 

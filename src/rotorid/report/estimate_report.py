@@ -518,14 +518,11 @@ def record_pictures(
 
 def _left_out(record: RecordEvidence) -> str:
     left = max((channel.left_out for channel in record.channels), default=0)
-    return (
-        ""
-        if not left
-        else (
-            f"Up to {left} of {record.lines} lines, beside a resonance, are not in it: there the "
-            "noise of the forces alone moves the model further than the machine moved."
-        )
+    told = (
+        f"Up to {left} of {record.lines} lines, beside a resonance, are not in it: there the "
+        "noise of the forces alone moves the model further than the machine moved."
     )
+    return told if left else ""
 
 
 def channels_table(records: Sequence[RecordEvidence]) -> Table | None:

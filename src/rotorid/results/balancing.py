@@ -67,12 +67,9 @@ class Masses:
             )
         sizes = tuple(_above_zero(mass, "kg", "masses") for mass in masses)
         if len(sizes) * (holes or FREE) > MOST:
-            raise InputError(
-                f"{len(sizes)} masses in {holes or FREE} places",
-                f"{MOST} choices at the most",
-                "leave out masses that hardly differ",
-                place="masses",
-            )
+            found = f"{len(sizes)} masses in {holes or FREE} places"
+            expected = f"{MOST} choices at the most"
+            raise InputError(found, expected, "leave out masses that hardly differ", place="masses")
         return cls(None if radius is None else _above_zero(radius, "m", "radius"), sizes, holes)
 
 
@@ -110,12 +107,9 @@ def chosen(
 def _between_holes(ideal: complex, holes: int, radius: float) -> Mounted:
     """Split a correction between the two holes beside it."""
     if holes < 3:
-        raise InputError(
-            f"{holes} holes and masses of any size",
-            "3 holes or more, which reach every direction",
-            "leave holes out, or give the masses that there are",
-            place="holes",
-        )
+        expected = "3 holes or more, which reach every direction"
+        cure = "leave holes out, or give the masses that there are"
+        raise InputError(f"{holes} holes and masses of any size", expected, cure, place="holes")
     step = 2 * np.pi / holes
     first = np.floor(np.angle(ideal) / step) * step
     sides = np.array([first, first + step])
@@ -592,12 +586,9 @@ def plane_column(machine: Machine, plane: str) -> Complexes:
             combined = not {*pair} & {*machine.model.inputs}
             _check_pair(machine, plane, columns[0], columns[1], combined=combined)
             return np.asarray(columns[0] - 1j * columns[1])
-    raise InputError(
-        f"the plane {plane[:60]!r}",
-        f"a pair of coordinates or inputs, {_offered(machine)}",
-        "name the two directions in which its force acts, x before y: --plane x2,y2",
-        place="plane",
-    )
+    expected = f"a pair of coordinates or inputs, {_offered(machine)}"
+    cure = "name the two directions in which its force acts, x before y: --plane x2,y2"
+    raise InputError(f"the plane {plane[:60]!r}", expected, cure, place="plane")
 
 
 def _one_axis(machine: Machine) -> bool:

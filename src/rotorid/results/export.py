@@ -125,12 +125,9 @@ def _spaces(
 ) -> StateSpace:
     matrices = machine.matrices(speed)
     if np.iscomplexobj(matrices):
-        raise InputError(
-            "structural damping",
-            "damping that has a state space",
-            "write internal or external damping in its place, right at the frequency of interest",
-            file=machine.model.name,
-        )
+        expected = "damping that has a state space"
+        cure = "write internal or external damping in its place, right at the frequency of interest"
+        raise InputError("structural damping", expected, cure, file=machine.model.name)
     stiffness, damping, mass = matrices
     push = machine.input_matrix()
     heavy, damped = ((part != 0).any(axis=0) for part in (mass, damping))
@@ -138,12 +135,9 @@ def _spaces(
     gain, away = np.flatnonzero(heavy | damped), np.flatnonzero(~(heavy | damped))
     still = int((~((mass != 0) | (damping != 0)).any(axis=1)).sum())
     if still != len(away):
-        raise InputError(
-            f"{len(away)} coordinates and {still} equations without inertia and damping",
-            "as many of one as of the other",
-            "give the massless coordinates a little inertia",
-            file=machine.model.name,
-        )
+        found = f"{len(away)} coordinates and {still} equations without inertia and damping"
+        cure = "give the massless coordinates a little inertia"
+        raise InputError(found, "as many of one as of the other", cure, file=machine.model.name)
     # Of each coordinate the highest derivative that it has follows from what is below, and from u:
     # E (z', v', q_away) = - K z - D v + B u, z with inertia or damping, v the velocities of masses.
     lead = np.concatenate([damping[:, light], mass[:, body], stiffness[:, away]], axis=1)
@@ -187,12 +181,9 @@ def _solved(machine: Machine, matrix: Floats, right: Floats) -> Floats:
             file=machine.model.name,
         ) from None
     if not np.isfinite(found).all():
-        raise InputError(
-            "a machine beyond all bounds",
-            "a machine with finite values",
-            "check the values and their units",
-            file=machine.model.name,
-        )
+        expected = "a machine with finite values"
+        cure = "check the values and their units"
+        raise InputError("a machine beyond all bounds", expected, cure, file=machine.model.name)
     return np.asarray(found)
 
 

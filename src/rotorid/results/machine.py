@@ -361,12 +361,9 @@ def _of_record(model: Model, source: Estimate, record: int) -> Estimate:
 def _nominal(model: Model) -> Estimate:
     missing = [name for name in model.parameter_names if name not in model.nominal]
     if missing:
-        raise InputError(
-            f"no nominal value of {', '.join(missing)}",
-            "a value of every parameter",
-            "give nominal in the model file, or take a result",
-            file=model.name,
-        )
+        found = f"no nominal value of {', '.join(missing)}"
+        cure = "give nominal in the model file, or take a result"
+        raise InputError(found, "a value of every parameter", cure, file=model.name)
     units, nominal = model.parameter_units, model.nominal
     values = tuple(Value(name, units[name], nominal[name]) for name in model.parameter_names)
     return Estimate(model.name, "", "ok", values)

@@ -256,12 +256,9 @@ def sensitivity(
 
 def _settled(axis: AxisSensitivity) -> AxisSensitivity:
     if (np.abs(axis.sensitivity - 1) < SAME).all():
-        raise InputError(
-            f"{axis.axis} and its reference the same",
-            "e, the command behind the sum, and r, which was added to it",
-            "name another column for one of them; of an open loop there is no sensitivity",
-            place="pair",
-        )
+        expected = "e, the command behind the sum, and r, which was added to it"
+        cure = "name another column for one of them; of an open loop there is no sensitivity"
+        raise InputError(f"{axis.axis} and its reference the same", expected, cure, place="pair")
     if axis.caveat or axis.interval[1] < 1:
         return axis
     why = settles_elsewhere(axis.frequency_hz, axis.sensitivity, axis.std)

@@ -288,12 +288,9 @@ class ExcitationEntry(Schema):
         # A fundamental that is not positive is refused by itself.
         period = rate / self.fundamental if self.fundamental > 0 else 1.0
         if not period <= RIG_SAMPLES:
-            raise InputError(
-                f"a period of {period:.3g} steps of the controller",
-                f"at most {RIG_SAMPLES}",
-                "choose a higher fundamental",
-                place="fundamental",
-            )
+            found = f"a period of {period:.3g} steps of the controller"
+            expected = f"at most {RIG_SAMPLES}"
+            raise InputError(found, expected, "choose a higher fundamental", place="fundamental")
         if 2 * highest > period:
             raise InputError(
                 f"lines up to {highest * self.fundamental:.6g} Hz",

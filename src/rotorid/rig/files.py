@@ -67,22 +67,14 @@ def _write_truth(group: h5py.Group, truth: Truth) -> None:
 
 def experiment_path(out: Path, rig: str) -> Path:
     if out.suffix.lower() not in (".h5", ".hdf5"):
-        raise InputError(
-            f"the ending {out.suffix!r}",
-            ".h5 or .hdf5",
-            "name the record so; it is an HDF5 file",
-            file=str(out),
-            place="--out",
-        )
+        expected = ".h5 or .hdf5"
+        cure = "name the record so; it is an HDF5 file"
+        raise InputError(f"the ending {out.suffix!r}", expected, cure, file=str(out), place="--out")
     beside = out.with_suffix(".toml")
     if beside.exists() and Path(rig).exists() and beside.samefile(rig):
-        raise InputError(
-            f"the rig file {rig}, where the experiment file goes",
-            "another name for the record",
-            "choose one",
-            file=str(out),
-            place="--out",
-        )
+        found = f"the rig file {rig}, where the experiment file goes"
+        expected = "another name for the record"
+        raise InputError(found, expected, "choose one", file=str(out), place="--out")
     return beside
 
 

@@ -59,22 +59,16 @@ def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Sched
     check_rate(control_rate, "rate")
     check_rate(sample_rate, "sample_rate")
     if delay * control_rate > MAX_DELAY:
-        raise InputError(
-            f"{delay:g} s",
-            f"at most {MAX_DELAY} steps of the controller, {MAX_DELAY / control_rate:g} s",
-            "give how long the controller computes: a step or two",
-            place="delay",
-        )
+        expected = f"at most {MAX_DELAY} steps of the controller, {MAX_DELAY / control_rate:g} s"
+        cure = "give how long the controller computes: a step or two"
+        raise InputError(f"{delay:g} s", expected, cure, place="delay")
     ratio = Fraction(sample_rate / control_rate).limit_denominator(MAX_EVENTS)
     logs, controls = ratio.numerator, ratio.denominator
     close = abs(float(ratio) * control_rate / sample_rate - 1) < 1e-12
     if not close or logs + controls > MAX_EVENTS:
-        raise InputError(
-            f"a controller at {control_rate:.12g} Hz and samples at {sample_rate:.12g} Hz",
-            f"a ratio of whole numbers, at most {MAX_EVENTS} together",
-            "choose rates of a simpler ratio",
-            place="sample_rate",
-        )
+        found = f"a controller at {control_rate:.12g} Hz and samples at {sample_rate:.12g} Hz"
+        expected = f"a ratio of whole numbers, at most {MAX_EVENTS} together"
+        raise InputError(found, expected, "choose rates of a simpler ratio", place="sample_rate")
     steps = Fraction(delay * control_rate).limit_denominator(10**6)
     control = {Fraction(k, controls): k for k in range(controls)}
     log = {Fraction(k, logs): k for k in range(logs)}

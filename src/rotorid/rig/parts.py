@@ -253,40 +253,25 @@ class Actuator:
     def __post_init__(self) -> None:
         check(self, positive=("limit", "bandwidth", "slew"), zero=("noise", "eddy", "hysteresis"))
         if self.coil is not None and (self.bandwidth is not None or self.hysteresis):
-            raise InputError(
-                "a coil beside a bandwidth or hysteresis",
-                "one of them",
-                "give the coil its own bandwidth, and leave the others out",
-                place="coil",
-            )
+            found = "a coil beside a bandwidth or hysteresis"
+            cure = "give the coil its own bandwidth, and leave the others out"
+            raise InputError(found, "one of them", cure, place="coil")
         if self.coil is not None and self.unbiased:
-            raise InputError(
-                "a coil of magnets without bias",
-                "a bias, or a bandwidth in place of the coil",
-                "their inductance changes with the current: give the bandwidth",
-                place="coil",
-            )
+            expected = "a bias, or a bandwidth in place of the coil"
+            cure = "their inductance changes with the current: give the bandwidth"
+            raise InputError("a coil of magnets without bias", expected, cure, place="coil")
         if isinstance(self.law, Differential) and self.law.most < self.limit < np.inf:
-            raise InputError(
-                f"a current limit of {self.limit:g} A beyond the bias of {self.law.most:g} A",
-                "a limit of the bias at most",
-                "beyond it one magnet would have to push; lower the limit or raise the bias",
-                place="limit",
-            )
+            found = f"a current limit of {self.limit:g} A beyond the bias of {self.law.most:g} A"
+            cure = "beyond it one magnet would have to push; lower the limit or raise the bias"
+            raise InputError(found, "a limit of the bias at most", cure, place="limit")
         if np.isfinite(self.slew) and self.bandwidth is None:
-            raise InputError(
-                "a slew limit without bandwidth",
-                "the amplifier's bandwidth beside it",
-                "give the bandwidth",
-                place="slew",
-            )
+            expected = "the amplifier's bandwidth beside it"
+            cure = "give the bandwidth"
+            raise InputError("a slew limit without bandwidth", expected, cure, place="slew")
         if self.flux is not None and not isinstance(self.law, Differential):
-            raise InputError(
-                "flux sensors on an actuator without magnets",
-                "a differential law",
-                "give bias and gap, or leave the sensors out",
-                place="flux",
-            )
+            found = "flux sensors on an actuator without magnets"
+            cure = "give bias and gap, or leave the sensors out"
+            raise InputError(found, "a differential law", cure, place="flux")
 
     @property
     def unit(self) -> str:

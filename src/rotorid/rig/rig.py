@@ -53,12 +53,9 @@ class Rig(RigMachine):
                 place="duration",
             )
         if self.settling > max(SETTLED, duration):
-            raise InputError(
-                f"{self.settling:g} s",
-                f"at most {SETTLED:g} s, or as long as the record",
-                "give it less: a bearing settles in a second or two",
-                place="settling",
-            )
+            expected = f"at most {SETTLED:g} s, or as long as the record"
+            cure = "give it less: a bearing settles in a second or two"
+            raise InputError(f"{self.settling:g} s", expected, cure, place="settling")
         samples = round(duration * self.logger.sample_rate)
         if samples < 1:
             raise InputError(f"{duration} s", "one sample or more", "run longer", place="duration")
@@ -233,12 +230,9 @@ def excitation_table(rig: RigMachine) -> Floats:
     for name, column in zip(rig.excitation.names, played.T, strict=True):
         part = rig.actuators[name]
         if rig.excitation.unit not in ("N", part.unit):
-            raise InputError(
-                f"an excitation in {rig.excitation.unit}",
-                f"N or {part.unit}",
-                "give forces, or commands in the actuator's unit",
-                place=f"excitation.{name}",
-            )
+            found = f"an excitation in {rig.excitation.unit}"
+            cure = "give forces, or commands in the actuator's unit"
+            raise InputError(found, f"N or {part.unit}", cure, place=f"excitation.{name}")
         per_newton = part.slopes[0] if rig.excitation.unit == "N" else 1.0
         table[:, inputs.index(name)] = column / per_newton
     return table

@@ -237,12 +237,9 @@ def _begun(
     lines = _lines_of(rate, size, harmonics, band)
     corrected = [c.name for c in channels if c.hold or c.delay or c.delay_std]
     if corrected and 2 * lines[-1] == size:  # its phase is not in the samples
-        raise InputError(
-            f"the Nyquist line with the hold or delay of {corrected[0]}",
-            "lines below the Nyquist frequency",
-            "leave that line out",
-            place="harmonics",
-        )
+        found = f"the Nyquist line with the hold or delay of {corrected[0]}"
+        expected = "lines below the Nyquist frequency"
+        raise InputError(found, expected, "leave that line out", place="harmonics")
     return PeriodSums(channels, rate, size, lines)
 
 
@@ -286,12 +283,9 @@ def _lines_of(
         raise InputError(f"no line in {shown}", "at least one line", "widen it", place=key)
     lines = sorted({int(k) for k in chosen if 0 <= k <= size // 2 and k == int(k)})
     if len(lines) < len(chosen):
-        raise InputError(
-            shown,
-            f"different whole numbers from 0 to {size // 2}, half the samples of a period",
-            "name each line once, counted from the fundamental, or lower the fundamental",
-            place=key,
-        )
+        expected = f"different whole numbers from 0 to {size // 2}, half the samples of a period"
+        cure = "name each line once, counted from the fundamental, or lower the fundamental"
+        raise InputError(shown, expected, cure, place=key)
     return np.array(lines, dtype=np.int64)
 
 

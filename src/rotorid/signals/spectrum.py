@@ -23,12 +23,9 @@ def lines_within(band: tuple[float, float], sample_rate: float, samples: int) ->
     """Return the numbers of the lines in a band, in Hz, both ends included."""
     low, high, spacing = *band, sample_rate / samples
     if not 0 <= low <= high <= sample_rate / 2 * (1 + 1e-9):
-        raise InputError(
-            f"the band {low:g} to {high:g} Hz",
-            f"0 Hz to {sample_rate / 2:g} Hz, half the sample rate, the lower end first",
-            "give the band in which the machine was excited",
-            place="band",
-        )
+        expected = f"0 Hz to {sample_rate / 2:g} Hz, half the sample rate, the lower end first"
+        cure = "give the band in which the machine was excited"
+        raise InputError(f"the band {low:g} to {high:g} Hz", expected, cure, place="band")
     found = np.arange(np.ceil(low / spacing - 1e-6), np.floor(high / spacing + 1e-6) + 1)
     if not len(found):
         raise InputError(

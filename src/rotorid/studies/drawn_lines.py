@@ -56,12 +56,9 @@ class DrawnLines:
         size, lines, patterns = record.samples, record.harmonics, length / rig.schedule.duration
         _refuse(f"periods of {size} samples", size != round(rate * length))
         if (periods := round((plan.duration - skip) * rate) // size) < LEAST:
-            raise InputError(
-                f"{periods} periods in {plan.duration:g} s",
-                f"{LEAST} at least",
-                "write a longer duration",
-                place="duration",
-            )
+            found = f"{periods} periods in {plan.duration:g} s"
+            expected = f"{LEAST} at least"
+            raise InputError(found, expected, "write a longer duration", place="duration")
         # What white noise has there is circular, and that of no other line.
         apart = lines[0] > 0 and 2 * lines[-1] < patterns and abs(patterns % 1 - 0.5) > 0.499
         _refuse(f"lines {lines[0]} to {lines[-1]} of {patterns:g} common steps", not apart)

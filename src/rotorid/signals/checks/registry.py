@@ -66,7 +66,12 @@ def _checks() -> dict[str, dict[str, _Check]]:
     package = __name__.rpartition(".")[0]
     for module in pkgutil.iter_modules(import_module(package).__path__, f"{package}."):
         import_module(module.name)
-    return _ENTERED
+    # In the order of the modules, whichever of them something else has loaded before.
+    return {of: dict(sorted(checks.items(), key=_module)) for of, checks in _ENTERED.items()}
+
+
+def _module(entry: tuple[str, _Check]) -> str:
+    return entry[1].function.__module__
 
 
 def found_by(of: str, seen: Any) -> tuple[Note, ...]:
