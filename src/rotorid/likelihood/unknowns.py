@@ -624,20 +624,10 @@ def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     return found
 
 
-KINDS: tuple[Kind, ...] = (
-    own_parameters,  # of the model: they stand before what is unknown of the measurement
-    drives,
-    force_scale,
-    law_constants,
-    knees,
-    bends,
-    runouts,
-    gains,
-    common_delays,
-    delays,
-    dynamics,
-    phases,
-)
+OF_FORCES: tuple[Kind, ...] = (drives, force_scale, law_constants, knees)
+OF_CHANNELS: tuple[Kind, ...] = (bends, runouts, gains, common_delays, delays, dynamics)
+# Own parameters are of the model: they stand before what is unknown of the measurement.
+KINDS = (own_parameters, *OF_FORCES, *OF_CHANNELS, phases)
 
 
 def unknowns_of(records: Records, wanted: Nuisances | None = None) -> tuple[Unknown, ...]:
