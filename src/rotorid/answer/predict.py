@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from rotorid.answer.derived import base_of, require_parameters
 from rotorid.answer.estimate import Estimate, Prediction
@@ -38,8 +37,6 @@ UNEXPLAINED = 0.5
 and deviations alone make as much, a record proves nothing: any machine would pass."""
 STEP = 0.05
 """Step of each value, in its deviations, for the derivative of the prediction."""
-STEPS = 24
-"""Angles from which that of a record is looked for: its misfit has two waves at most in a turn."""
 CHIRP = (5**0.5 - 1) / 2
 """Turns by which the phase of a step grows faster from line to line, for the derivative by the
 data: the loose ends of a whole record take up any smooth step, and follow none that turns so."""
@@ -235,11 +232,11 @@ def at_best_phase(
     def misfit(angle: float) -> float:
         return float((np.abs(np.exp(1j * angle * np.array([0, 1, -1])) @ parts) ** 2).sum())
 
-    around = 2 * np.pi * np.arange(STEPS) / STEPS
-    near = around[int(np.argmin([misfit(angle) for angle in around]))]
-    ends = (near - around[1], near + around[1])
-    best = scipy.optimize.minimize_scalar(misfit, bounds=ends, method="bounded").x
-    angle = float(np.angle(np.exp(1j * best)))
+    # Where its derivative vanishes, exp(i phi) is a root of a polynomial; other roots cost more.
+    a, b, c = parts
+    once, twice = np.vdot(a, b) + np.vdot(c, a), 2 * np.vdot(c, b)
+    roots = np.roots([twice, once, 0.0, -np.conj(once), -np.conj(twice)])
+    angle = float(min(np.angle(roots), key=misfit, default=0.0))
     return bound.with_lines(bound.lines.turned(angle)), angle
 
 
