@@ -119,7 +119,7 @@ def _relations(
         rows += islice(samples, wanted - len(rows))
         if len(rows) < wanted:
             return {}, spent  # too few points where all are real: all count as independent
-        relations = _eliminated(signals, list(rows))
+        relations = _eliminated(signals, rows)
         found = len(signals) - len(relations)
         if found <= rank:
             return relations, spent
@@ -131,23 +131,21 @@ def _eliminated(
 ) -> dict[Expression, Combination]:
     """Return the dependent signals in terms of the others, by Gauss and Jordan."""
     relations: dict[Expression, Combination] = {}
-    size = [max(map(abs, column)) for column in zip(*rows, strict=True)]
-    pivots: list[int] = []
+    table, pivots = np.array(rows, dtype=object), list[int]()
+    size = np.abs(table).max(axis=0)
     for j, signal in enumerate(signals):
         first = len(pivots)
-        best = max(range(first, len(rows)), key=lambda i: abs(rows[i][j]), default=None)
-        if best is None:
+        if first == len(table):
             break  # too few points: the rest counts as independent
-        if abs(rows[best][j]) <= expressions.TOLERANCE * size[j]:
-            ratios = [_near(row[j]) for row in rows[:first]]
-            relations[signal] = {signals[p]: c for p, c in zip(pivots, ratios, strict=True) if c}
+        best = first + int(np.abs(table[first:, j]).argmax())
+        if abs(table[best, j]) <= expressions.TOLERANCE * size[j]:
+            ratios = zip(pivots, map(_near, table[:first, j]), strict=True)
+            relations[signal] = {signals[p]: c for p, c in ratios if c}
             continue
-        rows[first], rows[best] = rows[best], rows[first]
-        head = [value / rows[first][j] for value in rows[first]]
-        rows = [
-            head if i == first else [a - row[j] * b for a, b in zip(row, head, strict=True)]
-            for i, row in enumerate(rows)
-        ]
+        table[[first, best]] = table[[best, first]]
+        table[first] = table[first] / table[first, j]
+        others = np.arange(len(table)) != first
+        table[others] -= np.outer(table[others, j], table[first])
         pivots.append(j)
     return relations
 
