@@ -114,7 +114,12 @@ def physical_fit(model: Model, base: Floats, covariance: Floats) -> tuple[Floats
     # All parameters move, those too that stay undetermined: held at a start that contradicts
     # the base they would pull at the others.
     scaled = _gauss_newton(residual, jacobian, start / size)
-    determined, spread = _spread(jacobian(scaled))
+    slopes = jacobian(scaled)
+    length = column_lengths(slopes)
+    _, singular, directions = np.linalg.svd(slopes / length)
+    rank = int((singular > RANK_TOLERANCE * singular.max(initial=1e-300)).sum())
+    spread = directions[:rank].T / singular[:rank] / length[:, None]
+    determined = (np.abs(directions[rank:]) < 1e-6).all(axis=0)
     return scaled * size, spread * size[:, None], determined
 
 
@@ -175,16 +180,6 @@ def _root(model: Model, gathered: Floats, value: float, values: Floats, index: i
     if not real.size:
         return float(values[index])
     return float(real[np.abs(real - values[index]).argmin()])
-
-
-def _spread(jacobian: Floats) -> tuple[Booleans, Floats]:
-    """Return which parameters a whitened Jacobian determines, and S with covariance SS'."""
-    length = column_lengths(jacobian)
-    _, singular, directions = np.linalg.svd(jacobian / length)
-    rank = int((singular > RANK_TOLERANCE * singular.max(initial=1e-300)).sum())
-    determined = (np.abs(directions[rank:]) < 1e-6).all(axis=0)
-    spread = directions[:rank].T / singular[:rank] / length[:, None]
-    return determined, np.asarray(spread)
 
 
 SPEEDS = (1.0, 2.0, 3.0, 4.0)  # rad/s: tell a square from other powers up to the cube

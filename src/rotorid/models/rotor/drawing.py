@@ -7,6 +7,7 @@ holds the declared parameters; without it, numbers are in SI.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -55,9 +56,8 @@ class Quantity:
         found: dict[Factors, float] = {}
         for mine, a in self.terms:
             for yours, b in other.terms:
-                powers = dict(mine)
-                for name, power in yours:
-                    powers[name] = powers.get(name, 0) + power
+                powers = Counter(dict(mine))
+                powers.update(dict(yours))
                 key = tuple(sorted(powers.items()))
                 found[key] = found.get(key, 0.0) + a * b
         return Quantity(tuple(found.items()), self.nominal * other.nominal)
