@@ -17,7 +17,6 @@ import numpy as np
 
 from rotorid.core.values import Floats, frozen
 from rotorid.data.observation import Observation, Records
-from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import rows_of_modes
 from rotorid.likelihood.problem import Known, Point, Problem, inside, outside
@@ -253,21 +252,6 @@ class Rival:
             return drop, None
         at = point.problem.layout.where(*self.frees)
         return drop, self.size(point.unknowns[at] + step[: len(at)])
-
-
-def apart(case: Case, rivals: Sequence[Rival]) -> Iterator[tuple[Point, list[Rival]]]:
-    """Yield the estimate with all unknowns that rivals add, evaluated once, and the rivals.
-
-    What excludes others has a turn of its own, and what changes how sensors read: with these the
-    same residual is whitened in other rows.
-    """
-    turns: dict[tuple[bool, bool], list[Rival]] = {}
-    for rival in rivals:
-        added = rival.added
-        turn = added and (bool(added.alternative_to), any(of_kind(Reads, added.effects)))
-        turns.setdefault(turn or (False, False), []).append(rival)
-    for among in turns.values():
-        yield case.beside(rival.added for rival in among if rival.added), among
 
 
 Entry = Callable[[Case], Iterator[Rival]]

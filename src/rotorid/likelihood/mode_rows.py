@@ -131,8 +131,7 @@ class Configuration:
     pattern: tuple[int, ...]
     # (unknown,): the direction in which frequencies that coincide by chance are parted
     toward: Floats
-    # how many modes are asked for: those that may be numbered, in two planes
-    count: int
+    count: int  # how many modes are asked for: those that may be numbered, in two planes
     _last: dict[bytes, Solved] = field(default_factory=dict, compare=False, repr=False)
 
     def solved(self, unknowns: Floats) -> Solved:

@@ -18,10 +18,11 @@ from rotorid.answer.estimate import EXPLAINS
 from rotorid.answer.judge import SUSPECTS
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
+from rotorid.core.values import grouped
 from rotorid.data.observation import Records
 from rotorid.likelihood import rivals_model, rivals_read
-from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Way, apart, not_asked
-from rotorid.likelihood.effects import Entry, of_kind
+from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Way, not_asked
+from rotorid.likelihood.effects import Entry, Reads, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.rivals_model import BENDING
@@ -173,8 +174,19 @@ class RivalSearch:
 
     @quiet
     def scored(self, small: Sequence[Rival]) -> list[Finding]:
+        """Score rivals at the estimate with all unknowns that they add, evaluated once.
+
+        What excludes others has a turn of its own, and what changes how sensors read: with these
+        the same residual is whitened in other rows.
+        """
+
+        def turn(rival: Rival) -> tuple[bool, bool]:
+            effects = rival.added.effects if rival.added else ()
+            return bool(rival.added and rival.added.alternative_to), any(of_kind(Reads, effects))
+
         found = []
-        for point, among in apart(self.case, small):
+        for among in grouped((turn(rival), rival) for rival in small).values():
+            point = self.case.beside(rival.added for rival in among if rival.added)
             for rival in among:
                 drop, value = rival.score(point)
                 left = self.case.point.cost - drop

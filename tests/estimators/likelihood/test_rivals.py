@@ -60,7 +60,6 @@ def named(case: Case) -> list[str]:
 def catalogue(monkeypatch):
     stages = {stage: [] for stage in rivals.CATALOGUE}
     monkeypatch.setattr(rivals, "CATALOGUE", stages)
-    monkeypatch.setattr(rivals, "apart", lambda case, small: [(case.point, small)])
     monkeypatch.setattr(Case, "screened", lambda case, most=np.inf: 1000.0)
 
     def enter(stage: str, *entered: Rival) -> None:
