@@ -30,7 +30,6 @@ from rotorid.signals.turning import without_waves
 
 Signal = Callable[[Floats, Floats, Floats], Floats]
 """A function of t (s), phi (rad) and Omega (rad/s), arrays that broadcast; (..., signal)."""
-
 ROUNDING = 1e-11
 """A line below this share of its signal's size is rounding: a load that misses a line misses it."""
 

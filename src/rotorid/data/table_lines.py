@@ -29,7 +29,6 @@ REPEATED = 5
 """Repeated readings per channel at least: with two, one record in hundreds is rejected falsely."""
 CONTRADICTED = 1e-4
 """Chance of the scatter of repeated readings below which the stated deviations are doubted."""
-
 CONSTANT = 1e-3
 """Chance of scatter that grows so with the amplitude below which it is no constant's."""
 GROWING = (1e-2, 1e6, 65)
@@ -293,12 +292,10 @@ POOLED = 20
 """Degrees of freedom to which lines are pooled: fewer give some of them three times the weight."""
 FAINT = 0.01
 """A coherence below this says that the line holds noise: its own deviation would be noise too."""
-
 SAME = 0.05
 """Share of the noise within which two responses are one: on eight lines chance is 1e-20."""
 LEAST_SAME = 8
 """Lines, fewer of which may agree by chance."""
-
 EVEN = 0.05
 """Share of a step by which even steps differ: the digits of a table. Those of a sweep grow."""
 

@@ -154,7 +154,6 @@ class ColumnEntry(Recorded):
 
 _AS_RECORDED = {"hold", "delay", "gain_std", "dynamics"}
 """Keys that a channel with a law says for its columns, or these say themselves."""
-
 Kind = Literal["samples", "phasors", "responses"]
 """What a record is made of, and therefore what its channels say."""
 

@@ -24,7 +24,6 @@ MU0 = 4e-7 * np.pi
 
 _STEP = 1e-30
 """Imaginary part by which an argument moves for a derivative, exact to the last digit."""
-
 Limit = tuple[Callable[[float], bool], str]
 """What a constant may be, and the same in words."""
 ABOVE_ZERO: Limit = (lambda v: 0 < v < np.inf, "more than 0 {}")

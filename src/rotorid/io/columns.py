@@ -354,7 +354,6 @@ class _IntoSI:
 
 WORTH = 64_000_000
 """Bytes of samples from which on a record is read in blocks; less is nothing to a machine."""
-
 ROWS = 1 << 16
 """Samples of a block, of each channel."""
 

@@ -32,10 +32,8 @@ from rotorid.io.table import (
 
 CHUNK_BYTES = 256_000_000
 """Of a chunk, which is unpacked whole: writers choose from 10 kB to 10 MB."""
-
 NODES = 10_000
 """Groups and data sets looked through for a name, 0.1 ms each; a whole path is found at once."""
-
 REFERENCES = 4
 """Files that refer to files: a virtual data set of virtual data sets is two."""
 

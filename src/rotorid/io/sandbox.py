@@ -36,13 +36,11 @@ end."""
 
 PATIENCE = 10
 """Times these seconds that a new interpreter has for an answer by the clock."""
-
 MEMORY, COPIES = 2_000_000_000, 4
 """Bytes that any file may take beyond what this process holds already, and copies of the file."""
 
 DESCRIPTORS = 1024
 """Files that may be open at once."""
-
 FORKS = hasattr(os, "fork") and sys.platform != "darwin"
 """Whether this system makes a process that reads by itself, in milliseconds."""
 

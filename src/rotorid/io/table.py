@@ -27,21 +27,17 @@ from rotorid.io.sandbox import Sandbox
 
 RATES = (1e-9, 1e12)
 """Hz, of a sample rate that a file states: once in thirty years, and beyond any oscilloscope."""
-
 COLUMNS = 10_000
 """Of a file: loggers have hundreds of channels."""
-
 ACROSS, SLENDER = 100, 4
 """Columns of a matrix of samples at most, and what it is longer than wide at least: others are
 pictures, gains, coefficients."""
 
 DEPTH = 64
 """Groups in groups, and structures in structures: loggers nest up to five."""
-
 COMPRESSION = 250
 """Bytes that one byte of a file may stand for: measured samples pack to a half, simulated ones
 without noise to a hundredth; more is damage, or meant to fill the memory."""
-
 UNPACKED_BYTES = 64_000_000
 """That any file may ask for, however small it is: a channel at rest packs without bound."""
 

@@ -27,16 +27,12 @@ from rotorid.io.table import COLUMNS, Column, Rate, content, no_column, not_what
 
 LINE_CHARACTERS = 1 << 20
 """Of a line: ten thousand columns of a hundred characters."""
-
 DIGITS = 400
 """Characters of a number: a double ends at 309 digits."""
-
 UNIT_CHARACTERS = 64
 """Of a unit in the head of a column: ``kg m^2 s^-2`` has eleven."""
-
 PREAMBLE_CHARACTERS = 500
 """Of a line above the numbers that is searched for the sample rate."""
-
 SLOWEST = 10.0
 """Hz: no rotor is sampled more slowly, while a rate that lost three digits to a thousands mark is
 below it, and so is one made of how long was recorded, or of the hour of the day."""

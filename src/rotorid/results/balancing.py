@@ -41,7 +41,6 @@ NEAREST = 24
 """Ways to mount masses in a plane that are tried with those of the other planes: the nearest."""
 MOST = 4_000
 """Places times masses: more make more pairs of masses than are tried in a second."""
-
 Mounted = tuple[tuple[float, float], ...]
 """Masses and angles in one plane, (kg, rad) each."""
 

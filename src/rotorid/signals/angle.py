@@ -22,16 +22,12 @@ if TYPE_CHECKING:
 
 LOST = 0.6
 """Step of a counter, in lines, that is a line lost or counted twice: rounding leaves 0.15."""
-
 EXCURSION = 2.5
 """Lines by which a counter goes off and comes back that are taken out: jitter stays below."""
-
 WINDOW = 64
 """Samples on each side of a step of the counter: means and slopes to an eighth of a line."""
-
 OFF_BEAT = 0.15
 """Part of a revolution by which a pulse may be off: no speed changes by that in a revolution."""
-
 MOST_FAULTS = 0.2
 """Part of the pulses that may be missing or too many: beyond it the count of turns is a guess."""
 
@@ -258,22 +254,16 @@ def _rhythm(spacing: Floats) -> float:
 KNOTS_PER_SECOND = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Densities of knots that are tried: two a second follow what a drive's controller leaves of slow
 variation; what changes eight times a second is vibration, not speed."""
-
 READINGS_PER_KNOT = 6
 """Readings for each knot at least: fewer, and the spline follows each of them."""
-
 NOISES = (32.0, 8.0, 2.0, 0.5, 0.15, 0.05, 0.015, 0.004)
 """Deviations of the reading's own error that are tried, over the half-width of an interval."""
-
 READINGS = 4000
 """Readings that are used at most: the smooth angle of so many is known to a fortieth of one."""
-
 INDEPENDENT = 2000
 """Readings of independent errors: an encoder's lines are off by the same in every revolution."""
-
 AS_LIKELY = 1.0
 """Difference of log-likelihoods that says nothing: half of what chance gains in one case of six."""
-
 PATIENCE = 2
 """Denser knots that must fail to help before no more are tried."""
 

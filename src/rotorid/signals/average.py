@@ -42,7 +42,6 @@ from rotorid.signals.turning import (
 
 KEYS = frozenset({"fundamental", "period_samples", "harmonics", "band", "skip"})
 """What an error of this module is about, by the place that it names."""
-
 _LOOKED_AT = 1 << 14
 """Samples of a long record whose channels are checked one by one."""
 

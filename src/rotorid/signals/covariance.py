@@ -25,7 +25,6 @@ Kind = Literal[
 
 KNOWN = 10**12
 """Degrees of freedom of a covariance that is known."""
-
 FLOOR = 1e-9
 """Least deviation of a mean line, relative to the size of its channels: rounding and no more."""
 

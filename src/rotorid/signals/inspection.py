@@ -19,13 +19,10 @@ from rotorid.signals.period_search import common_period
 
 CREST = 3.0
 """Crest factor of an input that is worth a note: a multisine has 1.4 to 2, noise 4."""
-
 CLEAR = 10.0
 """Size of a mean line over its deviation from which on a record without a list holds it."""
-
 ORDERS = (1, 2, 3)
 """Multiples of the rotation whose amplitudes are shown."""
-
 MOST_LINES = 400
 """Lines kept where nothing says which: the strongest."""
 

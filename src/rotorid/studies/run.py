@@ -25,7 +25,6 @@ from rotorid.studies.study_summary import StudySummary, summarize_study
 
 TRIES = 2
 """Processes that a case may end before it is recorded as failed: somebody may have killed one."""
-
 AHEAD = 2
 """Cases given out for each worker, so that none waits for the next; all others are not made yet."""
 

@@ -58,7 +58,6 @@ FAILED = "failed"
 """Status and verdict of a case that ended with an error."""
 STOPPED = "stopped"
 """Verdict of a failed case that the machine ended: time, memory, disk, or somebody."""
-
 PREPARED = 64
 """Points of a grid whose rigs without noise a process keeps: cases take them in turn."""
 

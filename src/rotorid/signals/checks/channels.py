@@ -28,36 +28,26 @@ from rotorid.signals.checks.registry import (
 
 INPUT_UNITS = frozenset({"N", "N m", "A", "T", "V"})
 """Units of what drives a machine: such a channel may be quiet for good reason; a sensor may not."""
-
 CLIPPED_RUN = 3
 """Equal samples in a row that make a flat top: a smooth signal has two, by symmetry, not three."""
-
 CLIPPED_SAMPLES = 5
 """Samples in flat tops from which on a channel is called clipped: one touch bends no line."""
-
 STEEP = 2.5
 """Steps of the converter within one sample beside a flat top; what comes to rest creeps in."""
-
 TWO_LEVELS = 0.5
 """Part of the samples at the limits from which on the signal is one of two levels, not clipped."""
-
 UNDITHERED = 0.3
 """Scatter over quantum below which rounding repeats in every period and no mean removes it: at
 0.3 the mean still holds a sixth of the rounding error, at 0.5 a hundredth (exp(-2 pi^2 (s/q)^2),
 the characteristic function of the noise at the staircase's first harmonic)."""
-
 COARSE = 20.0
 """Deviation over quantum below which the rounding, q / sqrt(12), is more than 1.5 % of it."""
-
 COPY = 1e-9
 """Variance left of one channel without another, relative: two converters share no noise."""
-
 TELLING = 3
 """Values that tell a copy, at the least: of two, less their mean, all channels are the same."""
-
 DITHER = 2.5
 """Steps within which the last digit plays that reads nothing: one up or down, and rounding."""
-
 REFERENCE = "stuck reference"
 """The check of references that stop: what they do not hold counts as noise, and rejects nothing."""
 

@@ -122,27 +122,20 @@ def _last_unsettled(d: Floats, terms: int) -> int:
 
 FALSE_ALARM = 1e-7
 """Chance of an alarm on noise: with 260 periods of 12 channels 3 in 10,000 records."""
-
 MOST_DIRECTIONS = 4
 """Independent directions of the scatter of a period: random motion that carries over puts the same
 few numbers, position and velocity at its ends, on all lines: a mode has two."""
-
 KNOCK = 3.0
 """Deviation of a period, over the scatter, below which a knock does not matter for the mean."""
-
 LEAST_TO_JUDGE = 4
 """Periods below which none can be called the odd one: with three, two against one."""
-
 DRIFT = 7.0
 """Deviations by which the lines' slope over the record must differ from zero to be a drift."""
-
 UNSETTLED = 1e-5
 """Chance of an alarm where a handful of periods must tell: the first against the rest."""
-
 UNLIKE = 0.5
 """Scatter of a handful of periods over their size from which on they do not repeat: if it is noise
 after all, seven of them leave a fifth of it, too much for parameters."""
-
 SILENT = 3.0
 """Size of a mean line over its deviation from which on it is there: of noise one in 8000."""
 
@@ -453,11 +446,9 @@ def ramp_notes(periods: PeriodicRecord, rise: Floats) -> tuple[Note, ...]:
 HELD = 0.25
 """Share of a channel's power, the strongest line aside, which the lines given hold at the period of
 the record, at the least: one wave is the rotation, or hum, and repeats with a period of its own."""
-
 BETTER = 4.0
 """How many times more of it they hold with another period; how many times less two periods differ
 than one if it is two: noise makes both differ alike."""
-
 LOOKED_AT = 1 << 15
 """Samples that are looked at: more of them tell nothing new."""
 
@@ -504,10 +495,8 @@ def check_period(seen: Seen) -> Iterator[Note]:
 
 MULTIPLES = (2, 3)
 """Multiples of the period that are tried: half the line spacing given is the usual mistake."""
-
 DIFFERENT = 0.01
 """Part of the power in which successive periods differ: below it nothing is at stake."""
-
 SYNCHRONOUS = 0.05
 """Distance from whole turns, in so many periods, within which the rotation explains it."""
 

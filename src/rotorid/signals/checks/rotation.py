@@ -92,27 +92,20 @@ def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
 
 TONE = 200.0
 """Power over the median around it from which on a line is a tone: noise in 100,000 lines has 25."""
-
 STEADY = 0.3
 """Difference between a tone's amplitudes in the two halves of the record, over their mean, up to
 which it is one: random vibration of a light mode comes and goes."""
-
 ALONE = 5.0
 """Size of a line on the grid over the next from which on it is no distortion, which spreads."""
-
 NEAR = 0.03
 """Part of the speed within which a tone is the rotation with a speed that is off."""
-
 SAME_UNIT = 0.005
 """Distance of a ratio of speeds from a factor of units up to which that is the mistake."""
-
 GHOST = 1e-2
 """Power of a tone on the grid over that of the strongest below which it is that one's trace: of a
 tone between two lines the mean of ten periods keeps a tenth at most, a hundredth of the power."""
-
 SMALL = 1e-6
 """What the mean leaves, over the channel, below which it is rounding, or of no weight."""
-
 WANDER = 100.0
 """Variance between periods of the rotation's line over that of the median line: in closed loop
 noise differs by a factor of some ten between lines; a speed that wanders by 1e-3 gives 1e4."""
@@ -124,18 +117,14 @@ BY_CHANCE = 1e-6
 """Chance with which noise has such a ratio; noise that carries over from period to period, more."""
 SIDEBAND = 6.0
 """Lines of the whole record on each side of a kept one that a drift of it fills."""
-
 SQUARE = np.radians(20.0)
 """Distance of two sensors' phases from a right angle within which a tone is an orbit: hum comes
 from one source, and stands in all sensors with one phase or its opposite."""
-
 ROUND = 2.0
 """Ratio of the axes of an orbit of a rotor: bearings are alike in x and y to a factor of two."""
-
 CLEAR = 1e4
 """Power of a tone over the median from which on an orbit is the rotation: a light mode that random
 forces drive goes round too, and stands 200 to 1000 times above."""
-
 ON_GRID = 1e-3
 """Turns in a period, off a whole number, up to which a tone stands on the grid: 2 Hz in 2 kHz."""
 

@@ -19,41 +19,30 @@ from rotorid.signals.checks.registry import NO_SCATTER, period_check
 
 STEP = 8.0
 """Deviations by which the shift changes at a step: of 1000 places chance gives 4.5 or so."""
-
 SLOPE = 8.0
 """Deviations of the slope of the shift from which on the clocks differ: a lag of one period in the
 next widens them, which is allowed for, but not beyond a few periods."""
-
 WHOLE = 0.25
 """Distance of a step from whole samples up to which some were lost; else the delay changed."""
-
 EXPLAINED = 0.8
 """Part of the lines' turning, in units of its noise, that one shift of time must explain."""
-
 LEAST_PERIODS = 4
 """Periods below which a step or slope of the shift cannot be told from its scatter."""
-
 MOST_STEPS = 5
 """Steps that are looked for in one record: with more, it is not worth a repair."""
-
 SURE = 4.0
 """Deviations from which on a channel takes part in a step that the whole record shows."""
-
 OF_TIME = 0.9
 """Part of the lines' drift, amplitudes included, that one slope of the shift must explain to be a
 clock's: 0.999 and more of clocks 20 ppm apart, 0.7 and less of magnets whose gaps grow with heat,
 which turn the lines of a closed loop, too."""
-
 MISCOUNTED = 0.05
 """Distance from whole samples up to which a period was miscounted; clocks differ by less than one
 sample in a period, and by whole ones by chance only."""
-
 LEAST_SHIFT = 1e-4
 """Shift over the record, in samples, below which it is rounding."""
-
 LITTLE = 1.0
 """Turn of a line in rad up to which no period is a turn further: noise has none in a million."""
-
 BETTER_MATCH = 0.5
 """Gain in the coherence of two periods, times the number of lines that share it, for which a jump
 by many samples is granted: the noise of one line five times above it changes the coherence by at
