@@ -1,9 +1,7 @@
 """Whatever goes wrong inside a command leaves it as one line and an exit code of ours."""
 
-import struct
 from importlib import import_module
 
-import numpy as np
 import pytest
 from working_folder import make
 
@@ -39,25 +37,14 @@ ERRORS = {
     ],
     NO_ANSWER: [
         ValueError("operands could not be broadcast together"),
-        np.linalg.LinAlgError("SVD did not converge"),
         RecursionError("maximum recursion depth exceeded"),
-        OverflowError("int too large to convert to float"),
-        FloatingPointError("overflow"),
-        ZeroDivisionError("division by zero"),
         UnicodeDecodeError("utf-8", b"\xff" * 3000, 0, 1, "invalid start byte"),
         UnicodeEncodeError("utf-8", "\udcff", 0, 1, "surrogates not allowed"),
         KeyError("a\x1b[2Jb\n" * 1000),
-        IndexError("list index out of range"),
-        AttributeError("no such thing"),
-        TypeError("not this"),
         AssertionError(),
         StopIteration(),
         RuntimeError("x" * 100_000),
-        NotImplementedError(),
-        ImportError("no module"),
-        struct.error("unpack requires a buffer of 4 bytes"),
         BufferError("\u202e"),
-        SystemError("error return without exception set"),
         ExceptionGroup("several", [ValueError("one"), KeyError("two")]),
     ],
 }
@@ -95,7 +82,7 @@ def test_every_command_is_tried():
     assert set(COMMANDS) == set(cli.cli.commands)
 
 
-@pytest.mark.parametrize("error", [ERRORS[NO_ANSWER][0], ERRORS[NO_ANSWER][13], MemoryError()])
+@pytest.mark.parametrize("error", [ERRORS[NO_ANSWER][0], StopIteration(), MemoryError()])
 def test_a_report_that_fails_spares_the_answer(error, here, monkeypatch, capsys):
     monkeypatch.setattr("rotorid.report.estimate_report.estimate_report", raiser(error))
     assert cli.run(["identify", "run.toml", *OUTPUTS]) == NO_ANSWER

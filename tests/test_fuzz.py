@@ -4,19 +4,43 @@ Where one of these fails, it prints the seed and the number of the file that did
 `python tests/fuzz_run.py --seed SEED --only FORMAT:NUMBER` runs that one again.
 """
 
+import itertools
 import os
-from collections.abc import Callable
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from types import FrameType
 
 import fuzz_harness as harness
+import h5py
+import numpy as np
 import pytest
 from commit import SEED, seed_of_commit
 from corpus import CASES
+from corpus.texts import named
 from fuzz_files import FORMATS
-from fuzz_harness import Case, faults_of, run_cases
+from fuzz_harness import SECONDS, Case, faults_of, run_cases, too_slow
 from fuzz_mutations import reworded
 from fuzz_run import builds_of, findings
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from model_text import model_of
+
+from rotorid import (
+    Batch,
+    Channel,
+    InputError,
+    LeastSquares,
+    Record,
+    Sequential,
+    average,
+    parse_model,
+)
+from rotorid.testing import open_table
 
 TEXTS = [name for name, one in FORMATS.items() if one.damage is reworded]
 GROUPS = (TEXTS, [name for name in FORMATS if name not in TEXTS])
@@ -139,3 +163,192 @@ def test_what_is_done_is_judged(monkeypatch):
     assert told["nothing"] == ()
     monkeypatch.setattr(harness, "REFERENCE", 1e-6)  # on a machine that is slow itself
     assert outcomes(Case("slow", ("slow",), files)) == [()]
+
+
+# Hypothesis against what has misled or hung: nested roots, layouts of HDF5.
+
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    """Raise where more of the processor is taken than a command may."""
+
+    started = time.process_time()
+
+    def late(_: int, __: FrameType | None) -> None:
+        taken = time.process_time() - started
+        if too_slow(taken):
+            raise TimeoutError(f"more than {taken:.1f} s")
+
+    before = signal.signal(signal.SIGPROF, late)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS, SECONDS / 5)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
+# Terms whose expansion, simplification or digits grow faster than their text.
+ATOMS = st.sampled_from(["x", "x'", "c", "k", "(x+1)", "(c-k)", "2", "3", "1.1", "pi", "Omega"])
+POWERS = st.sampled_from(["2", "3", "7", "31", "300", "-1", "0.5", "(1/3)", "(2/7)", "-2.5"])
+
+
+def grown(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+    """Return roots, powers, sums and functions of a term."""
+    root = st.tuples(inner, POWERS, ATOMS).map("({0[0]}^{0[1]}+{0[2]})".format)
+    power = st.tuples(inner, POWERS).map("({0[0]})^{0[1]}".format)
+    fraction = st.tuples(ATOMS, inner).map("{0[0]}/(1+{0[1]})".format)
+    names = st.sampled_from(["sqrt", "cos", "exp", "abs", "tan", "tanh"])
+    call = st.tuples(names, inner).map("{0[0]}({0[1]})".format)
+    product = st.tuples(inner, inner).map("({0[0]}*({0[1]}))".format)
+    return root | power | fraction | call | product
+
+
+TERMS = st.recursive(ATOMS, grown, max_leaves=30)
+
+
+@pytest.mark.slow
+@settings(max_examples=40)
+@given(TERMS, st.integers(1, 12))
+def test_nested_roots_and_powers_are_read_or_refused_in_time(term, repeats):
+    nested = term
+    for _ in range(repeats):
+        nested = nested.replace("x+1", f"({term})^(1/3)+x", 1)[:4000]
+    for text in (term, nested):
+        with in_time(), suppress(InputError):
+            str(parse_model(named(f"m*x'' + c*{text} = F")))
+
+
+VALUES = np.random.default_rng(5).standard_normal(240)
+
+
+@st.composite
+def layouts(draw: st.DrawFn) -> dict[str, object]:
+    """Draw how the samples lie in their file."""
+    return {
+        "kind": draw(st.sampled_from(["plain", "chunked", "virtual", "external", "linked"])),
+        "dtype": draw(st.sampled_from([">f8", "<f8", "f4", "f2", "i2", ">i4"])),
+        "chunk": draw(st.integers(1, 300)),
+        "filters": draw(
+            st.sampled_from([{}, {"compression": "gzip"}, {"shuffle": True, "fletcher32": True}])
+        ),
+        "libver": draw(st.sampled_from(["earliest", "latest"])),
+        "shape": draw(st.sampled_from(["1", "row", "column"])),
+        "written": draw(st.sampled_from([240, 240, 240, 239, 1, 0])),
+        "parts": draw(st.integers(1, 5)),
+        "missing": draw(st.sampled_from([None, None, 0, 1])),
+        "fill": draw(st.sampled_from([0.0, 1.0, float("nan")])),
+        "rows": draw(st.integers(1, 260)),
+    }
+
+
+def shaped(values: np.ndarray, shape: str) -> np.ndarray:
+    return {"1": values, "row": values[None, :], "column": values[:, None]}[shape]
+
+
+def lay(path: Path, layout: dict) -> tuple[np.ndarray, bool]:
+    """Write samples as drawn; return what they are, and whether all of them are there."""
+    kind, count = layout["kind"], layout["written"]
+    values = (VALUES * 100).astype(layout["dtype"])
+    with h5py.File(path, "w", libver=layout["libver"]) as data:
+        if kind == "plain":
+            data["a/x"] = shaped(values, layout["shape"])
+            return values, True
+        if kind == "chunked":
+            made = data.create_dataset(
+                "x", (240,), layout["dtype"], chunks=(min(layout["chunk"], 240),),
+                fillvalue=layout["fill"] if values.dtype.kind == "f" else 0, **layout["filters"],
+            )  # fmt: skip
+            if count:
+                made[:count] = values[:count]
+            # A chunk that was begun is whole to the file: what was not set in it cannot be told.
+            begun = -(-count // made.chunks[0]) * made.chunks[0]
+            full = np.concatenate([values[:count], np.full(240 - count, made.fillvalue)])
+            return full.astype(values.dtype), begun >= 240
+        if kind == "external":
+            path.with_name("raw.bin").write_bytes(values[:count].tobytes())
+            place = [("raw.bin", 0, h5py.h5f.UNLIMITED)]
+            data.create_dataset("x", (240,), layout["dtype"], external=place)
+            return values, False
+        if kind == "linked":
+            with h5py.File(path.with_name("other.h5"), "w") as other:
+                other["deep/x"] = values
+            data["x"] = h5py.ExternalLink("other.h5", "deep/x")
+            return values, True
+        bounds = np.linspace(0, 240, layout["parts"] + 1).astype(int)
+        virtual = h5py.VirtualLayout((240,), layout["dtype"])
+        for part, (begin, end) in enumerate(itertools.pairwise(bounds)):
+            if part != layout["missing"]:
+                with h5py.File(path.with_name(f"part{part}.h5"), "w") as source:
+                    source["x"] = values[begin:end]
+            virtual[begin:end] = h5py.VirtualSource(f"part{part}.h5", "x", (end - begin,))
+        data.create_virtual_dataset("x", virtual, fillvalue=0)
+    return values, layout["missing"] is None or layout["missing"] >= layout["parts"]
+
+
+@pytest.mark.slow
+@settings(max_examples=60)
+@given(layouts())
+def test_samples_are_read_as_they_are_or_not_at_all(layout):
+    """However an HDF5 file holds them: a gap is never read as a number."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.h5"
+        values, whole = lay(path, layout)
+        try:
+            table = open_table(path)
+            name = table.find("x")
+            read = table.read([name])[name].values
+            blocks = [part[name].values for part in table.blocks([name], layout["rows"])]
+        except InputError:
+            return  # of what is not whole, and of what this reader does not follow
+        # A gap of NaN is told with the first such sample, when the record is made.
+        assert whole or np.isnan(read).any(), "a gap was read as samples"
+        np.testing.assert_array_equal(read, values.astype(float))
+        np.testing.assert_array_equal(np.concatenate(blocks), values.astype(float))
+
+
+# Equations at random, from their text to an estimate: an answer, or an `InputError`.
+
+
+SYMBOLS = st.sampled_from(
+    ["x", "x'", "x''", "y", "y'", "y''", *"abcabc", "2", "0.5", "pi", "Omega", "phi", "t", "1e-3"]
+)
+
+
+def larger(inner):
+    pair = st.tuples(inner, st.sampled_from("+-***/"), inner).map("({0[0]} {0[1]} {0[2]})".format)
+    names = st.sampled_from(["sin", "cos", "tan", "exp", "sqrt", "abs", "sign", "tanh"])
+    call = st.tuples(names, inner).map("{0[0]}({0[1]})".format)
+    powers = st.sampled_from(["2", "3", "-1", "0.5", "(1/3)"])
+    return pair | call | st.tuples(inner, powers).map("{0[0]}^{0[1]}".format)
+
+
+SUMS = st.lists(st.recursive(SYMBOLS, larger, max_leaves=6), min_size=1, max_size=4).map(" + ".join)
+RIGHT = st.sampled_from(["F", "0", "2*F", "b*F", "F - G"])
+EQUATIONS = st.lists(
+    st.tuples(SUMS, RIGHT).map("{0[0]} + a*x'' = {0[1]}".format), min_size=1, max_size=2
+)
+
+
+@pytest.mark.slow
+@settings(max_examples=150, deadline=None)
+@given(EQUATIONS, st.integers(0, 2), st.integers(0, 100))
+def test_an_answer_or_an_input_error(equations, turns, seed):
+    units = [dict.fromkeys("xy", "m"), dict.fromkeys("FG", "N"), dict.fromkeys("abc", "kg")]
+    try:
+        model = model_of(equations, *units)
+    except InputError:
+        return
+    assert model.unit_faults is not None
+    assert model.linear is None or model.linear.rows == len(equations)
+    names = [*model.inputs, *model.coordinates]
+    samples = np.random.default_rng(seed).standard_normal((60, len(names)))
+    record = Record([Channel(n) for n in names], samples, 200.0, 2 * np.pi * 10 * turns)
+    periodic = average(record, period_samples=20, harmonics=[0, 1, 2, 3])
+    for method in (LeastSquares, Batch, Sequential):
+        try:
+            estimate = method().estimate(model, [periodic])
+        except InputError:
+            continue
+        assert estimate.status in ("ok", "rejected", "not_identifiable")
+        assert str(estimate)

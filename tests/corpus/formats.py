@@ -79,16 +79,10 @@ BOTH = doubles("fx") + doubles("px")
 LIES = element(5, b"\xff" * 400) + element(5, b"\x7f" * 40) + element(9, bytes(800))
 ZEROS = zlib.compress(bytes(10**6), 9)
 MAT = {
-    "a shape of negative numbers": mat5(matrix_of(b"fx", (-80, 1), element(9, bytes(640))), BOTH),
     "a shape of 2^31 by 2^31": mat5(matrix_of(b"q", (2**31 - 1, 2**31 - 1), element(9, b"")), BOTH),
-    "a shape without dimensions": mat5(matrix_of(b"fx", (), element(9, bytes(640)))),
-    "a shape of forty dimensions": mat5(matrix_of(b"fx", (1,) * 40, element(9, bytes(8)))),
     "more numbers than bytes": mat5(matrix_of(b"fx", (8000, 1), element(9, bytes(640))), BOTH),
     "cells in three thousand cells": mat5(DEEP, BOTH),
     "a cell that declares 1e9": mat5(matrix_of(b"q", (10**9, 1), b"", kind=1), BOTH),
-    "a structure with names of length -1": mat5(
-        matrix_of(b"q", (1, 1), element(5, b"\xff" * 4) + element(1, b"abc"), kind=2), BOTH
-    ),
     "a sparse matrix of lies": mat5(matrix_of(b"q", (9, 9), LIES, kind=5), BOTH),
     "an element of 4 GB": mat5(struct.pack("<II", 14, 2**32 - 8), BOTH),
     "a packed element in a packed element": mat5(packed(packed(BOTH))),
