@@ -129,11 +129,9 @@ def simulate(
         show([f"wrote {', '.join(map(str, made))}; what to do with them: docs/{example}.md"])
         return OK
     if rig is None or out is None:
-        raise InputError(
-            "no RIG" if rig is None else "no --out",
-            "rotorid simulate RIG --out FILE, or rotorid simulate --faults",
-            "name both: a rig, such as three-mass, and the record to write, such as run.h5",
-        )
+        expected = "rotorid simulate RIG --out FILE, or rotorid simulate --faults"
+        cure = "name both: a rig, such as three-mass, and the record to write, such as run.h5"
+        raise InputError("no RIG" if rig is None else "no --out", expected, cure)
     experiment = experiment_path(out, rig)
     targets = check_outputs((out, RECORD), (experiment, RECORD), force=force)
     plan = load_rig(rig).with_faults(fault)

@@ -154,11 +154,9 @@ class PhasorClock(Arrays):
 
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
         if timed:
-            raise InputError(
-                "a load that depends on t in a table of phasors",
-                "loads of the rotor angle and the speed",
-                "give the samples of the run, or a model without that load",
-            )
+            expected = "loads of the rotor angle and the speed"
+            cure = "give the samples of the run, or a model without that load"
+            raise InputError("a load that depends on t in a table of phasors", expected, cure)
         turn = np.linspace(0, 2 * np.pi, TURN, endpoint=False)
         values = signal(np.zeros_like(turn), turn, self.speed[:, None])
         values = np.broadcast_to(values, (len(self.speed), TURN, values.shape[-1]))

@@ -244,11 +244,9 @@ def refuse_unread(model: Model, bound: Records) -> None:
     read = set(re.findall(r"\w+", " ".join(said)))
     alone = np.flatnonzero(~model.monomials.any(axis=0)).tolist()
     if unread := [name for name in (model.parameter_names[i] for i in alone) if name not in read]:
-        raise InputError(
-            f"{unread[0]} in no equation of the model, and in nothing that a sensor reads",
-            "every parameter in one of them",
-            "use it, or remove it from the model",
-        )
+        found = f"{unread[0]} in no equation of the model, and in nothing that a sensor reads"
+        cure = "use it, or remove it from the model"
+        raise InputError(found, "every parameter in one of them", cure)
 
 
 def _spelt(combination: Mapping[str, float], model: Model) -> Iterator[tuple[str, float]]:

@@ -138,11 +138,9 @@ def _rotation(record: Record) -> Floats:
     steps = np.diff(angle) * sense
     if not sense or (steps <= 0).any():
         where = record.start + float((steps <= 0).argmax()) / record.sample_rate
-        raise InputError(
-            f"a rotor angle that stands or turns back at {where:.6g} s",
-            "a rotor that turns one way",
-            "cut the record to the run-up or the coast-down",
-        )
+        found = f"a rotor angle that stands or turns back at {where:.6g} s"
+        cure = "cut the record to the run-up or the coast-down"
+        raise InputError(found, "a rotor that turns one way", cure)
     if np.median(steps) > 2 * np.pi / SAMPLES:
         found = f"{2 * np.pi / np.median(steps):.3g} samples per revolution"
         raise InputError(found, f"{SAMPLES} or more", "record faster, or cut the fast part off")

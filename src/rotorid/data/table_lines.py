@@ -145,19 +145,15 @@ def _refuse_rows(
     """Refuse a table of another shape, and rows that are `wrong` or not finite."""
     what, row, column = named
     if rows.ndim != 1 or not values.size or values.shape != (len(rows), columns):
-        raise InputError(
-            f"{what}s of shape {values.shape} for rows of shape {rows.shape}",
-            f"a row per {row}, {columns or 'some'} {column}s",
-            f"give one {what} per {row} and {column}",
-        )
+        found = f"{what}s of shape {values.shape} for rows of shape {rows.shape}"
+        cure = f"give one {what} per {row} and {column}"
+        raise InputError(found, f"a row per {row}, {columns or 'some'} {column}s", cure)
     possible = (np.abs(values) < MAGNITUDE).all(axis=1) & (np.abs(rows) < MAGNITUDE)
     bad = np.flatnonzero(~possible | wrong)
     if len(bad):
-        raise InputError(
-            f"a {row} of {rows[bad[0]]:g} in row {bad[0] + 1}, {what}s {values[bad[0]]}",
-            f"finite numbers below {MAGNITUDE:g}, {otherwise}",
-            "correct that row, or leave it out",
-        )
+        found = f"a {row} of {rows[bad[0]]:g} in row {bad[0] + 1}, {what}s {values[bad[0]]}"
+        cure = "correct that row, or leave it out"
+        raise InputError(found, f"finite numbers below {MAGNITUDE:g}, {otherwise}", cure)
 
 
 def _deviations(std: ArrayLike, values: Complexes, cure: str, row: bool = True) -> Floats:
@@ -462,21 +458,17 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Flo
         raise InputError("neither std nor coherence", "what tells the noise of the responses", cure)
     found = np.asarray(coherence, dtype=np.float64)
     if found.shape != responses.shape:
-        raise InputError(
-            f"coherence of shape {found.shape}",
-            "one for each line and response",
-            "give a coherence of the same lines",
-        )
+        expected = "one for each line and response"
+        cure = "give a coherence of the same lines"
+        raise InputError(f"coherence of shape {found.shape}", expected, cure)
     wrong = found[~((found >= 0) & (found <= 1))]
     if wrong.size:
         cure = "divide percent by 100, or square it where the analyser gives its root"
         raise InputError(f"a coherence of {wrong[0]:g}", "numbers from 0 to 1", cure)
     if (found == 1).all():
-        raise InputError(
-            "a coherence of 1 on every line",
-            "the coherence of several averages",
-            "take it from more than one average, or state std",
-        )
+        expected = "the coherence of several averages"
+        cure = "take it from more than one average, or state std"
+        raise InputError("a coherence of 1 on every line", expected, cure)
     # Half of the last digit that numbers are written with: one printed as 1.000 is not.
     written = (n for n in range(1, 13) if (np.abs(np.round(found, n) - found) < 1e-14).all())
     digits = next(written, None)

@@ -129,11 +129,9 @@ def _whole(
 ) -> _Whole:
     first, after = samples_between(record, skip, until)
     if after - first < 2:
-        raise InputError(
-            f"{max(after - first, 0)} samples between skip and until",
-            "a record longer than both leave out",
-            "skip less, or record longer",
-        )
+        expected = "a record longer than both leave out"
+        cure = "skip less, or record longer"
+        raise InputError(f"{max(after - first, 0)} samples between skip and until", expected, cure)
     speed = np.asarray(record.speed)
     if record.angle is not None:
         speed = np.gradient(record.angle, 1 / record.sample_rate)

@@ -172,11 +172,9 @@ def check_file(file: ExperimentFile, plans: Sequence[Recording]) -> None:
     for number, mode in enumerate(file.modes):
         before = file.modes[:number].count(mode)
         if before > (mode.mode is None):  # two modes may have one frequency, where axes are alike
-            raise _twice(
-                f"the natural frequency of modes.{file.modes.index(mode)} again",
-                "remove one; of two modes of one frequency, give each its own mode = 1, 2",
-                place=f"modes.{number}",
-            )
+            found = f"the natural frequency of modes.{file.modes.index(mode)} again"
+            cure = "remove one; of two modes of one frequency, give each its own mode = 1, 2"
+            raise _twice(found, cure, place=f"modes.{number}")
     if file.estimator.unknown["runout"]:
         check_told(file.records)
 

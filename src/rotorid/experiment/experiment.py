@@ -284,12 +284,9 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     path = Path(path)
     ending = path.suffix.lower()
     if ending in READERS and ending != ".txt" and os.path.exists(path):
-        raise ReadError(
-            f"a file of the ending {ending}, a record",
-            "an experiment file, which says what is in the records",
-            f"write one: rotorid new {path} --model three-mass --out experiment.toml",
-            file=str(path),
-        )
+        expected = "an experiment file, which says what is in the records"
+        cure = f"write one: rotorid new {path} --model three-mass --out experiment.toml"
+        raise ReadError(f"a file of the ending {ending}, a record", expected, cure, file=str(path))
     entry = read_toml(path, schema.ExperimentFile)
     where = path.parent if folder is None else Path(folder)
     try:

@@ -200,11 +200,9 @@ def _response(table: ColumnFile) -> tuple[Floats, Complexes]:
         if any("dB" in (text or "") for text in (*names, *units)) or (polar and units[2] is None):
             pairs = zip(names, units, strict=True)
             shown = (name if unit is None else f"{name} [{unit}]" for name, unit in pairs)
-            raise InputError(
-                f"columns {', '.join(shown)}"[:200],
-                "frequency, then real and imaginary part, or amplitude and phase [deg]",
-                "write such columns, a phase with its unit",
-            )
+            expected = "frequency, then real and imaginary part, or amplitude and phase [deg]"
+            cure = "write such columns, a phase with its unit"
+            raise InputError(f"columns {', '.join(shown)}"[:200], expected, cure)
         if polar:
             angle = columns[2] * si_factor(units[2] or "rad", "rad")
             return hertz, np.asarray(columns[1] * np.exp(1j * angle))

@@ -318,11 +318,9 @@ class Differential(Law):
         """Return the slopes at a point; at the origin 4 K i0 cos / s0^2, 4 K i0^2 cos^2 / s0^3."""
         self._within(current, position)
         if not self.bias and not current:
-            raise InputError(
-                "no current in magnets without bias, where the force has no slope",
-                "a current other than 0, or a bias",
-                "linearize about the current that flows",
-            )
+            found = "no current in magnets without bias, where the force has no slope"
+            cure = "linearize about the current that flows"
+            raise InputError(found, "a current other than 0, or a bias", cure)
         ki, ks = self._slopes(current, position)
         std = np.broadcast_to(self.deviation_of(lambda law: law._slopes(current, position)), 2)
         named = zip(("ki", "ks"), std.tolist(), strict=True)

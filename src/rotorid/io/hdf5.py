@@ -391,11 +391,9 @@ def check_stored(dataset: h5py.Dataset, file: str, depth: int = 0) -> int:
     if (layout := made.get_layout()) == h5py.h5d.VIRTUAL:
         held += _check_virtual(dataset, file, depth)
     elif made.get_external_count():
-        raise ReadError(
-            f"samples of {_name(dataset)} in files of their own",
-            "samples in the file itself",
-            "write the data set whole: h5repack -l CONTI",
-        )
+        expected = "samples in the file itself"
+        cure = "write the data set whole: h5repack -l CONTI"
+        raise ReadError(f"samples of {_name(dataset)} in files of their own", expected, cure)
     elif layout == h5py.h5d.CHUNKED:
         _check_chunks(dataset)
     elif not dataset.id.get_storage_size() and not _tells_gaps(dataset):
@@ -430,11 +428,9 @@ def _check_virtual(dataset: h5py.Dataset, file: str, depth: int) -> int:
     covered.select_none()
     for target, name, inner, origin in parts:
         if _endless(target):  # as all are whose name has a number in it
-            raise ReadError(
-                f"parts without end in {_name(dataset)}",
-                "a virtual data set of parts that are named",
-                "write it whole, or name each part",
-            )
+            expected = "a virtual data set of parts that are named"
+            cure = "write it whole, or name each part"
+            raise ReadError(f"parts without end in {_name(dataset)}", expected, cure)
         name, inner = name.replace("%%", "%"), inner.replace("%%", "%")
         path = file if name == "." else str(check_beside(name, file))
         with naming(path):

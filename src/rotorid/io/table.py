@@ -125,12 +125,8 @@ def content(path: Path) -> str:
 
 
 def not_what_it_says(path: Path, found: str, expected: str) -> ReadError:
-    return ReadError(
-        found,
-        f"{expected}, as the ending {path.suffix} says",
-        "give the file the ending of its format, or write it again",
-        file=str(path),
-    )
+    cure = "give the file the ending of its format, or write it again"
+    return ReadError(found, f"{expected}, as the ending {path.suffix} says", cure, file=str(path))
 
 
 def check_held(size: int, held: int, file: str) -> None:

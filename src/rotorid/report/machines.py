@@ -127,11 +127,8 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
         for mass, angle in each.masses
     ]
     if masses:
-        yield Passage(
-            "Masses to mount",
-            "The masses that come nearest to it, all planes together.",
-            table(("mount in plane", "g", "at deg"), masses),
-        )
+        told = "The masses that come nearest to it, all planes together."
+        yield Passage("Masses to mount", told, table(("mount in plane", "g", "at deg"), masses))
     left = [
         (
             each.plane,

@@ -355,11 +355,9 @@ def unbalanced(machine: Machine) -> Machine:
         )
     load, _ = machine.load(1.0)
     if not np.abs(load).any():
-        raise InputError(
-            "a result without unbalance",
-            "unbalance parameters that were identified",
-            "leave them free in the experiment, with the rotor turning, and identify again",
-        )
+        expected = "unbalance parameters that were identified"
+        cure = "leave them free in the experiment, with the rotor turning, and identify again"
+        raise InputError("a result without unbalance", expected, cure)
     return machine
 
 

@@ -158,11 +158,9 @@ def loop_sensitivity(
     response = np.asarray(controller(omega), dtype=np.complex128)
     shape = (len(hertz), len(machine.model.inputs), len(rows))
     if response.shape != shape or len(hertz) < 2 or (np.diff(hertz) <= 0).any():
-        raise InputError(
-            f"a controller's response of shape {response.shape}",
-            f"{shape}: lines of rising frequency, inputs, sensors",
-            "give a command for each input from each sensor, 0 where there is none",
-        )
+        expected = f"{shape}: lines of rising frequency, inputs, sensors"
+        cure = "give a command for each input from each sensor, 0 where there is none"
+        raise InputError(f"a controller's response of shape {response.shape}", expected, cure)
     closed = partial(
         _loops, speed=turning, omega=omega, response=response, reads=np.array(rows), known=known
     )

@@ -64,11 +64,9 @@ def own_model(estimate: Estimate) -> Model:
     own = any(PurePath(f.file).name == f"{estimate.model}.toml" for f in files[1:])
     if estimate.model in shipped_models() and not own:
         return load_model(estimate.model)
-    raise InputError(
-        f"a result of {estimate.model[:60]!r} without the text of its model",
-        "a result that holds it, or one of a shipped model",
-        "identify again with this version",
-    )
+    found = f"a result of {estimate.model[:60]!r} without the text of its model"
+    cure = "identify again with this version"
+    raise InputError(found, "a result that holds it, or one of a shipped model", cure)
 
 
 STEP = 1e-4
@@ -347,11 +345,9 @@ def _of_record(model: Model, source: Estimate, record: int) -> Estimate:
         if f"{name}[{record}]" in there:
             renamed[f"{name}[{record}]"] = name
         elif name not in there and (own := [v for v in there if v.startswith(f"{name}[")]):
-            raise InputError(
-                f"record {record}, which has no {name} of its own",
-                f"one that has: {', '.join(own)}",
-                "say which record",
-            )
+            expected = f"one that has: {', '.join(own)}"
+            cure = "say which record"
+            raise InputError(f"record {record}, which has no {name} of its own", expected, cure)
     kept = [v for v in source.parameters if not (v.fixed and v.name in renamed.values())]
     names = renamed | {common: own for own, common in renamed.items()}
     found = (replace(v, name=names.get(v.name, v.name)) for v in kept)
@@ -432,11 +428,9 @@ def _determined(machine: Machine) -> Machine:
         return machine
     lacking = [machine.names[u] for u in machine.needed if bad[u]]
     if lacking:
-        raise InputError(
-            f"a result that leaves {', '.join(lacking)} undetermined",
-            "a value of every parameter of the machine",
-            "fix one or measure more, then identify again",
-        )
+        expected = "a value of every parameter of the machine"
+        cure = "fix one or measure more, then identify again"
+        raise InputError(f"a result that leaves {', '.join(lacking)} undetermined", expected, cure)
     covariance = machine.covariance
     if covariance is not None:
         covariance = np.where(bad[:, None] | bad, 0.0, covariance)

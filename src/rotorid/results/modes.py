@@ -694,11 +694,9 @@ def unbalance_response(
 
 def response_of(machine: Machine, speeds: Floats) -> UnbalanceResponse:
     if not machine.linear.load_terms:
-        raise InputError(
-            f"the model {machine.model.name!r} without unbalance",
-            "terms in cos(phi) and sin(phi)",
-            "write the unbalance into its equations",
-        )
+        expected = "terms in cos(phi) and sin(phi)"
+        cure = "write the unbalance into its equations"
+        raise InputError(f"the model {machine.model.name!r} without unbalance", expected, cure)
     shape = (len(speeds), machine.linear.coordinates)
     motion = np.full(shape, np.nan, dtype=np.complex128)
     std, assumed, notes = np.full(shape, np.nan), np.full(shape, np.nan), list[Note]()

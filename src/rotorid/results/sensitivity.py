@@ -293,11 +293,9 @@ class Windowed:
 
 
 def _not_excited(axis: str) -> InputError:
-    return InputError(
-        f"no line on which {axis} was excited by itself",
-        "each axis on lines of its own, or as many records as axes",
-        "excite one axis at a time, or repeat with other signs: + +, + -",
-    )
+    expected = "each axis on lines of its own, or as many records as axes"
+    cure = "excite one axis at a time, or repeat with other signs: + +, + -"
+    return InputError(f"no line on which {axis} was excited by itself", expected, cure)
 
 
 def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> list[Raw]:

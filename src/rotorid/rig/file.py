@@ -102,11 +102,9 @@ class ControllerEntry(Schema):
     def _transfer_function(self) -> Controller:
         numerator, denominator = self.numerator or [], self.denominator or []
         if len(numerator) > len(denominator) or denominator[0] == 0:
-            raise InputError(
-                f"{len(numerator)} and {len(denominator)} coefficients",
-                "a denominator at least as long as the numerator, that starts with no 0",
-                "pad the denominator: a controller cannot look ahead",
-            )
+            found = f"{len(numerator)} and {len(denominator)} coefficients"
+            expected = "a denominator at least as long as the numerator, that starts with no 0"
+            raise InputError(found, expected, "pad the denominator: a controller cannot look ahead")
         numerator = np.trim_zeros(numerator, "f") or [0.0]
         return Controller(*signal.tf2ss(numerator, denominator), 1 / self.rate)
 
@@ -292,11 +290,9 @@ class ExcitationEntry(Schema):
             expected = f"at most {RIG_SAMPLES}"
             raise InputError(found, expected, "choose a higher fundamental", place="fundamental")
         if 2 * highest > period:
-            raise InputError(
-                f"lines up to {highest * self.fundamental:.6g} Hz",
-                f"at most half the rate of the controller, {rate / 2:.6g} Hz",
-                "end at a lower line",
-            )
+            expected = f"at most half the rate of the controller, {rate / 2:.6g} Hz"
+            cure = "end at a lower line"
+            raise InputError(f"lines up to {highest * self.fundamental:.6g} Hz", expected, cure)
 
     def _lines(self, rng: np.random.Generator) -> np.ndarray:
         given = [key for key in ("harmonics", "odd", "full") if getattr(self, key) is not None]

@@ -140,11 +140,9 @@ class Keyphasor:
         turns = rotation.angle_at(time[[0, -1]]) / (2 * np.pi)
         speeds = rotation.speed_at(time)
         if speeds.min() <= 0 <= speeds.max():
-            raise InputError(
-                f"a keyphasor at {speeds.min():.4g} rad/s",
-                "a rotor that turns one way",
-                "choose another speed, or leave the keyphasor out",
-            )
+            expected = "a rotor that turns one way"
+            cure = "choose another speed, or leave the keyphasor out"
+            raise InputError(f"a keyphasor at {speeds.min():.4g} rad/s", expected, cure)
         shortest = 2 * np.pi * min(self.width, 1 - self.width) / np.abs(speeds).max()
         if shortest < (1 if self.logic else 4) * step:
             raise InputError(

@@ -63,11 +63,9 @@ def rotor_plant(
     mass = _mass(linear, values, nodes)
     B = linear.matrices(values, centre).B if work is None else work
     if np.abs(mass - mass.T).max() > 1e-9 * np.abs(mass).max():
-        raise ModelError(
-            "a mass matrix that is not symmetric",
-            "each equation the balance of the forces that do work on its coordinate",
-            "order and scale the equations so",
-        )
+        expected = "each equation the balance of the forces that do work on its coordinate"
+        cure = "order and scale the equations so"
+        raise ModelError("a mass matrix that is not symmetric", expected, cure)
     harmonics, loads = _load_harmonics(linear, values, nodes)
     plant = Plant(
         motion=_in_speed(np.array([_motion(linear, values, mass, speed) for speed in nodes])),
@@ -136,11 +134,9 @@ def _load_harmonics(
         largest = np.abs(load).max(initial=0.0)
         rough = np.abs(spectrum[_ANGLES // 4 :]).max(initial=0.0) > 1e-9 * largest
         if rough or np.abs(load - again).max(initial=0.0) > 1e-9 * largest:
-            raise ModelError(
-                "a load that is no smooth function of the rotor angle and the speed alone",
-                "loads such as m*xi*Omega^2*cos(phi), or constants",
-                "leave the load out; give it to the rig as excitation",
-            )
+            found = "a load that is no smooth function of the rotor angle and the speed alone"
+            cure = "leave the load out; give it to the rig as excitation"
+            raise ModelError(found, "loads such as m*xi*Omega^2*cos(phi), or constants", cure)
         spectrum[np.abs(spectrum) < 1e-13 * largest] = 0.0
         spectra.append(spectrum)
     stacked = np.array(spectra)

@@ -81,11 +81,9 @@ def steady_state(
     right = driven + load
     size = np.abs(driven).max() + np.abs(load).max()
     if samples % 2 == 0 and np.abs(right[-1]).max() > 1e-12 * size:
-        raise InputError(
-            f"a force at {sample_rate / 2:g} Hz, half the sample rate",
-            "forces band-limited below it",
-            "leave that line out or sample faster",
-        )
+        expected = "forces band-limited below it"
+        cure = "leave that line out or sample faster"
+        raise InputError(f"a force at {sample_rate / 2:g} Hz, half the sample rate", expected, cure)
     excited = np.flatnonzero(np.abs(right).max(axis=1) > 1e-14 * size)
     omega = 2 * np.pi * excited * sample_rate / samples
     lines = linear.response(omega, values, speed, right[excited])
@@ -130,11 +128,9 @@ def _load_lines(
     beside = np.delete(np.abs(lines), kept, axis=0)
     if beside.max() > 1e-9 * np.abs(lines).max():
         where = np.delete(np.arange(2 * samples + 1), kept)[beside.max(axis=1).argmax()]
-        raise InputError(
-            f"a load of the model at {where * sample_rate / (2 * samples):g} Hz",
-            f"lines of the period, below half the sample rate, {sample_rate / 2:g} Hz",
-            "choose a period that holds it, or sample faster",
-        )
+        found = f"a load of the model at {where * sample_rate / (2 * samples):g} Hz"
+        expected = f"lines of the period, below half the sample rate, {sample_rate / 2:g} Hz"
+        raise InputError(found, expected, "choose a period that holds it, or sample faster")
     return lines[kept]
 
 

@@ -129,11 +129,9 @@ def _require_steady(angle: Floats, sample_rate: float, step: float) -> None:
     speed = (angle[-1] - angle[0]) / (len(angle) - 1)
     # Half a revolution between samples reads the same forwards and backwards.
     if most > 0.9 * np.pi or abs(speed) > 0.8 * np.pi:
-        raise InputError(
-            f"{np.degrees(most):.4g} degrees between two samples",
-            "well below half a revolution",
-            "sample faster; or the unit of the angle is wrong",
-        )
+        expected = "well below half a revolution"
+        cure = "sample faster; or the unit of the angle is wrong"
+        raise InputError(f"{np.degrees(most):.4g} degrees between two samples", expected, cure)
     ahead = angle if speed >= 0 else -angle
     fall = np.maximum.accumulate(ahead) - ahead
     tolerated = max(2.5 * step, np.radians(2.0))
@@ -223,11 +221,9 @@ def _count_turns(times: Floats) -> tuple[Booleans, Floats]:
     number = np.nanmax(turns) - np.nanmin(turns)
     faults = len(times) + number + 1 - 2 * kept.sum()
     if faults > MOST_FAULTS * len(times) + 1 or kept.sum() < 4:
-        raise InputError(
-            f"{int(faults)} pulses missing or too many, of {len(times)}",
-            "one pulse per revolution",
-            "check the threshold and the column, or cut the record where they fail",
-        )
+        found = f"{int(faults)} pulses missing or too many, of {len(times)}"
+        cure = "check the threshold and the column, or cut the record where they fail"
+        raise InputError(found, "one pulse per revolution", cure)
     return kept, turns[kept] - np.nanmin(turns)
 
 

@@ -253,11 +253,9 @@ def _period_size(rate: float, fundamental: float | None, samples: int | None) ->
         exact, source = rate / fundamental, f" (rate {rate:g} Hz, fundamental {fundamental:g} Hz)"
     size = round(exact) if math.isfinite(exact) else 0
     if not math.isfinite(exact) or (size >= 2 and abs(exact - size) > 1e-6 * exact):
-        raise InputError(
-            f"a period of {exact:.6g} samples{source}",
-            "a whole number of samples",
-            "give a lower common fundamental and multiply the harmonics, or resample",
-        )
+        expected = "a whole number of samples"
+        cure = "give a lower common fundamental and multiply the harmonics, or resample"
+        raise InputError(f"a period of {exact:.6g} samples{source}", expected, cure)
     if size < 2:
         cure = "is the time column in ms? give its unit; or set fundamental to the true one"
         raise InputError(f"a period of {exact:.3g} samples{source}", "2 or more", cure)
@@ -298,11 +296,9 @@ def _first_sample(rate: float, skip: float, start: float = 0.0) -> int:
 
 def _whole_periods(left: int, size: int) -> int:
     if left < 2 * size:
-        raise InputError(
-            f"{left} samples after skip, {left // size} whole periods",
-            f"at least two periods of {size} samples",
-            "record longer, skip less, or set fundamental to the repetition frequency",
-        )
+        expected = f"at least two periods of {size} samples"
+        cure = "record longer, skip less, or set fundamental to the repetition frequency"
+        raise InputError(f"{left} samples after skip, {left // size} whole periods", expected, cure)
     return left // size
 
 
