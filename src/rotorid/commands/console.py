@@ -113,8 +113,7 @@ def put(text: str, stream: TextIO | None) -> None:
         raise
 
 
-PATIENCE = 2.0
-"""Seconds after which a command says what it does."""
+PATIENCE = 2.0  # seconds after which a command says what it does
 
 
 class _Display:

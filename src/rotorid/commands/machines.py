@@ -168,8 +168,7 @@ def _weighed(text: str) -> tuple[str, float]:
         ) from None
 
 
-STEADY = 1e-3
-"""Relative difference between the lowest and highest speed of a record at one speed."""
+STEADY = 1e-3  # relative difference between the lowest and highest speed of a record at one speed
 
 
 def speeds_of(estimate: Estimate) -> list[str]:

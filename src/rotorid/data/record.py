@@ -451,8 +451,7 @@ class Record(Shown, WithChannels):
         return np.asarray(self.speed * time, dtype=float)
 
 
-EVEN = 0.01
-"""Share of a step by which times may lie beside an even grid: more are jitter, or a gap."""
+EVEN = 0.01  # share of a step by which times may lie beside an even grid: more are jitter, or a gap
 
 
 def _times_of(index: Array) -> tuple[float, float]:

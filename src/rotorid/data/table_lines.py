@@ -39,10 +39,8 @@ PHASOR_STD = "state how far the readings scatter: the last digit of the instrume
 RESPONSE_STD = "state how far real and imaginary part scatter from one average to the next"
 
 
-TWO_OF_A_LINE = 2
-"""Readings that a mean and a slope over the speed take."""
-UNEVEN = 1e-6
-"""Chance below which readings of one speed follow it."""
+TWO_OF_A_LINE = 2  # readings that a mean and a slope over the speed take
+UNEVEN = 1e-6  # chance below which readings of one speed follow it
 
 
 def phasor_lines(

@@ -23,8 +23,7 @@ from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
 from rotorid.signals.spectrum import lines_within, transfer_of_recording
 
-TRANSIENT = 2
-"""R: J / dof 1.6 to 5 with 0, 1.00 with 2, the same with 3."""
+TRANSIENT = 2  # R: J / dof 1.6 to 5 with 0, 1.00 with 2, the same with 3
 
 
 @frozen

@@ -197,10 +197,8 @@ def _interpolated(time: Floats, grid: Floats, samples: Numbers) -> Numbers:
     return found
 
 
-TOGETHER = 0.01
-"""Samples by which columns may begin apart: clocks are written to a microsecond."""
-BESIDE = 0.5
-"""Samples up to which no sample stands beside the wrong one."""
+TOGETHER = 0.01  # samples by which columns may begin apart: clocks are written to a microsecond
+BESIDE = 0.5  # samples up to which no sample stands beside the wrong one
 
 
 @frozen

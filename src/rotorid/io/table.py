@@ -337,8 +337,7 @@ FORMATS = {
     **dict.fromkeys((".uff", ".unv"), UNIVERSAL),
     **dict.fromkeys((".mf4", ".mdf"), Format("formats.open_mdf", "asammdf", "MDF data")),
 }
-READERS = (*TEXTS, *FORMATS)
-"""Endings of files of columns."""
+READERS = (*TEXTS, *FORMATS)  # endings of files of columns
 
 
 class Stored(Sandbox):

@@ -23,8 +23,7 @@ COLOURS = (BLUE, RED, GREEN, PINK, SKY)  # of records
 Look = Literal[
     "line", "thin", "thick", "dashed", "dots", "points", "stems", "band", "diamonds", "named"
 ]
-MOST_PANELS = 24
-"""Channels with a panel of their own: what a page still shows."""
+MOST_PANELS = 24  # channels with a panel of their own: what a page still shows
 
 
 @frozen
@@ -116,12 +115,9 @@ def _thinned(curve: Curve, most: int) -> Curve:
 
 
 GMM = 1e6  # g mm in a kg m
-ROUND = 121
-"""Points of a circle."""
-TWO = 1.959964
-"""Deviations to either side that a band holds."""
-ROOM = 1.25
-"""How much wider a plane is drawn than what stands in it."""
+ROUND = 121  # points of a circle
+TWO = 1.959964  # deviations to either side that a band holds
+ROOM = 1.25  # how much wider a plane is drawn than what stands in it
 
 
 def corrections(found: Source) -> list[Panel]:
@@ -219,14 +215,10 @@ def _band(x: Floats, size: Floats, std: Floats, told: str) -> Curve:
     return Curve(x, size + TWO * std, told, BLUE, "band", base=low)
 
 
-MOST_DOTS = 60
-"""Lines up to which each is a dot."""
-NOISE_BAND = 2.0
-"""Deviations to either side that a band of noise holds."""
-LEAST = 0.01
-"""Misfit over its expectation at or below which a line is drawn at the bottom."""
-WORST = 5.0
-"""Differences over their noise from which on a colour is at its end."""
+MOST_DOTS = 60  # lines up to which each is a dot
+NOISE_BAND = 2.0  # deviations to either side that a band of noise holds
+LEAST = 0.01  # misfit over its expectation at or below which a line is drawn at the bottom
+WORST = 5.0  # differences over their noise from which on a colour is at its end
 RPM = 30 / np.pi
 HERTZ = Axis("frequency in Hz")
 
@@ -482,14 +474,10 @@ def _amplitude(unit: str, curves: Sequence[Curve]) -> Axis:
     return Axis(title, log=True)
 
 
-MOST_BLOCKS = 600
-"""Steps of the band in which a long record is drawn."""
-MOST_MARKS = 400
-"""Other lines that a panel shows: of more, every so many."""
-MOST_STEMS = 40
-"""Kept lines that are drawn one by one."""
-ROUNDING = 1e-10
-"""Of the largest line: below it there is rounding only."""
+MOST_BLOCKS = 600  # steps of the band in which a long record is drawn
+MOST_MARKS = 400  # other lines that a panel shows: of more, every so many
+MOST_STEMS = 40  # kept lines that are drawn one by one
+ROUNDING = 1e-10  # of the largest line: below it there is rounding only
 
 
 def samples(record: Source, whole_blocks: int = 1) -> list[Panel]:

@@ -288,8 +288,7 @@ def _bar(value: Value, prior: Prior) -> tuple[Ends, Ends, str] | None:
     return pixels(prior.value, before), pixels(value.value, half), told
 
 
-BEYOND, BETWEEN = 1.2, 300
-"""Factor by which a response is drawn beyond its lines, and its points."""
+BEYOND, BETWEEN = 1.2, 300  # factor by which a response is drawn beyond its lines, and its points
 KINDS = {
     "periods": "periods",
     "lines": "lines of the whole record",

@@ -20,12 +20,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rotorid.report.drawn import Curve, Matrix, Panel, key_of, label
 
-MOST_IMAGE = 150_000
-"""Characters of a picture in a notebook."""
-MOST_IMAGE_PANELS = 12
-"""Panels of a picture in a notebook: what a screen holds."""
-DPI = (80, 55, 40)
-"""Dots per inch of such a picture: the first with which it is small enough."""
+MOST_IMAGE = 150_000  # characters of a picture in a notebook
+MOST_IMAGE_PANELS = 12  # panels of a picture in a notebook: what a screen holds
+DPI = (80, 55, 40)  # dots per inch of such a picture: the first with which it is small enough
 
 _INK = "#202124"
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -240,10 +240,8 @@ RESONANT = 0.5**0.5
 """Damping ratio from which on no response has a peak, so that nobody measures such a mode."""
 
 
-BEYOND = 1.5
-"""A diagram goes to this many times the highest speed of the records."""
-SPEEDS = 121
-"""Speeds of a response that is drawn."""
+BEYOND = 1.5  # a diagram goes to this many times the highest speed of the records
+SPEEDS = 121  # speeds of a response that is drawn
 
 
 def modes_page(

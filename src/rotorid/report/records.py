@@ -183,10 +183,8 @@ def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Passage]
         )
 
 
-WIDTH = 76
-"""Characters of the drawing: a terminal of 80 holds it."""
-HALF = 5
-"""Lines of the drawing above its axis."""
+WIDTH = 76  # characters of the drawing: a terminal of 80 holds it
+HALF = 5  # lines of the drawing above its axis
 
 
 def rotor_page(model: RotorModel) -> Page:

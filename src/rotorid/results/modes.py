@@ -35,10 +35,8 @@ from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, 
 from rotorid.results.machine import Machine, OfAMachine, machine_of
 
 Whirl = Literal["forward", "backward", "planar", "mixed"]
-PLANAR = 0.02
-"""Orbits with a smaller ratio of axes are lines: no probe tells their sense."""
-SILENT = 0.02
-"""Places with a smaller share of the kinetic energy do not say how a mode whirls."""
+PLANAR = 0.02  # orbits with a smaller ratio of axes are lines: no probe tells their sense
+SILENT = 0.02  # places with a smaller share of the kinetic energy do not say how a mode whirls
 _X = re.compile("[xX]")
 
 

@@ -33,8 +33,7 @@ STATED = 5e-3
 """Share by which a stated speed is plausibly off, before the record tells: what a display of three
 digits rounds at most, or what load changes in the slip of a motor."""
 AT_ONCE = 1 << 15  # samples
-ROUNDING = 1e-9
-"""What is left beside the line of a rotation, over that, below which it is rounding."""
+ROUNDING = 1e-9  # what is left beside the line of a rotation, over that, below which it is rounding
 
 
 def orders_apart(turns: float, periods: int, size: int) -> tuple[int, ...]:

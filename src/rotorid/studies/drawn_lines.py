@@ -27,12 +27,9 @@ from rotorid.rig.rig import Rig
 from rotorid.signals.average import average
 from rotorid.signals.spectrum import synthesize
 
-NEAR = 1e-6
-"""Share of a column by which it is moved to see what the reader makes of it."""
-LEAST = 2
-"""Periods without which nothing scatters."""
-CLIPPED = 6.0
-"""Deviations of a command that no record reaches."""
+NEAR = 1e-6  # share of a column by which it is moved to see what the reader makes of it
+LEAST = 2  # periods without which nothing scatters
+CLIPPED = 6.0  # deviations of a command that no record reaches
 
 
 @frozen

@@ -25,8 +25,7 @@ from rotorid.studies.plan import StudyPlan
 from rotorid.studies.store import check_folder, read_rows
 from rotorid.studies.study_case import ENDS, FAILED, Row
 
-WORST = 3
-"""Cases whose files are written for a closer look, and errors that are told."""
+WORST = 3  # cases whose files are written for a closer look, and errors that are told
 _SAID = (
     "Errors are those of the answers with status ok, in SI. std: root of the mean of the variances "
     "that they state; cover: share of 95 % intervals that contain the true value."

@@ -26,8 +26,7 @@ from rotorid.signals.checks.registry import (
 from rotorid.signals.period_search import find_period
 from rotorid.signals.turning import without_waves
 
-LEAST_PERIODS = 8
-"""Periods below which a transient cannot be told from the scatter."""
+LEAST_PERIODS = 8  # periods below which a transient cannot be told from the scatter
 
 _ROUNDING = 1e-9
 _DRIFT, _LARGE = 4.0, 3.0
