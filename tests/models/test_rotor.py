@@ -11,6 +11,7 @@ from rotor_files import random_rotor, uniform
 import rotorid as rid
 import rotorid.models
 from rotorid.likelihood import other_answers as information
+from rotorid.likelihood import solver
 from rotorid.likelihood import starts as reduction
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.knowledge import Knowledge
@@ -242,6 +243,28 @@ def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
     for few, many, at in seen:
         assert few < 0.8 * many
         assert at is None
+
+
+def test_an_interrupt_on_few_shapes_leaves_the_point_that_was_reached(monkeypatch, reducible):
+    model, record = reducible
+    monkeypatch.setattr("rotorid.models.rotor.rotor_model.WORTH", 0.0)
+    reached, tangent = [], solver.tangent
+
+    def third(point, *rest):
+        reached.append(point.unknowns)
+        if len(reached) == 3:
+            raise KeyboardInterrupt
+        return tangent(point, *rest)
+
+    monkeypatch.setattr("rotorid.likelihood.solver.tangent", third)
+    first, second = model.parameter_names[:2]
+    search = rid.MaximumLikelihood(start={first: 1.3, second: 0.8}).search(model, [record])
+    with pytest.raises(KeyboardInterrupt):
+        search.finish()
+    assert search.best.status == "not_converged"
+    found = [search.best.value(name) for name in (first, second)]
+    np.testing.assert_allclose(found, reached[-1][:2])
+    assert found != [1.3, 0.8]
 
 
 @pytest.mark.slow

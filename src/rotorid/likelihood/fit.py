@@ -166,7 +166,11 @@ class Fitting:
             values = {**known, **self.knowledge.start, **self.knowledge.fixed}
             records = reduced(bound, values, self.knowledge.modes, starts.ROUGH)
         if records and records[0].model is not self.model:
-            rough = self.approached(records, bound)
+            try:
+                rough = self.approached(records, bound)
+            except Interrupted as stop:
+                yield from _reached(self.prepared(records), records, stop)
+                raise
             records = reduced(bound, values if rough is None else rough.values, share=share)
         while True:
             at = yield from self.located(records, rough)
@@ -219,10 +223,8 @@ class Fitting:
             for step in _globally(prepared, records, rough):
                 yield replace(step, refine=self.refined)
         except Interrupted as stop:
-            if step is None and len(stop.unknowns) == len(prepared.layout.unknowns):
-                with suppress(np.linalg.LinAlgError):
-                    at = prepared.of(records).best_at(stop.unknowns)
-                    yield Step(Fit(Solution(at, False, 0), infer(at), tuple(records)), FIRST)
+            if step is None:
+                yield from _reached(prepared, records, stop)
             raise
         assert step is not None  # or there is no minimum, which is said
         found = self.refined(step.fit)
@@ -247,6 +249,15 @@ class Fitting:
                 loose[number] = loose[number].with_lines(replace(lines, phase_std=std))
         again = _again(self.prepared(loose), loose, found.solution)
         return Fit(again, again.inference, tuple(loose), creeps=crept, plain=found.plain)
+
+
+def _reached(prepared: Problem, records: Records, stop: Interrupted) -> Iterator[Step]:
+    """Yield where an interrupted way has led, before there is a minimum."""
+    if len(stop.unknowns) == len(prepared.layout.unknowns):
+        with suppress(np.linalg.LinAlgError):
+            at = prepared.of(records).best_at(stop.unknowns)
+            still = (None,) * len(records)
+            yield Step(Fit(Solution(at, False, 0), infer(at), tuple(records), creeps=still), FIRST)
 
 
 def _stands(found: Fit) -> bool:
