@@ -99,7 +99,7 @@ def halves_differ(fit: Fit) -> Iterable[Note]:
         return ()
     std = np.hypot(linear[0].std, linear[1].std) / 2
     lost = linear[0].undetermined | linear[1].undetermined | ~np.isfinite(std)
-    steps = np.array([at.steps(at.residual) for at in linear])
+    steps = np.array([-at.taken(at.residual) for at in linear])
     return machine_checks.agreement(names, steps, np.where(lost, 0.0, std))
 
 
@@ -129,7 +129,7 @@ def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
             own = Evaluation(likelihood, at.unknowns, like=at)
             changes[:, k] += own.residual - at.residual
     known = np.zeros((len(point.known), parts))
-    return point.linear.steps(np.concatenate([*columns, known])).T
+    return -point.linear.taken(np.concatenate([*columns, known])).T
 
 
 FAR = 30.0

@@ -152,9 +152,6 @@ class Linearized:
         """Return the change of the unknowns that takes columns over as far as they can."""
         return np.asarray(self.root @ (self.range.T @ columns))
 
-    def steps(self, residuals: Floats) -> Floats:
-        return -self.taken(residuals)
-
     def rest(self, columns: Floats) -> Floats:
         for _ in range(2):  # once more, against rounding
             columns = columns - self.range @ (self.range.T @ columns)

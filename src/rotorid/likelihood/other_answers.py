@@ -22,7 +22,7 @@ from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.problem import Point, Problem
-from rotorid.likelihood.response import response, responses
+from rotorid.likelihood.response import responses
 from rotorid.likelihood.solver import STAGES, Solution, beside, elsewhere, settle, solve
 from rotorid.likelihood.starts import AGREE, FINE_STAGES, further_starts
 from rotorid.likelihood.symmetric_answers import APART, CLOSE, Mirrors, exchanged
@@ -167,7 +167,8 @@ def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
 
 def _predicted(point: Point, weights: Sequence[Floats] = ()) -> Linearized:
     """Return the problem linear in the noise-free response; `weights`: of the records' rows."""
-    silent = [at.with_data(replace(at.problem, data=response(at))) for at in point.records]
+    predicted = ((at, responses([at])[0]) for at in point.records)
+    silent = [at.with_data(replace(at.problem, data=lines)) for at, lines in predicted]
     quiet = replace(point.problem, likelihoods=tuple(at.problem for at in silent))
     linear = Point(quiet, point.unknowns, silent, point.known).linear
     if weights:
@@ -226,7 +227,7 @@ def _borne_out(point: Point) -> list[Floats]:
         noise = np.maximum(np.linalg.norm(likelihood.noise.factor, axis=2), 1e-300)
         measured, predicted = (
             np.linalg.norm((data / noise)[:, first:], axis=1)
-            for data in (likelihood.data, response(at))
+            for data in (likelihood.data, responses([at])[0])
         )
         share = measured / np.maximum(np.maximum(predicted, measured), 1e-300)
         found.append(np.repeat(share, 2 * likelihood.equations))

@@ -20,13 +20,11 @@ SINGULAR = 1e10
 sharpest resonance of a machine with damping gives 1e4 or so, rounding leaves 1e16."""
 
 
-def response(at: Evaluation) -> Complexes:
-    """Return the lines without noise, (line, channel): inputs as measured, sensors by the model."""
-    return responses([at])[0]
-
-
 def responses(alike: Sequence[Evaluation]) -> list[Complexes]:
-    """Return `response` of machines that differ in what drives them, and is read, alone."""
+    """Return the lines without noise, (line, channel): inputs as measured, sensors by the model.
+
+    Of machines that differ in what drives them, and is read, alone.
+    """
     found: list[Complexes] = []
     if not alike:
         return found
@@ -76,7 +74,7 @@ def simulated(layout: Layout, record: Observation, unknowns: Floats, number: int
     lines = record.lines
     mean = np.empty_like(lines.mean)
     likelihood = assemble(layout, record, number)
-    mean[:, likelihood.order] = response(Evaluation(likelihood, unknowns))
+    mean[:, likelihood.order] = responses([Evaluation(likelihood, unknowns)])[0]
     return assemble(layout, record.with_lines(replace(lines, mean=mean)), number)
 
 

@@ -475,7 +475,7 @@ def test_a_score_is_the_drop_of_the_cost_of_a_refit(made):
         assert drop == pytest.approx(before - made.refit(columns), rel=1e-6, abs=1e-9)
         if rows == ROWS:
             wide = made.of(np.column_stack([made.jacobian, columns]), made.residual)
-            assert change == pytest.approx(wide.steps(made.residual)[FREE:], rel=1e-6)
+            assert change == pytest.approx(-wide.taken(made.residual)[FREE:], rel=1e-6)
 
 
 def test_columns_that_the_unknowns_take_over_lower_no_cost(made):
@@ -496,7 +496,7 @@ def test_a_column_that_is_taken_over_but_for_rounding_lowers_no_cost(share, drop
 
 
 def test_a_step_leads_to_the_least_squares(made):
-    change = made.linear.steps(made.residual)
+    change = -made.linear.taken(made.residual)
     left = made.residual + made.jacobian @ change
     assert left @ left == pytest.approx(made.refit(np.zeros((len(left), 0))), rel=1e-9, abs=1e-12)
     assert made.linear.rest(made.residual) == pytest.approx(left, abs=1e-8)
