@@ -102,8 +102,7 @@ UNDER = "ok under assumptions"
 FAR = 5.0
 SAME_SPEED = 1e-3
 """Share by which a speed may lie beside those of the records and be one of them: they wander so."""
-EXPLAINS = 0.2
-"""Least share of the excess misfit with which a suspect is a lead."""
+EXPLAINS = 0.2  # least share of the excess misfit with which a suspect is a lead
 
 
 @frozen
@@ -438,8 +437,6 @@ def _told(notes: Sequence[Note]) -> list[dict[str, Any]]:
 
 
 _OPEN = ("not identifiable: ", "cure: ")  # what is open, and what would cure it
-
-
 Values = tuple[Annotated[Value, AfterValidator(_undetermined)], ...]
 if TYPE_CHECKING:
     Covariance = Floats

@@ -30,8 +30,7 @@ speed and its period stay what they are, and that the samples are the quantity."
 SILENT = frozenset({"dead", "stuck", "quantized"})
 """Checks whose warnings are of a channel that reads nothing: no suspect explains it better, and
 can but say that the gain of a dead sensor is 1e-19."""
-OPEN = "not identifiable"
-"""What a note on an open direction, and on what would close it, is about."""
+OPEN = "not identifiable"  # what a note on an open direction, and on what would close it, is about
 DIRECTION = "direction"
 """What the note is about that the records contradict in one direction what was assumed."""
 LACKS, LATE, RECORDS = "missing force", "late forces", "records"
@@ -39,8 +38,7 @@ LACKS, LATE, RECORDS = "missing force", "late forces", "records"
 late, or that records of one machine differ."""
 OFF = frozenset({DIRECTION, LACKS, LATE, RECORDS})
 """What makes an answer doubtful by so many deviations, though nothing shows that it is wrong."""
-EFFORT = "effort"
-"""What the note is about that not everything was asked that may change the answer."""
+EFFORT = "effort"  # what the note is about that not everything was asked that may change the answer
 SUSPECTS = "suspects"
 """What the sentence on the possible causes is about: it says what to do, and stands first."""
 _FIT = ("units", "record", "noise", "bound", "search", "modes", "other answers", "sign", "misfit")
@@ -86,8 +84,7 @@ def of_data(checks: Sequence[Note], status: Status) -> list[Note]:
     return [note for note in found if note.about not in SILENT]
 
 
-MATTERS = 1.0
-"""Deviations by which an unseen error moves a quantity, above which it is told."""
+MATTERS = 1.0  # deviations by which an unseen error moves a quantity, above which it is told
 
 
 def weighed(

@@ -23,8 +23,7 @@ from rotorid.models import Model
 from rotorid.models.linear_form import LinearForm
 from rotorid.models.structure import force_balance
 
-REJECTED = 1e-6
-"""The p-value below which the data reject the model."""
+REJECTED = 1e-6  # the p-value below which the data reject the model
 SURE = 3.0
 """Deviations by which a value is beyond what a machine can have before it is turned away: nearer,
 noise alone may have put it there, and a warning says so."""
@@ -34,19 +33,15 @@ the power of a force are then explained at most."""
 APART = 6.0
 """Deviations by which halves of a record may differ: over a hundred parameters chance reaches 4,
 and deviations from a dozen periods are themselves a fifth off."""
-COMMON = 2.0
-"""Deviations of a cost from its mean that noise leaves in some per cent of all records."""
+COMMON = 2.0  # deviations of a cost from its mean that noise leaves in some per cent of all records
 MOVED, BIASED = 1.0, 10.0
 """Deviations of a bias from which on it is told, and from which on the answer is turned away: one
 leaves 83 % of intervals right where 95 % are promised; halves of one record tell a bias to a factor
 of three, and the second is beyond that."""
-FAR = 100.0
-"""Factor to the nominal values from which on it is a unit's: nobody guesses so badly."""
-ALIKE = 3.0
-"""Ratio of such factors up to which they are one: guesses are right to 40 percent or so."""
+FAR = 100.0  # factor to the nominal values from which on it is a unit's: nobody guesses so badly
+ALIKE = 3.0  # ratio of such factors up to which they are one: guesses are right to 40 percent or so
 _INERTIA = dimension_of("kg m^2")
-ROUNDING = 1e-9
-"""Share of its terms below which a balance of inertias is rounding."""
+ROUNDING = 1e-9  # share of its terms below which a balance of inertias is rounding
 
 
 def _negative(about: str, size: float, std: float, text: str, *on: str) -> Iterator[Note]:

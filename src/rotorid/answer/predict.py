@@ -30,13 +30,11 @@ from rotorid.models.knowledge import Knowledge
 from rotorid.signals.checks.registry import NO_SCATTER
 from rotorid.signals.covariance import correlated_covariance, is_correlated
 
-FAILS = 1e-6
-"""Chance of an error this large below which a prediction fails: that of `rejected`."""
+FAILS = 1e-6  # chance of an error this large below which a prediction fails: that of `rejected`
 UNEXPLAINED = 0.5
 """Relative error from which on a prediction fails where nothing says what noise does. Where noise
 and deviations alone make as much, a record proves nothing: any machine would pass."""
-STEP = 0.05
-"""Step of each value, in its deviations, for the derivative of the prediction."""
+STEP = 0.05  # step of each value, in its deviations, for the derivative of the prediction
 CHIRP = (5**0.5 - 1) / 2
 """Turns by which the phase of a step grows faster from line to line, for the derivative by the
 data: the loose ends of a whole record take up any smooth step, and follow none that turns so."""

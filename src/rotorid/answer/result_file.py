@@ -18,11 +18,9 @@ from rotorid.core.toml import fault_in_line
 
 RESULT_BYTES = 32_000_000
 """Of a result file: one of a thousand lines has 1 MB, and reading takes 20 bytes for each."""
-
 RESULT_VALUES, RESULT_OBJECTS = 1_500_000, 300_000
 """Commas and braces of a result file: a covariance of 500 unknowns beside 1e5 lines; each that is
 wrong takes half a kilobyte before the first is told."""
-
 READABLE = ("rotorid-estimate/1", SCHEMA)
 EDITED = 1e-6  # share by which covariance and deviations of a file differ that was not edited
 _TOLD = 10_000  # faults of a file from which on none is picked out: each costs what it holds

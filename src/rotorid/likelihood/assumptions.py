@@ -54,8 +54,7 @@ MOUNTS = (("free", 0.0), ("on mounts of 8 Hz", 2 * np.pi * 8.0))
 """How such a casing stands, and its natural frequency in rad/s: on a bench, and on rubber."""
 MOUNT_DAMPING = 0.05
 """Damping ratio of mounts: of rubber. It only keeps a line beside their frequency finite."""
-PART = 0.01
-"""Share of the mass that weighing the parts and sharing out the shaft may well miss."""
+PART = 0.01  # share of the mass that weighing the parts and sharing out the shaft may well miss
 BEYOND = 5.0
 """Deviations by which such a part, or what records show to be there, moves a parameter unseen above
 which it matters: beyond chance."""
@@ -65,8 +64,7 @@ highest speed, at the least, where films, seals or eddy currents make it."""
 TAKEN_OVER = 1e-6
 """What is left of a column when the unknowns have taken their share, over its square, below which
 they take it over: exactly so at the corrected lines, but for rounding."""
-FAINT = 0.01
-"""Deviations that an error of plausible size makes, at least, to be a direction."""
+FAINT = 0.01  # deviations that an error of plausible size makes, at least, to be a direction
 ALIKE = 0.9
 """Share of the largest score from which on another one is named too: which it is no record tells.
 """

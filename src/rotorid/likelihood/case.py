@@ -38,7 +38,6 @@ as large as they are."""
 STEPS = 6
 """Steps of a screening at each stage. What is right needs three or four, and the few per cent that
 would be left to gain after six decide nothing."""
-
 Way = Literal["near", "far", "both", "start"]
 """From where a case is minimized: where it is, its starts, both, or the first start alone."""
 

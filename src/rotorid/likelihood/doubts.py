@@ -73,8 +73,7 @@ def _determined(fit: Fit) -> bool:
 
 TELLING = 1e-6
 """Singular values of a half's scaled Jacobian below this share of the largest tell nothing."""
-LEAST_PERIODS = 4
-"""Periods of a part from which it is held against others."""
+LEAST_PERIODS = 4  # periods of a part from which it is held against others
 
 
 @doubt("ok", "rejected")
@@ -135,8 +134,7 @@ def answers_of_parts(fit: Fit, parts: int) -> Floats | None:
 FAR = 30.0
 """Factor by which a stiffness is off its start, at least, before the unit of speed is doubted: of
 the units that are mistaken, rad/s for Hz changes it least, by 39."""
-NEAR = 3.0
-"""Factor within which the answer lies about its start once the unit is put right."""
+NEAR = 3.0  # factor within which the answer lies about its start once the unit is put right
 SURE = 1000.0
 """Factor of a stiffness from which on the answer is turned away: rpm for Hz, 3600; nobody's start
 is off by so much and right in every parameter but for the one factor of time."""
@@ -209,8 +207,7 @@ def straying(fit: Fit) -> Iterator[Note]:
 GROWS = 3.0
 """Deviations by which a damping is below zero before it counts: no free machine that grows has a
 steady response, and a damping of zero is estimated as often below as above."""
-NONE = 1e-9
-"""Damping ratio below which a growth is rounding: of a model without damping."""
+NONE = 1e-9  # damping ratio below which a growth is rounding: of a model without damping
 
 
 @doubt()
@@ -282,19 +279,16 @@ def told_by_few(fit: Fit) -> Iterator[Note]:
         yield Note("few lines", "doubts", text, "record several times longer", on=(name,))
 
 
-TOO_GOOD = 1e-6
-"""Chance of a cost this low below which the noise was taken for more than it is."""
+TOO_GOOD = 1e-6  # chance of a cost this low below which the noise was taken for more than it is
 POWER = 12
 """Periods per sensor below which, in closed loop, the misfit test has no power: J / E[J] is .37
 there for a right model, since what carries over between periods cancels in the mean."""
 MISFIT = 1e-3
 """The p-value below which what neighbouring lines have in common may be the model's error."""
-ORDERLY = 3.0
-"""Deviations of a correlation from row to row beyond which rows are not independent."""
+ORDERLY = 3.0  # deviations of a correlation from row to row beyond which rows are not independent
 STILL = 1e-6
 """Scatter over a deviation below which no block tells a value: it is as known beforehand."""
-BLOCKS = 8
-"""Parts of a record whose scatter is told beside the stated deviations."""
+BLOCKS = 8  # parts of a record whose scatter is told beside the stated deviations
 
 
 @doubt()

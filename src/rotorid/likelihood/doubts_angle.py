@@ -25,17 +25,13 @@ from rotorid.data.record import Steady, changed, unread
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.problem import Point
 
-ANGLE = "rotor angle"
-"""What the notes are about."""
-ORDERS = 3
-"""Of n: a speed that is off, one that changes, one that changes and comes back."""
-TOLD = 1e-4
-"""Chance below which straying is told; below that of a rejected model it is sure."""
+ANGLE = "rotor angle"  # what the notes are about
+ORDERS = 3  # of n: a speed that is off, one that changes, one that changes and comes back
+TOLD = 1e-4  # chance below which straying is told; below that of a rejected model it is sure
 LARGEST = 1.0
 """rad within a record up to which straying is small: beyond, the line of the rotation falls apart,
 and the misfit tells."""
-STEP = 1e-3
-"""rad of the difference that a derivative is taken from: half as much of it is lost."""
+STEP = 1e-3  # rad of the difference that a derivative is taken from: half as much of it is lost
 PLACES = np.linspace(-1.0, 1.0, 201)
 
 
@@ -94,8 +90,7 @@ def _strays(record: Observation, angles: Floats, chance: float, moved: float) ->
 CREEPS = 3.5
 """Deviations of the slope from which on the angle is no better known than by its creep: chance
 takes one good record in two thousand there, whose deviations are then a little too wide."""
-STRAYS = 6.0
-"""Deviations from which on a creep is sure."""
+STRAYS = 6.0  # deviations from which on a creep is sure
 JUMPS = 8.0
 """Deviations from which on a step is: of a thousand places chance makes 4.5, and noise that carries
 over from period to period a little more."""
@@ -104,8 +99,7 @@ LOST = 0.155
 no deviation of the angle makes good: sin(a / 2) / (a / 2) = 1 - a^2 / 24."""
 SCATTERS = 5.0
 """Scatter about slope and step, over that of noise, from which on neither is what moves it."""
-LEAST_PERIODS = 8
-"""Periods below which slope and scatter are not told apart."""
+LEAST_PERIODS = 8  # periods below which slope and scatter are not told apart
 
 
 @frozen

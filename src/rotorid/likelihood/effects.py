@@ -65,8 +65,7 @@ class Rereads:
     stated: float  # the value of the scalar at which the forces are as they were read
 
 
-Factors = tuple[int, ...]
-"""Unknowns whose product something is multiplied by, repeated for powers."""
+Factors = tuple[int, ...]  # unknowns whose product something is multiplied by, repeated for powers
 
 
 @frozen
@@ -157,11 +156,8 @@ def of_kind(kind: type[E], effects: Sequence[Effect]) -> list[E]:
     return [effect for effect in effects if isinstance(effect, kind)]
 
 
-STEP = 1e-30
-"""A complex step: the derivative of what is computed with it is exact to rounding."""
-
-Line = Complexes | Floats | float
-"""A number of each line, or one of all."""
+STEP = 1e-30  # a complex step: the derivative of what is computed with it is exact to rounding
+Line = Complexes | Floats | float  # a number of each line, or one of all
 
 
 @frozen

@@ -31,10 +31,8 @@ from rotorid.models.knowledge import Knowledge
 EFFORTS = {"quick": 0, "normal": 1, "thorough": 3}
 """Times as many further starts, when looking for the minimum and for other answers, and as many
 mistakes refitted, as are enough nearly always; with 0 the first minimum is the answer."""
-DONE = "done"
-"""What the last step says."""
-TRYING = "trying possible mistakes"
-"""What that is where the data reject the model."""
+DONE = "done"  # what the last step says
+TRYING = "trying possible mistakes"  # what that is where the data reject the model
 NOTHING_TRIED = Tried()
 
 

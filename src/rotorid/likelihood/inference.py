@@ -27,10 +27,7 @@ from rotorid.signals.local_polynomial import LEAST, PER_CHANNEL
 
 TAIL, NORMAL = 0.025, 1.959964
 """Chance beyond either end of an interval, and the deviations to there of a normal distribution."""
-SUSPICIOUS = 1e-6
-"""Below this p-value a minimum may be a local one."""
-
-
+SUSPICIOUS = 1e-6  # below this p-value a minimum may be a local one
 LEAST_DOF = 3.0
 """Degrees of freedom of a line's noise to which fewer are counted up: with two, E w^2 of weights is
 infinite, and 25 lines scatter by as much as with three."""
@@ -160,8 +157,7 @@ def infer(point: Point) -> Inference:
 ALIKE = 0.2
 """Correlation of the residuals of neighbouring lines from which they are not independent: those of
 a Hann window have .44, independent ones .1 at most where there are a hundred."""
-ENOUGH = 50
-"""Lines below which chance makes neighbours as alike."""
+ENOUGH = 50  # lines below which chance makes neighbours as alike
 HANN = (4 / 9, 1 / 36)
 """Correlations of responses through a Hann window with the next line and the second next: squares
 of those of a spectrum."""
@@ -206,15 +202,12 @@ def in_common(point: Point, inference: Inference, records: Records) -> Inference
     return replace(inference, covariance=covariance, expectation=expectation)
 
 
-APART = frozenset({"stated", "coherence"})
-"""Covariances that hold no cross terms between channels."""
+APART = frozenset({"stated", "coherence"})  # covariances that hold no cross terms between channels
 CHANCE = 1e-6
 """Chance of correlations of independent residuals below which sensors share their noise."""
-ALONE = 0.05
-"""What other lines must tell of every direction beside one line, for it to be left out."""
+ALONE = 0.05  # what other lines must tell of every direction beside one line, for it to be left out
 TINY = np.finfo(float).tiny
-FEWEST = 12
-"""Lines below which their scatter tells deviations no better than to a third."""
+FEWEST = 12  # lines below which their scatter tells deviations no better than to a third
 
 
 @frozen
@@ -301,12 +294,10 @@ def _by_line(point: Point, apart: Sequence[bool]) -> tuple[Floats, Floats, Float
 SLIGHT = 0.1
 """Share by which an expectation moves at most: noise bends by a few percent. More is motion in C,
 which makes deviations too wide, or wrong equations: the cost is then held against C as it is."""
-FEW = 400
-"""Lines that tell the noise of the channels."""
+FEW = 400  # lines that tell the noise of the channels
 ROUNDS = 10
 """Rounds in which it is told: of .31 % by which K was low three leave .14, ten .10, thirty .09."""
-CHUNK = 256
-"""Windows at a time, so that memory stays that of the lines."""
+CHUNK = 256  # windows at a time, so that memory stays that of the lines
 
 
 def by_equation_errors(inference: Inference, point: Point, records: Records) -> Inference:

@@ -29,9 +29,7 @@ from rotorid.models.modal import Eigenmodes, lowest_modes, parted
 GRANTED = 0.3
 """Relative error granted to a frequency per relaxation, so that records lead until the last stage:
 with a tenth of it one frequency 100 deviations off led every search astray, with 3 none either."""
-
-BELOW = 0.5
-"""Share of the lowest measured frequency about which modes of a large machine are found."""
+BELOW = 0.5  # share of the lowest measured frequency about which modes of a large machine are found
 ABOVE = 2
 """Modes above the last measured one that are looked at: one that was skipped, and its neighbour."""
 

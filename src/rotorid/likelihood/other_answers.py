@@ -27,25 +27,18 @@ from rotorid.likelihood.solver import STAGES, Solution, beside, elsewhere, settl
 from rotorid.likelihood.starts import AGREE, FINE_STAGES, further_starts
 from rotorid.likelihood.symmetric_answers import APART, CLOSE, Mirrors, exchanged
 
-OTHERS = "other answers"
-"""What the notes are about."""
-WEAKEST = 2
-"""Directions along which the valley is followed."""
-STRIDE = 0.5
-"""Length of a step, in deviations of its direction."""
+OTHERS = "other answers"  # what the notes are about
+WEAKEST = 2  # directions along which the valley is followed
+STRIDE = 0.5  # length of a step, in deviations of its direction
 STEEP = 4.0
 """Rise of the cost over one step from which on it has left the floor, or the valley its bend."""
-SHORTEST = 1 / 64
-"""Share of the stride below which a wall ends the valley."""
-STRIDES = 40
-"""Steps one way: three deviations take 6; those that a bend shortens took up to 37."""
-HALF = 0.5
-"""Share of its value by which an unknown may move in one step."""
+SHORTEST = 1 / 64  # share of the stride below which a wall ends the valley
+STRIDES = 40  # steps one way: three deviations take 6; those that a bend shortens took up to 37
+HALF = 0.5  # share of its value by which an unknown may move in one step
 RISEN = 9.0
 """Rise up to which the valley is followed: chance goes further in 3 of 1000 records. A rotor driven
 on one axis at rest had k1 off by 8 deviations of the interval that a rise of 4 gives."""
-LIKELY = 4.0
-"""Rise up to which the size of loads is asked: that of the interval of 95 %."""
+LIKELY = 4.0  # rise up to which the size of loads is asked: that of the interval of 95 %
 BEGUN = 1.0
 """Rise of one deviation. Below it its root says nothing of the width: rounding, and a floor not
 quite reached."""
@@ -122,8 +115,7 @@ def _floor(point: Point, change: Floats, unit: Floats) -> Iterator[Point]:
         at = found
 
 
-TAKEN = 3.0
-"""Stated deviations so many times smaller than the noise-free response gives are noise."""
+TAKEN = 3.0  # stated deviations so many times smaller than the noise-free response gives are noise
 TAKEN_ABOUT = 10.0
 """The same about the start, where a machine that differs may be that much less informed."""
 SLIGHT = 0.01
@@ -131,14 +123,11 @@ SLIGHT = 0.01
 BY_NOISE = 0.3
 """Part of the information along a direction that the noise of the inputs accounts for on average,
 from which on it may as well be all of it: of a dozen lines chance makes it three times as much."""
-OWED = 0.1
-"""Share of an unknown's variance along such directions from which on it is one of theirs."""
-LOOSE = 0.1
-"""Predicted deviation, as a share of the value, from which other answers are looked for."""
+OWED = 0.1  # share of an unknown's variance along such directions from which on it is one of theirs
+LOOSE = 0.1  # predicted deviation, as a share of the value, from which other answers are looked for
 UNLIKELY = 0.01
 """Below this p-value a minimum may be one of several: of a hundred good records, one is asked."""
-ASKED = 10
-"""Further starts from which the same answer has to come."""
+ASKED = 10  # further starts from which the same answer has to come
 ALWAYS = 3
 """Those that are always tried: where the record informs every unknown they join the first way soon,
 and so would all."""
@@ -154,8 +143,7 @@ FAR = 3.0
 NOTHING = 1e-14
 """Share of the largest singular value that a direction of no information has: so that what it gives
 is a deviation beyond all others, and no cut decides which has none."""
-AROUND = 8
-"""Starts about the given one at which the noise-free response is asked, beside it."""
+AROUND = 8  # starts about the given one at which the noise-free response is asked, beside it
 
 
 def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:

@@ -28,8 +28,7 @@ from rotorid.likelihood.solver import evaluated, settle
 
 ASKED = 2.0
 """Deviations to either side at which the rise of the cost is held against that of a parabola."""
-PARABOLA = 0.25
-"""Share by which it may differ from that: ends of the interval are off by an eighth."""
+PARABOLA = 0.25  # share by which it may differ from that: ends of the interval are off by an eighth
 NEARLY = 0.1
 """The same to second order: what that lacks of the profile is seldom more than as much again."""
 REACH = 1000.0

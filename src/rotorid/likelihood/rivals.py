@@ -33,30 +33,26 @@ from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.drawing import PLANES
 
-ENTRIES = (rivals_read, rivals_model)
-"""The modules that fill the catalogue."""
+ENTRIES = (rivals_read, rivals_model)  # the modules that fill the catalogue
 SMALL = ("gain", "mode", "channel", "angle", "term", "drawn", "known", "reads")
 """Stages of small changes, in the order in which they stand where the data cannot tell them."""
 LARGE = ("drawn far", "angle far", "single", "factor", "several")
 """Stages of changes that are screened, the likeliest first."""
-KEPT = 12
-"""Rivals that an estimate names."""
+KEPT = 12  # rivals that an estimate names
 FIRST = 3
 """Small changes that are freed before mistakes that are none are thought of: where one of these
 explains the data, no such mistake was made."""
 REFITTED = 8
 """Small changes that are freed in earnest: the score test errs by less than eight ranks where the
 misfit is small, and where it is large the screening finds them."""
-SCREENED = 5
-"""Mistakes that are followed to the minimum after the screening."""
+SCREENED = 5  # mistakes that are followed to the minimum after the screening
 STANDS_OUT = 1e-2
 """A screened cost below this share of that of the records as they are is followed at once: the
 right one leaves a hundred thousandth, wrong ones a tenth and more."""
 LIKELY = 2.0
 """Before the search, mistakes are followed whose screened cost is within this factor of the lowest.
 """
-FOLLOWED = 4
-"""Of these the first. A wrong one takes seconds, the right one tenths."""
+FOLLOWED = 4  # of these the first; a wrong one takes seconds, the right one tenths
 PLAIN = 1.5
 """Cost over its expectation from which on 400 lines of a record tell rivals apart as well as
 thousands: of 3200 real equations a half is 20 deviations, and 100 times what `CLOSE` needs."""
@@ -67,11 +63,8 @@ are the same by theory it is the rounding of a processor that differs."""
 LARGEST = 4e7
 """Lines times the cube of the coordinates with which the whole of a reduced rotor is searched: each
 of some hundred refits takes some tenths of a second."""
-FEWEST = 20
-"""Lines that tell one mistake of a drawing from another, at the least."""
-SAME_SPEED = 1e-3
-"""Speeds that differ by less are one, as it is stated and as a line shows it."""
-
+FEWEST = 20  # lines that tell one mistake of a drawing from another, at the least
+SAME_SPEED = 1e-3  # speeds that differ by less are one, as it is stated and as a line shows it
 STANDING = {"known": 0, "bound": 2, "lag": 2, "omission": 3}
 """Order of kinds that the data cannot tell apart, 1 for all others: known values are no new terms;
 a bandwidth comes after the delay that it looks like, a bound that would be far off after what may

@@ -35,7 +35,6 @@ from rotorid.models.rotor.fem import Piece, Span, by_share, gathered, spans
 from rotorid.models.structure import Structure
 
 BENDS = "bending of the shaft"
-
 STIFFEN = (
     "the shaft bends: take a rotor file of its drawing, or a model with a bending mode (docs/"
     "write-a-model.md), or only lines far below its first bending frequency"
@@ -44,8 +43,6 @@ STIFFEN = (
 BENDING = 4
 """Order of the derivative by which a shaft that bends differs from a rigid one: the inertial force,
 of the second, bends it, and what it bends by is accelerated in turn."""
-
-
 UNITS_AT = ("N/m", "kg", "N s/m", "kg m"), ("N m/rad", "kg m^2", "N m s/rad", "kg m^2")
 """Of a stiffness, a mass, a damping and a load at a displacement, and at a tilt."""
 K, K_SPEED, D, D_SPEED, M = (0, 0), (0, 1), (1, 0), (1, 1), (2, 0)
@@ -509,8 +506,7 @@ def _with_modes(case: Case, change: Callable[[Mode], Mode]) -> Case:
     return case.prepared_as(replace(case.prepared, known=other))
 
 
-QUARTER = 1e-9
-"""Share of a load within which another is the same a quarter turn on: rounding."""
+QUARTER = 1e-9  # share of a load within which another is the same a quarter turn on: rounding
 
 
 @rivals("trial")

@@ -618,16 +618,11 @@ def _reversed(record: Observation) -> Observation:
     return _with(record.with_lines(back), lines.mean.conj(), lines.covariance.matrices.conj())
 
 
-HOLDS = 0.5
-"""Share of the excess misfit, at least, that leaving out one line takes away."""
-FORGOTTEN = 1e12
-"""Factor on the covariance of a line that takes no part any more."""
-ORDERS = 3
-"""Orders of the rotation whose lines are left to runout and unbalance."""
-BESIDE = 0.25
-"""Share of the distance of lines within which one is an order of the rotation."""
-MAINS = (50.0, 60.0)
-"""Frequencies of the mains, Hz."""
+HOLDS = 0.5  # share of the excess misfit, at least, that leaving out one line takes away
+FORGOTTEN = 1e12  # factor on the covariance of a line that takes no part any more
+ORDERS = 3  # orders of the rotation whose lines are left to runout and unbalance
+BESIDE = 0.25  # share of the distance of lines within which one is an order of the rotation
+MAINS = (50.0, 60.0)  # frequencies of the mains, Hz
 ON = 1e-3
 """Distance from a multiple of the mains, relative, within which a line is theirs: they are held to
 4e-3 at worst, and to 1e-3 in all but a few hours."""
@@ -678,8 +673,7 @@ def _drops(case: Case) -> Iterator[tuple[float, int, int]]:
             yield case.point.linear.without(own[k]), number, k
 
 
-MOST = 6
-"""Pairs of records of which an exchange is tried, at the most: of four runs all."""
+MOST = 6  # pairs of records of which an exchange is tried, at the most: of four runs all
 
 
 @rivals("trial")

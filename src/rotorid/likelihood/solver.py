@@ -31,28 +31,23 @@ from rotorid.likelihood.relations import Relation
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
 """The homotopy: sigma of each stage, in units of the mean force."""
-LIMIT = 200
-"""Steps of the last stage. The bent valleys of weakly excited rotors take up to 40."""
-EFFORT = 1000
-"""Jacobians of one way. The longest of the bank that arrived took 500."""
+LIMIT = 200  # steps of the last stage; the bent valleys of weakly excited rotors take up to 40
+EFFORT = 1000  # Jacobians of one way; the longest of the bank that arrived took 500
 BRIEF = 60
 """Jacobians of the last stage from a further start that only checks an answer, and of a suspect."""
 PROMISE = 1e-3
 """Share of the cost below which, in a screening, a shortened step promises too little."""
 HOPELESS = 10.0
 """Cost per residual from which a way is not worth going on with: a brief one, or on all lines."""
-JOINED = 0.01
-"""Ways whose stages end no further apart, relative to each unknown, have joined."""
-BENDS = 4
-"""Gauss-Newton steps that may lead a step back to the floor of its valley."""
+JOINED = 0.01  # ways whose stages end no further apart, relative to each unknown, have joined
+BENDS = 4  # Gauss-Newton steps that may lead a step back to the floor of its valley
 ARRIVED = 1e-3
 """Gain of the cost, hidden from steps by rounding, that leaves every value within a thirtieth of
 its deviation from the minimum."""
 RUN_AWAY = 1e10
 """Times its start from which on an unknown is on its way to infinity. Beside it all others keep
 six digits at most: soon the cost is rounding, which steps of no length lower."""
-HELD = 1e-9
-"""Distance from a bound, relative to the size of its terms, at which it is active."""
+HELD = 1e-9  # distance from a bound, relative to the size of its terms, at which it is active
 
 
 @frozen
@@ -411,8 +406,7 @@ def bounds_held(point: Point) -> tuple[int, ...]:
     return tuple(int(i) for i in np.flatnonzero(reached))
 
 
-ANCHOR = 0.3
-"""Relative deviation with which the gains are held while errors are granted."""
+ANCHOR = 0.3  # relative deviation with which the gains are held while errors are granted
 HELD_SCALE = 0.01
 """Deviation of a common scale that nothing tells: any value is right, but for zero. With the
 deviation of the gains zero would still cost less than the errors of a bad start."""

@@ -37,8 +37,7 @@ spaced. Against a hundred unknowns and the ends of the window they are many."""
 PLAIN_LINES = 100
 """Lines of a record on which such a mistake shows. Of four records of 13 s with two sensors
 exchanged, 60 and 120 put the right pair first, at half of the next cost or less; 30 do not."""
-WORTH = 2
-"""Times as many lines from which on some are left out."""
+WORTH = 2  # times as many lines from which on some are left out
 
 
 def thinned(records: Records, few: int = FEW, *, periodic: bool = False) -> Records | None:
@@ -70,18 +69,14 @@ def _chosen(record: Observation, few: int) -> Integers:
     return np.unique(np.concatenate([strongest, spaced]))
 
 
-ROUGH = 1e-4
-"""Shapes that come to less of the largest are left out on the way to the minimum."""
-SHARE = 1e-6
-"""The same at the minimum, at first: records tell no more digits."""
+ROUGH = 1e-4  # shapes that come to less of the largest are left out on the way to the minimum
+SHARE = 1e-6  # the same at the minimum, at first: records tell no more digits
 FINER = 1e-2
 """By how much smaller shapes are taken too, where those at the minimum are not near enough."""
-SMALLEST = 1e-13
-"""Shapes below are rounding: where these do not do, the whole rotor is solved."""
+SMALLEST = 1e-13  # shapes below are rounding: where these do not do, the whole rotor is solved
 NEGLIGIBLE = 0.01
 """Deviations that the reduction may move any parameter by: nothing that is printed shows it."""
-LINES = 200
-"""Lines on which the whole rotor is solved: they stand for the others."""
+LINES = 200  # lines on which the whole rotor is solved: they stand for the others
 
 
 def reduced(
@@ -147,10 +142,8 @@ FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
 STARTS = 8
 """Further starts. Of random rotors from +-60 % one of two leads to the minimum at worst: 8 fail
 together in less than 1 in 200 of the few that fail at first."""
-WAYS = 4
-"""Ways besides: from the given one, with bounds, in finer stages, and held near it."""
-SPREAD = 1.4
-"""Further starts lie within this factor of the given one, log-uniform."""
+WAYS = 4  # ways besides: from the given one, with bounds, in finer stages, and held near it
+SPREAD = 1.4  # further starts lie within this factor of the given one, log-uniform
 GENERATOR = 20260
 """The fixed number from which the further starts are drawn: the same records, the same answer."""
 AGREE = 1e-6
@@ -161,7 +154,6 @@ less; 3 and 100 lead to the same minima."""
 ALIKE = 0.01
 """Or by this much with the deviations that the misfit makes of the stated ones, which is a tenth of
 such a deviation: the cost of a rotor of many coordinates is rounded to some millionths of it."""
-
 VANISHED = 1e-9
 """An unknown below this share of its start, no bound holding it there, has left the equations:
 no noise brings a value so near to zero. A mass that vanishes beside an unbalance without end, say,

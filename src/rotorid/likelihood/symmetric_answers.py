@@ -31,21 +31,15 @@ from rotorid.models import Model
 CLOSE = 15.0
 """What costs more by no more than this fits as well, other minima and other suspects: 15 has a
 chance of 1e-4."""
-APART = 5.0
-"""Minima further apart than this many deviations are different answers."""
-SAME = 1e-9
-"""Share of its cost by which a mirror image may miss it by rounding."""
-MOST = 6
-"""Independent changes of sign that are combined: 64 answers; more are tried one by one."""
+APART = 5.0  # minima further apart than this many deviations are different answers
+SAME = 1e-9  # share of its cost by which a mirror image may miss it by rounding
+MOST = 6  # independent changes of sign that are combined: 64 answers; more are tried one by one
 LARGE = 3000
 """Links up to which exchanges are looked for, in the first records that have no more: a second or
 two. Matrices from a drawing, whose shapes have no names that could change places, have more."""
-
 MOVING = {"row", "coordinate"}
 """Nodes that may turn and change places, beside parameters; inputs, loads and sensors stay."""
-
-Place = tuple[str, Hashable]
-"""What a node is, and which of its kind."""
+Place = tuple[str, Hashable]  # what a node is, and which of its kind
 Entry = tuple[Hashable, Place, Place, tuple[int, ...]]
 """A kind of term, its row, its column, and the unknowns that multiply it."""
 
@@ -338,9 +332,7 @@ ROUNDING = 1e-8
 """Logarithms of coefficients that differ by less are those of one number: ten digits are typed."""
 EFFORT = 200
 """Refinements after which two nodes are not said to change places: pairs of wings take three."""
-
-Bits = int
-"""A set of nodes, one bit each; with a right side, one bit more."""
+Bits = int  # a set of nodes, one bit each; with a right side, one bit more
 
 
 @frozen

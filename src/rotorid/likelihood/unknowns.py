@@ -323,8 +323,7 @@ def dynamics(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     return found
 
 
-FLAT = 1e15
-"""Bandwidth in Hz of what has none: of light."""
+FLAT = 1e15  # bandwidth in Hz of what has none: of light
 
 
 def _response(

@@ -85,8 +85,7 @@ class Sizes:
 
 SEEN = 3.0
 """Size, in deviations of its noise, from which a row's force or a reading counts as a signal."""
-BORROWED = 1e-3
-"""Weight of a size that is borrowed: it decides only where nothing else does."""
+BORROWED = 1e-3  # weight of a size that is borrowed: it decides only where nothing else does
 
 
 def find_scales(
@@ -196,10 +195,8 @@ class Ends:
         return np.asarray(rows - self.basis @ (self.basis.T @ rows))
 
 
-MANY = 12
-"""Hidden coordinates from which on Q is not formed: with fewer that takes no less time."""
-BLOCK = 32
-"""Columns that LAPACK takes at once."""
+MANY = 12  # hidden coordinates from which on Q is not formed: with fewer that takes no less time
+BLOCK = 32  # columns that LAPACK takes at once
 
 
 @frozen

@@ -29,7 +29,6 @@ _MAX_GROUP = 80  # signals; larger groups count as independent
 _EVALUATIONS = 30_000
 _SPARE = 5  # points of each size beyond the number of independent signals
 _SCALES = (Fraction(1), Fraction(3), Fraction(1, 30), Fraction(1, 10**5))
-
 Combination = Mapping[Expression, Fraction]
 
 

@@ -19,7 +19,6 @@ from rotorid.models.equations import polynomial
 
 Amount = TypeVar("Amount", float, float | str)
 """In SI; before a model is known, perhaps a text with a unit."""
-
 _SHARPEST = 1e-12
 """Deviation of a natural frequency, over itself: eigenvalues of a model are not computed better."""
 

@@ -22,8 +22,7 @@ POINTS = 257
 """Rotor angles per turn: a load of 255 times per revolution is still told from one of once."""
 TURNS = 1000
 """Turns over which a load is looked at that no turn repeats, such as that of a geared shaft."""
-REPEATS = 1e-9
-"""Share of its size by which a load may differ from turn to turn: rounding."""
+REPEATS = 1e-9  # share of its size by which a load may differ from turn to turn: rounding
 
 
 @lru_cache(maxsize=1000)
@@ -275,8 +274,7 @@ class LinearForm:
         return columns
 
 
-FASTEST = 1e9
-"""Speed in rad/s above which nothing turns: the rim of a metre would outrun light."""
+FASTEST = 1e9  # speed in rad/s above which nothing turns: the rim of a metre would outrun light
 SINGULAR = 1e12
 """Condition number of a scaled dynamic stiffness from which on it is singular to rounding."""
 

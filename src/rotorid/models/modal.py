@@ -32,18 +32,12 @@ ALIKE = 1e-8
 """Eigenvalues nearer than this share are one, of a machine that is the same in two planes."""
 REGULAR = 1e6
 """Condition of M, rows and columns scaled, up to which it is divided by: ten digits are left."""
-SWEEPS = 8
-"""Sweeps of the scaling: each takes the root of what is left."""
-BLOCK = 4
-"""Vectors of a block: as many as there are free motions at rest, in two planes."""
-SPARE = 36
-"""Vectors of a Krylov space beyond three times as many as there are modes to be found."""
-PAYS = 3
-"""Times as many coordinates as vectors from which on such a space pays."""
-FOUND = 1e-6
-"""Error of a vector that is found: its eigenvalue's is about the square of that."""
-SAME = 1e-12
-"""Share of a space's vectors that is rounding."""
+SWEEPS = 8  # sweeps of the scaling: each takes the root of what is left
+BLOCK = 4  # vectors of a block: as many as there are free motions at rest, in two planes
+SPARE = 36  # vectors of a Krylov space beyond three times as many as there are modes to be found
+PAYS = 3  # times as many coordinates as vectors from which on such a space pays
+FOUND = 1e-6  # error of a vector that is found: its eigenvalue's is about the square of that
+SAME = 1e-12  # share of a space's vectors that is rounding
 
 
 @frozen

@@ -33,8 +33,7 @@ WORK = 500_000
 hundred coordinates and 1,200 terms costs 15,000; the shipped ones cost below 2,000."""
 COMBINATION = 20_000
 """Units for what a sensor reads, or a constraint: 0.1 s, since an experiment may hold hundreds."""
-PRODUCT = 2
-"""Units for two terms that are multiplied."""
+PRODUCT = 2  # units for two terms that are multiplied
 EVALUATED = 20
 """Units for a node of what is evaluated to a hundred digits, at each of several points."""
 DIGITS = 1_000
@@ -50,7 +49,6 @@ _TOKEN = re.compile(
     r"|(?P<name>[^\W\d]\w*'{0,2})|(?P<sign>\*\*|[-+*/^()=])|(?P<end>\Z)|(?P<none>.))",
     re.DOTALL,
 )
-
 Powers = frozenset[tuple[Expression, int | Fraction]]
 Polynomial = dict[Powers, Fraction]
 NUMBER: Powers = frozenset()

@@ -123,8 +123,7 @@ SMALLEST, LARGEST = 1e-6, 1e3
 SAME = 1e-9
 """Share of the length within which two places are one: less than any drawing states, and a beam
 as short as that would have no stiffness that double precision holds."""
-AXES = ("x", "y", "theta_x", "theta_y")
-"""Coordinates of a place, before its name."""
+AXES = ("x", "y", "theta_x", "theta_y")  # coordinates of a place, before its name
 PLANES = len(AXES)
 ENDS = ("left_end", "right_end")
 """Names of the shaft's ends where no place with a name stands there."""

@@ -223,8 +223,7 @@ def _inertial(rotor: Rotor, first: int, section: Section, beam: Beam) -> Iterato
     yield density.times(_SPEED), 1, first, polar, False
 
 
-STEP = 1e-3
-"""Share of a length or a diameter of central differences: they err by its square, 1e-6."""
+STEP = 1e-3  # share of a length or a diameter of central differences: they err by its square, 1e-6
 
 
 def by_share(rotor: Rotor, number: str, elements: Iterable[Span]) -> list[Block]:
@@ -343,8 +342,7 @@ def _shapes(beam: Beam) -> tuple[Floats, ...]:
 CONVERGED = 1e-3
 """Change of the first three bending frequencies, free, that twice the elements may bring."""
 BENDING = 3
-FINER = 1.25
-"""How much shorter the elements are that are tried next."""
+FINER = 1.25  # how much shorter the elements are that are tried next
 
 
 def divided(rotor: Rotor) -> Rotor:
@@ -394,10 +392,8 @@ def bending(rotor: Rotor, parts: int = 1) -> Floats:
 
 SHAPES = 24
 """Lines of each speed on which the whole rotor is solved: eight for each mode of a usual band."""
-SPEEDS = 3
-"""Speeds at which it is, of all that there are."""
-BELOW = 0.3
-"""Share of the lowest line at which it is solved too: near rest."""
+SPEEDS = 3  # speeds at which it is, of all that there are
+BELOW = 0.3  # share of the lowest line at which it is solved too: near rest
 
 
 def points_of(omega: Floats, speed: Floats) -> list[tuple[float, float]]:
