@@ -31,16 +31,14 @@ SILENT = frozenset({"dead", "stuck", "quantized"})
 """Checks whose warnings are of a channel that reads nothing: no suspect explains it better, and
 can but say that the gain of a dead sensor is 1e-19."""
 OPEN = "not identifiable"  # what a note on an open direction, and on what would close it, is about
-DIRECTION = "direction"
-"""What the note is about that the records contradict in one direction what was assumed."""
+DIRECTION = "direction"  # of the note that records contradict in one direction what was assumed
 LACKS, LATE, RECORDS = "missing force", "late forces", "records"
 """What notes are about that the equations of filtered samples lack a force, or that forces come
 late, or that records of one machine differ."""
 OFF = frozenset({DIRECTION, LACKS, LATE, RECORDS})
 """What makes an answer doubtful by so many deviations, though nothing shows that it is wrong."""
 EFFORT = "effort"  # what the note is about that not everything was asked that may change the answer
-SUSPECTS = "suspects"
-"""What the sentence on the possible causes is about: it says what to do, and stands first."""
+SUSPECTS = "suspects"  # of the sentence on possible causes: it says what to do, and stands first
 _FIT = ("units", "record", "noise", "bound", "search", "modes", "other answers", "sign", "misfit")
 _LATER = (*_FIT, OPEN, "blocks", "unbalance", "report")
 """What is told behind the reasons to turn an answer away and the doubts about it, in this order."""

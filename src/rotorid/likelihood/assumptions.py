@@ -45,15 +45,13 @@ TURNED = np.radians(0.1)
 """Angle by which a sensor or a magnet is turned out of its axis: what mounting by eye reaches."""
 MISPLACED = np.radians(2.0)
 """Angle by which a trial mass sits beside the hole that was written down, or the hole itself."""
-CROSSTALK = 0.001
-"""Share of one sensor's reading in another's: of neighbouring channels of one amplifier."""
+CROSSTALK = 0.001  # share of one sensor's reading in another's: neighbours in one amplifier
 CASING = 50.0
 """Mass of what the bearings stand on, over that of the rotor: a machine's frame. A lighter one
 shifts the answer by more, and shows itself sooner."""
 MOUNTS = (("free", 0.0), ("on mounts of 8 Hz", 2 * np.pi * 8.0))
 """How such a casing stands, and its natural frequency in rad/s: on a bench, and on rubber."""
-MOUNT_DAMPING = 0.05
-"""Damping ratio of mounts: of rubber. It only keeps a line beside their frequency finite."""
+MOUNT_DAMPING = 0.05  # damping ratio of rubber mounts: keeps a line beside their frequency finite
 PART = 0.01  # share of the mass that weighing the parts and sharing out the shaft may well miss
 BEYOND = 5.0
 """Deviations by which such a part, or what records show to be there, moves a parameter unseen above
@@ -68,8 +66,7 @@ FAINT = 0.01  # deviations that an error of plausible size makes, at least, to b
 ALIKE = 0.9
 """Share of the largest score from which on another one is named too: which it is no record tells.
 """
-LED = 0.9
-"""Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
+LED = 0.9  # correlation with the rotor angle from which on it makes four fifths of a variance
 
 
 @frozen

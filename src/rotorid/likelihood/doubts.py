@@ -71,8 +71,7 @@ def _determined(fit: Fit) -> bool:
     return fit.solution.converged and not fit.inference.linear.null.shape[1]
 
 
-TELLING = 1e-6
-"""Singular values of a half's scaled Jacobian below this share of the largest tell nothing."""
+TELLING = 1e-6  # share of the largest singular value of a half's scaled Jacobian that tells nothing
 LEAST_PERIODS = 4  # periods of a part from which it is held against others
 
 
@@ -283,11 +282,9 @@ TOO_GOOD = 1e-6  # chance of a cost this low below which the noise was taken for
 POWER = 12
 """Periods per sensor below which, in closed loop, the misfit test has no power: J / E[J] is .37
 there for a right model, since what carries over between periods cancels in the mean."""
-MISFIT = 1e-3
-"""The p-value below which what neighbouring lines have in common may be the model's error."""
+MISFIT = 1e-3  # p-value below which what neighbouring lines have in common may be the model's error
 ORDERLY = 3.0  # deviations of a correlation from row to row beyond which rows are not independent
-STILL = 1e-6
-"""Scatter over a deviation below which no block tells a value: it is as known beforehand."""
+STILL = 1e-6  # scatter over a deviation below which blocks tell no value: it is known beforehand
 BLOCKS = 8  # parts of a record whose scatter is told beside the stated deviations
 
 

@@ -97,8 +97,7 @@ over from period to period a little more."""
 LOST = 0.155
 """Angle in rad over the record by which a creep costs a thousandth of the unbalance's line, which
 no deviation of the angle makes good: sin(a / 2) / (a / 2) = 1 - a^2 / 24."""
-SCATTERS = 5.0
-"""Scatter about slope and step, over that of noise, from which on neither is what moves it."""
+SCATTERS = 5.0  # scatter about slope and step, over noise, from which on neither is what moves it
 LEAST_PERIODS = 8  # periods below which slope and scatter are not told apart
 
 

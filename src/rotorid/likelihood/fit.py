@@ -90,15 +90,12 @@ class Fit:
         return Case(self.problem, self.records, point.unknowns, expected, values, point)
 
 
-FIRST = "looking for the first minimum"
-"""What is done at first; what is behind it was interrupted there."""
+FIRST = "looking for the first minimum"  # done at first; what is behind it was interrupted there
 SEARCHING = "trying further starts"  # what comes next while the minimum is looked for
 DOUBTING = "asking what may be wrong"  # what comes last
-FEW = 120
-"""Lines on which a rotor of few shapes is found: six times as many as it has unknowns, usually."""
+FEW = 120  # lines on which a rotor of few shapes is found: usually six times as many as unknowns
 NEAR = 500  # lines from which shapes are taken again: all lines move no unknown much further then
-ROUGHLY = 1e-4
-"""Share of its cost that is left to gain there: the shapes that it lacks move it further."""
+ROUGHLY = 1e-4  # share of its cost left to gain there: the shapes that it lacks move it further
 
 
 @frozen

@@ -26,10 +26,8 @@ from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.response import simulated
 
 MEMBER = 1e-5  # least part in a direction, relative to the largest, that counts
-OFF = 1e-3
-"""Lines by which the rotation may miss one that is its own: as it leaks there all the same."""
-LARGEST = 6.5
-"""What powers of a factor are below, the least being 1: more is no change of unit or of scale."""
+OFF = 1e-3  # lines by which the rotation may miss one that is its own: it leaks there all the same
+LARGEST = 6.5  # powers of a factor are below, the least being 1: more is no change of unit or scale
 SHRINKS = 1e-7  # least relative effect of a cure on a direction that counts as determining it
 
 

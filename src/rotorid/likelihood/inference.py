@@ -203,8 +203,7 @@ def in_common(point: Point, inference: Inference, records: Records) -> Inference
 
 
 APART = frozenset({"stated", "coherence"})  # covariances that hold no cross terms between channels
-CHANCE = 1e-6
-"""Chance of correlations of independent residuals below which sensors share their noise."""
+CHANCE = 1e-6  # chance of correlations of independent residuals below which sensors share noise
 ALONE = 0.05  # what other lines must tell of every direction beside one line, for it to be left out
 TINY = np.finfo(float).tiny
 FEWEST = 12  # lines below which their scatter tells deviations no better than to a third
@@ -295,8 +294,7 @@ SLIGHT = 0.1
 """Share by which an expectation moves at most: noise bends by a few percent. More is motion in C,
 which makes deviations too wide, or wrong equations: the cost is then held against C as it is."""
 FEW = 400  # lines that tell the noise of the channels
-ROUNDS = 10
-"""Rounds in which it is told: of .31 % by which K was low three leave .14, ten .10, thirty .09."""
+ROUNDS = 10  # rounds in which it is told: of .31 % by which K was low 3 leave .14, 10 .10, 30 .09
 CHUNK = 256  # windows at a time, so that memory stays that of the lines
 
 

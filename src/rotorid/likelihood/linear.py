@@ -23,14 +23,11 @@ from rotorid.core.linalg import column_lengths, leave_out, triangle, whole_svd
 from rotorid.core.values import Booleans, Floats, Integers, frozen
 
 RANK = 1e-10  # singular values below this share of the largest count as zero
-IDLE = 1e-6
-"""Deviations by which the residual moves with a parameter's whole value: fewer are rounding."""
+IDLE = 1e-6  # deviations by which a parameter's whole value moves the residual: fewer are rounding
 ROUNDING = 1e-12  # the same as a share of the largest such effect
-OPEN = 1e-6
-"""Part in a direction that is not determined from which on an unknown is not: beyond rounding."""
+OPEN = 1e-6  # part in an open direction from which on an unknown is open too: beyond rounding
 DISTINCT = 1e-5  # share of a column, at least, that unknowns do not take over: less is rounding
-CERTAIN = 1e-6
-"""What other rows tell of what a row tells, at least: where they tell less, it fits itself."""
+CERTAIN = 1e-6  # share of what a row tells that others tell, at least: with less it fits itself
 
 
 @frozen

@@ -30,8 +30,7 @@ GRANTED = 0.3
 """Relative error granted to a frequency per relaxation, so that records lead until the last stage:
 with a tenth of it one frequency 100 deviations off led every search astray, with 3 none either."""
 BELOW = 0.5  # share of the lowest measured frequency about which modes of a large machine are found
-ABOVE = 2
-"""Modes above the last measured one that are looked at: one that was skipped, and its neighbour."""
+ABOVE = 2  # modes above the last measured one that are looked at: a skipped one, its neighbour
 
 
 @frozen
@@ -263,8 +262,7 @@ def pencil_at(layout: Layout, speed: float) -> Pencil:
     return Pencil(terms.table, speed, terms.monomials, size)
 
 
-NEAR = 5.0
-"""Deviations of a measured frequency within which another of the model may be the one it is."""
+NEAR = 5.0  # deviations of a measured frequency within which another of the model may be meant
 
 
 def mode_fits(

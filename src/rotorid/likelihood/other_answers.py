@@ -30,8 +30,7 @@ from rotorid.likelihood.symmetric_answers import APART, CLOSE, Mirrors, exchange
 OTHERS = "other answers"  # what the notes are about
 WEAKEST = 2  # directions along which the valley is followed
 STRIDE = 0.5  # length of a step, in deviations of its direction
-STEEP = 4.0
-"""Rise of the cost over one step from which on it has left the floor, or the valley its bend."""
+STEEP = 4.0  # rise over one step from which on it has left the floor, or the valley its bend
 SHORTEST = 1 / 64  # share of the stride below which a wall ends the valley
 STRIDES = 40  # steps one way: three deviations take 6; those that a bend shortens took up to 37
 HALF = 0.5  # share of its value by which an unknown may move in one step
@@ -116,17 +115,14 @@ def _floor(point: Point, change: Floats, unit: Floats) -> Iterator[Point]:
 
 
 TAKEN = 3.0  # stated deviations so many times smaller than the noise-free response gives are noise
-TAKEN_ABOUT = 10.0
-"""The same about the start, where a machine that differs may be that much less informed."""
-SLIGHT = 0.01
-"""Predicted deviation, as a share of the value, up to which `TAKEN_ABOUT` is asked instead."""
+TAKEN_ABOUT = 10.0  # the same about the start, where another machine may be that much less informed
+SLIGHT = 0.01  # predicted deviation over the value, up to which `TAKEN_ABOUT` is asked instead
 BY_NOISE = 0.3
 """Part of the information along a direction that the noise of the inputs accounts for on average,
 from which on it may as well be all of it: of a dozen lines chance makes it three times as much."""
 OWED = 0.1  # share of an unknown's variance along such directions from which on it is one of theirs
 LOOSE = 0.1  # predicted deviation, as a share of the value, from which other answers are looked for
-UNLIKELY = 0.01
-"""Below this p-value a minimum may be one of several: of a hundred good records, one is asked."""
+UNLIKELY = 0.01  # p-value below which minima may be several: one good record in a hundred is asked
 ASKED = 10  # further starts from which the same answer has to come
 ALWAYS = 3
 """Those that are always tried: where the record informs every unknown they join the first way soon,
@@ -138,8 +134,7 @@ them; of a chain of five masses 7 of 12 starts found it in fine stages, and of 2
 WAYS = (STAGES, *OTHERWISE)
 """Of the starts about an unlikely minimum. Of three masses in a hundred times the noise, the best
 of two minima at the end of 4 in 10."""
-FAR = 3.0
-"""A start off by more than this factor says nothing of the machine: the answer stands for it."""
+FAR = 3.0  # factor beyond which a start says nothing of the machine: the answer stands for it
 NOTHING = 1e-14
 """Share of the largest singular value that a direction of no information has: so that what it gives
 is a deviation beyond all others, and no cut decides which has none."""

@@ -24,11 +24,9 @@ from rotorid.models.knowledge import (
     constraint_polynomial,
 )
 
-GENERIC = 0.2
-"""Relative change of the unknowns after which natural frequencies that coincide do so always."""
+GENERIC = 0.2  # relative change of unknowns after which frequencies that coincide do so always
 GENERATOR = 4711  # the fixed number from which that change is drawn
-EXACT = 1e-12
-"""Share of a known value below which its deviation is lost in the rounding of what it weighs."""
+EXACT = 1e-12  # share of a value below which its deviation is lost in rounding of what it weighs
 CONTRADICTED = 5.0
 """Deviations beyond which a fixed value contradicts a constraint in which nothing is free: chance
 in a million; it would add its square to any misfit."""

@@ -28,8 +28,7 @@ from rotorid.likelihood.mode_rows import ModalRows
 from rotorid.likelihood.relations import Relation, Relations
 
 Number = TypeVar("Number", np.float64, np.int64)
-NOTHING = 1e-9
-"""Deviations of the noise by which an unknown that is zero but for rounding moves all residuals."""
+NOTHING = 1e-9  # deviations by which an unknown that is zero but for rounding moves all residuals
 KEPT = 20_000  # rows of all points that a problem keeps: a dozen megabytes
 OUTSIDE = 1e-12  # what a bound may be violated by, relative to the size of its terms: rounding
 

@@ -26,13 +26,10 @@ from rotorid.likelihood.problem import Point, outside
 from rotorid.likelihood.relations import Relation
 from rotorid.likelihood.solver import evaluated, settle
 
-ASKED = 2.0
-"""Deviations to either side at which the rise of the cost is held against that of a parabola."""
+ASKED = 2.0  # deviations to either side at which the cost's rise is held against that of a parabola
 PARABOLA = 0.25  # share by which it may differ from that: ends of the interval are off by an eighth
-NEARLY = 0.1
-"""The same to second order: what that lacks of the profile is seldom more than as much again."""
-REACH = 1000.0
-"""Deviations from which on an interval has no end: so far off the estimate says nothing."""
+NEARLY = 0.1  # the same to second order: what that lacks is seldom more than as much again
+REACH = 1000.0  # deviations from which on an interval has no end: so far off nothing is said
 
 
 def profiled(estimate: Estimate, fit: Fit) -> Estimate:

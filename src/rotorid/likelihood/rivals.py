@@ -98,8 +98,7 @@ class Tried:
 
 
 Tries = Iterator[Tried]
-Places = Mapping[tuple[str, ...], int]
-"""Where channels and places stand among those that rivals act on."""
+Places = Mapping[tuple[str, ...], int]  # where channels and places that rivals act on stand
 NOWHERE: Places = {}
 # Of an estimate astray numbers may overflow; whoever takes the trials has his own way with them.
 quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")

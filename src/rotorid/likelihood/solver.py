@@ -29,16 +29,12 @@ from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, Tangent, inside, outside, retract, tangent
 from rotorid.likelihood.relations import Relation
 
-STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
-"""The homotopy: sigma of each stage, in units of the mean force."""
+STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)  # the homotopy: sigma of each, in units of the mean force
 LIMIT = 200  # steps of the last stage; the bent valleys of weakly excited rotors take up to 40
 EFFORT = 1000  # Jacobians of one way; the longest of the bank that arrived took 500
-BRIEF = 60
-"""Jacobians of the last stage from a further start that only checks an answer, and of a suspect."""
-PROMISE = 1e-3
-"""Share of the cost below which, in a screening, a shortened step promises too little."""
-HOPELESS = 10.0
-"""Cost per residual from which a way is not worth going on with: a brief one, or on all lines."""
+BRIEF = 60  # Jacobians of the last stage of a start that only checks an answer, and of a suspect
+PROMISE = 1e-3  # share of the cost below which a shortened step of a screening promises too little
+HOPELESS = 10.0  # cost per residual from which on a way, brief or on all lines, is not gone further
 JOINED = 0.01  # ways whose stages end no further apart, relative to each unknown, have joined
 BENDS = 4  # Gauss-Newton steps that may lead a step back to the floor of its valley
 ARRIVED = 1e-3

@@ -71,11 +71,9 @@ def _chosen(record: Observation, few: int) -> Integers:
 
 ROUGH = 1e-4  # shapes that come to less of the largest are left out on the way to the minimum
 SHARE = 1e-6  # the same at the minimum, at first: records tell no more digits
-FINER = 1e-2
-"""By how much smaller shapes are taken too, where those at the minimum are not near enough."""
+FINER = 1e-2  # by how much smaller shapes are taken too, where those at the minimum do not do
 SMALLEST = 1e-13  # shapes below are rounding: where these do not do, the whole rotor is solved
-NEGLIGIBLE = 0.01
-"""Deviations that the reduction may move any parameter by: nothing that is printed shows it."""
+NEGLIGIBLE = 0.01  # deviations by which the reduction may move any parameter: no print shows it
 LINES = 200  # lines on which the whole rotor is solved: they stand for the others
 
 
@@ -144,10 +142,8 @@ STARTS = 8
 together in less than 1 in 200 of the few that fail at first."""
 WAYS = 4  # ways besides: from the given one, with bounds, in finer stages, and held near it
 SPREAD = 1.4  # further starts lie within this factor of the given one, log-uniform
-GENERATOR = 20260
-"""The fixed number from which the further starts are drawn: the same records, the same answer."""
-AGREE = 1e-6
-"""Two starts led to the same cost if it differs by no more than this share, or a thousandth."""
+GENERATOR = 20260  # what the further starts are drawn from: the same records, the same answer
+AGREE = 1e-6  # share, or a thousandth, by which the costs of two starts may differ and be the same
 WITHIN = 10.0
 """Factor of its start within which each unknown is held where others went astray. Starts are off by
 less; 3 and 100 lead to the same minima."""

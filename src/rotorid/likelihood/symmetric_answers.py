@@ -328,10 +328,8 @@ def exchanged(layout: Layout, exchange: Symmetry, values: Floats) -> str:
     )
 
 
-ROUNDING = 1e-8
-"""Logarithms of coefficients that differ by less are those of one number: ten digits are typed."""
-EFFORT = 200
-"""Refinements after which two nodes are not said to change places: pairs of wings take three."""
+ROUNDING = 1e-8  # coefficients whose logarithms differ by less are one number: ten digits are typed
+EFFORT = 200  # refinements after which nodes are not said to change places: pairs of wings take 3
 Bits = int  # a set of nodes, one bit each; with a right side, one bit more
 
 

@@ -185,8 +185,7 @@ FACTORS = {
     "ten times": 10.0,
 }
 """Factors by which a reading is off where a unit was mistaken; each may be its inverse."""
-SNAP = 0.03
-"""A free factor this close to that of a unit is taken for it: calibrations are off by less."""
+SNAP = 0.03  # a free factor this near that of a unit is taken for it: calibrations are off by less
 
 
 def factor_name(gain: float) -> str:
@@ -499,10 +498,8 @@ def _bent(records: Records) -> dict[str, Law]:
 
 # What turns with the rotor.
 
-NEAR = 0.02
-"""Share by which the speed of another record may differ that tells where a phase may start."""
-HELD = 0.1
-"""Share of the largest power of the rotation from which on a line holds it, and no excitation."""
+NEAR = 0.02  # share by which the speed of another record may differ that tells a phase's start
+HELD = 0.1  # share of the rotation's largest power from which on a line holds it, no excitation
 LEAKS = 0.1
 """Amplitude that cos(n phi) leaves on the lines that are used, from which on these hold the n-th
 order: one half on a line of it, a third between two lines. What leaks elsewhere is 1e-3 at most,

@@ -83,8 +83,7 @@ class Sizes:
     coordinates: Floats
 
 
-SEEN = 3.0
-"""Size, in deviations of its noise, from which a row's force or a reading counts as a signal."""
+SEEN = 3.0  # size, in deviations of noise, from which on a row's force or a reading is a signal
 BORROWED = 1e-3  # weight of a size that is borrowed: it decides only where nothing else does
 
 

@@ -148,8 +148,7 @@ def _power_text(base: Expression, exponent: int | Fraction) -> str:
 Real = Any  # a number of a hundred digits; mpmath carries no types
 _EXACT = MPContext()
 _EXACT.dps = 100
-TOLERANCE = _EXACT.mpf("1e-40")
-"""What is left of a sum that is zero, and of a column that depends on others."""
+TOLERANCE = _EXACT.mpf("1e-40")  # what is left of a sum of zero, or of a dependent column
 _LARGE = _EXACT.mpf("1e30")  # argument of a function, beyond which it takes as many more digits
 _OF_ANY_SIZE = ("sum", "pi", "abs", "sign")
 _MAGNITUDE = 10_000  # binary exponent of a value that is computed with

@@ -17,8 +17,7 @@ from rotorid.data.observation import Observation
 from rotorid.models import Model
 from rotorid.models.equations import polynomial
 
-Amount = TypeVar("Amount", float, float | str)
-"""In SI; before a model is known, perhaps a text with a unit."""
+Amount = TypeVar("Amount", float, float | str)  # SI; with no model yet, perhaps a text with a unit
 _SHARPEST = 1e-12
 """Deviation of a natural frequency, over itself: eigenvalues of a model are not computed better."""
 

@@ -18,10 +18,8 @@ from rotorid.models import expressions
 from rotorid.models.equations import DERIVATIVES
 from rotorid.models.expressions import FUNCTIONS, RESERVED, Expression, evaluate, symbol
 
-POINTS = 257
-"""Rotor angles per turn: a load of 255 times per revolution is still told from one of once."""
-TURNS = 1000
-"""Turns over which a load is looked at that no turn repeats, such as that of a geared shaft."""
+POINTS = 257  # rotor angles per turn: a load of 255 times per turn is still told from one of once
+TURNS = 1000  # turns over which a load is looked at that none repeats, as that of a geared shaft
 REPEATS = 1e-9  # share of its size by which a load may differ from turn to turn: rounding
 
 
@@ -275,8 +273,7 @@ class LinearForm:
 
 
 FASTEST = 1e9  # speed in rad/s above which nothing turns: the rim of a metre would outrun light
-SINGULAR = 1e12
-"""Condition number of a scaled dynamic stiffness from which on it is singular to rounding."""
+SINGULAR = 1e12  # condition of a scaled dynamic stiffness from which on it is singular to rounding
 
 
 def solved(stiffness: Array, right: Array, omega: Floats, size: Floats | None = None) -> Array:

@@ -26,12 +26,9 @@ take such a mode for free motion."""
 UNDAMPED = 1e-12
 """Damping and gyroscopic effect of a free motion, beside the largest that act there, below which
 there is none: rounding leaves some 1e-16."""
-OVERDAMPED = 1e-7
-"""Imaginary part below this share of the eigenvalue: a real pole, split by rounding."""
-ALIKE = 1e-8
-"""Eigenvalues nearer than this share are one, of a machine that is the same in two planes."""
-REGULAR = 1e6
-"""Condition of M, rows and columns scaled, up to which it is divided by: ten digits are left."""
+OVERDAMPED = 1e-7  # share of the eigenvalue below which its imaginary part is rounding: a real pole
+ALIKE = 1e-8  # share within which eigenvalues are one, of a machine that is the same in two planes
+REGULAR = 1e6  # condition of the scaled M up to which it is divided by: ten digits are left
 SWEEPS = 8  # sweeps of the scaling: each takes the root of what is left
 BLOCK = 4  # vectors of a block: as many as there are free motions at rest, in two planes
 SPARE = 36  # vectors of a Krylov space beyond three times as many as there are modes to be found

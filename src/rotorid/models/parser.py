@@ -34,13 +34,11 @@ hundred coordinates and 1,200 terms costs 15,000; the shipped ones cost below 2,
 COMBINATION = 20_000
 """Units for what a sensor reads, or a constraint: 0.1 s, since an experiment may hold hundreds."""
 PRODUCT = 2  # units for two terms that are multiplied
-EVALUATED = 20
-"""Units for a node of what is evaluated to a hundred digits, at each of several points."""
+EVALUATED = 20  # units for a node that is evaluated to a hundred digits, at each of several points
 DIGITS = 1_000
 """Of a numerator or denominator: more than any product of measured numbers needs, far below
 where arithmetic with them takes time."""
-EXACT_BITS = 400
-"""Of a fraction, from which exact elimination takes more than a unit for each entry."""
+EXACT_BITS = 400  # of a fraction from which on exact elimination takes more than a unit an entry
 _POINTS = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1000, 1), (-1000, -1))
 """Scale and sign of the points at which a divisor is held against zero."""
 _PRIMES = 1_000  # numbers below are taken out of a root

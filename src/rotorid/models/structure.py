@@ -31,10 +31,8 @@ from rotorid.models.expressions import Expression, Monomial
 from rotorid.models.linear_form import motion_factor
 from rotorid.models.model import Model
 
-ALIKE = 1e-3
-"""Share by which numbers that are typed may differ and be the same: four digits are typed."""
-WHOLE = 1e-6
-"""Share of one by which a ratio may miss a whole number: ratios of typed numbers are exact."""
+ALIKE = 1e-3  # share by which typed numbers may differ and be the same: four digits are typed
+WHOLE = 1e-6  # share of one by which a ratio may miss a whole number: typed ones are exact
 _WORK = dimension_of("J")
 Values = TypeVar("Values", Floats, Complexes)
 

@@ -125,8 +125,7 @@ SAME = 1e-9
 as short as that would have no stiffness that double precision holds."""
 AXES = ("x", "y", "theta_x", "theta_y")  # coordinates of a place, before its name
 PLANES = len(AXES)
-ENDS = ("left_end", "right_end")
-"""Names of the shaft's ends where no place with a name stands there."""
+ENDS = ("left_end", "right_end")  # names of the shaft's ends where no named place stands
 CROSSED = ("xx", "xy", "yx", "yy")
 
 

@@ -339,8 +339,7 @@ def _shapes(beam: Beam) -> tuple[Floats, ...]:
     return tuple(shapes @ plane.T for shapes, plane in shown)
 
 
-CONVERGED = 1e-3
-"""Change of the first three bending frequencies, free, that twice the elements may bring."""
+CONVERGED = 1e-3  # change of the first 3 free bending frequencies that twice the elements may bring
 BENDING = 3
 FINER = 1.25  # how much shorter the elements are that are tried next
 
@@ -390,8 +389,7 @@ def bending(rotor: Rotor, parts: int = 1) -> Floats:
     return np.asarray(np.sqrt(squares[2 : 2 + BENDING].clip(0)))
 
 
-SHAPES = 24
-"""Lines of each speed on which the whole rotor is solved: eight for each mode of a usual band."""
+SHAPES = 24  # lines of each speed on which the whole rotor is solved: 8 a mode of a usual band
 SPEEDS = 3  # speeds at which it is, of all that there are
 BELOW = 0.3  # share of the lowest line at which it is solved too: near rest
 

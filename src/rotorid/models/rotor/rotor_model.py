@@ -22,10 +22,8 @@ from rotorid.models.rotor import drawing, fem
 from rotorid.models.rotor.drawing import PLANES, Quantity, Rotor, Section, Support
 from rotorid.models.structure import Structure, energies, find_structure, force_balance
 
-DEPENDENT = 1e-9
-"""What is left of a matrix that others make up, relative to itself: rounding leaves 1e-13."""
-WORTH = 4e7
-"""Lines times the cube of the coordinates up to which the whole rotor is solved: some seconds."""
+DEPENDENT = 1e-9  # share left of a matrix that others make up: rounding leaves 1e-13
+WORTH = 4e7  # lines times coordinates cubed up to which the whole rotor is solved: some seconds
 LAGGING = "lagging"
 """Kind of a signal that structural damping multiplies: it is a quarter turn ahead on every line."""
 _TURNING = [
