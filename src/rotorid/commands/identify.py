@@ -52,9 +52,8 @@ def run(
         estimate = estimate.with_(provenance=provenance(plan, answer.given))
 
     def html() -> str:
-        from rotorid.report.estimate_report import (
-            estimate_report,  # pictures take their time to load
-        )
+        # Pictures take their time to load.
+        from rotorid.report.estimate_report import estimate_report
 
         return estimate_report(estimate)
 

@@ -29,6 +29,7 @@ from rotorid.models import Model, load_model
 from rotorid.models.equations import polynomial
 from rotorid.models.knowledge import Constraint, Knowledge, Mode, in_units_of, unit_of_expression
 from rotorid.models.model import Parameter
+from rotorid.signals.angle import mark_angle
 from rotorid.signals.average import KEYS
 from rotorid.signals.inspection import Inspection, LineInspection, inspect_lines, inspect_record
 
@@ -423,7 +424,7 @@ def _inspect_draft(folder: Path, entry: schema.DraftRecord) -> Inspection:
         turned: dict[str, Any] = {}
         if entry.keyphasor:
             with suppress(InputError):  # what is wrong with it is told once the file is finished
-                seen = read.turn_of_keyphasor(record, marks)
+                seen = mark_angle(marks, record.sample_rate, source=record.source)
                 turned = {"speed": seen.speed, "angle": seen.angle}
         record = replace(bare, **turned)
     return _inspected(record, entry)

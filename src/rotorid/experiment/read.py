@@ -26,7 +26,7 @@ from rotorid.io.columns import open_blocks
 from rotorid.io.table import ColumnFile
 from rotorid.models import Model
 from rotorid.models.equations import DERIVATIVES, linear_combination
-from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
+from rotorid.signals.angle import encoder_angle, mark_angle
 from rotorid.signals.average import RecordBlocks, average, average_blocks
 from rotorid.signals.checks.periods import detect_settling
 from rotorid.signals.checks.rotation import rotation_warnings
@@ -456,7 +456,7 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
         turn = float(lines or 1) if entry.angle.unit is None else 2 * np.pi
         turned = encoder_angle(column, rate, per_revolution=turn, lines=lines, source=record.source)
     else:
-        turned = turn_of_keyphasor(record, column)
+        turned = mark_angle(column, rate, source=record.source)
     # Nobody measures the time between mark and columns: filters before the logger delay the columns
     # and not the mark. Unless the file says better, it is taken to lie anywhere within a sample.
     lag_std = entry.angle_lag_std
@@ -470,12 +470,6 @@ def without_mark(record: Record, name: str) -> tuple[Record, Floats]:
     channels = tuple(c for c in record.channels if c.name != name)
     samples = np.delete(record.samples, record.names.index(name), axis=1)
     return replace(record, channels=channels, samples=samples), record.column(name)
-
-
-def turn_of_keyphasor(record: Record, column: Floats) -> MeasuredAngle:
-    times, half = pulse_edges(column, record.sample_rate, source=record.source)
-    count, rate = len(column), record.sample_rate
-    return keyphasor_angle(times, count, rate, half=half, source=record.source)
 
 
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:

@@ -340,6 +340,7 @@ def estimate_report(estimate: Estimate) -> str:
         on_data(check) for check in estimate.checks if check.severity in ("assumes", "says")
     )
     status = estimate.verdict.replace("_", " ")
+    left = drawn.residual(records[0]) if records else ()
     page = Passage(
         model.title if model is not None and model.title else estimate.model,
         lead=marked("Model <code>{}</code>, identified by {}", estimate.model, _method(estimate)),
@@ -349,7 +350,7 @@ def estimate_report(estimate: Estimate) -> str:
         urge="To mind:" if estimate.status == "ok" else "What to do next:",
         steps=verdict.steps,
         numbers=tuple(_numbers(estimate, records)),
-        panels=_first_picture(records),
+        panels=tuple(replace(panel, title="What is left over what noise makes") for panel in left),
         said=remarks,
         parts=(
             Passage("What is left open", items=verdict.left_open),
@@ -375,11 +376,6 @@ def estimate_report(estimate: Estimate) -> str:
 def _rotor(model: Model | None) -> Passage:
     panels = (drawn.drawing(model.rotor),) if isinstance(model, RotorModel) else ()
     return Passage("The rotor", "The rotor as it is drawn, and what stands on it.", panels=panels)
-
-
-def _first_picture(records: Sequence[RecordEvidence]) -> tuple[drawn.Panel, ...]:
-    found = drawn.residual(records[0]) if records else ()
-    return tuple(replace(each, title="What is left over what noise makes") for each in found)
 
 
 def _numbers(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[tuple[str, str]]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from rotorid.core.errors import InputError, require_positive
 from rotorid.core.values import Floats, frozen
 from rotorid.force.laws import Differential, Flux, Linear, require
-from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
+from rotorid.signals.angle import MeasuredAngle, encoder_angle, mark_angle
 
 
 def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...] = ()) -> None:
@@ -169,8 +169,7 @@ class Keyphasor:
         return np.asarray(level + self.noise * rng.normal(size=len(level)))
 
     def read(self, column: Floats, sample_rate: float) -> MeasuredAngle:
-        times, half = pulse_edges(column, sample_rate)
-        return keyphasor_angle(times, len(column), sample_rate, half=half)
+        return mark_angle(column, sample_rate)
 
 
 def _misread(

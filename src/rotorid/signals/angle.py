@@ -208,6 +208,12 @@ def keyphasor_angle(
     return MeasuredAngle(smooth, _mean_speed(time, smooth), std, noise, missing, extra)
 
 
+def mark_angle(samples: Floats, sample_rate: float, *, source: str = "") -> MeasuredAngle:
+    """Return the angle at each sample of a column of pulses, one per revolution."""
+    times, half = pulse_edges(samples, sample_rate, source=source)
+    return keyphasor_angle(times, len(samples), sample_rate, half=half, source=source)
+
+
 def _count_turns(times: Floats) -> tuple[Booleans, Floats]:
     spacing = np.diff(times)
     period = _rhythm(spacing)
