@@ -210,9 +210,8 @@ def _unbalance_table(estimate: Estimate, *, intervals: bool) -> Table:
     for plane in estimate.unbalance:
         unit, factor = _BY_HAND.get(plane.unit, (plane.unit, 1.0))
         sizes = (factor * plane.amount, None if plane.std is None else factor * plane.std)
-        angles = [
-            None if a is None else math.degrees(a) for a in (plane.angle_rad, plane.angle_std_rad)
-        ]
+        turned = plane.angle_rad, plane.angle_std_rad
+        angles = [None if angle is None else math.degrees(angle) for angle in turned]
         first, second = (
             _ends(value) if intervals else row_of(value)[1:3]
             for value in (Value("", "", *sizes), Value("", "", angles[0] or 0.0, angles[1]))

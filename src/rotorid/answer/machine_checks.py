@@ -252,9 +252,8 @@ def residual(cost: float, expected: Expectation) -> Iterator[Note]:
     if chance >= DOUBTFUL:
         return
     times = np.sqrt(cost / expected.mean)
-    text = (
-        f"the equations are off by {times:.3g} times what noise leaves of them (p = {chance:.1e}): "
-    )
+    text = f"the equations are off by {times:.3g} times what noise leaves of them "
+    text += f"(p = {chance:.1e}): "
     if chance >= REJECTED:
         cure = "for a linear model see what ml says of this record"
         yield Note("residual", "doubts", f"{text}doubtful", cure, value=float(times), unit="1")

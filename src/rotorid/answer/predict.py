@@ -138,9 +138,8 @@ def _at_estimate(model: Model, estimate: Estimate, records: Records, first: int)
     # Parameters of the estimate's single records are in `own`, under the numbers of these ones.
     single = {f"{n}[{k}]" for n in names for k in range(len(values))}
     held = {v.name: v.value for v in estimate.parameters if v.fixed and v.name not in single}
-    known = {v.name for v in estimate.parameters} - single | {
-        u.name for n in shared for u in n.scalars
-    }
+    common = {scalar.name for unknown in shared for scalar in unknown.scalars}
+    known = {v.name for v in estimate.parameters} - single | common
     start = {name: values[name] for name in known - held.keys()}
     prepared = prepare(model, Knowledge(fixed=held, start=start), [*own, *shared], base, {})
     return prepared.of(records).at(prepared.layout.start)

@@ -30,8 +30,7 @@ from rotorid.models.linear_form import StiffnessTable, TermKind, speed_factor
 from rotorid.signals.covariance import LineCovariance
 
 PHASE_STEPS = 16
-"""Angles of a revolution that tell the orders of loads which have more of them: up to the seventh.
-"""
+"""Angles of a revolution that tell the orders of loads which have more: up to the seventh."""
 
 
 @frozen

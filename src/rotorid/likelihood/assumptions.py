@@ -64,8 +64,7 @@ TAKEN_OVER = 1e-6
 they take it over: exactly so at the corrected lines, but for rounding."""
 FAINT = 0.01  # deviations that an error of plausible size makes, at least, to be a direction
 ALIKE = 0.9
-"""Share of the largest score from which on another one is named too: which it is no record tells.
-"""
+"""Share of the largest score from which on another is named too: which it is no record tells."""
 LED = 0.9  # correlation with the rotor angle from which on it makes four fifths of a variance
 
 

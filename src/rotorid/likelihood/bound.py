@@ -102,10 +102,8 @@ class Plan:
         spectra = np.zeros((1, len(lines), len(channels)), dtype=np.complex128)
         spectra[0, :, : len(model.inputs)] = forces
         blank = np.zeros((samples, len(channels)))
-        every, angle, known = tuple(channels), speed * time, self.phase_known
-        return PeriodicRecord(
-            every, rate, lines, spectra, blank, blank, speed, time, angle, known, source="plan"
-        )
+        every, turns = tuple(channels), (speed, time, speed * time, self.phase_known)
+        return PeriodicRecord(every, rate, lines, spectra, blank, blank, *turns, source="plan")
 
     def covariance(self, record: PeriodicRecord) -> LineCovariance:
         """Return the covariance of the mean lines, known exactly."""

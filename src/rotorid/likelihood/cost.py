@@ -59,9 +59,8 @@ class Entries:
     def matrix(self, mu: Floats, rows: int) -> Complexes:
         kinds, values = self.weights.shape[1], self.coefficient * mu[self.monomial]
         summed = np.bincount(self._place, values, minlength=rows * self.columns * kinds)
-        return as_complex(self.weights @ summed.reshape(-1, kinds).T).reshape(
-            -1, rows, self.columns
-        )
+        found = as_complex(self.weights @ summed.reshape(-1, kinds).T)
+        return found.reshape(-1, rows, self.columns)
 
 
 @frozen
@@ -306,9 +305,8 @@ class Evaluation:
         for bound in p.calibration.rotating:
             mine, (_, added) = np.isin(bound.unknowns, affine), bound.slopes(self.unknowns)
             where = np.searchsorted(affine, bound.unknowns[mine])
-            columns[:, :, where] -= (
-                self.plain[:, :, [bound.channel]] * np.asarray(added)[:, :, mine]
-            )
+            read = self.plain[:, :, [bound.channel]] * np.asarray(added)[:, :, mine]
+            columns[:, :, where] -= read
         return columns
 
     @property

@@ -50,8 +50,7 @@ STANDS_OUT = 1e-2
 """A screened cost below this share of that of the records as they are is followed at once: the
 right one leaves a hundred thousandth, wrong ones a tenth and more."""
 LIKELY = 2.0
-"""Before the search, mistakes are followed whose screened cost is within this factor of the lowest.
-"""
+"""Factor of the lowest screened cost within which mistakes are followed before the search."""
 FOLLOWED = 4  # of these the first; a wrong one takes seconds, the right one tenths
 PLAIN = 1.5
 """Cost over its expectation from which on 400 lines of a record tell rivals apart as well as

@@ -199,9 +199,8 @@ def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) ->
     known = dict(zip(model.parameter_names, values.tolist(), strict=True)) | dict(model.held)
     rotor = model.rotor
     every = list(spans(rotor))
-    groups: list[tuple[str, str, list[Span]]] = [
-        ("stiffness shaft", "correct E of the material, or give it a parameter", every)
-    ]
+    groups = list[tuple[str, str, list[Span]]]()
+    groups.append(("stiffness shaft", "correct E of the material, or give it a parameter", every))
     borders = np.cumsum([section.length for section in rotor.sections])
     for place, (section, right) in enumerate(zip(rotor.sections, borders, strict=True), 1):
         inside = [span for span in every if span[1] is section]

@@ -254,9 +254,8 @@ def common_delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     channels = {"force": _inputs(records), "position": _sensors(records)}
     if wanted is not None:
         known = (*channels, *(channel.name for channel in _channels(records)))
-        require_names(
-            wanted.delays, known, cure="name one of these, or leave it out", place="delays"
-        )
+        cure = "name one of these, or leave it out"
+        require_names(wanted.delays, known, cure=cure, place="delays")
         if "force" in wanted.delays:
             _require_forces(records, "an unknown delay of the forces", "delays")
     return [_late(k, on, 0.0) for k, on in channels.items() if wanted is None or k in wanted.delays]

@@ -89,9 +89,8 @@ def _suspects(signals: Sequence[Expression]) -> list[Expression]:
         return list(signals)
     _, singular, directions = np.linalg.svd(matrix / column_lengths(matrix))
     null = directions[: len(singular)][singular < 1e-8 * singular[0]]
-    return [
-        s for s, direction in zip(signals, null.T, strict=True) if (abs(direction) > 1e-7).any()
-    ]
+    told = zip(signals, null.T, strict=True)
+    return [signal for signal, direction in told if (abs(direction) > 1e-7).any()]
 
 
 def _names(signals: Sequence[Expression]) -> list[Expression]:
@@ -195,9 +194,8 @@ def gather_base(
         for column, ratio in ratios.items():
             gather[number, column] = float(ratio)
     found_units = tuple(monomial_unit(monomials[i], parameters, units) for i in kept)
-    return BaseParameters(
-        base_names(gather, kept, monomials, parameters), found_units, gather, kept
-    )
+    names = base_names(gather, kept, monomials, parameters)
+    return BaseParameters(names, found_units, gather, kept)
 
 
 def base_names(

@@ -311,9 +311,8 @@ class Knowledge(Generic[Amount]):
 
     def knowledge(self, model: Model) -> Knowledge[float]:
         """Return what is known beforehand of the parameters of a model, in SI."""
-        values, deviations = (
-            in_si({name: pair[k] for name, pair in self.known.items()}, model) for k in (0, 1)
-        )
+        pairs = ({name: pair[k] for name, pair in self.known.items()} for k in (0, 1))
+        values, deviations = (in_si(each, model) for each in pairs)
         return Knowledge(
             in_si(self.fixed, model),
             constraints_in_si(self.constraints, model),

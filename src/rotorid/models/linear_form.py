@@ -203,9 +203,8 @@ class LinearForm:
         place = (self._matrix * self.rows + table.row) * self.coordinates + table.column
         size, count = len(MATRICES) * self.rows * self.coordinates, int(np.prod(several))
         places = np.arange(count)[:, None] * size + place
-        summed = np.bincount(
-            places.ravel(), (sizes * mu[..., table.monomial]).ravel(), count * size
-        )
+        entries = (sizes * mu[..., table.monomial]).ravel()
+        summed = np.bincount(places.ravel(), entries, count * size)
         found = 0.0 + summed.reshape(*several, len(MATRICES), self.rows, self.coordinates)
         each = zip(MATRICES, np.moveaxis(found, -3, 0), strict=True)
         return Matrices(**dict(each), B=self.input_matrix(mu))

@@ -143,9 +143,8 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
         parameters = tuple(row.parameter(key) for key, row in declared.items())
     rotor = parse_toml(data, Rotor, file=file, context={"parameters": parameters})
     with naming(file):
-        model = rotor_model(
-            divided(rotor), parameters, name=name, title=rotor.title, source=rotor.source
-        )
+        drawn, said = divided(rotor), {"title": rotor.title, "source": rotor.source}
+        model = rotor_model(drawn, parameters, name=name, **said)
         places = (*model.coordinates, *model.readings)
         check_names(places=places, actuators=model.inputs, parameters=declared)
     return model

@@ -170,10 +170,8 @@ class Model:
     @cached_property
     def terms(self) -> tuple[Term, ...]:
         """The left sides."""
-        place = self._places
-        return tuple(
-            Term(p.row, place[p.monomial], float(p.coefficient), p.signal) for p in self.sides[0]
-        )
+        place, left = self._places, self.sides[0]
+        return tuple(Term(p.row, place[p.monomial], float(p.coefficient), p.signal) for p in left)
 
     @cached_property
     def input_terms(self) -> tuple[InputTerm, ...]:

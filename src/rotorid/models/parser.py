@@ -485,6 +485,5 @@ def _require_flat(levels: int) -> None:
 def _unknown(name: str, names: frozenset[str], expected: str, cure: str) -> ModelError:
     listed = sorted(names)
     shown = ", ".join(listed[:30]) + (", ..." if len(listed) > 30 else "")
-    return ModelError(
-        f"the unknown name {name[:60]!r}", f"{expected} {shown}", nearest(name, listed, cure)
-    )
+    told = f"the unknown name {name[:60]!r}"
+    return ModelError(told, f"{expected} {shown}", nearest(name, listed, cure))

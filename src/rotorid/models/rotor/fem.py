@@ -359,9 +359,8 @@ def divided(rotor: Rotor) -> Rotor:
         if sum(counts) + len(rotor.places) > drawing.MAX_ELEMENTS:
             expected = "as many as the bending modes in the band of the records need"
             cure = "leave elements out, or draw fewer sections"
-            raise ModelError(
-                f"more than {drawing.MAX_ELEMENTS} elements", expected, cure, place="sections"
-            )
+            told = f"more than {drawing.MAX_ELEMENTS} elements"
+            raise ModelError(told, expected, cure, place="sections")
         found = rotor.with_elements(counts)
         if all(section.elements for section in rotor.sections):
             return found

@@ -214,9 +214,8 @@ class RotorModel(Model):
         )
 
     def _with_numbers(self, fixed: Mapping[str, float]) -> dict[str, Any]:
-        pieces, loads = (
-            tuple(p.substituted(fixed) for p in every) for every in (self.pieces, self.loads)
-        )
+        every = self.pieces, self.loads
+        pieces, loads = (tuple(piece.substituted(fixed) for piece in part) for part in every)
         whole = None if self.whole is None else self.whole.substitute(fixed)
         return {"pieces": pieces, "loads": loads, "whole": whole}
 
