@@ -167,11 +167,9 @@ def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> T
     shown = ["value", "std", "std %", *(["inflated"] if _inflated(values) else [])]
     shown += ["if assumptions err"] if _assuming(values) else []
     shown += ["95 %"] if any(v.interval for v in values) else []
-    rows = [
-        [cells[0], *(cells[_COLUMNS.index(head)] for head in (*shown, "unit"))]
-        for cells in map(row_of, values)
-    ]
-    return table((title, *shown, "unit"), rows)
+    shown += ["unit"]
+    places = [0, *map(_COLUMNS.index, shown)]
+    return table((title, *shown), [[cells[k] for k in places] for cells in map(row_of, values)])
 
 
 def _alternative_table(estimate: Estimate) -> Table | None:
@@ -182,10 +180,8 @@ def _alternative_table(estimate: Estimate) -> Table | None:
     own = {value.name: value.value for value in estimate.parameters}
     cost = [estimate.misfit and estimate.misfit.cost, *(a.cost for a in estimate.alternatives)]
     headings = ("other answers", "this", *(f"no. {i + 1}" for i in range(len(others))))
-    rows = [
-        (name, *("" if name not in o else f"{o[name]:.6g}" for o in (own, *others)))
-        for name in names
-    ]
+    every = own, *others
+    rows = [(n, *("" if n not in each else f"{each[n]:.6g}" for each in every)) for n in names]
     costs = ("misfit", *("" if c is None else f"{c:.4g}" for c in cost))
     return table(headings, [*rows, costs])
 
@@ -212,10 +208,8 @@ def _unbalance_table(estimate: Estimate, *, intervals: bool) -> Table:
         sizes = (factor * plane.amount, None if plane.std is None else factor * plane.std)
         turned = plane.angle_rad, plane.angle_std_rad
         angles = [None if angle is None else math.degrees(angle) for angle in turned]
-        first, second = (
-            _ends(value) if intervals else row_of(value)[1:3]
-            for value in (Value("", "", *sizes), Value("", "", angles[0] or 0.0, angles[1]))
-        )
+        both = Value("", "", *sizes), Value("", "", angles[0] or 0.0, angles[1])
+        first, second = (_ends(x) if intervals else row_of(x)[1:3] for x in both)
         if angles[1] is not None and angles[1] > ANYWHERE:
             second = ("any", *("" for _ in second[1:]))
         rows.append((plane.plane, *first, unit, *second))

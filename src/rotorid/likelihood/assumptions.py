@@ -366,10 +366,8 @@ def _between_speeds(fit: Fit) -> Iterator[Assumed]:
     for one in following(fit) if highest else ():
         column = fit.solution.point.columns[:, [fit.layout.index[name] for name in one.grows]]
         average = column @ (column.T @ one.effect) / max(float((column**2).sum()), 1e-300)
-        effect, cure = (
-            (one.effect - average) / highest,
-            "weigh the rotor, or excite it at each speed",
-        )
+        effect = (one.effect - average) / highest
+        cure = "weigh the rotor, or excite it at each speed"
         yield replace(one, effect=effect, cure=cure, grows={}, held=None)
 
 

@@ -183,10 +183,8 @@ def predict_accuracy(
     nuisances = unknowns_of(records, chosen)
     prepared = prepare(model, told, nuisances, chosen.base, guess)
     unknowns = prepared.layout.start
-    likelihoods = tuple(
-        simulated(prepared.layout, record, unknowns, number)
-        for number, record in enumerate(records)
-    )
+    numbered, layout = enumerate(records), prepared.layout
+    likelihoods = tuple(simulated(layout, record, unknowns, k) for k, record in numbered)
     problem = replace(prepared, likelihoods=likelihoods)
     solution = Solution(problem.at(unknowns), True, 0)
     inference, mirrors = solution.inference, Mirrors.of(problem, records, unknowns)

@@ -101,10 +101,8 @@ class Case:
             unknowns=(*layout.unknowns, *scalars),
             nuisances=(*layout.nuisances, *added),
         )
-        exact, relations, bounds = (
-            replace(r, unknowns=len(wider.unknowns))
-            for r in (every.exact, every.known.relations, every.bounds)
-        )
+        held, count = (every.exact, every.known.relations, every.bounds), len(wider.unknowns)
+        exact, relations, bounds = (replace(each, unknowns=count) for each in held)
         known = Known(relations, rows_of_modes(wider, every.known.modes.modes, exact))
         prepared = replace(every, layout=wider, exact=exact, known=known, bounds=bounds)
         unknowns = np.concatenate([self.unknowns, [scalar.start for scalar in scalars]])

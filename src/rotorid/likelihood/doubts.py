@@ -49,10 +49,8 @@ def doubted(model: Model, estimate: Estimate, fit: Fit, *, speed: bool = False) 
     if whole.named > whole.parameters:  # where records have their own, the first's
         held = whole.of_record(0).held
         found = {v.name: v for v in estimate.parameters}
-        values = tuple(
-            replace(found[whole.unknowns[i].name], name=parameter)
-            for i, parameter in zip(held, model.parameter_names, strict=True)
-        )
+        pairs = zip(held, model.parameter_names, strict=True)
+        values = tuple(replace(found[whole.unknowns[i].name], name=name) for i, name in pairs)
         free = [int(i) for i in held if not whole.unknowns[i].fixed]
         covariance = fit.covariance[np.ix_(free, free)]
         judged = estimate.with_(parameters=values, nuisance=(), derived=(), covariance=covariance)

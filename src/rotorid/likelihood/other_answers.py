@@ -208,10 +208,8 @@ def _borne_out(point: Point) -> list[Floats]:
         likelihood = at.problem
         first = likelihood.inputs - likelihood.indirect
         noise = np.maximum(np.linalg.norm(likelihood.noise.factor, axis=2), 1e-300)
-        measured, predicted = (
-            np.linalg.norm((data / noise)[:, first:], axis=1)
-            for data in (likelihood.data, responses([at])[0])
-        )
+        both = likelihood.data, responses([at])[0]
+        measured, predicted = (np.linalg.norm((x / noise)[:, first:], axis=1) for x in both)
         share = measured / np.maximum(np.maximum(predicted, measured), 1e-300)
         found.append(np.repeat(share, 2 * likelihood.equations))
     return found

@@ -83,10 +83,8 @@ class Problem:
 
     def of(self, records: Records, alike: Sequence[Likelihood] = ()) -> Problem:
         """Return the problem of some records; `alike`: likelihoods of the same ones."""
-        likelihoods = tuple(
-            assemble(self.layout, record, number, like)
-            for number, (record, like) in enumerate(zip_longest(records, alike))
-        )
+        pairs = enumerate(zip_longest(records, alike))
+        likelihoods = tuple(assemble(self.layout, of, k, like) for k, (of, like) in pairs)
         kept = self.layout, self.exact, self.known, self.bounds
         return Problem(*kept, likelihoods, self.substituted, effort=self.effort)
 
@@ -99,10 +97,8 @@ class Problem:
     ) -> Point:
         """Evaluate at all unknowns, shape (unknown,); `like`: where the same rotor was, perhaps."""
         before = [] if like is None else like.records
-        records = [
-            Evaluation(likelihood, unknowns, relaxation, affine, at)
-            for likelihood, at in zip_longest(self.likelihoods, before)
-        ]
+        pairs = zip_longest(self.likelihoods, before)
+        records = [Evaluation(each, unknowns, relaxation, affine, at) for each, at in pairs]
         known = self.known.values(unknowns, relaxation)
         return Point(self, unknowns, records, known, relaxation)
 
@@ -248,10 +244,8 @@ class Point:
 
     def by_line(self, rows: NDArray[Number]) -> list[NDArray[Number]]:
         """Return each record's rows of (row, ...), (line, row of a line, ...)."""
-        return [
-            rows[own].reshape(at.problem.lines, -1, *rows.shape[1:])
-            for own, at in zip(self.rows, self.records, strict=True)
-        ]
+        pairs = zip(self.rows, self.records, strict=True)
+        return [rows[own].reshape(at.problem.lines, -1, *rows.shape[1:]) for own, at in pairs]
 
     def of_known(self, rows: Floats) -> Floats:
         return rows[len(rows) - len(self.known) :]

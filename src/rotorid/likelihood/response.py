@@ -81,10 +81,8 @@ def simulated(layout: Layout, record: Observation, unknowns: Floats, number: int
 def by_likelihood(records: Records, evaluations: Sequence[Evaluation]) -> list[Predicted]:
     """Predict inputs, or readings where a record hides a coordinate; linear models."""
     hidden = any(r.hidden or not r.inputs or r.lines.passive for r in records)
-    return [
-        (_predicted_readings if hidden else _inputs)(record, at)
-        for record, at in zip(records, evaluations, strict=True)
-    ]
+    predicted = _predicted_readings if hidden else _inputs
+    return [predicted(*pair) for pair in zip(records, evaluations, strict=True)]
 
 
 def _inputs(record: Observation, at: Evaluation) -> Predicted:
