@@ -505,7 +505,7 @@ class TestAssumed:
     def test_noise_of_readings_does_not(self, seed):
         found = answer_of(**of_blocks(0.0, 2e-5, seed))
         assert wrong_by(found) < 4
-        assert found.verdict == "ok"
+        assert found.status == "ok"  # what else is assumed may move it by five std
         assert "H1" not in {one.assumed for one in found.assumptions}
 
     @pytest.mark.parametrize("stated", [None, "hann", "none"])
