@@ -111,3 +111,22 @@ def leave_out(share: Floats, score: Floats, least: float) -> tuple[Floats, Float
     left, size, right = np.linalg.svd(np.eye(len(share)) - share)
     told = size > least
     return right[told].T @ ((left[:, told].T @ score) / size[told]), right[~told].T
+
+
+def straightened(rows: Floats) -> Floats:
+    """Return rows, (.., period), less their mean and slope."""
+    place = np.arange(rows.shape[-1]) - (rows.shape[-1] - 1) / 2
+    rows = rows - rows.mean(axis=-1, keepdims=True)
+    return np.asarray(rows - np.multiply.outer(rows @ place / (place @ place), place))
+
+
+def steps_within(rest: Floats) -> tuple[Floats, Floats]:
+    """Return straightened rows times steps behind 1, 2, .. periods, and the steps' squared lengths.
+
+    The steps are straightened too; of shapes (.., step) and (step,).
+    """
+    count = rest.shape[-1]
+    place, behind = np.arange(count) - (count - 1) / 2, np.arange(count - 1, 0, -1)
+    moment = np.cumsum(place[::-1])[-2::-1]
+    size = behind - behind**2 / count - moment**2 / (place @ place)
+    return np.cumsum(rest[..., ::-1], axis=-1)[..., -2::-1], np.asarray(size)

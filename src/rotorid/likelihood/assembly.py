@@ -18,9 +18,20 @@ from rotorid.core.values import Complexes, Floats, fact, frozen
 from rotorid.data.lines import Clock, Lines, Signal
 from rotorid.data.observation import Observation, combined
 from rotorid.data.record import Channel
-from rotorid.likelihood import effects
 from rotorid.likelihood.cost import Entries, EntrySlopes, Likelihood, Sensing
-from rotorid.likelihood.effects import Adds, Drives, Entry, Rereads, RowLoad, Scales, at_unknowns
+from rotorid.likelihood.effects import (
+    Adds,
+    Calibration,
+    Drives,
+    Entry,
+    Factors,
+    Reads,
+    Rereads,
+    RowLoad,
+    Scales,
+    Turns,
+    at_unknowns,
+)
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_factor
@@ -39,7 +50,7 @@ class Terms:
 
     table: StiffnessTable
     monomials: Monomials  # of all unknowns
-    where: Mapping[effects.Factors, int]  # each product of unknowns among them
+    where: Mapping[Factors, int]  # each product of unknowns among them
 
     @classmethod
     def of(cls, layout: Layout, further: Sequence[Entry], loads: Sequence[RowLoad] = ()) -> Terms:
@@ -133,7 +144,7 @@ def other_terms(layout: Layout, observation: Observation) -> list[Entry]:
 
 def _constant(
     acting: Sequence[tuple[Drives, int]], part: str, known: float
-) -> tuple[float, effects.Factors]:
+) -> tuple[float, Factors]:
     """Return a constant of a force law as (number, unknowns): one of the two is trivial."""
     unknown = next((at for effect, at in acting if effect.part == part), None)
     return (known, ()) if unknown is None else (1.0, (unknown,))
@@ -157,7 +168,7 @@ def _require_known(layout: Layout, terms: Sequence[SensorTerm], what: str, place
         raise InputError(told, expected, cure, place=place)
 
 
-def _parameters(layout: Layout, term: SensorTerm) -> effects.Factors:
+def _parameters(layout: Layout, term: SensorTerm) -> Factors:
     return tuple(np.repeat(layout.held, term.powers).tolist()) if any(term.powers) else ()
 
 
@@ -175,7 +186,7 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[Entry]:
             terms.append(Entry(row, t.coordinate, t.order, t.coefficient, factors=held))
         terms += [
             Entry(row, effect.coordinate, 0, effect.coefficient, factors=(int(at[0]),))
-            for effect, at in layout.acting(effects.Reads)
+            for effect, at in layout.acting(Reads)
             if effect.channel == sensor.channel.name
         ]
     return terms
@@ -272,7 +283,7 @@ def assemble(
     ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
     loads = every_load(layout)
     terms = Terms.of(layout, other_terms(layout, observation), loads)
-    phase = next((int(at[0]) for _, at in layout.acting(effects.Turns)), None)
+    phase = next((int(at[0]) for _, at in layout.acting(Turns)), None)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     entries = terms.entries(lines, reads.shape[1] + width)
     monomials = terms.monomials
@@ -299,7 +310,7 @@ def assemble(
         np.array(sorted({terms.where[each.factors] for each in loads}), dtype=np.int64),
         rows,
         sensing,
-        effects.Calibration.of(observation, *on_channels, phase, orders),
+        Calibration.of(observation, *on_channels, phase, orders),
         data,
         noise,
         scales,

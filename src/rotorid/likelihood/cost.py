@@ -29,10 +29,17 @@ import scipy
 from rotorid.core.linalg import triangle
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.data.lines import Lines
-from rotorid.likelihood import whitening
 from rotorid.likelihood.effects import Calibration
 from rotorid.likelihood.relations import Monomials
-from rotorid.likelihood.whitening import Projection, Sizes, Transient, as_complex, projection
+from rotorid.likelihood.whitening import (
+    Ends,
+    Noise,
+    Projection,
+    Sizes,
+    Transient,
+    as_complex,
+    projection,
+)
 
 
 @frozen
@@ -127,7 +134,7 @@ class Likelihood:
     sensing: Sensing
     calibration: Calibration
     data: Complexes  # (line, channel): mean lines, inputs first, then sensors
-    noise: whitening.Noise  # covariance C of the mean lines, factored as F F^H
+    noise: Noise  # covariance C of the mean lines, factored as F F^H
     scales: Sizes  # what rows and coordinates were divided by
     multiplicity: Floats  # (line,): c: 2, or 1 for the real lines
     # how many of the last rows are sensors, each with its channel behind those of the inputs
@@ -220,7 +227,7 @@ class Evaluation:
         self.whitener = triangle(root)
         self.lower = self.whitener.conj().transpose(0, 2, 1)
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
-        self.ends: whitening.Ends | None = None
+        self.ends: Ends | None = None
         self._set_rows(self._affine)
 
     def with_data(self, problem: Likelihood) -> Evaluation:
@@ -247,7 +254,7 @@ class Evaluation:
                 units = self.problem.units if self.null_h is None else self.null_h[:, :, :count]
                 whitened_units = as_complex(np.linalg.solve(self.lower, units))
                 self._end_columns = transient.columns(whitened_units)
-                self.ends = whitening.Ends.of(self.stacked(self._end_columns))
+                self.ends = Ends.of(self.stacked(self._end_columns))
             tau = self.ends.tau(self.stacked(whitened))
             self._loose = transient.rows(tau, count)
             rows[:, :count] += self._loose

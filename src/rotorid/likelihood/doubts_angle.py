@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from rotorid.answer.machine_checks import MOVED, REJECTED
+from rotorid.core.linalg import steps_within, straightened
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats, frozen
 from rotorid.data.lines import SampledClock
@@ -170,18 +171,15 @@ def _fitted(angles: Floats, std: float, middle: float) -> Creep:
     count = len(angles)
     place = np.arange(count) - (count - 1) / 2
     size = float(place @ place)
-    slope = float(place @ angles) / size
-    rest = angles - angles.mean() - slope * place
-    # Steps behind 1, 2, .. periods, less their mean and slope: how long, and what the rest has.
-    behind = np.arange(count - 1, 0, -1)
-    lever = np.cumsum(place[::-1])[-2::-1] / size
-    length = np.sqrt(behind * (1 - behind / count) - size * lever**2)
-    found = np.cumsum(rest[::-1])[-2::-1] / length
+    rest = straightened(angles)
+    along, lengths = steps_within(rest)
+    length = np.sqrt(lengths)
+    found = along / length
     best = int(np.argmax(np.abs(found)))
-    step = (np.arange(count) > best) - behind[best] / count - lever[best] * place
+    step = straightened((np.arange(count) > best).astype(float))
     left = rest - found[best] * step / length[best]
     return Creep(
-        slope,
+        float(place @ angles) / size,
         std / float(np.sqrt(size)),
         float(found[best] / length[best]),
         std / float(length[best]),

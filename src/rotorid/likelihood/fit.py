@@ -16,7 +16,6 @@ from rotorid.core.notes import Note
 from rotorid.core.values import Floats, frozen
 from rotorid.core.watch import watch
 from rotorid.data.observation import Observation, Records
-from rotorid.likelihood import starts
 from rotorid.likelihood.case import Case
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.inference import (
@@ -33,7 +32,18 @@ from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.rivals import Plain, plainly
 from rotorid.likelihood.solver import Interrupted, Solution, settle, solve
-from rotorid.likelihood.starts import reduced, search, shift_by_reduction, thinned
+from rotorid.likelihood.starts import (
+    FINER,
+    NEGLIGIBLE,
+    ROUGH,
+    SHARE,
+    STARTS,
+    WAYS,
+    reduced,
+    search,
+    shift_by_reduction,
+    thinned,
+)
 from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.unknowns import Nuisances, unknowns_of
 from rotorid.linear.estimators import Batch
@@ -154,11 +164,11 @@ class Fitting:
 
         Where the model is reduced, until the whole one would not move the estimate.
         """
-        records, rough, share = bound, None, starts.SHARE
+        records, rough, share = bound, None, SHARE
         if bound and not self.base:
             known = {name: pair[0] for name, pair in self.knowledge.known.items()}
             values = {**known, **self.knowledge.start, **self.knowledge.fixed}
-            records = reduced(bound, values, self.knowledge.modes, starts.ROUGH)
+            records = reduced(bound, values, self.knowledge.modes, ROUGH)
         if records and records[0].model is not self.model:
             try:
                 rough = self.approached(records, bound)
@@ -176,7 +186,7 @@ class Fitting:
                     return
                 at = answer
             rough = Rough.of(at, rough)
-            share *= starts.FINER
+            share *= FINER
             records = reduced(bound, rough.values, share=share)
 
     def prepared(self, records: Records) -> Problem:
@@ -257,7 +267,7 @@ def _reached(prepared: Problem, records: Records, stop: Interrupted) -> Iterator
 def _stands(found: Fit) -> bool:
     """Tell whether the whole rotor would not move what was found with a reduced one."""
     covariance = found.inference.covariance
-    return shift_by_reduction(found.solution.point, covariance, found.records) <= starts.NEGLIGIBLE
+    return shift_by_reduction(found.solution.point, covariance, found.records) <= NEGLIGIBLE
 
 
 def answered(found: Fit, *, ask: bool = True) -> Fit:
@@ -324,7 +334,7 @@ def _globally(prepared: Problem, records: Records, rough: Rough | None) -> Itera
     if len(outside(problem.bounds, start)):  # of hidden parts in other places than they tell
         moved = (exchange.of(start) for exchange in Mirrors.of(problem, records, start).exchanges)
         start = next((x for x in moved if not len(outside(problem.bounds, x))), start)
-    ways = starts.WAYS + starts.STARTS * problem.effort
+    ways = WAYS + STARTS * problem.effort
     for number, found in enumerate(search(problem, start), 1):
         yield step(found, SEARCHING, min(number, ways), ways)
     if found is None or not (found.converged and found.inference.explained):

@@ -20,12 +20,21 @@ import numpy as np
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PhasorClock, SilentClock, Window
 from rotorid.data.observation import Observation, Records
-from rotorid.likelihood import unknowns
 from rotorid.likelihood.case import Case, Rival, each_record, freed, rivals
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Reads, Replaces, of_kind
 from rotorid.likelihood.problem import Point
-from rotorid.likelihood.unknowns import Scalar, Unknown, factor_name, multiplier, snap
+from rotorid.likelihood.unknowns import (
+    FACTORS,
+    Scalar,
+    Unknown,
+    factor_name,
+    harmonic_runouts,
+    later_phases,
+    multiplier,
+    snap,
+    unknowns_of,
+)
 from rotorid.likelihood.whitening import as_complex
 from rotorid.models.rotor import RotorModel
 from rotorid.models.structure import Structure
@@ -120,10 +129,10 @@ def _typical(case: Case) -> Iterator[Rival]:
 def _effects(case: Case) -> Iterator[Rival]:
     if case.records:
         exact = set.intersection(*(_exact_inputs(record) for record in case.records))
-        for unknown in unknowns.unknowns_of(case.records):
+        for unknown in unknowns_of(case.records):
             if unknown.rival and not unknown.on <= exact:
                 yield freed(unknown, unknown.rival)
-    yield from map(freed, unknowns.harmonic_runouts(case.records))
+    yield from map(freed, harmonic_runouts(case.records))
 
 
 def _label(case: Case, group: Sequence[str]) -> str:
@@ -216,7 +225,7 @@ def _several(case: Case) -> Iterator[Rival]:
             yield from (_sign(axis) for axis in zip(*pairs, strict=True))
         if len(group) > 2 or (len(group) == 2 and not pairs):
             yield _sign(group)
-    sizes = dict.fromkeys(f for x in unknowns.FACTORS.values() for f in (x, 1 / x))
+    sizes = dict.fromkeys(f for x in FACTORS.values() for f in (x, 1 / x))
     for group, _ in groups:
         if len(group) > 1:
             yield from (_unit(group, _label(case, group), size) for size in sizes)
@@ -452,7 +461,7 @@ BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).
 
 @rivals("angle")
 def _angles(case: Case, starts: Sequence[float] = (0.0,)) -> Iterator[Rival]:
-    for number, phase in unknowns.later_phases(case.records, starts):
+    for number, phase in later_phases(case.records, starts):
         cure = f'write phase = "unknown" in that record, or {phase.held}'
         if is_table(case.records[number]):  # no key sets its phases free
             cure = (

@@ -13,9 +13,12 @@ from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.machine_checks import REJECTED
 from rotorid.core.notes import Note, remarks
 from rotorid.data.observation import Records
-from rotorid.likelihood import identifiability
 from rotorid.likelihood.fit import Fit
-from rotorid.likelihood.identifiability import determined_combinations
+from rotorid.likelihood.identifiability import (
+    determined_combinations,
+    find_cures,
+    open_combinations,
+)
 from rotorid.likelihood.mode_rows import close_modes, mode_fits
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.rivals import Tried, suspected
@@ -27,13 +30,13 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
     layout, inference, point = fit.layout, fit.inference, fit.solution.point
     expectation = inference.expectation
     # Where a search failed, nothing follows of what the records determine.
-    combinations = identifiability.open_combinations(fit) if fit.solution.converged else []
+    combinations = open_combinations(fit) if fit.solution.converged else []
     notes = (
         *causes,
         *(Note("units", "doubts", fault) for fault in model.unit_faults),
         *_notes(fit),
         *(Note(OPEN, "open", str(found), on=found.names) for found in combinations),
-        *(Note(OPEN, "open", cure=cure) for cure in identifiability.find_cures(fit, combinations)),
+        *(Note(OPEN, "open", cure=cure) for cure in find_cures(fit, combinations)),
     )
     values, units, held = _values(fit), model.parameter_units, fit.problem.substituted
     names = layout.names()

@@ -18,9 +18,19 @@ import numpy as np
 from rotorid.core.linalg import column_lengths
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, frozen
-from rotorid.models import expressions
 from rotorid.models.equations import Product
-from rotorid.models.expressions import Expression, Factor, Monomial, Real, evaluate, product
+from rotorid.models.expressions import (
+    MAX_VALUE,
+    TOLERANCE,
+    Expression,
+    Factor,
+    Monomial,
+    Real,
+    evaluate,
+    product,
+    simple_fraction,
+    values_at,
+)
 from rotorid.models.parser import Work
 
 _MAX_GROUP = 80  # signals; larger groups count as independent
@@ -84,7 +94,7 @@ def _suspects(signals: Sequence[Expression]) -> list[Expression]:
     }
     columns = [np.broadcast_to(evaluate(signal, arrays), (points,)) for signal in signals]
     matrix = np.column_stack(columns)
-    matrix = matrix[(np.abs(matrix) < expressions.MAX_VALUE).all(axis=1)]
+    matrix = matrix[(np.abs(matrix) < MAX_VALUE).all(axis=1)]
     if len(matrix) < 2 * len(signals):
         return list(signals)
     _, singular, directions = np.linalg.svd(matrix / column_lengths(matrix))
@@ -108,7 +118,7 @@ def _relations(
         {name: _coordinate(i, k) for i, name in enumerate(names)}
         for k in range(8 * len(_SCALES) * (len(signals) + _SPARE))
     )
-    samples = filter(None, (expressions.values_at(point, signals) for point in points))
+    samples = filter(None, (values_at(point, signals) for point in points))
     rows: list[list[Real]] = []
     while True:  # many are often a few: points for as many as may be independent, and some to spare
         wanted = len(_SCALES) * (rank + _SPARE)
@@ -136,7 +146,7 @@ def _eliminated(
         if first == len(table):
             break  # too few points: the rest counts as independent
         best = first + int(np.abs(table[first:, j]).argmax())
-        if abs(table[best, j]) <= expressions.TOLERANCE * size[j]:
+        if abs(table[best, j]) <= TOLERANCE * size[j]:
             ratios = zip(pivots, map(_near, table[:first, j]), strict=True)
             relations[signal] = {signals[p]: c for p, c in ratios if c}
             continue
@@ -149,7 +159,7 @@ def _eliminated(
 
 
 def _near(value: Real) -> Fraction:
-    simple = expressions.simple_fraction(value)
+    simple = simple_fraction(value)
     return Fraction(repr(float(value))) if simple is None else simple
 
 

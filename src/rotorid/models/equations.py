@@ -10,8 +10,14 @@ from fractions import Fraction
 from rotorid.core.errors import InputError, ModelError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import Dimension, dimension_of
-from rotorid.models import expressions
-from rotorid.models.expressions import Expression, Monomial, product, symbol
+from rotorid.models.expressions import (
+    FUNCTIONS,
+    RESERVED,
+    Expression,
+    Monomial,
+    product,
+    symbol,
+)
 from rotorid.models.parser import COMBINATION, MAX_TERMS, Work, read, shown
 
 DERIVATIVES = ("", "'", "''")
@@ -21,7 +27,7 @@ _NAME = re.compile(r"[^\W\d]\w{0,63}")
 
 def check_names(**tables: Iterable[str]) -> None:
     """Refuse names that are reserved, declared twice, or no names; by the table they stand in."""
-    taken = {*expressions.RESERVED, "pi", *expressions.FUNCTIONS}
+    taken = {*RESERVED, "pi", *FUNCTIONS}
     for table, members in tables.items():
         for name in members:
             found = f"the name {name[:60]!r}"
@@ -29,7 +35,7 @@ def check_names(**tables: Iterable[str]) -> None:
                 expected = "a letter, then letters, digits and _, 64 in all at most"
                 raise ModelError(found, expected, "rename it", place=table)
             if name in taken:
-                reserved = ", ".join([*expressions.RESERVED, "pi", *expressions.FUNCTIONS])
+                reserved = ", ".join([*RESERVED, "pi", *FUNCTIONS])
                 expected = f"a name used once and not reserved ({reserved})"
                 raise ModelError(f"{found} again", expected, "rename it", place=table)
             taken.add(name)
@@ -84,7 +90,7 @@ def _products(
     own = {symbol(name) for name in parameters}
     linear = frozenset([*parameters, *map(str, inputs)])
     products = []
-    names = motion | linear | {*expressions.RESERVED}
+    names = motion | linear | {*RESERVED}
     for powers, coefficient in read(text, names, linear, equation=True, work=work).items():
         of_base = dict(powers)
         monomial = tuple(int(of_base.get(symbol(name), 0)) for name in parameters)

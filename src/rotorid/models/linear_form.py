@@ -14,9 +14,16 @@ from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.values import Array, Booleans, Complexes, Floats, Integers, frozen
-from rotorid.models import expressions
 from rotorid.models.equations import DERIVATIVES
-from rotorid.models.expressions import FUNCTIONS, RESERVED, Expression, evaluate, symbol
+from rotorid.models.expressions import (
+    FUNCTIONS,
+    RESERVED,
+    Expression,
+    evaluate,
+    is_usable,
+    product,
+    symbol,
+)
 
 POINTS = 257  # rotor angles per turn: a load of 255 times per turn is still told from one of once
 TURNS = 1000  # turns over which a load is looked at that none repeats, as that of a geared shaft
@@ -265,7 +272,7 @@ class LinearForm:
         for term in self.load_terms:
             if term.signal not in values:
                 values[term.signal] = value(term.signal)
-            if not expressions.is_usable(values[term.signal]):
+            if not is_usable(values[term.signal]):
                 raise _not_finite(term.signal, speed)
             columns[..., term.row, term.monomial] += term.coefficient * values[term.signal]
         return columns
@@ -295,7 +302,7 @@ def solved(stiffness: Array, right: Array, omega: Floats, size: Floats | None = 
 def speed_factor(factor: Expression, speed: float) -> float:
     """Return the value of an expression that holds Omega at the most, at a speed in rad/s."""
     value = float(evaluate(factor, {"Omega": speed}))
-    if not expressions.is_usable(value):
+    if not is_usable(value):
         raise _not_finite(factor, speed)
     return value
 
@@ -321,7 +328,7 @@ def motion_factor(
     moving = [s for s in signal.free_symbols if str(s) not in RESERVED]
     if len(moving) != 1 or (alone := (moving[0], Fraction(1))) not in signal.factors:
         return None
-    factor = expressions.product(f for f in signal.factors if f != alone)
+    factor = product(f for f in signal.factors if f != alone)
     if not factor.free_symbols <= {symbol("Omega")}:
         return None
     name = str(moving[0]).rstrip("'")

@@ -18,7 +18,6 @@ from rotorid.core.tables import page_html, table
 from rotorid.core.toml import Schema
 from rotorid.core.units import Dimension, check_unit, si_factor
 from rotorid.core.values import Floats, Integers, fact, frozen
-from rotorid.models import linear_form
 from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.equations import (
     DERIVATIVES,
@@ -28,7 +27,14 @@ from rotorid.models.equations import (
     unit_faults,
 )
 from rotorid.models.expressions import RESERVED, Expression, Monomial, evaluate, symbol
-from rotorid.models.linear_form import InputTerm, LinearForm, Term, classify, motion_factor
+from rotorid.models.linear_form import (
+    InputTerm,
+    LinearForm,
+    StiffnessTable,
+    Term,
+    classify,
+    motion_factor,
+)
 from rotorid.models.parser import out_of_range
 
 
@@ -374,7 +380,7 @@ class Model:
             monomials=len(self._monomials),
         )
 
-    def _linear_terms(self) -> tuple[linear_form.StiffnessTable, tuple[Term, ...]]:
+    def _linear_terms(self) -> tuple[StiffnessTable, tuple[Term, ...]]:
         return classify(self.terms, self.coordinates)
 
     def __repr__(self) -> str:

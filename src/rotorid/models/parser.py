@@ -20,8 +20,19 @@ from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 
 from rotorid.core.errors import ModelError, nearest
-from rotorid.models import expressions
-from rotorid.models.expressions import Expression, expression, number, product, symbol, values_at
+from rotorid.models.expressions import (
+    FUNCTIONS,
+    TOLERANCE,
+    Expression,
+    Real,
+    expression,
+    is_number,
+    number,
+    product,
+    simple_fraction,
+    symbol,
+    values_at,
+)
 
 MAX_LENGTH = 100_000
 MAX_NESTING = 64
@@ -147,7 +158,7 @@ class _Algebra:
         """Return a product of powers: whole powers of numbers and of sums are multiplied out."""
         left, sums = [], []
         for base, n in powers.items():
-            if expressions.is_number(base):
+            if is_number(base):
                 ((_, value),), whole = base.parts, n // 1
                 c, n = c * value**whole, n - whole
             if base.kind == "sum" and n > 0 and n == n // 1:
@@ -237,7 +248,7 @@ class _Algebra:
         zero = abs(size) < 1e-90 and value.kind != "exp"  # sin(pi) is 1e-101
         for exponent in (1, 2):
             if (zero or 1e-20 < abs(size) < 1e20) and (
-                simple := expressions.simple_fraction(size**exponent)
+                simple := simple_fraction(size**exponent)
             ) is not None:
                 found = _power_of_number(simple, Fraction(1, exponent)) if simple else {}
                 return {key: -c if size < 0 and exponent == 2 else c for key, c in found.items()}
@@ -257,7 +268,7 @@ class _Algebra:
                 for i, name in enumerate(names)
             }
             found = values_at(point, terms)
-            if found is not None and abs(sum(found)) > expressions.TOLERANCE * max(map(abs, found)):
+            if found is not None and abs(sum(found)) > TOLERANCE * max(map(abs, found)):
                 return False
         return True
 
@@ -376,7 +387,7 @@ class _Reader(_Algebra):
                 return self.function(name)
             if name != "pi" and name not in self.names:
                 cure = "declare it in the model file, or write the name that is"
-                cure = f"write {name}(...)" if name in expressions.FUNCTIONS else cure
+                cure = f"write {name}(...)" if name in FUNCTIONS else cure
                 raise _unknown(name, self.names, "a declared name: one of", cure)
             base = Expression("pi") if name == "pi" else symbol(name)
             return _alone(base)
@@ -387,9 +398,9 @@ class _Reader(_Algebra):
             told = f"{name[:60]!r} before a parenthesis"
             cure = f"write {name[:60]}*(...) for a product"
             raise ModelError(told, "a function or an operator there", cure)
-        if name not in expressions.FUNCTIONS:
+        if name not in FUNCTIONS:
             cure = "write a product with *"
-            raise _unknown(name, frozenset(expressions.FUNCTIONS), "a function: one of", cure)
+            raise _unknown(name, frozenset(FUNCTIONS), "a function: one of", cure)
         return self.call(name, self.within())
 
     def within(self) -> Polynomial:
@@ -450,7 +461,7 @@ def _power_of_number(value: Fraction, exponent: Fraction) -> Polynomial:
     return {frozenset(roots.items()): total}
 
 
-def _value_of(value: Expression) -> expressions.Real:
+def _value_of(value: Expression) -> Real:
     """Return the value of an expression that holds no name, to a hundred digits."""
     found = values_at({}, [value])
     largest = 10 ** (50 if value.kind == "tan" else MAX_EXPONENT)  # tan(pi/2) is 1e100

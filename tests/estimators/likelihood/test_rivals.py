@@ -212,7 +212,7 @@ def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch):
     """From the angles that are tried, and from that of the mark itself."""
     later = [SimpleNamespace(lines=SimpleNamespace(clock=None))] * 2
     monkeypatch.setattr(
-        channels,
+        rivals.rivals_read,
         "later_phases",
         lambda records, starts: [(1, channels.phase(1, start=s)) for s in starts],
     )

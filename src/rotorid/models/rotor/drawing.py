@@ -16,8 +16,15 @@ from math import ceil, prod
 from typing import Annotated, Any, Self
 
 import numpy as np
-import pydantic
-from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, WithJsonSchema
+from pydantic import (
+    BeforeValidator,
+    Field,
+    InstanceOf,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.toml import Schema
@@ -184,7 +191,7 @@ class Material(Schema):
     G: Annotated[_Text, _of("Pa", above=True)]
     density: Annotated[_Text, _of("kg/m^3", above=True)]
 
-    @pydantic.model_validator(mode="after")
+    @model_validator(mode="after")
     def _at_nominal(self, info: ValidationInfo) -> Self:
         if info.context is not None and not 2.0 <= self.ratio <= 3.0:
             raise ModelError(
@@ -224,7 +231,7 @@ class Section(Schema):
     stiffness: Annotated[_Text, _of("1", above=True)] = _default(ONE)  # factor on E: a shrink fit
     elements: Annotated[int, Field(ge=1, le=MAX_ELEMENTS, strict=True)] | None = None
 
-    @pydantic.field_validator("length", "outer")
+    @field_validator("length", "outer")
     @classmethod
     def _of_a_shaft(cls, value: float) -> float:
         if not SMALLEST < value < LARGEST:
@@ -233,7 +240,7 @@ class Section(Schema):
             raise ModelError(f"{value:g} m", expected, cure)
         return value
 
-    @pydantic.field_validator("inner")
+    @field_validator("inner")
     @classmethod
     def _within(cls, inner: float, info: ValidationInfo) -> float:
         outer = info.data.get("outer", np.inf)
@@ -294,7 +301,7 @@ class Support(Schema):
     cyx: _Damping = None
     cyy: _Damping = None
 
-    @pydantic.model_validator(mode="after")
+    @model_validator(mode="after")
     def _told_once(self) -> Self:
         for kind in "kc":
             given = [kind + axes for axes in CROSSED if getattr(self, kind + axes) is not None]
@@ -377,7 +384,7 @@ class Rotor(Schema):
     tolerances: Tolerances = Field(default_factory=Tolerances)
     parameters: dict[str, DeclaredParameter] = _table()
 
-    @pydantic.field_validator("materials")
+    @field_validator("materials")
     @classmethod
     def _named(cls, materials: dict[str, Material], info: ValidationInfo) -> dict[str, Material]:
         if info.context is not None:
@@ -388,7 +395,7 @@ class Rotor(Schema):
     def length(self) -> float:
         return sum(section.length for section in self.sections)
 
-    @pydantic.model_validator(mode="after")
+    @model_validator(mode="after")
     def _check_places(self) -> Self:
         """Refuse places off the shaft, and names that stand for two."""
         first: dict[str, tuple[str, float]] = {}
@@ -419,7 +426,7 @@ class Rotor(Schema):
                     )
         return self
 
-    @pydantic.model_validator(mode="after")
+    @model_validator(mode="after")
     def _check_channels(self) -> Self:
         """Refuse two names of one place where channels would have to know which of them it has."""
         named = [*self.sensors, *self.actuators]

@@ -23,8 +23,18 @@ import scipy
 from rotorid.core.errors import ModelError
 from rotorid.core.values import Complexes, Floats, Integers, frozen
 from rotorid.models.expressions import Monomial
-from rotorid.models.rotor import drawing
-from rotorid.models.rotor.drawing import PLANES, SPEED, Factors, Quantity, Rotor, Section
+from rotorid.models.rotor.drawing import (
+    AXES,
+    MAX_ELEMENTS,
+    ONE,
+    PLANES,
+    SAME,
+    SPEED,
+    Factors,
+    Quantity,
+    Rotor,
+    Section,
+)
 
 
 @frozen
@@ -307,7 +317,7 @@ def readings_of(rotor: Rotor) -> dict[str, dict[str, float]]:
         f"{axis}_{name}": {own: 1.0}
         for node in rotor.nodes
         for name in node.names[1:]
-        for axis, own in zip(drawing.AXES, node.coordinates, strict=True)
+        for axis, own in zip(AXES, node.coordinates, strict=True)
     }
     elements = list(spans(rotor)) if rotor.floating else []
     for name, at in rotor.floating.items():
@@ -315,8 +325,8 @@ def readings_of(rotor: Rotor) -> dict[str, dict[str, float]]:
         left, right = rotor.nodes[number : number + 2]
         beam, ends = elements[number][2], (*left.coordinates, *right.coordinates)
         share = Quantity((*at.terms, ((), -left.position))).times(Quantity.of(1 / beam.length))
-        powers = list(accumulate([drawing.ONE, share, share, share], Quantity.times))
-        for axis, shapes in zip(drawing.AXES, _shapes(beam), strict=True):
+        powers = list(accumulate([ONE, share, share, share], Quantity.times))
+        for axis, shapes in zip(AXES, _shapes(beam), strict=True):
             reading = found[f"{axis}_{name}"] = defaultdict(float)
             for power, row in zip(powers, shapes, strict=True):
                 for (factors, size), k in product(power.terms, np.flatnonzero(row).tolist()):
@@ -353,13 +363,13 @@ def divided(rotor: Rotor) -> Rotor:
     size = max(section.length for section in rotor.sections)
     while True:
         counts = [
-            section.elements or max(1, int(np.ceil(section.length / size - drawing.SAME)))
+            section.elements or max(1, int(np.ceil(section.length / size - SAME)))
             for section in rotor.sections
         ]
-        if sum(counts) + len(rotor.places) > drawing.MAX_ELEMENTS:
+        if sum(counts) + len(rotor.places) > MAX_ELEMENTS:
             expected = "as many as the bending modes in the band of the records need"
             cure = "leave elements out, or draw fewer sections"
-            told = f"more than {drawing.MAX_ELEMENTS} elements"
+            told = f"more than {MAX_ELEMENTS} elements"
             raise ModelError(told, expected, cure, place="sections")
         found = rotor.with_elements(counts)
         if all(section.elements for section in rotor.sections):

@@ -18,8 +18,20 @@ from rotorid.models.equations import DERIVATIVES, sort_monomials
 from rotorid.models.expressions import Expression, Monomial, product, symbol
 from rotorid.models.linear_form import InputTerm, StiffnessTable, StiffnessTerm, Term, TermKind
 from rotorid.models.model import Model, Motion, Parameter
-from rotorid.models.rotor import drawing, fem
-from rotorid.models.rotor.drawing import PLANES, Quantity, Rotor, Section, Support
+from rotorid.models.rotor import fem
+from rotorid.models.rotor.drawing import (
+    CROSSED,
+    NONE,
+    PLANES,
+    ChannelPlace,
+    Disc,
+    Material,
+    Quantity,
+    Rotor,
+    Section,
+    SensorPlace,
+    Support,
+)
 from rotorid.models.structure import Structure, energies, find_structure, force_balance
 
 DEPENDENT = 1e-9  # share left of a matrix that others make up: rounding leaves 1e-13
@@ -374,13 +386,13 @@ def from_ross(
 
     def named(name: str, unit: str, value: float, *, positive: bool = True) -> Quantity:
         if not value:
-            return drawing.NONE
+            return NONE
         parameters.append(Parameter(name, unit, float(value), positive and value > 0))
         return Quantity(((((name, 1),), 1.0),))
 
     sections = tuple(_section(e, named(f"s_{k}", "1", 1.0)) for k, e in enumerate(shaft))
     discs = {
-        f"disc{k}": drawing.Disc(
+        f"disc{k}": Disc(
             at=float(at[disk.n]),
             mass=named(f"m_{k}", "kg", disk.m),
             I_t=named(f"I_t_{k}", "kg m^2", disk.Id),
@@ -395,13 +407,13 @@ def from_ross(
             **{
                 kind + axes: signed(f"{kind}{axes}_{k}", unit, _constant(bearing, kind + axes))
                 for kind, unit in (("k", "N/m"), ("c", "N s/m"))
-                for axes in drawing.CROSSED
+                for axes in CROSSED
             },
         )
         for k, bearing in enumerate(rotor.bearing_elements)
     }
-    pushed = {n: drawing.ChannelPlace(at=float(at[node])) for n, node in (actuators or {}).items()}
-    read = {n: drawing.SensorPlace(at=float(at[node])) for n, node in (sensors or {}).items()}
+    pushed = {n: ChannelPlace(at=float(at[node])) for n, node in (actuators or {}).items()}
+    read = {n: SensorPlace(at=float(at[node])) for n, node in (sensors or {}).items()}
     every = (s.material for s in sections)
     materials = {f"{m.E.nominal:g} Pa, {m.density.nominal:g} kg/m^3": m for m in every}
     parts: dict[str, Any] = {"sections": sections, "discs": discs, "supports": supports}
@@ -428,7 +440,7 @@ def _section(element: Any, stiffness: Quantity) -> Section:
         raise InputError(f"the conical element {element.n}", "cylinders", cure)
     size = {"length": float(element.L), "outer": float(element.odl), "inner": float(element.idl)}
     given = {"E": element.material.E, "G": element.material.G_s, "density": element.material.rho}
-    material = drawing.Material(**{name: Quantity.of(value) for name, value in given.items()})
+    material = Material(**{name: Quantity.of(value) for name, value in given.items()})
     return Section(**size, material=material, stiffness=stiffness, elements=1)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.core.distributions import median
+from rotorid.core.linalg import steps_within, straightened
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
 from rotorid.data.record import PeriodicRecord
@@ -206,15 +207,8 @@ def _fitted(channels: Mapping[int, Shifts], at: ArrayLike) -> StepFits:
 
 def _places(taus: Floats) -> Integers:
     """Return the period before which a step explains most of each shift, taus (channel, period)."""
-    count = taus.shape[1]
-    place = np.arange(count) - (count - 1) / 2
-    rest = taus - taus.mean(axis=1, keepdims=True)
-    rest = rest - np.outer(rest @ place / (place @ place), place)
-    after = np.arange(count - 1, 0, -1)  # periods behind a step at 1, 2, ...
-    moment = np.cumsum(place[::-1])[:-1][::-1]
-    size = after - after**2 / count - moment**2 / (place @ place)
-    gain = np.cumsum(rest[:, ::-1], axis=1)[:, -2::-1]
-    explained = gain**2 / np.where(size > 1e-9 * count, size, np.inf)
+    gain, size = steps_within(straightened(taus))
+    explained = gain**2 / np.where(size > 1e-9 * taus.shape[1], size, np.inf)
     return np.asarray(1 + np.argmax(explained, axis=1))
 
 
