@@ -287,7 +287,9 @@ def test_a_transient_is_dropped_or_reported(tmp_path):
     said = experiment.read_text().replace("fundamental", 'skip = "0 s"\nfundamental')
     experiment.write_text(said)
     kept = identify(experiment)
-    assert kept["status"] == "rejected"  # what is kept against advice is no plain answer
+    # What is kept against advice is an answer only where these periods are shown to move nothing.
+    assert kept["status"] == "ok"
+    assert max(map(abs, errors(kept["parameters"]).values())) < 1.0
     warning = kept["warnings"][-1]
     assert re.search(r"after skip = 0 s: skip 0\.\d+ s more", warning), warning
     assert kept["periods"] == 260
