@@ -425,13 +425,13 @@ def _square(rows: Any) -> Floats:
     return np.array(rows, dtype=float).reshape(len(rows), len(rows))
 
 
-_SPARSE = ("drop", "share", "size")
+_SPARSE = ("drop", "share", "size", "periods")
 
 
 def _told(notes: Sequence[Note]) -> list[dict[str, Any]]:
-    """Return notes as a file holds them: drop, share and size only where there is one."""
+    """Return notes as a file holds them: drop, share, size and periods only where there are any."""
     return [
-        {k: v for k, v in vars(note).items() if k not in _SPARSE or v not in (None, "")}
+        {k: v for k, v in vars(note).items() if k not in _SPARSE or v not in (None, "", ())}
         for note in notes
     ]
 
