@@ -47,7 +47,7 @@ def test_identify(folder, output):
 def test_maximum_likelihood_is_the_default(folder, output):
     """Where the model is linear; few periods are said, and nothing stands in for it."""
     out = output("identify", "run.toml", "--json", "run.json")
-    assert out.startswith("jeffcott, ml: ok under assumptions (runout: 1 um would shift xi by ")
+    assert out.startswith("jeffcott, ml: ok under assumptions (bow: 1 um would shift xi by ")
     data = json.loads((folder / "run.json").read_text())
     assert [row["name"] for row in data["parameters"]] == ["m", "c", "k", "xi", "zeta"]
     assert data["misfit"]["dof"] == 2 * 4 * 2 - 5
@@ -57,7 +57,7 @@ def test_maximum_likelihood_is_the_default(folder, output):
     samples = (folder / "run.csv").read_text().splitlines()
     (folder / "run.csv").write_text("\n".join(samples[: 1 + 4 * 200]) + "\n")
     out = output("identify", "run.toml")
-    assert out.startswith("jeffcott, ml: ok under assumptions (runout: 1 um would shift xi by ")
+    assert out.startswith("jeffcott, ml: ok under assumptions (bow: 1 um would shift xi by ")
     assert "too few periods" in out
 
 

@@ -355,6 +355,11 @@ class Lines(OfMachine):
         """Number of periods; 1 where there are none."""
         return 1 if self.scatter is None else int(self.scatter.shape[0])
 
+    @property
+    def marked(self) -> bool:
+        """Whether a mark on the rotor tells its speed, and not the file alone."""
+        return self.phase_std > 0 or isinstance(self.clock, PhasorClock)
+
     def among(self, chosen: Integers | Booleans) -> Lines:
         """Return some of the lines of samples."""
         assert isinstance(self.clock, SampledClock)

@@ -8,8 +8,9 @@ Nothing is fitted: an assumption is a column, and a product with the factorizati
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,11 +29,13 @@ from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.inference import freedom, weights_of_rows
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.linear import DISTINCT
+from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
-from rotorid.likelihood.rivals_model import levers, parts_between, trials, turned_magnets
+from rotorid.likelihood.rivals_model import bows, levers, parts_between, trials, turned_magnets
 from rotorid.likelihood.rivals_read import WINDOWS, blurred
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Plausible, Unknown, force_scale
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Plausible, Unknown, amount, force_scale
 from rotorid.likelihood.whitening import as_complex
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.fem import by_share, exact_numbers, pushed
@@ -46,6 +49,7 @@ TURNED = np.radians(0.1)
 MISPLACED = np.radians(2.0)
 """Angle by which a trial mass sits beside the hole that was written down, or the hole itself."""
 CROSSTALK = 0.001  # share of one sensor's reading in another's: neighbours in one amplifier
+BOWED = 1e-6  # displacement in m by which a shaft is bent: what straightening leaves
 CASING = 50.0
 """Mass of what the bearings stand on, over that of the rotor: a machine's frame. A lighter one
 shifts the answer by more, and shows itself sooner."""
@@ -202,20 +206,23 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     scales = force_scale(records, None)
     kinds = [(plausible, plausible.kind(records, None)) for plausible in TAKEN_AS_EXACT]
     exact = [(plausible, not_asked(fit.case, unknowns)) for plausible, unknowns in kinds]
-    parts, magnets, axes = list[Unknown](), list[Unknown](), list[Unknown]()
+    parts, bent, magnets, axes = list[Unknown](), list[Unknown](), list[Unknown](), list[Unknown]()
     if structure is not None and records:
         parts, magnets = parts_between(structure), list(levers(structure, fit.case.model))
+        bent = bows(structure)
         axes = list(turned_magnets(structure, fit.case.model))
     every = (unknown for _, unknowns in exact for unknown in unknowns)
-    point = fit.case.beside([*scales, *every, *parts, *magnets, *axes])
+    point = fit.case.beside([*scales, *every, *parts, *bent, *magnets, *axes])
     common = list(_scale(fit, point.by(*(u.term for u in scales))))
     yield from common
     for plausible, unknowns in exact:
         yield from _exact(fit, point, plausible, unknowns, bool(common))
     yield from _held(fit, point)
     yield from _constrained(fit)
+    yield from _in_tests(fit)
     if structure is not None and records:
         yield from _parts(structure.mass, {p.term: point.by(p.term) for p in parts})
+        yield from _bent(point, bent)
         if not structure.balance.faults:
             yield from _ground(fit, structure)
             if structure.pairs:
@@ -238,6 +245,7 @@ def assumptions(fit: Fit) -> Iterator[Assumed]:
     yield from _by_rows(fit, ("cross-talk", "0.1 %", text, cure), found)
     yield from _analysers(fit)
     yield from _speeds(fit)
+    yield from _slips(fit)
     yield from _between_speeds(fit)
 
 
@@ -301,6 +309,25 @@ def _held(fit: Fit, point: Point) -> Iterator[Assumed]:
         effect = point.by(*off) @ [*off.values()]
         cure = 'state how well it is known (value = "..", std = ".."), or free it'
         yield replace(_share(about, effect[:, None], cure), held=off)
+
+
+def _in_tests(fit: Fit) -> Iterator[Assumed]:
+    """Yield each value that was otherwise when natural frequencies were measured."""
+    point = fit.solution.point
+    modes = point.problem.known.modes
+    for unknown, value in sorted(modes.held()):
+        if value:
+            moved = partial(modes.moved, point.unknowns, unknown, value)
+            effect = np.zeros(len(point.residual))
+            effect[-len(modes) :] = _by_error(moved)
+            stated = fit.layout.unknowns[unknown]
+            about = f"{stated.name} of a mode{amount(value, stated.unit)}"
+            yield _share(about, effect[:, None], "weigh or measure it, and state it to more digits")
+
+
+def _by_error(values: Callable[[float], Any]) -> Any:
+    """Return what an error of a share does to values of what is stated, times a factor."""
+    return (values(1 + SHARE) - values(1 - SHARE)) / 2
 
 
 def _of_trial(fit: Fit, point: Point, record: int, *pair: int) -> Iterator[Assumed]:
@@ -382,6 +409,15 @@ def _parts(whole: float, columns: Mapping[str, Floats]) -> Iterator[Assumed]:
         cure = "lines about higher modes or a sensor there show it"
         effect, errors = mass * column, (name,)
         yield Assumed("model", "1 %", text, cure, effect, least=BEYOND, errors=errors, held=None)
+
+
+def _bent(point: Point, bent: Sequence[Unknown]) -> Iterator[Assumed]:
+    names = [scalar.name for bow in bent for scalar in bow.scalars]
+    if names:
+        text = f"straight: a bow of {1e6 * BOWED:g} um"
+        cure = "records at several speeds, with low ones, tell a bow from unbalance"
+        effect = BOWED * point.by(*names)
+        yield Assumed("bow", f"{1e6 * BOWED:g} um", text, cure, effect, errors=tuple(names))
 
 
 def _ground(fit: Fit, structure: Structure) -> Iterator[Assumed]:
@@ -568,6 +604,33 @@ def _speeds(fit: Fit) -> Iterator[Assumed]:
     cure = "record a mark (encoder or keyphasor), or more periods, which tell the speed"
     for one in _by_rows(fit, ("speed", size, f"as stated: {size} of error", cure), found):
         yield replace(one, effect=one.effect - fit.solution.point.linear.rest(one.effect))
+
+
+def _slips(fit: Fit) -> Iterator[Assumed]:
+    """Yield stated speeds that neither a mark nor the rotation in the lines confirms."""
+    found = list[Rows]()
+    for k, (at, record) in enumerate(zip(fit.solution.point.records, fit.records, strict=True)):
+        still = not record.lines.speed.any() or record.lines.marked
+        beside = record.periodic is not None and record.periodic.rotation is not None
+        if still or beside or np.linalg.norm(at.whitened_loads(at.loads)) > BEYOND:
+            found.append({})
+        else:
+            found.append({f"speed[{k}]": _slipped(at, fit.layout.of_record(k), record.lines)})
+    cure = "record a mark (encoder or keyphasor)"
+    yield from _by_rows(fit, ("speed", "1 %", "as stated: a slip of 1 %", cure), found)
+
+
+def _slipped(at: Evaluation, layout: Layout, lines: Lines) -> Complexes:
+    """Return what a speed does to the equations that is a share of the stated one too large."""
+    stiffness, damping, mass = _by_error(
+        lambda part: pencil_at(layout, part * float(lines.speed[0])).matrices(at.unknowns)
+    )
+    scales, s = at.problem.scales, 1j * lines.omega[:, None]
+    motion = at.corrected()[1] * scales.coordinates
+    forces = motion @ stiffness.T + s * (motion @ damping.T + s * (motion @ mass.T))
+    rows = np.zeros((len(s), at.problem.all_rows), dtype=np.complex128)
+    rows[:, : at.equations] = -forces / scales.rows[: at.equations]
+    return rows
 
 
 def _noise_of_force(at: Evaluation, lines: Lines) -> float:

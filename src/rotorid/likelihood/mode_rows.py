@@ -200,6 +200,21 @@ class ModalRows:
         for each in self.configurations:
             yield from each.measured(unknowns)
 
+    def held(self) -> set[tuple[int, float]]:
+        """Return the values that were otherwise in a test, each with its unknown."""
+        return {stated for each in self.configurations for stated in each.pencil.held.items()}
+
+    def moved(self, unknowns: Floats, unknown: int, value: float, part: float) -> Floats:
+        """Return the rows where such a value was so many times the one stated."""
+        configurations = []
+        for each in self.configurations:
+            held = dict(each.pencil.held)
+            if held.get(unknown) == value:
+                pencil = replace(each.pencil, held=held | {unknown: part * value})
+                each = replace(each, pencil=pencil, _last={})
+            configurations.append(each)
+        return ModalRows(tuple(configurations)).values(unknowns)
+
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         every = (row for each in self.measured(unknowns) for row in each.rows(relaxation))
         return np.array([error / std for error, std, _ in every])

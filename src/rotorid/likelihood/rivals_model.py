@@ -130,9 +130,7 @@ def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
 def _to_ground(structure: Structure, still: bool) -> Iterator[Unknown]:
     """Yield what may act at one place: each pair of coordinates, or each that has no partner."""
     n = len(structure.coordinates)
-    for group in (*structure.pairs, *((k,) for k in structure.lone)):
-        if structure.balance.faults.keys() & {*group}:  # no equation tells the forces there
-            continue
+    for group in _places(structure):
         names = ", ".join(structure.coordinates[k] for k in sorted(group))
         stiff, mass, rate, load = UNITS_AT[structure.units[group[0]] == "rad"]
         one = np.diag(np.isin(np.arange(n), group).astype(float))
@@ -148,6 +146,13 @@ def _to_ground(structure: Structure, still: bool) -> Iterator[Unknown]:
             yield _term(structure, f"damping to ground {names}", rate, {D: one})
 
 
+def _places(structure: Structure) -> Iterator[tuple[int, ...]]:
+    """Yield the coordinates of each place whose equations tell the forces there."""
+    for group in (*structure.pairs, *((k,) for k in structure.lone)):
+        if not structure.balance.faults.keys() & {*group}:
+            yield group
+
+
 def parts_between(structure: Structure) -> list[Unknown]:
     """Return a mass halfway between each two places of a shaft; none of a drawing: it bends."""
     found, unknown = list[Unknown](), structure.balance.faults.keys()
@@ -161,15 +166,36 @@ def parts_between(structure: Structure) -> list[Unknown]:
     return found
 
 
+def bows(structure: Structure) -> list[Unknown]:
+    """Return a bow at each place: the springs pull to where it turns, K b in place of 0.
+
+    None of a drawing, which says nothing of the shape.
+    """
+    if not structure.springs or structure.slopes:
+        return []
+    stiffness, names = _sum(structure.springs), structure.coordinates
+    places = [group for group in _places(structure) if structure.units[group[0]] == "m"]
+    return [
+        _turning(structure, f"bow at {', '.join(names[k] for k in sorted(group))}", "m", pulls, 0)
+        for group in places
+        if (pulls := stiffness[:, group]).any()
+    ]
+
+
 def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> Unknown:
     """Return a free load of the rotor's speed, two amplitudes on each coordinate."""
-    squared = (symbol("Omega"), Fraction(2))
+    return _turning(structure, name, unit, np.eye(len(structure.coordinates))[:, group], 2)
+
+
+def _turning(structure: Structure, name: str, unit: str, forces: Floats, power: int) -> Unknown:
+    """Return forces, (coordinate, amplitude), that turn and grow with a power of the speed."""
+    grown = (symbol("Omega"), Fraction(power))
     turning = [(Expression(name, (symbol("phi"),)), Fraction(1)) for name in ("cos", "sin")]
-    signals = [product([squared, factor]) for factor in turning]
-    rows, scales = structure.balance.rows, structure.balance.scales
+    signals = [product([grown, factor]) for factor in turning]
+    rows = structure.in_rows(forces)
     loads = [
-        RowLoad(int(rows[c]), signal, float(scales[c]), (2 * k + part,))
-        for k, c in enumerate(group)
+        RowLoad(int(r), signal, float(rows[r, k]), (2 * int(k) + part,))
+        for r, k in np.argwhere(rows)
         for part, signal in enumerate(signals)
     ]
     return _missing(name, unit, loads)
@@ -266,6 +292,15 @@ def _terms(case: Case) -> Iterator[Rival]:
     add = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
     for term in find_candidates(case.structure, still=still):
         yield freed(replace(term, cure=add) if drawn else term)
+
+
+@rivals("term")
+def _bows(case: Case) -> Iterator[Rival]:
+    """Yield bows, which several speeds tell from unbalance."""
+    speeds = {float(v) for record in case.records for v in np.abs(record.lines.speed)} - {0.0}
+    if case.structure is not None and len(speeds) > 1:
+        cure = "look at the motion at low speed; add what the springs pull, such as k*b*cos(phi)"
+        yield from (freed(replace(bow, cure=cure)) for bow in bows(case.structure))
 
 
 @rivals("term")

@@ -178,6 +178,67 @@ def test_stiffness_that_follows_the_speed_passes_for_mass_between_the_speeds_of_
     assert seen(m=COAST["m"]).status == "rejected"  # as it says
 
 
+def bowed(bow: complex) -> Estimate:
+    """Return the answer of two tables of a shaft that is bent by `bow` at its disc."""
+    speed, channels, tables = RPM * np.pi / 30, [rid.Channel("x", "m"), rid.Channel("y", "m")], []
+    for trial in (0.0, TRIAL):
+        unbalance = COAST["u_x"] + 1j * COAST["u_y"] + trial
+        more = 1 + COAST["k"] * bow / (unbalance * speed**2)
+        found = coast(RPM, trial) * more[:, None]
+        tables.append(phasor_lines(channels, speed, found, 2e-7))
+    records = [tables[0], tables[1].with_parameters(t_x=TRIAL.real, t_y=TRIAL.imag)]
+    return identify(COASTING, records, MaximumLikelihood(fixed=KNOWN))
+
+
+def test_a_bow_passes_for_unbalance_until_the_speeds_tell_them_apart(monkeypatch):
+    far = bowed(2e-6 - 1e-6j)
+    assert far.status == "rejected"
+    assert far.suspects[0].term == "bow at x, y"
+    assert far.suspects[0].value == pytest.approx(np.hypot(2e-6, 1e-6), rel=0.05)
+    kept = []
+    monkeypatch.setattr(doubts, "assumed", lambda found, fit: kept.append(fit) or found)
+    straight, names = bowed(0.0), kept[0].layout.names()
+    (bow,) = (one for one in assumptions.assumptions(kept[0]) if one.about == "bow")
+    said = kept[0].solution.point.linear.taken(bow.effect @ [[1.0, 0], [0, -1], [0, 1], [1, 0]])
+    for column, way in zip(said.T, (1e-6, 1e-6j), strict=True):
+        bent, std = bowed(0.01 * way), kept[0].inference.std
+        moved = np.array([bent.value(n) - straight.value(n) for n in names]) / 0.01
+        np.testing.assert_allclose(column / std, moved / std, atol=0.05, rtol=0.02)
+        assert np.abs(moved / std).max() > 1
+
+
+GYRO = rid.parse_model(
+    model_text(
+        "tilting rotor",
+        ["I*a'' + I_p*Omega*b' = M_a", "I*b'' - I_p*Omega*a' = M_b"],
+        "a rad, b rad",
+        "M_a N m, M_b N m",
+        "I 0.2 kg m^2, I_p 0.3 kg m^2",
+    )
+)
+
+
+def tilted(hertz: float, **changed) -> Estimate:
+    """Return the answer of a rotor that is said to turn at 50 Hz and turns at `hertz`."""
+    rng = np.random.default_rng(5)
+    noise = {"M_a": 1e-3, "M_b": 1e-3, "a": 1e-7, "b": 1e-7}
+    forces, harmonics = np.exp(1j * rng.uniform(0, 6, (6, 2))), [1, 3, 4, 7, 9, 12]
+    record = steady(GYRO, {}, forces, harmonics, hertz=hertz, noise=noise, rng=rng)
+    said = replace(record, speed=2 * np.pi * 50.0, **changed)
+    return identify(GYRO, said, MaximumLikelihood())
+
+
+def test_a_slip_that_no_rotation_in_the_lines_shows_is_assumed_away(fitted):
+    found, slow = tilted(50.0), tilted(49.5)
+    (told,) = (one for one in found.assumptions if one.assumed == "speed")
+    (moves,) = next(one for one in found.shifts if one.about == "speed").moves["I_p"]
+    assert told.parameter == "I_p"
+    assert slow.value("I_p") - found.value("I_p") == pytest.approx(moves, rel=0.02)
+    assert told.moves == pytest.approx(0.01 * found.value("I_p") / found.std("I_p"), rel=0.02)
+    for marked in (tilted(50.0, phase_std=1e-3), fitted[0]):  # a mark, or the unbalance seen
+        assert "speed" not in {one.assumed for one in marked.assumptions}
+
+
 def test_one_ruler_scales_lengths_to_either_side():
     """A lever of -0.18 m is 1 % longer too, and so is the inertia: nothing else moves it."""
     equations = ["m*x'' = F_a + F_b", "I*th'' = L_a*F_a + L_b*F_b"]

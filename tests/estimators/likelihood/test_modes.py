@@ -51,6 +51,16 @@ def alone(*given: rid.Mode, **known: float) -> rid.Estimate:
     return rid.identify(MODEL, [], rid.MaximumLikelihood(fixed=known or {"m1": 2.0}, modes=given))
 
 
+def test_a_mass_that_was_added_is_assumed_to_be_as_stated():
+    """It moves the values as its 1 % says: `modes` knows the mass, and the file is wrong."""
+    found = alone(*modes())
+    wrong = [replace(m, parameters={k: 1.01 * v for k, v in m.parameters.items()}) for m in modes()]
+    (told,) = (one for one in found.assumptions if "of a mode" in one.assumed)
+    assert told.assumed == "m3 of a mode = 3 kg"
+    (by,) = next(one for one in found.shifts if one.about == told.assumed).moves["k1"]
+    assert alone(*wrong).value("k1") - found.value("k1") == pytest.approx(by, rel=0.05)
+
+
 def rows(model: rid.Model, start: dict[str, float], given: list[rid.Mode]):
     told = Knowledge(start=start, modes=tuple(given))
     prepared = prepare(model, told, [], False, start)
