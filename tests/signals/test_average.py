@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid import Channel, InputError, Record, average
+from rotorid.signals.covariance import white_covariance
 
 
 def record_of(samples, rate=100.0, **options):
@@ -146,3 +147,23 @@ def test_two_periods_are_enough_and_a_remainder_is_dropped():
     assert periodic.periods == 2
     difference = RANDOM[:14] - RANDOM[14:28]
     np.testing.assert_allclose(periodic.variance, difference**2 / 2)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.2, 0.8])  # in steps; from 0.5 on it spreads the rounding
+def test_the_scatter_holds_rounding_that_repeats_in_every_period(noise):
+    """The mean square error of a mean line is its variance, up to 200 times the scatter's."""
+    rng, lines = np.random.default_rng(4), np.array([2, 5, 7, 11, 17])
+    wave = np.exp(2j * np.pi * np.outer(np.arange(200), lines) / 200)
+    ratios = []
+    for _ in range(60):
+        sizes = 10 * np.exp(2j * np.pi * rng.random((5, 2)))
+        motion = np.tile((wave @ sizes).real, (20, 1))
+        samples = np.round(motion + noise * rng.standard_normal(motion.shape))
+        record = Record([Channel("x", "m"), Channel("y", "m")], samples, 200.0)
+        periods = average(record, 1.0, harmonics=lines.tolist())
+        error = np.abs(periods.mean_spectrum - sizes / 2) ** 2
+        matrices = white_covariance(periods.spectra).matrices
+        variance = np.diagonal(matrices, axis1=1, axis2=2).real
+        assert np.abs(matrices[:, 0, 1]).mean() < 0.5 * variance.mean()
+        ratios.append(error.mean() / variance.mean())
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.15)

@@ -24,7 +24,7 @@ from rotorid.data.record import (
     check_samples,
     some_periods,
 )
-from rotorid.signals.checks.channels import OF_SAMPLES, doubtful_samples
+from rotorid.signals.checks.channels import OF_SAMPLES, doubtful_samples, repeated_rounding
 from rotorid.signals.checks.periods import LOOKED_AT, ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.spectrum import line_spectra, lines_within, transfer_of_recording
@@ -121,12 +121,23 @@ def average(
         flat = without_ramps(record, found, rise)
         again = average(flat, period_samples=size, harmonics=sums.lines.tolist(), skip=skip)
         return changed(again, checks=(*again.checks, *ramp_notes(again, rise)))
-    seen = check_record(record, found, excerpt=_excerpt(record, first, size))
+    excerpt = _excerpt(record, first, size)
+    seen = check_record(record, found, excerpt=excerpt)
     if any(note.about in OF_SAMPLES for note in seen if note.severity == "warns"):
         doubtful = doubtful_samples(record)[used].reshape(whole, size)[kept].any(axis=1)
         in_part = () if doubtful.all() else tuple(np.flatnonzero(doubtful).tolist())
         seen = tuple(replace(n, periods=in_part) if n.about in OF_SAMPLES else n for n in seen)
-    return changed(found, checks=(*seen, *check_periods(found, seen), *found.checks))
+    return _rounded(found, excerpt, seen)
+
+
+def _rounded(periods: PeriodicRecord, excerpt: Record, seen: tuple[Note, ...]) -> PeriodicRecord:
+    """Return checked periods that scatter by the rounding too that repeats in all of them."""
+    checks = (*seen, *check_periods(periods, seen), *periods.checks)
+    transfer = transfer_of_recording(periods.channels, periods.frequency, periods.sample_rate)
+    std = transfer * np.sqrt(repeated_rounding(excerpt, periods))
+    lag = max(1, periods.periods // len(periods.channels))  # converters err by themselves
+    each = [np.roll(scattered(s, periods.periods), c * lag, axis=0) for c, s in enumerate(std.T)]
+    return changed(periods, spectra=periods.spectra + np.stack(each, axis=-1), checks=checks)
 
 
 def _excerpt(record: Record, first: int, size: int) -> Record:
@@ -205,8 +216,8 @@ def average_blocks(
         phase_std=0.0,
         source=blocks.source,
     )
-    seen = check_record(Record(blocks.channels, np.concatenate(excerpt), rate), found)
-    return changed(found, checks=(*seen, *check_periods(found, seen), *found.checks))
+    looked = Record(blocks.channels, np.concatenate(excerpt), rate)
+    return _rounded(found, looked, check_record(looked, found))
 
 
 def _periods_of(blocks: RecordBlocks, first: int, size: int) -> Iterator[Floats]:

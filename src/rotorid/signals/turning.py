@@ -45,7 +45,8 @@ def orders_apart(turns: float, periods: int, size: int) -> tuple[int, ...]:
 
 def scattered(moved: Complexes, periods: int) -> Complexes:
     """Return deviations of lines as scatter, a row a period, as strong at any lag."""
-    chirp = np.exp(1j * np.pi / periods * np.arange(periods) ** 2)
+    n = np.arange(periods)
+    chirp = np.exp(1j * np.pi / periods * n * (n + periods % 2))  # periodic of odd length too (Chu)
     chirp -= chirp.mean()
     chirp *= np.sqrt(periods * (periods - 1)) / np.linalg.norm(chirp)
     return np.asarray(np.multiply.outer(chirp, moved))

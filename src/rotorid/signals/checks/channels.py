@@ -90,6 +90,29 @@ def quantum(samples: Floats) -> float:
     return step if (levels[-1] - levels[0]) / step < _MOST_LEVELS else 0.0
 
 
+def repeated_rounding(record: Record, periods: PeriodicRecord) -> Floats:
+    """Return the variance that rounding gives to mean lines where it repeats, shape (channel,).
+
+    Noise of s steps leaves ``h = sum_m exp(-(2 pi m s)^2) / (2 pi^2 m^2)`` squared steps of the
+    rounding in the mean, 1/12 without noise, and ``s^2 + 1/12 - h`` in the scatter, which tells s
+    (Widrow and Kollar, Quantization Noise, 2008). Samples on one step share an error, and so do
+    those that lines of a common divisor repeat within the period.
+    """
+    noise, m = np.linspace(0.0, 1.0, 200), np.arange(1, 200)[:, None]
+    held = (np.exp(-((2 * np.pi * m * noise) ** 2)) / (2 * np.pi**2 * m**2)).sum(axis=0)
+    found, scatter = np.zeros(len(record.channels)), np.sqrt(periods.variance.mean(axis=0))
+    path = np.abs(np.diff(periods.mean, axis=0, append=periods.mean[:1])).sum(axis=0)
+    most = periods.samples // np.gcd.reduce([*periods.harmonics, periods.samples])
+    for c, channel in enumerate(record.channels):
+        step = 0.0 if channel.hold else quantum(record.samples[:, c])
+        size = float(np.ptp(record.samples[:, c]))
+        # What does not scatter is computed; what has two levels or three is no motion.
+        if step and scatter[c] > NO_SCATTER * size and size > DITHER * step:
+            variance = step**2 * np.interp((scatter[c] / step) ** 2, noise**2 + 1 / 12 - held, held)
+            found[c] = variance / np.clip(path[c] / step, 1, most)
+    return found
+
+
 @record_check("dead", "every channel moves", whole=True)
 def check_dead(seen: Seen) -> Iterator[Note]:
     """Refuse a still sensor where others scatter between periods: no sensor is without noise."""
@@ -200,10 +223,10 @@ def check_quantized(seen: Seen) -> Iterator[Note]:
         if scatter is not None and 0 < scatter[c] < UNDITHERED * step:
             text = (
                 f"{told}, {scatter[c] / step:.2g} to the scatter between periods: the rounding "
-                "repeats in every period and no mean removes it; use a finer range"
+                "repeats in every period, no mean removes it, and deviations are wider by it; use "
+                "a finer range"
             )
-            severity: Severity = "warns" if size < COARSE * step else "says"
-            yield Note("quantized", severity, text, on=(channel.name,))
+            yield Note("quantized", "says", text, on=(channel.name,))
         elif size < COARSE * step:
             yield Note("quantized", "says", f"{told}: use a finer range", on=(channel.name,))
 
