@@ -238,3 +238,25 @@ def test_intervals_hold_at_any_place_between_lines(slip, periods, off):
         inside += [abs(found.value(n) - v) < 1.96 * found.std(n) for n, v in TRUTH.items()]
     assert ok >= 98
     assert 0.92 < np.mean(inside) < 0.985
+
+
+@pytest.mark.parametrize(
+    ("turns", "stated", "tone", "status"),
+    [
+        (4, None, 2.637, "ok"),  # another machine: the unbalance stands where the speed is given
+        (2.637, 4, None, "rejected"),  # nothing turns at the speed given
+        (5, None, 2.51, "rejected"),  # or what turns there may do so twice per revolution
+    ],
+)
+def test_an_orbit_beside_the_speed_rejects_unless_the_unbalance_tells_the_speed(
+    turns, stated, tone, status
+):
+    record = shaft(turns, 80, rng=np.random.default_rng(1), stated=stated, noise=(0.1, 8e-7))[0]
+    channels = [rid.Channel(c.name, unit) for c, unit in zip(record.channels, "NNmm", strict=True)]
+    angle = 2 * np.pi * (tone or 0.0) * FUNDAMENTAL * np.arange(len(record.samples)) / RATE
+    orbit = 3e-6 * np.column_stack([0 * angle, 0 * angle, np.cos(angle), np.sin(angle)])
+    record = rid.Record(channels, record.samples + orbit, RATE, record.speed)
+    estimate = rid.identify(MODEL, periods_of(record), "ml")
+    (note,) = (n for n in estimate.notes if n.about == "speed" and n.severity == "warns")
+    assert estimate.status == status
+    assert ("that is the rotation" in note.found) == (status == "ok")

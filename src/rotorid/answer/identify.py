@@ -105,13 +105,42 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     silent = (c for notes in found for c in notes if c.about == NO_SCATTER and not c.on)
     if any(c.severity != "passes" for c in silent):
         estimate = without_deviations(estimate)
+    estimate = with_unbalance(model, estimate)
     checks, harmless = tried(found, estimate, partial(chosen.estimate, model), data)
+    checks, refuted = turning(checks, estimate, data)
+    harmless |= refuted
     told = of_data([c for c in checks if c not in harmless], estimate.status)
     # What a result must hold of its model to be used without the model's file.
     text = Provenance(model=model.file_text, held=model.held) if model.file_text else None
     every = (*checks, *estimate.notes)
     estimate = estimate.with_(notes=every, provenance=estimate.provenance or text)
-    return with_unbalance(model, estimate.with_notes(*told))
+    return estimate.with_notes(*told)
+
+
+SHOWN = 10.0
+"""Unbalance over its deviation from which on a rotor turns as stated: at a wrong speed no force
+turns that fits the planes, in both directions, as unbalance does."""
+MULTIPLE = 0.01
+"""Distance of the speed, over that of a tone, from a whole number up to which it is a multiple."""
+
+
+def turning(
+    checks: Sequence[Note], estimate: Estimate, data: Sequence[Data]
+) -> tuple[list[Note], set[Note]]:
+    """Return checks, with what unbalance says of tones beside the speed; those that it refutes.
+
+    Another machine's tone leaves the answer; of a multiple of the true speed misalignment turns.
+    """
+    planes = [u for u in estimate.unbalance if "," in u.plane]  # x and y: they turn, or do not
+    clear = max((u.amount / u.std for u in planes if u.std), default=0.0)
+    alone = data[0] if len(data) == 1 else None
+    if estimate.status != "ok" or clear < SHOWN or not isinstance(alone, PeriodicRecord):
+        return list(checks), set()
+    said = f"at the speed given, unbalance stands out by {clear:.3g} std: that is the rotation"
+    orders = {c: abs(alone.speed) / c.value for c in checks if c.about == "speed" and c.value}
+    apart = [c for c, n in orders.items() if n < 1 or abs(n - round(n)) > MULTIPLE * n]
+    told = {c: replace(c, found=f"{c.found}; {said}") if c in apart else c for c in checks}
+    return list(told.values()), {told[c] for c in apart}
 
 
 CLEAR, WEAK = 3.0, 3.0
