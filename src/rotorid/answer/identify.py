@@ -108,13 +108,11 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     estimate = with_unbalance(model, estimate)
     checks, harmless = tried(found, estimate, partial(chosen.estimate, model), data)
     checks, refuted = turning(checks, estimate, data)
-    harmless |= refuted
-    told = of_data([c for c in checks if c not in harmless], estimate.status)
+    told = of_data([c for c in checks if c not in harmless | refuted], estimate.status)
     # What a result must hold of its model to be used without the model's file.
     text = Provenance(model=model.file_text, held=model.held) if model.file_text else None
     every = (*checks, *estimate.notes)
-    estimate = estimate.with_(notes=every, provenance=estimate.provenance or text)
-    return estimate.with_notes(*told)
+    return estimate.with_(notes=every, provenance=estimate.provenance or text).with_notes(*told)
 
 
 SHOWN = 10.0
@@ -129,15 +127,16 @@ def turning(
 ) -> tuple[list[Note], set[Note]]:
     """Return checks, with what unbalance says of tones beside the speed; those that it refutes.
 
-    Another machine's tone leaves the answer; of a multiple of the true speed misalignment turns.
+    Planes of x and y show that it turns. At a multiple of the true speed misalignment does too.
     """
-    planes = [u for u in estimate.unbalance if "," in u.plane]  # x and y: they turn, or do not
-    clear = max((u.amount / u.std for u in planes if u.std), default=0.0)
+    ratios = [u.amount / u.std for u in estimate.unbalance if u.std and "," in u.plane]
+    clear = max(ratios, default=0.0)
     alone = data[0] if len(data) == 1 else None
     if estimate.status != "ok" or clear < SHOWN or not isinstance(alone, PeriodicRecord):
         return list(checks), set()
     said = f"at the speed given, unbalance stands out by {clear:.3g} std: that is the rotation"
-    orders = {c: abs(alone.speed) / c.value for c in checks if c.about == "speed" and c.value}
+    given = alone.turns * alone.fundamental
+    orders = {c: given / c.value for c in checks if c.about == "speed" and c.value}
     apart = [c for c, n in orders.items() if n < 1 or abs(n - round(n)) > MULTIPLE * n]
     told = {c: replace(c, found=f"{c.found}; {said}") if c in apart else c for c in checks}
     return list(told.values()), {told[c] for c in apart}

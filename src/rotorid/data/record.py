@@ -500,8 +500,7 @@ class PeriodicRecord(Shown, OfMachine):
     harmonics : int array, shape (line,)
         The kept multiples of the fundamental, increasing.
     spectra : complex array, shape (period, line, channel)
-        Lines of each period, corrected for hold and delay; they scatter by what all periods
-        repeat too where that is no motion: rounding in steps larger than the noise.
+        Lines of each period, corrected for hold and delay; rounding that repeats scatters them too.
     variance : array, shape (sample, channel)
         Unbiased variance over periods of each sample within the period: of a sample, not of the
         mean; the paper's (8) with 1/(n-1).

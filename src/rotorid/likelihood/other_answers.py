@@ -361,12 +361,12 @@ class _Minimum:
         """Return where further starts end, other than on the way that led here.
 
         All of them where one of the first did not join that way, where chance seldom leaves such a
-        cost, or where something is loose. Of such a cost each goes its whole way: ways that join
-        at first may part again.
+        cost, or where something is loose. Of such a cost, and once one ends lower, each goes its
+        whole way: ways that join at first may part again.
         """
         found, cost = list[Solution](), self.solution.point.cost
-        unlikely = self.inference.expectation.p_value(cost) < UNLIKELY
-        every = unlikely or bool(self.loose.any())
+        whole = self.inference.expectation.p_value(cost) < UNLIKELY
+        every = whole or bool(self.loose.any())
         always, asked = ALWAYS * self.problem.effort, ASKED * self.problem.effort
         starts = further_starts(self.problem, self.problem.layout.start, asked)
         for number, start in enumerate(starts):
@@ -375,7 +375,7 @@ class _Minimum:
             watch("asking whether other answers fit as well", number, asked if every else always)
             end: Solution | None = None
             with suppress(np.linalg.LinAlgError):
-                if unlikely:
+                if whole:
                     end = solve(self.problem, start, WAYS[number % len(WAYS)], brief=True)
                 else:
                     stages = STAGES if number < always else OTHERWISE[number % 2]
@@ -383,6 +383,7 @@ class _Minimum:
             if end is not None:
                 every = True
                 found.append(end)
+                whole = whole or _lower([end], self.solution) is not None
         return found
 
     def doubts(self) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -223,6 +223,13 @@ def test_a_cost_that_chance_seldom_leaves_has_all_starts_tried(monkeypatch, chan
     assert [len(each) for each in ways(monkeypatch, chance=chance)] == stages
 
 
+@pytest.mark.parametrize(
+    ("above", "then"), [(-1.0, [3, 5, 14, 3, 5, 14, 3, 5]), (0.0, [5, 3, 14, 3, 14, 3, 14, 3])]
+)
+def test_once_a_start_ends_lower_the_others_go_their_whole_way(monkeypatch, above, then):
+    assert [len(stages) for stages in ways(monkeypatch, above)] == [5, 5, *then]
+
+
 @pytest.mark.parametrize(("wider", "loose", "bent"), [(7.9, 1, 0), (8.1, 1, 1), (8.1, 0, 0)])
 def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose, bent):
     found = doubts(monkeypatch, 0.09, 1.0, loose=bool(loose), about=False, wider=wider)

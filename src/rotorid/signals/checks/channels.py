@@ -220,14 +220,10 @@ def check_quantized(seen: Seen) -> Iterator[Note]:
             yield _last_digit(channel, float(median(few)), step)
             continue
         told = f"steps of {step:.3g} {channel.unit}, {size / step:.3g} of them to its rms"
-        if scatter is not None and 0 < scatter[c] < UNDITHERED * step:
-            text = (
-                f"{told}, {scatter[c] / step:.2g} to the scatter between periods: the rounding "
-                "repeats in every period, no mean removes it, and deviations are wider by it; use "
-                "a finer range"
-            )
-            yield Note("quantized", "says", text, on=(channel.name,))
-        elif size < COARSE * step:
+        if repeats := scatter is not None and 0 < scatter[c] < UNDITHERED * step:
+            told += f", {scatter[c] / step:.2g} to the scatter between periods: the rounding "
+            told += "repeats in every period, no mean removes it, and deviations are wider by it"
+        if repeats or size < COARSE * step:
             yield Note("quantized", "says", f"{told}: use a finer range", on=(channel.name,))
 
 

@@ -395,8 +395,7 @@ def _wrong_speed(found: list[Tone], given: float, hidden: bool) -> Note:
     else:
         why = ", where nothing stands: give the speed at which the machine ran"
     severity: Severity = "says" if hidden and not mistakes and not near else "warns"
-    value = _TURN * tone.frequency
-    return Note("speed", severity, told + why, on=(tone.channel,), value=value, unit="rad/s")
+    return Note("speed", severity, told + why, on=(tone.channel,), value=tone.frequency, unit="Hz")
 
 
 AROUND = 12
