@@ -4,9 +4,10 @@
 
 The rotor of three masses on two controlled bearings, simulated here by numpy and scipy alone: four
 bearing sensors (2 um), forces (1 N), 10 kHz, 137.31 Hz, which is on no line; all of 2 to 600 Hz, L1
-known. Without names every row is run. With a file each record is kept as a line of it, and what is
-there is not run again. Each row: J / expected with its scatter, the root mean square of errors over
-deviations, what 95 % intervals cover, what a test of 5 % rejects, the statuses, and the seconds.
+known. Without names every row is run. `--first` is the seed of the first record. With a file each
+record is kept as a line of it, and what is there is not run again. Each row: J / expected with its
+scatter, the root mean square of errors over deviations, what 95 % intervals cover, what a test of
+5 % rejects, the statuses, and the seconds.
 """
 
 from __future__ import annotations
@@ -238,14 +239,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("records", type=int)
     parser.add_argument("rows", nargs="*", choices=[*ROWS, []])
+    parser.add_argument("--first", type=int, default=0, help="seed of the first record")
     parser.add_argument("--save", type=Path)
     said = parser.parse_args()
     there = []
     if said.save is not None and said.save.exists():
         there = [json.loads(line) for line in said.save.read_text("utf-8").splitlines()]
+    seeds = range(said.first, said.first + said.records)
     for row in said.rows or ROWS:
-        kept = {k["seed"]: k for k in there if k["row"] == row and k["seed"] < said.records}
-        for seed in range(said.records):
+        kept = {k["seed"]: k for k in there if k["row"] == row and k["seed"] in seeds}
+        for seed in seeds:
             if seed in kept:
                 continue
             kept[seed] = one(row, seed)
