@@ -416,13 +416,22 @@ def test_lines_that_nothing_excites_are_told():
     assert "no line used of any input" in grave[0].found
 
 
-@pytest.mark.parametrize(("swing", "told"), [(0.0, False), (0.03, True)])
-def test_a_speed_that_wanders_scatters_the_line_of_the_rotation(swing, told):
-    """1x motion of 10 um whose phase swings by this many rad; 1 % noise."""
+@pytest.mark.parametrize(
+    ("swing", "slip", "tone", "told"),
+    [
+        (0.0, 0.0, 0.0, False),
+        (0.03, 0.0, 0.0, True),
+        (0.0, 1.0, 0.0, True),
+        (0.0, 0.0, 1e-6, False),  # another machine leaks into the line: it goes round there
+    ],
+)
+def test_a_speed_that_wanders_scatters_the_line_of_the_rotation(swing, slip, tone, told):
+    """1x motion of 10 um whose phase swings by this many rad, or slips so many turns; 1 % noise."""
     rng = np.random.default_rng(8)
     time = np.arange(20 * 500) / 5000.0
-    phase = 2 * np.pi * 70 * time + swing * np.sin(2 * np.pi * 0.3 * time)
+    phase = 2 * np.pi * (70 + slip / 2) * time + swing * np.sin(2 * np.pi * 0.3 * time)
     motion = 1e-5 * np.cos(phase) + 1e-6 * np.cos(2 * np.pi * 30 * time)
+    motion += tone * np.cos(2 * np.pi * 73.1 * time)
     samples = motion + 1e-8 * rng.standard_normal(len(time))
     record = Record([Channel("x", "m")], samples[:, None], 5000.0, speed=2 * np.pi * 70)
     found = checks_rotation.check_wander(average(record, 10.0, harmonics=[1, 2, 3, 5, 7]))

@@ -37,9 +37,8 @@ STEEP = 2.5
 TWO_LEVELS = 0.5
 """Part of the samples at the limits from which on the signal is one of two levels, not clipped."""
 UNDITHERED = 0.3
-"""Scatter over quantum below which rounding repeats in every period and no mean removes it: at
-0.3 the mean still holds a sixth of the rounding error, at 0.5 a hundredth (exp(-2 pi^2 (s/q)^2),
-the characteristic function of the noise at the staircase's first harmonic)."""
+"""Scatter over quantum below which rounding repeats in every period: at 0.3 the mean still holds a
+sixth of its error, at 0.5 a hundredth (`repeated_rounding`)."""
 COARSE = 20.0
 """Deviation over quantum below which the rounding, q / sqrt(12), is more than 1.5 % of it."""
 COPY = 1e-9

@@ -276,15 +276,13 @@ def check_speed(seen: Seen) -> list[Note]:
     found = tones(record, periods)
     if not found:
         return []
-    samples = min(len(record.samples), _MOST)
-    width = 1.5 * record.sample_rate / samples
+    width = 1.5 * record.sample_rate / min(len(record.samples), _MOST)
     if given == 0:
-        tone = found[0]
         text = (
-            f"a line at {tone.frequency:.6g} Hz that is not excited, while the speed is 0: give "
-            "the speed if it is the rotation; else hum, or another machine"
+            f"a line at {found[0].frequency:.6g} Hz that is not excited, while the speed is 0: "
+            "give the speed if it is the rotation; else hum, or another machine"
         )
-        return [Note("speed", "says", text, on=(tone.channel,))]
+        return [Note("speed", "says", text, on=(found[0].channel,))]
     if any(abs(tone.frequency - given) <= width for tone in found) or _is_shown(periods):
         return []
     orders = [max(1, round(tone.frequency / given)) for tone in found]
@@ -344,10 +342,13 @@ def check_wander(periods: PeriodicRecord) -> list[Note]:
     on, others = np.flatnonzero(periods.on_rotation), np.flatnonzero(~periods.on_rotation)
     if not periods.speed or not len(on) or len(others) < 2 or periods.periods < 4:
         return []
-    variance = periods.spectra.var(axis=0, ddof=1)
+    apart = periods.spectra - periods.mean_spectrum
+    own, variance = apart[:, on[0]], (np.abs(apart[:, others]) ** 2).mean(axis=0)
     level = np.sqrt((np.abs(periods.mean_spectrum) ** 2).mean(axis=0))
-    usual = np.maximum(median(variance[others], axis=0), (NO_SCATTER * level) ** 2)
-    ratio = variance[on[0]] / np.where(usual > 0, usual, np.inf)
+    usual = np.maximum(median(variance, axis=0), (NO_SCATTER * level) ** 2)
+    # The speed moves a line in one phase, or slowly; a tone between the lines goes round.
+    slow, fixed = (own[1:] * own[:-1].conj()).real.mean(axis=0), np.abs((own**2).mean(axis=0))
+    ratio = np.maximum(slow, fixed) / np.where(usual > 0, usual, np.inf)
     worst = int(np.argmax(ratio))
     if ratio[worst] < WANDER:
         return []
