@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from rotorid.answer.estimate import DOUBTFUL, Estimate, Shift
+from rotorid.answer.estimate import DOUBTFUL, EXPLAINS, Estimate, Shift
 from rotorid.answer.judge import DIRECTION, MATTERS, weighed
 from rotorid.core.distributions import chance_of_any
 from rotorid.core.linalg import column_lengths
@@ -24,17 +24,18 @@ from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, fact, frozen
 from rotorid.data.lines import Lines
 from rotorid.data.observation import Observation
-from rotorid.likelihood.case import not_asked
+from rotorid.likelihood.case import Case, Rival, not_asked
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.effects import Drives, Turns
 from rotorid.likelihood.fit import Fit
-from rotorid.likelihood.inference import freedom, weights_of_rows
+from rotorid.likelihood.inference import freedom, infer, weights_of_rows
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.linear import DISTINCT
 from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_model import bows, levers, parts_between, trials, turned_magnets
 from rotorid.likelihood.rivals_read import WINDOWS, blurred
+from rotorid.likelihood.solver import Solution
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Plausible, Unknown, amount, force_scale
 from rotorid.likelihood.whitening import as_complex
 from rotorid.models.rotor import RotorModel
@@ -198,6 +199,21 @@ def contradicted(fit: Fit, every: Sequence[Assumed]) -> Iterator[Note]:
     )
     cure = "check that, or have it estimated; values may be off by more than their std"
     yield Note(DIRECTION, "doubts", text, cure, on, most, "1")
+
+
+def accused(case: Case) -> Iterator[tuple[Rival, float]]:
+    """Yield what errors of a plausible size explain together, and the drop of the cost.
+
+    Where several channels are off by as much as calibrations are, no error alone explains it.
+    """
+    fit = Fit(Solution(case.point, True, 0), infer(case.point), case.records)
+    least = EXPLAINS * (fit.inference.cost - fit.inference.expectation.mean)
+    for one in assumptions(fit):
+        drop = case.point.linear.evidence(one.effect, BEYOND)
+        if drop > least:
+            says = f"{one.about}: errors of about {one.size} together"
+            rival = Rival(one.about, says, one.cure, lambda case: case, on=one.names, kind="errors")
+            yield rival, drop
 
 
 def assumptions(fit: Fit) -> Iterator[Assumed]:

@@ -204,9 +204,12 @@ def _screened(problem: Problem, start: Floats, most: float) -> float:
     return np.inf if held is None else held.cost
 
 
-Kind = Literal["bound", "known", "term", "gain", "lag", "mistake", "unit", "speed", "omission"]
+Kind = Literal[
+    "bound", "known", "term", "gain", "lag", "mistake", "unit", "speed", "omission", "errors"
+]
 """What a rival says is otherwise: a limit; a value known beforehand; a term or an effect that
-nobody thought of; a factor; a lag; what was read, in one way or another; a line that counts."""
+nobody thought of; a factor; a lag; what was read, in one way or another; a line that counts; much,
+a little."""
 
 
 @frozen

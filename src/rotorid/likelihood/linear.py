@@ -160,6 +160,21 @@ class Linearized:
         change = -right[kept].T @ (along / values[kept])
         return float(along @ along), change / unit
 
+    def evidence(self, columns: Floats, most: float) -> float:
+        """Return twice the logarithm of the Bayes factor for errors, normal and of size one.
+
+        `columns` are what they do to the residual. They lower the cost by ``a^2 s^2 / (1 + s^2)``
+        in each direction and pay ``log(1 + s^2)`` for it, s its size and a the residual along it;
+        minus infinity if an error would have to be larger than `most`.
+        """
+        basis, sizes, ways = np.linalg.svd(self.rest(columns), full_matrices=False)
+        along = basis.T @ self.residual
+        errors = ways.T @ (along * sizes / (1 + sizes**2))
+        if np.abs(errors).max(initial=0.0) > most:
+            return -np.inf
+        share = sizes**2 / (1 + sizes**2)
+        return float((along**2 * share - np.log1p(sizes**2)).sum())
+
     def unseen(self, columns: Floats, excess: float) -> Floats:
         """Return how large errors may be unseen, in ways apart from one another, (error, way).
 

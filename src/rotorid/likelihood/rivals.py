@@ -8,7 +8,7 @@ explains the records and the cost is hopeless, the ways from other starts are go
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
 
@@ -64,10 +64,10 @@ LARGEST = 4e7
 of some hundred refits takes some tenths of a second."""
 FEWEST = 20  # lines that tell one mistake of a drawing from another, at the least
 SAME_SPEED = 1e-3  # speeds that differ by less are one, as it is stated and as a line shows it
-STANDING = {"known": 0, "bound": 2, "lag": 2, "omission": 3}
+STANDING = {"known": 0, "bound": 2, "lag": 2, "omission": 3, "errors": 4}
 """Order of kinds that the data cannot tell apart, 1 for all others: known values are no new terms;
 a bandwidth comes after the delay that it looks like, a bound that would be far off after what may
-have led there, a sign or a unit; data left out explain nothing."""
+have led there, a sign or a unit; data left out explain nothing; one error is likelier than many."""
 
 
 @frozen
@@ -108,6 +108,8 @@ class RivalSearch:
     case: Case
     known: frozenset[str] = frozenset()  # terms of mistakes that are known to explain nothing
     besides: str = ""  # said behind everything else
+    # many errors together, each of a plausible size, and the drop of the cost with them
+    errors: Callable[[Case], Iterable[tuple[Rival, float]]] = lambda case: ()
     found: list[Finding] = field(default_factory=list)  # what was tried
 
     def trials(self) -> Tries:
@@ -133,6 +135,7 @@ class RivalSearch:
         if not self.explained(lambda f: f.rival.kind != "unit", rest):
             yield from self.at("line")
         kept = [f for f in self.found if f.rival.kind != "omission" or self.explains(f)]
+        kept += self.together()
         expected, places = self.case.expected, dict[tuple[str, ...], int]()
         for number, rival in enumerate(small):
             places.setdefault(rival.place, number)
@@ -183,6 +186,17 @@ class RivalSearch:
                 left = self.case.point.cost - drop
                 found.append(Finding(rival, left, drop, self.share(drop), value, tried=False))
         return sorted((f for f in found if f.drop > 0), key=lambda f: -f.drop)
+
+    @quiet
+    def together(self) -> list[Finding]:
+        alone, cost = {f.rival.term for f in self.found}, self.case.point.cost
+        with suppress(np.linalg.LinAlgError):  # of an estimate astray
+            return [
+                Finding(rival, cost - drop, drop, self.share(drop), None)
+                for rival, drop in self.errors(self.case)
+                if len(rival.on) > 1 or not alone & {*rival.on}
+            ]
+        return []
 
     def at(self, stage: str) -> Tries:
         return self.one_by_one(self.entered(stage))
@@ -370,7 +384,9 @@ def sentence(case: Case, found: Sequence[Finding]) -> str:
     )
 
 
-def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
+def suspected(
+    case: Case, plain: Plain | None, errors: Callable[[Case], Iterable[tuple[Rival, float]]]
+) -> Iterator[Tried]:
     shown = _shown(case, plain)
     if shown.notes:
         yield shown
@@ -382,7 +398,8 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
             "; but the inputs were taken as free of noise, and in closed loop that alone gives "
             "such a misfit: give references or a quiet record first"
         )
-    yield from RivalSearch(few, plain.tried if plain else frozenset(), besides).trials()
+    known = plain.tried if plain else frozenset()
+    yield from RivalSearch(few, known, besides, errors).trials()
 
 
 def _affordable(case: Case) -> Case:

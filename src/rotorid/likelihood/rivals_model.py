@@ -173,32 +173,37 @@ def bows(structure: Structure) -> list[Unknown]:
     """
     if not structure.springs or structure.slopes:
         return []
-    stiffness, names = _sum(structure.springs), structure.coordinates
-    places = [group for group in _places(structure) if structure.units[group[0]] == "m"]
-    return [
-        _turning(structure, f"bow at {', '.join(names[k] for k in sorted(group))}", "m", pulls, 0)
-        for group in places
-        if (pulls := stiffness[:, group]).any()
-    ]
+    stiffness, names = structure.in_rows(_sum(structure.springs)), structure.coordinates
+    (cos, sin), found = _turning(0), list[Unknown]()
+    for group in _places(structure):
+        along = ((0, 0, cos, 1.0), (0, 1, sin, -1.0), (1, 0, sin, 1.0), (1, 1, cos, 1.0))
+        loads = [
+            RowLoad(int(r), signal, sign * float(stiffness[r, group[k]]), (part,))
+            for k, part, signal, sign in along[: 2 * len(group)]
+            for r in np.flatnonzero(stiffness[:, group[k]])
+        ]
+        if loads and structure.units[group[0]] == "m":
+            name = f"bow at {', '.join(names[k] for k in sorted(group))}"
+            found.append(_missing(name, "m", loads))
+    return found
 
 
 def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> Unknown:
     """Return a free load of the rotor's speed, two amplitudes on each coordinate."""
-    return _turning(structure, name, unit, np.eye(len(structure.coordinates))[:, group], 2)
-
-
-def _turning(structure: Structure, name: str, unit: str, forces: Floats, power: int) -> Unknown:
-    """Return forces, (coordinate, amplitude), that turn and grow with a power of the speed."""
-    grown = (symbol("Omega"), Fraction(power))
-    turning = [(Expression(name, (symbol("phi"),)), Fraction(1)) for name in ("cos", "sin")]
-    signals = [product([grown, factor]) for factor in turning]
-    rows = structure.in_rows(forces)
+    rows, scales = structure.balance.rows, structure.balance.scales
     loads = [
-        RowLoad(int(r), signal, float(rows[r, k]), (2 * int(k) + part,))
-        for r, k in np.argwhere(rows)
-        for part, signal in enumerate(signals)
+        RowLoad(int(rows[c]), signal, float(scales[c]), (2 * k + part,))
+        for k, c in enumerate(group)
+        for part, signal in enumerate(_turning(2))
     ]
     return _missing(name, unit, loads)
+
+
+def _turning(power: int) -> list[Expression]:
+    """Return the cosine and the sine of the rotor angle, times a power of the speed."""
+    grown = (symbol("Omega"), Fraction(power))
+    turning = [(Expression(name, (symbol("phi"),)), Fraction(1)) for name in ("cos", "sin")]
+    return [product([grown, factor]) for factor in turning]
 
 
 def _term(structure: Structure, name: str, unit: str, *parts: Matrices) -> Unknown:
@@ -296,9 +301,9 @@ def _terms(case: Case) -> Iterator[Rival]:
 
 @rivals("term")
 def _bows(case: Case) -> Iterator[Rival]:
-    """Yield bows, which several speeds tell from unbalance."""
+    """Yield bows, which three speeds tell from unbalance and from an angle."""
     speeds = {float(v) for record in case.records for v in np.abs(record.lines.speed)} - {0.0}
-    if case.structure is not None and len(speeds) > 1:
+    if case.structure is not None and len(speeds) > 2:
         cure = "look at the motion at low speed; add what the springs pull, such as k*b*cos(phi)"
         yield from (freed(replace(bow, cure=cure)) for bow in bows(case.structure))
 

@@ -13,6 +13,7 @@ from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.machine_checks import REJECTED
 from rotorid.core.notes import Note, remarks
 from rotorid.data.observation import Records
+from rotorid.likelihood.assumptions import accused
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.identifiability import (
     determined_combinations,
@@ -98,7 +99,7 @@ def nothing_found(model: Model, records: Records, fixed: Mapping[str, float], wh
 
 def trials_of(fit: Fit) -> Iterator[Tried]:
     if fit.inference.p_value < REJECTED:
-        yield from suspected(fit.case, fit.plain)
+        yield from suspected(fit.case, fit.plain, accused)
 
 
 def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:

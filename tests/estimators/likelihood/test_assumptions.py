@@ -199,7 +199,7 @@ def test_a_bow_passes_for_unbalance_until_the_speeds_tell_them_apart(monkeypatch
     monkeypatch.setattr(doubts, "assumed", lambda found, fit: kept.append(fit) or found)
     straight, names = bowed(0.0), kept[0].layout.names()
     (bow,) = (one for one in assumptions.assumptions(kept[0]) if one.about == "bow")
-    said = kept[0].solution.point.linear.taken(bow.effect @ [[1.0, 0], [0, -1], [0, 1], [1, 0]])
+    said = kept[0].solution.point.linear.taken(bow.effect)
     for column, way in zip(said.T, (1e-6, 1e-6j), strict=True):
         bent, std = bowed(0.01 * way), kept[0].inference.std
         moved = np.array([bent.value(n) - straight.value(n) for n in names]) / 0.01
@@ -420,6 +420,20 @@ def test_a_gain_that_the_misfit_hides_is_seen_in_its_direction(gain, doubtful):
         channels = [replace(c, gain_std=0.1 * (c.name == "x1")) for c in record.channels]
         free = answer(replace(record, channels=tuple(channels)))["gain[x1]"]
         assert told.value == pytest.approx(abs(free.value - 1) / free.std, rel=0.03)
+
+
+def test_errors_of_a_plausible_size_are_suspected_together_where_none_alone_explains():
+    def first(gains):
+        found = answer(with_errors({n: (g - 1) * LINES[n] for n, g in gains.items()}))
+        assert found.status == "rejected"
+        return found.suspects[0]
+
+    off = 0.002 * np.array([1, -2, 0.5, 1, -1, 2, -0.5, 1.5])
+    several = first(dict(zip(LINES, 1 + off, strict=True)))
+    assert several.term == "gain"
+    assert several.value is None
+    assert several.share > 0.8
+    assert first({"y3": 1.02}).term == "gain[y3]"  # one by itself says more
 
 
 def test_known_values_that_contradict_each_other_are_named():

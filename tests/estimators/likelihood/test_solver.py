@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 from bank import agrees, steady
 from commit import part_of
 from model_text import model_text
@@ -379,6 +380,22 @@ def linear_of(jacobian, residual, relations: int = 0, shifts: bool | list[bool] 
     free = jacobian.shape[1]
     of = np.zeros((relations, free)), np.ones(free), np.full(free, shifts)
     return Linearized.of(jacobian, np.array(residual, dtype=float), *of)
+
+
+def test_evidence_of_errors_is_the_ratio_of_normal_densities():
+    rng = np.random.default_rng(3)
+    jacobian, errors = rng.standard_normal((12, 3)), 2 * rng.standard_normal((12, 4))
+    free = scipy.linalg.null_space(jacobian.T)  # what the unknowns leave
+    residual = free @ (free.T @ (errors @ [1.0, -0.5, 0.3, 2.0] + rng.standard_normal(12)))
+    found, seen = linear_of(jacobian, residual), free.T @ residual
+    spread = np.eye(9) + (free.T @ errors) @ (free.T @ errors).T
+    with_errors, without = (
+        scipy.stats.multivariate_normal.logpdf(seen, cov=c) for c in (spread, np.eye(9))
+    )
+    bayes = 2 * (with_errors - without)
+    sizes = np.abs((free.T @ errors).T @ np.linalg.solve(spread, seen))  # of the likeliest errors
+    assert found.evidence(errors, 1.01 * sizes.max()) == pytest.approx(bayes)
+    assert found.evidence(errors, 0.99 * sizes.max()) == -np.inf
 
 
 ROWS, FREE = 60, 6
