@@ -645,8 +645,8 @@ class Plausible:
     in_scale: bool = False  # one of all forces, or of all sensors, is the scale, told by itself
 
 
-_SAYS, _ANGLE = "says how well it is known", "unbalance angles refer to the stated rotor angle"
-_DELAY = f'delay = {{ std = ".." }} {_SAYS}'
+_SAY, _ANGLE = "say how well it is known", "unbalance angles refer to the stated rotor angle"
+_DELAY = f'{_SAY}: delay = {{ std = "10 us" }} in the channel'
 _RUNOUT = "runout = true estimates it"
 TAKEN_AS_EXACT = (
     # Runout of a ground journal; balancing standards allow the probes several times it.
@@ -654,7 +654,9 @@ TAKEN_AS_EXACT = (
     # A mark is glued on, and a filter of 9 kHz turns 9000 rpm by as much.
     Plausible(phases, "rotor angle", "rad", np.pi / 180, "1 deg", _ANGLE),
     # What calibrating by hand reaches.
-    Plausible(gains, "gain", "1", 0.01, "1 %", f"gain_std {_SAYS}", in_scale=True),
+    Plausible(
+        gains, "gain", "1", 0.01, "1 %", f"{_SAY}: gain_std = 0.01 in the channel", in_scale=True
+    ),
     # A tenth of the sample time of many loggers, and the lag of a filter of 16 kHz.
     Plausible(delays, "delay", "s", 1e-5, "10 us", _DELAY),
 )
