@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from rotorid.answer.estimate import DOUBTFUL, EXPLAINS, Estimate, Shift
+from rotorid.answer.estimate import DOUBTFUL, Estimate, Shift
 from rotorid.answer.judge import DIRECTION, MATTERS, weighed
 from rotorid.core.distributions import chance_of_any
 from rotorid.core.linalg import column_lengths
@@ -206,14 +206,10 @@ def accused(case: Case) -> Iterator[tuple[Rival, float]]:
 
     Where several channels are off by as much as calibrations are, no error alone explains it.
     """
-    fit = Fit(Solution(case.point, True, 0), infer(case.point), case.records)
-    least = EXPLAINS * (fit.inference.cost - fit.inference.expectation.mean)
-    for one in assumptions(fit):
-        drop = case.point.linear.evidence(one.effect, BEYOND)
-        if drop > least:
-            says = f"{one.about}: errors of about {one.size} together"
-            rival = Rival(one.about, says, one.cure, lambda case: case, on=one.names, kind="errors")
-            yield rival, drop
+    for one in assumptions(Fit(Solution(case.point, True, 0), infer(case.point), case.records)):
+        says = f"{one.about}: errors of about {one.size} together"
+        rival = Rival(one.about, says, one.cure, lambda case: case, on=one.names, kind="errors")
+        yield rival, case.point.linear.evidence(one.effect, BEYOND)
 
 
 def assumptions(fit: Fit) -> Iterator[Assumed]:

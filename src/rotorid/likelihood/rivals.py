@@ -189,13 +189,15 @@ class RivalSearch:
 
     @quiet
     def together(self) -> list[Finding]:
+        """Return errors that explain the data together: the rest of a misfit has another cause."""
         alone, cost = {f.rival.term for f in self.found}, self.case.point.cost
         with suppress(np.linalg.LinAlgError):  # of an estimate astray
-            return [
+            every = [
                 Finding(rival, cost - drop, drop, self.share(drop), None)
                 for rival, drop in self.errors(self.case)
                 if len(rival.on) > 1 or not alone & {*rival.on}
             ]
+            return [finding for finding in every if self.explains(finding)]
         return []
 
     def at(self, stage: str) -> Tries:
