@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from rotorid import MaximumLikelihood, PeriodicRecord, Record, average, cli, identify, load_model
-from rotorid.answer.estimate import RecordEvidence
+from rotorid.answer.parts import RecordEvidence
 from rotorid.commands.files import NOISE
 from rotorid.demo import FUNDAMENTAL, HARMONICS, PERIODS, rms_panel, run_demo, simulate_record
 from rotorid.report.drawn import BLUE, GREY, Axis, Curve, Panel

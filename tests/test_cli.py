@@ -15,7 +15,7 @@ from working_folder import EXPERIMENT, write_record
 import rotorid as rid
 import rotorid.commands.identify
 from rotorid import Value, cli, commands
-from rotorid.answer.estimate import SourceFile
+from rotorid.answer.parts import SourceFile
 from rotorid.commands.console import show, source_of
 from rotorid.core.tables import table
 

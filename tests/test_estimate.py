@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from severities import causes
 
 import rotorid as rid
-from rotorid.answer.estimate import SourceFile, check_units
+from rotorid.answer.estimate import check_units
+from rotorid.answer.parts import SourceFile
 from rotorid.core.notes import Severity
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

@@ -1,16 +1,16 @@
 # The public names and where they live; read by type checkers, and when rotorid is imported.
-from .answer.estimate import Alternative as Alternative
 from .answer.estimate import Estimate as Estimate
-from .answer.estimate import LineMisfit as LineMisfit
-from .answer.estimate import Misfit as Misfit
-from .answer.estimate import ModeFit as ModeFit
-from .answer.estimate import Prediction as Prediction
-from .answer.estimate import Provenance as Provenance
-from .answer.estimate import Suspect as Suspect
-from .answer.estimate import Unbalance as Unbalance
-from .answer.estimate import Value as Value
 from .answer.identify import Estimator as Estimator
 from .answer.identify import identify as identify
+from .answer.parts import Alternative as Alternative
+from .answer.parts import LineMisfit as LineMisfit
+from .answer.parts import Misfit as Misfit
+from .answer.parts import ModeFit as ModeFit
+from .answer.parts import Prediction as Prediction
+from .answer.parts import Provenance as Provenance
+from .answer.parts import Suspect as Suspect
+from .answer.parts import Unbalance as Unbalance
+from .answer.parts import Value as Value
 from .answer.predict import predict as predict
 from .answer.result_file import load_estimate as load_estimate
 from .core.errors import InputError as InputError

@@ -15,7 +15,7 @@ from severities import causes
 from working_folder import shaken
 
 import rotorid as rid
-from rotorid.answer.estimate import Evidence, Prior, SourceFile
+from rotorid.answer.parts import Evidence, Prior, SourceFile
 from rotorid.answer.predict import ChannelError
 from rotorid.demo import TABLE, demo_report, findings, run_demo
 from rotorid.report.estimate_report import (

@@ -17,8 +17,8 @@ from rotorid import (
     Unbalance,
     Value,
 )
-from rotorid.answer.estimate import ChannelEvidence, Evidence, RecordEvidence
-from rotorid.answer.estimate_tables import page
+from rotorid.answer.estimate import page
+from rotorid.answer.parts import ChannelEvidence, Evidence, RecordEvidence
 from rotorid.answer.predict import ChannelError
 from rotorid.core.tables import page_text
 from rotorid.report import html

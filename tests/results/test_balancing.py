@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 import rotorid as rid
 from rotorid import InputError, cli
-from rotorid.answer.estimate import Evidence, RecordEvidence
+from rotorid.answer.parts import Evidence, RecordEvidence
 from rotorid.core.distributions import bound_of_length
 from rotorid.results import machine
 from rotorid.results.balancing import Balance, Masses, _nearest, _too_coarse, chosen, rotor_mass

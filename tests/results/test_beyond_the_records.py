@@ -9,7 +9,7 @@ from linear_machines import SUPPORTED, estimate_of, model_of
 from model_text import model_text
 
 import rotorid as rid
-from rotorid.answer.estimate import Shift
+from rotorid.answer.parts import Shift
 from rotorid.cli import run
 from rotorid.models.structure import holding
 from rotorid.testing import add_noise, line_record

@@ -16,7 +16,7 @@ from linear_machines import lost
 import rotorid as rid
 from rotorid import Estimate, InputError, PeriodicRecord, load_rig, predict, with_evidence
 from rotorid.answer import predict as validation
-from rotorid.answer.estimate import Evidence, Prior
+from rotorid.answer.parts import Evidence, Prior
 from rotorid.answer.predict import ChannelError, at_best_phase, channel_errors, verdict_of
 from rotorid.demo import simulate_record
 from rotorid.linear.family import information_of

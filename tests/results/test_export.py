@@ -14,7 +14,7 @@ from scipy.io import loadmat
 
 import rotorid as rid
 from rotorid import Estimate, InputError, Value, export, load_model
-from rotorid.answer.estimate import SourceFile
+from rotorid.answer.parts import SourceFile
 from rotorid.results.machine import machine_of
 
 # Estimates for other programs, read back with readers of their own.

@@ -10,7 +10,8 @@ from functools import cache
 
 import numpy as np
 
-from rotorid.answer.estimate import Estimate, Unbalance, Value, check_units
+from rotorid.answer.estimate import Estimate, check_units
+from rotorid.answer.parts import Unbalance, Value
 from rotorid.core.errors import InputError
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note

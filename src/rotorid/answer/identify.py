@@ -11,8 +11,9 @@ from typing import Protocol
 import numpy as np
 
 from rotorid.answer.derived import with_unbalance
-from rotorid.answer.estimate import Estimate, Provenance
+from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import of_data
+from rotorid.answer.parts import Provenance
 from rotorid.core.errors import InputError, require_names, require_type
 from rotorid.core.notes import Note
 from rotorid.data.filtered import FilteredRecord

@@ -13,8 +13,9 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from rotorid.answer.derived import base_of, deviation
-from rotorid.answer.estimate import DOUBTFUL, Estimate, Value
+from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import judge
+from rotorid.answer.parts import DOUBTFUL, Value
 from rotorid.core.distributions import Expectation
 from rotorid.core.notes import Note, Severity
 from rotorid.core.units import dimension_of

@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.answer.derived import base_of, require_parameters
-from rotorid.answer.estimate import Estimate, Prediction
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.parts import Prediction
 from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.errors import InputError, require_type
 from rotorid.core.linalg import covariance_root

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
-from rotorid.answer.estimate import SCHEMA, Estimate, Suspect, adapter
+from rotorid.answer.estimate import SCHEMA, Estimate, adapter
+from rotorid.answer.parts import Suspect
 from rotorid.core.errors import ReadError, naming, require_type
 from rotorid.core.files import read_regular
 from rotorid.core.frozen import frozen

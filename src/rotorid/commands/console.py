@@ -30,7 +30,7 @@ from rotorid.core.watch import Pace, watch, watched, words
 if TYPE_CHECKING:
     from rich.live import Live
 
-    from rotorid.answer.estimate import SourceFile
+    from rotorid.answer.parts import SourceFile
 
 HASHED_BYTES = 16_000_000_000
 """Of a file whose sha256 is kept with a result: ten to twenty seconds. Of a larger one a fraction
@@ -294,7 +294,7 @@ def environment() -> str:
 
 def source_of(path: Path) -> SourceFile:
     """Return a file with its sha256; without it, where it is beyond measure."""
-    from rotorid.answer.estimate import SourceFile
+    from rotorid.answer.parts import SourceFile
 
     if files.check_regular(path).st_size > HASHED_BYTES:
         return SourceFile(str(path), "")

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorid.answer.estimate import Estimate, Provenance
+from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
+from rotorid.answer.parts import Provenance
 from rotorid.commands import NO_ANSWER, OK, REJECTED
 from rotorid.commands.console import Outputs, done, environment, source_of
 from rotorid.core.errors import InputError, naming

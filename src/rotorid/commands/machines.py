@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.estimate import Estimate, under
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.parts import under
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK, REJECTED
 from rotorid.commands.console import Outputs, done

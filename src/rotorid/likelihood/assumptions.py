@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import scipy
 
-from rotorid.answer.estimate import DOUBTFUL, Estimate, Shift
+from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import DIRECTION, MATTERS, weighed
+from rotorid.answer.parts import DOUBTFUL, Shift
 from rotorid.core.distributions import chance_of_any
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorid.answer.derived import deviation
-from rotorid.answer.estimate import Value
+from rotorid.answer.parts import Value
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, frozen, grouped
 from rotorid.data.lines import SampledClock

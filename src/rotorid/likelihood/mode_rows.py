@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.answer.derived import deviation
-from rotorid.answer.estimate import ModeFit
+from rotorid.answer.parts import ModeFit
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, Integers, frozen

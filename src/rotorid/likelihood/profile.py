@@ -17,7 +17,8 @@ from functools import cache
 import numpy as np
 import scipy
 
-from rotorid.answer.estimate import Estimate, Interval
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.parts import Interval
 from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.values import Floats
 from rotorid.core.watch import watch

@@ -14,8 +14,8 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from rotorid.answer.estimate import EXPLAINS
 from rotorid.answer.judge import SUSPECTS
+from rotorid.answer.parts import EXPLAINS
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import grouped

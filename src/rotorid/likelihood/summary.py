@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from rotorid.answer.derived import base_from_physical, physical_from_base
-from rotorid.answer.estimate import DOUBTFUL, Alternative, Estimate, LineMisfit, Misfit, Value
+from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.machine_checks import REJECTED
+from rotorid.answer.parts import DOUBTFUL, Alternative, LineMisfit, Misfit, Value
 from rotorid.core.notes import Note, remarks
 from rotorid.data.observation import Records
 from rotorid.likelihood.assumptions import accused

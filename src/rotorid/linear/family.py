@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from rotorid.answer import machine_checks
 from rotorid.answer.derived import physical_from_base
-from rotorid.answer.estimate import Estimate, Value
+from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import OPEN, judge
+from rotorid.answer.parts import Value
 from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.errors import InputError
 from rotorid.core.linalg import column_lengths, whole_svd

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.answer.estimate import Prediction
+from rotorid.answer.parts import Prediction
 from rotorid.core.errors import InputError
 from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
 from rotorid.data.filtered import SPILLED, FilteredRecord, LowPass, told_of

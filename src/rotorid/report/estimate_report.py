@@ -12,25 +12,25 @@ import numpy as np
 from markupsafe import Markup
 
 from rotorid.answer.estimate import (
-    DOUBTFUL,
-    EXPLAINS,
-    UNDER,
-    ChannelEvidence,
-    Estimate,
-    Prior,
-    RecordEvidence,
-    ResponseEvidence,
-    Value,
-)
-from rotorid.answer.estimate_tables import (
     FAR,
     ROUNDING,
+    Estimate,
     figures,
     on_data,
     on_fit,
     row_of,
     two_digits,
     value_tables,
+)
+from rotorid.answer.parts import (
+    DOUBTFUL,
+    EXPLAINS,
+    UNDER,
+    ChannelEvidence,
+    Prior,
+    RecordEvidence,
+    ResponseEvidence,
+    Value,
 )
 from rotorid.answer.predict import ChannelError
 from rotorid.answer.predict import verdict_of as validated

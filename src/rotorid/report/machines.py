@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.estimate import UNDER, Estimate, under
-from rotorid.answer.estimate_tables import NAMED_ASSUMPTIONS, two_digits
+from rotorid.answer.estimate import NAMED_ASSUMPTIONS, Estimate, two_digits
+from rotorid.answer.parts import UNDER, under
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, by_hand, table

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.estimate import (
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.identify import Estimator
+from rotorid.answer.parts import (
     ChannelEvidence,
-    Estimate,
     Evidence,
     Numbers,
     Prior,
     RecordEvidence,
     ResponseEvidence,
 )
-from rotorid.answer.estimate_tables import HALF_WIDTH
-from rotorid.answer.identify import Estimator
 from rotorid.answer.predict import Forecast
+from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.errors import InputError, require_type
 from rotorid.core.values import Booleans, Complexes, Floats, frozen
 from rotorid.data.lines import PhasorClock, SampledClock, SilentClock

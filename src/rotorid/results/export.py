@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.estimate import Estimate, Value
-from rotorid.answer.estimate_tables import value_tables
+from rotorid.answer.estimate import Estimate, value_tables
+from rotorid.answer.parts import Value
 from rotorid.core.errors import InputError, one_line, printable, require_names, require_type
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.units import finite_speed

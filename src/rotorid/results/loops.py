@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.estimate_tables import HALF_WIDTH
+from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
 from rotorid.core.units import finite_speed

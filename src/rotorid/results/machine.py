@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from rotorid.answer.derived import physical_fit, require_parameters
-from rotorid.answer.estimate import SAME_SPEED, Estimate, Shift, Value, under
+from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import MATTERS, weighed
+from rotorid.answer.parts import SAME_SPEED, Shift, Value, under
 from rotorid.core.errors import InputError, ModelError, require_type
 from rotorid.core.linalg import covariance_root
 from rotorid.core.notes import Note

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.optimize
 
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.estimate_tables import HALF_WIDTH
+from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from rotorid.answer.estimate_tables import figures, two_digits
+from rotorid.answer.estimate import figures, two_digits
 from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import table
