@@ -33,9 +33,9 @@ ADDRESSES = 2 * BYTES  # allocators reserve more than they use; what is used is 
 LONGEST = 600  # characters of the one line of a refusal
 # What commands load when they are called: loaded once, before the children are made.
 LOADED = (
-    *("rotorid.commands.identify", "rotorid.commands.inspect", "rotorid.commands.machines"),
+    *("rotorid.commands.identify", "rotorid.commands.files", "rotorid.commands.machines"),
     *("rotorid.commands.sensitivity", "rotorid.experiment.draft", "rotorid.rig.files"),
-    *("rotorid.results.export", "rotorid.report.estimate_report"),
+    *("rotorid.results.export", "rotorid.report.estimate_report", "rotorid.report.records"),
     *("rotorid.io.hdf5", "rotorid.io.formats"),
     *("pyarrow.parquet", "nptdms", "pyuff", "asammdf", "matplotlib.pyplot", "scipy.io"),
 )

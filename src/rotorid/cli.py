@@ -36,7 +36,9 @@ _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
 _PLANE = "A place, or the pair of coordinates or inputs of its force: x2,y2. Again for more."
 _MODULES = {
     **{"balance": "machines", "modes": "machines", "study": "files", "validate": "identify"},
-    **dict.fromkeys(("demo", "export", "models", "new", "report", "schema", "simulate"), "files"),
+    **dict.fromkeys(
+        ("demo", "export", "inspect", "models", "new", "report", "schema", "simulate"), "files"
+    ),
 }
 _Command = Callable[..., Any]
 _SETTINGS = {"help_option_names": ["-h", "--help"]}

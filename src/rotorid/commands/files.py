@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import STDOUT, Outputs, as_text, check_outputs, show, write
+from rotorid.commands.console import STDOUT, Outputs, as_text, check_outputs, done, show, write
 from rotorid.core.errors import InputError, printable
 from rotorid.core.files import MARK, REPORT, Kind, check_apart
 from rotorid.core.watch import watch
@@ -62,6 +62,30 @@ def schema(file: str, out: Path | None, force: bool) -> int:
     found = {**json_schema(getattr(import_module(module), name)), "$comment": MARK}
     text = json.dumps(found, indent=2) + "\n"
     write((STDOUT if out is None else out, as_text(lambda: text, SCHEMA)))
+    return OK
+
+
+def inspect(experiment: Path, answer: Outputs) -> int:
+    from rotorid.core.notes import worst
+    from rotorid.experiment.experiment import inspect_experiment, named_files
+    from rotorid.report.records import inspection_page, inspection_report
+
+    targets = answer.check()
+    if targets:
+        check_apart(targets, named_files(experiment))
+    watch("reading")
+    found, told = inspect_experiment(experiment)
+    page = [part for one in found for part in inspection_page(one)]
+    if told:
+        page = [told, *page]
+
+    def html() -> str:
+        work = done(answer.given, named_files(experiment))
+        return inspection_report(experiment.name, found, told, work)
+
+    parts = [one.to_dict() for one in found]
+    whole = {**parts[0], "verdict": worst(check for one in found for check in one.checks)}
+    answer.give(page, whole if len(parts) == 1 else {**whole, "records": parts}, html)
     return OK
 
 

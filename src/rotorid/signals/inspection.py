@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,11 @@ ORDERS = (1, 2, 3)
 """Multiples of the rotation whose amplitudes are shown."""
 MOST_LINES = 400
 """Lines kept where nothing says which: the strongest."""
+
+
+LEVELS = ("name", "unit", "snr_db", "low", "high")
+SAMPLED = ("rms", "crest_factor", "coherence", "odd", "even", "orders")
+"""What a result file tells of each channel, and of one with samples too."""
 
 
 @frozen
@@ -72,6 +78,20 @@ class Inspection(Judged):
     @property
     def source(self) -> str:
         return self.record.source
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data, as `rotorid inspect --json` writes it."""
+        periods = self.periods
+        return {
+            "verdict": self.verdict,
+            "checks": [check.as_check for check in self.checks],
+            "period_samples": None if periods is None else periods.samples,
+            "periods": None if periods is None else periods.periods,
+            "harmonics": None if periods is None else periods.harmonics,
+            "sample_rate_hz": self.record.sample_rate,
+            "speed_rad_s": self.record.speed,
+            "channels": [{k: getattr(c, k) for k in (*LEVELS, *SAMPLED)} for c in self.channels],
+        }
 
 
 SENTENCES: dict[str, str] = {
@@ -233,6 +253,20 @@ class LineInspection(Judged):
     def turning(self) -> bool:
         """Whether each row has a speed of its own: phasors, not responses."""
         return isinstance(self.lines.clock, PhasorClock)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data, the same of a table, which has neither samples nor periods."""
+        lines = self.lines
+        return {
+            "verdict": self.verdict,
+            "checks": [check.as_check for check in self.checks],
+            **dict.fromkeys(("period_samples", "periods", "harmonics", "sample_rate_hz")),
+            "speed_rad_s": float(lines.speed[0]) if len(set(lines.speed.tolist())) == 1 else None,
+            "kind": "phasors" if self.turning else "responses",
+            "rows": len(lines.frequency),
+            "frequency_hz": [lines.frequency.min(), lines.frequency.max()],
+            "channels": [{key: getattr(c, key) for key in LEVELS} for c in self.channels],
+        }
 
 
 def inspect_lines(lines: Lines) -> LineInspection:
