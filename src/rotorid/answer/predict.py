@@ -92,6 +92,11 @@ def predict(
     return relative_errors(predict_lines(model, estimate, data))
 
 
+def as_found(model: Model, estimate: Estimate) -> Model:
+    """Return the model for the values of an estimate, as it was identified with."""
+    return model.redrawn({value.name: value.value for value in estimate.parameters})
+
+
 def predict_lines(
     model: Model, estimate: Estimate, records: Sequence[Data], first: int = 0
 ) -> list[Predicted]:
@@ -107,6 +112,7 @@ def predict_lines(
         expected = "a value of every parameter"
         cure = "fix one or measure more, then identify again"
         raise InputError(f"a result that leaves {', '.join(unknown)} undetermined", expected, cure)
+    model = as_found(model, estimate)
     bound = bind_all(model, records)
     filtered = filtered_records(bound)
     if filtered or model.linear is None:
@@ -214,7 +220,7 @@ def at_best_phase(
     ``a + b exp(i phi) + c exp(-i phi)`` on every line: three predictions tell all others. A record
     that knows its angle is returned as it is, with ``None``.
     """
-    bound = bind(model, record)
+    bound = bind(as_found(model, estimate), record)
     if model.linear is None or bound.lines.phase_known or bound.lines.turned(0.0) is bound.lines:
         return record, None
     turns = 2 * np.pi * np.arange(3) / 3
@@ -247,7 +253,7 @@ class Forecast:
 
     @cached_property
     def bound(self) -> Observation:
-        return bind(self.model, self.record)
+        return bind(as_found(self.model, self.estimate), self.record)
 
     @cached_property
     def at(self) -> Predicted:

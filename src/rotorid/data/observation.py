@@ -137,7 +137,10 @@ Data = Measured | Observation
 def bind(model: Model, data: Data) -> Observation:
     """Say what every channel of a record is to a model; what is bound already meets another."""
     if isinstance(data, Observation):
-        return replace(data, model=model)
+        before = data.model
+        if (model.coordinates, model.readings) == (before.coordinates, before.readings):
+            return replace(data, model=model)
+        return replace(bind(model, data.lines), periodic=data.periodic, own=data.own)
     require_type(model, Model, place="model")
     require_type(data, *MEASURED, place="record")
     lines = _lines(data)

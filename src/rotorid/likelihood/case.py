@@ -16,12 +16,12 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from rotorid.core.values import Floats, frozen
-from rotorid.data.observation import Observation, Records
+from rotorid.data.observation import Observation, Records, bind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import rows_of_modes
 from rotorid.likelihood.problem import Known, Point, Problem, inside, outside
 from rotorid.likelihood.solver import STAGES, evaluated, few_steps, solve
-from rotorid.likelihood.starts import moved, thinned
+from rotorid.likelihood.starts import thinned
 from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.likelihood.unknowns import Unknown
 from rotorid.models import Model
@@ -140,7 +140,7 @@ class Case:
     def on_model(self, whole: Model) -> Case:
         """Return the case with a model of the same parameters and other coordinates."""
         layout = replace(self.prepared.layout, model=whole)
-        other = self.reading([moved(record, whole) for record in self.records])
+        other = self.reading([bind(whole, record) for record in self.records])
         return replace(other, prepared=replace(self.prepared, layout=layout))
 
     def at(self, point: Point | None) -> Case | None:

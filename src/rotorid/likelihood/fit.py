@@ -15,7 +15,7 @@ from rotorid.core.errors import InputError, NotConvergedError
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats, frozen
 from rotorid.core.watch import watch
-from rotorid.data.observation import Observation, Records
+from rotorid.data.observation import Observation, Records, bind
 from rotorid.likelihood.case import Case
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.inference import (
@@ -105,6 +105,7 @@ SEARCHING = "trying further starts"  # what comes next while the minimum is look
 DOUBTING = "asking what may be wrong"  # what comes last
 FEW = 120  # lines on which a rotor of few shapes is found: usually six times as many as unknowns
 NEAR = 500  # lines from which shapes are taken again: all lines move no unknown much further then
+REDRAWN = 3  # times that a rotor is divided anew; its sensors then sit where they are
 ROUGHLY = 1e-4  # share of its cost left to gain there: the shapes that it lacks move it further
 
 
@@ -176,14 +177,18 @@ class Fitting:
                 yield from _reached(self.prepared(records), records, stop)
                 raise
             records = reduced(bound, values if rough is None else rough.values, share=share)
+        drawings = REDRAWN
         while True:
             at = yield from self.located(records, rough)
-            whole = not records or records[0].model is self.model
+            whole = not records or records[0].model is bound[0].model
             if whole or _stands(at):
                 answer = answered(at)
                 if whole or answer.solution is at.solution or _stands(answer):
-                    yield Step(answer, DOUBTING)
-                    return
+                    drawn = _redrawn(bound, answer) if drawings else bound
+                    if drawn is bound:
+                        yield Step(answer, DOUBTING)
+                        return
+                    bound, drawings = drawn, drawings - 1
                 at = answer
             rough = Rough.of(at, rough)
             share *= FINER
@@ -262,6 +267,16 @@ def _reached(prepared: Problem, records: Records, stop: Interrupted) -> Iterator
             at = prepared.of(records).best_at(stop.unknowns)
             still = (None,) * len(records)
             yield Step(Fit(Solution(at, False, 0), infer(at), tuple(records), creeps=still), FIRST)
+
+
+def _redrawn(bound: Records, found: Fit) -> Records:
+    """Return the records of a rotor that is divided where its sensors turn out to sit."""
+    if not bound or found.layout.base:
+        return bound
+    model = bound[0].model
+    values = found.solution.point.unknowns[found.layout.of_record(0).held]
+    other = model.redrawn(dict(zip(model.parameter_names, values.tolist(), strict=True)))
+    return bound if other is model else tuple(bind(other, record) for record in bound)
 
 
 def _stands(found: Fit) -> bool:

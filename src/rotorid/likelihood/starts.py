@@ -26,7 +26,6 @@ from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.relations import Relation
 from rotorid.likelihood.solver import STAGES, Solution, hopeless, joins, settle, solve
-from rotorid.models import Model
 from rotorid.models.knowledge import Mode
 from rotorid.models.rotor.fem import force
 from rotorid.models.rotor.rotor_model import RotorModel
@@ -93,12 +92,7 @@ def reduced(
     omega = np.concatenate([r.lines.omega for r in records])
     speed = np.concatenate([r.lines.speed for r in records])
     smaller = model.reduced(reads, omega, speed, values, share if share > SMALLEST else 0.0)
-    return tuple(records) if smaller is model else tuple(moved(r, smaller) for r in records)
-
-
-def moved(record: Observation, model: Model) -> Observation:
-    """Return a record bound to a model with the same channels and other coordinates."""
-    return replace(bind(model, record.lines), periodic=record.periodic, own=record.own)
+    return tuple(records) if smaller is model else tuple(bind(smaller, r) for r in records)
 
 
 def shift_by_reduction(point: Point, covariance: Floats, records: Records) -> float:

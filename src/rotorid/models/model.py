@@ -246,6 +246,10 @@ class Model:
                 raise InputError(f"{value} for {name}", "a finite number", cure)
         return self._replaced(tuple(fixed.items())) if fixed else self
 
+    def redrawn(self, values: Mapping[str, float]) -> Model:
+        """Return the model for values by name: equations are the same for all, drawings are not."""
+        return self
+
     @fact
     def _replaced(self, held: tuple[tuple[str, float], ...]) -> Self:
         fixed = dict(held)

@@ -20,7 +20,7 @@ from rotorid.answer.parts import (
     RecordEvidence,
     ResponseEvidence,
 )
-from rotorid.answer.predict import Forecast
+from rotorid.answer.predict import Forecast, as_found
 from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.errors import InputError, require_type
 from rotorid.core.values import Booleans, Complexes, Floats, frozen
@@ -107,7 +107,7 @@ def record_evidence(
     estimate: Estimate, model: Model, records: Sequence[Data], *, another: bool = False
 ) -> tuple[RecordEvidence, ...]:
     """Return what a report shows of records; of `another`, noise holds the values' deviations."""
-    bound = [bind(model, record) for record in records]
+    bound = [bind(as_found(model, estimate), record) for record in records]
     channels = sum(len(one.lines.channels) for one in bound)
     most = MOST_NUMBERS // max(1, channels * CURVES)
     return tuple(

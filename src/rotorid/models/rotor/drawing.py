@@ -444,6 +444,15 @@ class Rotor(Schema):
         sections = tuple(s.model_copy(update={"elements": count}) for s, count in pairs)
         return Rotor.model_construct(**{**dict(self), "sections": sections})
 
+    def with_places(self, at: Mapping[str, float]) -> Rotor:
+        """Return the rotor with nodes where sensors sit whose places are made of parameters."""
+        moved = {n: replace(place, nominal=at[n]) for n, place in self.floating.items()}
+        sensors = {
+            n: s.model_copy(update={"at": moved[n]}) if n in moved else s
+            for n, s in self.sensors.items()
+        }
+        return Rotor.model_construct(**{**dict(self), "sensors": sensors})
+
     @cached_property
     def places(self) -> Mapping[str, float]:
         """Position of each named place; what names channels comes first."""

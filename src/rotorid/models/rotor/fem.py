@@ -311,7 +311,7 @@ def readings_of(rotor: Rotor) -> dict[str, dict[str, float]]:
     """Return what names besides the coordinates read, as combinations of these.
 
     They are further names of a place, and sensors whose place is made of parameters: polynomials of
-    it within the element where it is at nominal values.
+    it within the element where it is at nominal values, or was found (`RotorModel.redrawn`).
     """
     found = {
         f"{axis}_{name}": {own: 1.0}

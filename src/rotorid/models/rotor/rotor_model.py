@@ -36,6 +36,9 @@ from rotorid.models.structure import Structure, energies, find_structure, force_
 
 DEPENDENT = 1e-9  # share left of a matrix that others make up: rounding leaves 1e-13
 WORTH = 4e7  # lines times coordinates cubed up to which the whole rotor is solved: some seconds
+STANDS = 0.01
+"""Share of an element by which a sensor may sit beside the node that was made for it: the motion
+between two nodes errs with the fourth power of the distance."""
 LAGGING = "lagging"
 """Kind of a signal that structural damping multiplies: it is a quarter turn ahead on every line."""
 _TURNING = [
@@ -224,6 +227,26 @@ class RotorModel(Model):
             basis=basis,
             whole=full,
         )
+
+    def redrawn(self, values: Mapping[str, float]) -> RotorModel:
+        """Return the rotor divided where sensors sit whose places the parameters tell.
+
+        Between nodes, and above all beyond those beside it, what a sensor reads is a polynomial.
+        """
+        known, floating = {**dict(self.held), **values}, self.rotor.floating
+        if not {name for place in floating.values() for name in place.names} <= known.keys():
+            return self  # records have their own
+        at = {name: place.value(known) for name, place in floating.items()}
+        near = STANDS * self.rotor.length / len(self.rotor.nodes)
+        inside = all(0 <= z <= self.rotor.length for z in at.values())
+        if not inside or all(
+            abs(at[name] - place.nominal) <= near for name, place in floating.items()
+        ):
+            return self
+        made = rotor_model(self.rotor.with_places(at), self.parameters, name=self.name)
+        parts = ("rotor", "texts", "coordinates", "units", "pieces", "loads", "push")
+        other = replace(self, **{part: getattr(made, part) for part in parts})
+        return replace(other, **other._with_numbers(dict(self.held)))
 
     def _with_numbers(self, fixed: Mapping[str, float]) -> dict[str, Any]:
         every = self.pieces, self.loads
