@@ -297,13 +297,18 @@ def test_a_fleet_tells_who_differs_and_who_changed(tmp_path, output):
             f"{said['serial']} {said['date']}", 0
         )
         values = {"m": m, "m_std": 0.01, "k": k, "k_std": 0.5, "b": 1.0, "b_std": None}
-        values |= {f"{name}_{end}": None for name in "mkb" for end in ("true", "covered")}
+        ends = "true", "covered", "std_assumed"
+        values |= {f"{name}_{end}": None for name in "mkb" for end in ends}
+        values["m_std_assumed"] = 0.01 * case
         status = "rejected" if case == 15 else "ok"
         store.add({**plan.case(case).row(status, 0.1, **said), **values})
     store.close()
     shown = output("study", study, "--out", out, "--summary")
     assert shown.count(" differs by ") == shown.count(" changed by ") == 1
     assert "m of serial 12 differs by +" in shown
+    head, *rows = shown[shown.index("\nfleet") + 1 :].splitlines()
+    assert "half of its 95 %  if assumptions err  scatter" in head
+    assert [row.split()[5] for row in rows[:2]] == ["0.14", "-"]  # case 15 is rejected
     assert "k of serial 10 changed by +8." in shown
     assert "std between 2026-03-01 and 2026-06-01 (p < 1e-6)" in shown
     told = json.loads((out / "summary.json").read_text())
@@ -375,6 +380,7 @@ def test_what_machines_have_in_common_in_closed_form():
     assert agreed.common == pytest.approx((1 + 2 / 4 + 1.5) / 2.25)
     assert [each.shrunk for each in agreed.machines] == pytest.approx([agreed.common] * 3)
     assert not [*agreed.remarks, *two.remarks]
+    assert "if assumptions err" not in agreed.passage.table.headings
     (told,) = fleet((1.0, 1.0), (1.0, 1.0), (1.01, 1.0)).remarks  # by chance 1 - exp(-1e-4 / 3)
     assert "scatter less than the std of results say (p = 3e-05)" in told
 

@@ -523,7 +523,7 @@ def on_fit(estimate: Estimate) -> list[str]:
     if any(v.interval for v in estimate.parameters):
         told.append("95 %: interval by the profile of the misfit, which std does not describe")
     if _assuming(estimate.parameters):
-        told.append("if assumptions err: std of what errors of the assumptions below may shift")
+        told.append(f"{ERR}: std of what errors of the assumptions below may shift")
     return [*told, *_together(estimate)]
 
 
@@ -565,7 +565,7 @@ def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> T
         ends = [(value.name, *_ends(value), row_of(value)[-1]) for value in values]
         return table((title, "value", "95 % from", "to", "unit"), ends)
     shown = ["value", "std", "std %", *(["inflated"] if _inflated(values) else [])]
-    shown += ["if assumptions err"] if _assuming(values) else []
+    shown += [ERR] if _assuming(values) else []
     shown += ["95 %"] if any(v.interval for v in values) else []
     shown += ["unit"]
     places = [0, *map(_COLUMNS.index, shown)]
@@ -659,7 +659,8 @@ def _assuming(values: Sequence[Value]) -> bool:
     return any(v.std and v.std_assumed and v.std_assumed > 0.1 * v.std for v in values)
 
 
-_COLUMNS = ("", "value", "std", "std %", "inflated", "if assumptions err", "95 %", "unit")
+ERR = "if assumptions err"  # the heading of std_assumed
+_COLUMNS = ("", "value", "std", "std %", "inflated", ERR, "95 %", "unit")
 
 
 def row_of(value: Value) -> tuple[str, ...]:
@@ -676,6 +677,12 @@ def row_of(value: Value) -> tuple[str, ...]:
     far = value.std > FAR * abs(value.value)  # a percentage of what may as well be zero
     percent = "" if far else two_digits(100 * value.std / abs(value.value))
     return value.name, figures(value.value, value.std), two_digits(value.std), percent, *rest
+
+
+def assuming_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Return a table without the columns of what nothing assumed may move."""
+    kept = [k for k, head in enumerate(headings) if head != ERR or {r[k] for r in rows} - {"-"}]
+    return table([headings[k] for k in kept], [[row[k] for k in kept] for row in rows])
 
 
 def _ends(value: Value) -> tuple[str, ...]:

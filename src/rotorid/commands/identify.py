@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorid.answer.estimate import Estimate
+from rotorid.answer.estimate import Estimate, verdict
 from rotorid.answer.identify import Estimator, identify
 from rotorid.answer.parts import Provenance
 from rotorid.commands import NO_ANSWER, OK, REJECTED
@@ -137,7 +137,8 @@ def validate(result: Path, experiment: Path, answer: Outputs) -> int:
     lead = f"{reached.verdict}: {reached.sentence}"
     conditions = report.information_lines(told)
     page: Page = [lead, report.validation_table(found), *conditions]
-    fitted = [
+    fitted = [] if estimate.verdict == "ok" else [f"note: the result is {verdict(estimate)}"]
+    fitted += [
         f"note: nothing tells the rotor angle of record {number + 1}: {np.rad2deg(angle):.4g} deg, "
         "which fits best, was taken: the amount of the unbalance is tested, its direction is not"
         for number, (_, angle) in enumerate(turned)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.estimate import NAMED_ASSUMPTIONS, Estimate, two_digits
+from rotorid.answer.estimate import ERR, NAMED_ASSUMPTIONS, Estimate, assuming_table, two_digits
 from rotorid.answer.parts import UNDER, under
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note
@@ -42,15 +42,6 @@ def _told(value: float | None, factor: float = 1.0, form: str = "") -> str:
     if form or value is None or not np.isfinite(value):
         return cell(value, form, factor, none="-")
     return two_digits(value * factor)
-
-
-ERR = "if assumptions err"
-
-
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """Return a table without the columns of what nothing assumed may move."""
-    kept = [k for k, head in enumerate(headings) if head != ERR or {r[k] for r in rows} - {"-"}]
-    return table([headings[k] for k in kept], [[row[k] for k in kept] for row in rows])
 
 
 def _assumed(notes: Iterable[Note]) -> list[str]:
@@ -119,7 +110,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
         "What to add",
         "Angles count in the rotor, from x to y, from what stands along x where the rotor "
         "angle is 0: at its mark. Taking away is adding on the other side.",
-        _table(("correction", "g mm", "std", ERR, "at deg", "std"), rows),
+        assuming_table(("correction", "g mm", "std", ERR, "at deg", "std"), rows),
     )
     masses = [
         (each.plane, f"{1e3 * mass:.4g}", f"{np.degrees(angle):.1f}")
@@ -358,7 +349,7 @@ def mode_table(found: Modes) -> Table:
         for number, mode in enumerate(ringing(found).modes[:MOST_MODES], start=1)
     ]
     headings = ("mode", "frequency in Hz", "std", ERR, "damping ratio", "std", ERR, "whirl")
-    return _table(headings, rows)
+    return assuming_table(headings, rows)
 
 
 def summary(found: Modes) -> list[str]:
@@ -404,7 +395,7 @@ def critical_table(found: Campbell) -> Table:
         for number, each in enumerate(found.critical, start=1)
     ]
     headings = ("critical speed", "rpm", "std", ERR, "rad/s", "whirl", "damping ratio")
-    return _table(headings, rows)
+    return assuming_table(headings, rows)
 
 
 def campbell_table(found: Campbell) -> Table:
@@ -448,7 +439,7 @@ def response_table(found: UnbalanceResponse, k: int = 0) -> Table:
             )
         )
     title = f"unbalance response at {found.speed[k] * RPM:.6g} rpm"
-    return _table((title, "amplitude", "std", ERR, "unit", "phase in deg"), rows)
+    return assuming_table((title, "amplitude", "std", ERR, "unit", "phase in deg"), rows)
 
 
 def _ratio(value: float) -> str:

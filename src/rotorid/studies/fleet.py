@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from rotorid.answer.estimate import figures, two_digits
+from rotorid.answer.estimate import ERR, assuming_table, figures, two_digits
 from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.frozen import frozen
-from rotorid.core.tables import table
 from rotorid.core.values import Floats
 from rotorid.report.drawn import BLUE, GREY, RED, Axis, Curve, Panel, label
 from rotorid.report.html import Passage
@@ -34,6 +33,7 @@ class FleetResult(NamedTuple):
     case: int
     value: float
     std: float
+    std_assumed: float | None = None  # if what is assumed is wrong; None where nobody asked
 
 
 class Deviation(NamedTuple):
@@ -59,8 +59,9 @@ class FleetMember:
     def rows(self) -> Iterator[tuple[str, ...]]:
         said = [figures(self.mean, self.std), figures(self.shrunk, self.shrunk_std)]
         said += two_digits(self.shrunk_std), f"{self.away.size:+.2f}", f"{self.away.p_value:.2g}"
-        for date, _, value, std in self.results:
-            yield self.serial, date, figures(value, std), two_digits(std), *said
+        for date, _, value, std, assumed in self.results:
+            own = figures(value, std), two_digits(std), _assumed(assumed)
+            yield self.serial, date, *own, *said
             said = [""] * len(said)
 
 
@@ -80,8 +81,9 @@ class FleetParameter:
         half = (self.interval[1] - self.interval[0]) / 2
         count = len(self.machines), sum(len(each.results) for each in self.machines)
         low, high = (f"{end:.2g}" for end in self.scatter_interval)
-        said = figures(self.common, half), two_digits(half), f"{self.scatter:.2g}"
-        return self.name, *map(str, count), *said, f"{low} to {high}"
+        every = [r.std_assumed for each in self.machines for r in each.results if r.std_assumed]
+        said = figures(self.common, half), two_digits(half), _assumed(max(every, default=None))
+        return self.name, *map(str, count), *said, f"{self.scatter:.2g}", f"{low} to {high}"
 
     @property
     def remarks(self) -> Iterator[str]:
@@ -101,8 +103,9 @@ class FleetParameter:
     @property
     def passage(self) -> Passage:
         """Its table, and its picture: machines side by side, the results of one by date."""
-        heads = "serial", "date", "value", "std", "mean", "shrunk", "its std", "away in std", "p"
-        rows = table(heads, (row for machine in self.machines for row in machine.rows))
+        heads = "serial", "date", "value", "std", ERR, "mean", "shrunk", "its std", "away in std"
+        every = [row for machine in self.machines for row in machine.rows]
+        rows = assuming_table((*heads, "p"), every)
         ends, reach = np.array([-0.5, len(self.machines) - 0.5]), HALF_WIDTH * self.scatter
         low, high = (np.full(2, self.common + side) for side in (-reach, reach))
         curves = [Curve(ends, high, "95 % of machines", GREY, "band", base=low)]
@@ -140,6 +143,10 @@ def fleet_parameter(name: str, told: Mapping[str, Sequence[FleetResult]]) -> Fle
     machines = tuple(FleetMember(one, each, *own, *found) for one, each, own, *found in parts)
     interval = float(c) - half, float(c) + half
     return FleetParameter(name, float(c), interval, math.sqrt(t), _limits(y, v), machines)
+
+
+def _assumed(std: float | None) -> str:
+    return "-" if std is None else two_digits(std)
 
 
 def _told(p_value: float) -> str:

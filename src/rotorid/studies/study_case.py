@@ -239,6 +239,7 @@ def _values(estimate: Estimate, truth: Mapping[str, float], model: Model) -> Row
         known = not math.isnan(low + true)
         said = value.value, value.std, true, low <= true <= high if known else None
         own = dict(zip((value.name + end for end in ENDS), said, strict=True))
+        own[f"{value.name}_std_assumed"] = value.std_assumed
         if row.keys() & own.keys():
             raise _taken(min(row.keys() & own.keys()))
         row |= own

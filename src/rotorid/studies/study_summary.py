@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from rotorid.answer.estimate import ERR, assuming_table
 from rotorid.core.files import write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import Page, Table, table
@@ -33,7 +34,8 @@ _SAID = (
 
 _SAID_OF_FLEETS = (
     "In SI, of answers with status ok. scatter: standard deviation between machines; shrunk: best "
-    "estimate of one, knowing the others; away: from what the others predict."
+    "estimate of one, knowing the others; away: from what the others predict; if assumptions err: "
+    "std of what errors of the assumptions may shift, of several results the largest."
 )
 
 
@@ -111,9 +113,9 @@ class StudySummary:
 
     @property
     def _fleet(self) -> list[Table]:
-        heads = "fleet", "machines", "results", "common", "half of its 95 %", "scatter"
+        heads = "fleet", "machines", "results", "common", "half of its 95 %", ERR, "scatter"
         rows = [each.row for each in self.fleet]
-        return [table((*heads, "its 95 % interval"), rows)] if rows else []
+        return [assuming_table((*heads, "its 95 % interval"), rows)] if rows else []
 
     @property
     def _overview(self) -> Table:
@@ -215,9 +217,10 @@ def _fleet(fleets: Mapping[str, Sequence[Row]], names: Sequence[str]) -> Iterato
     for (setting, members), name in product(fleets.items(), names):
         std = f"{name}_std"
         found = [row for row in members if 0 < (row[std] or 0.0) < np.inf]
+        of = ((r, (r[name], r[std], r.get(f"{std}_assumed"))) for r in found)
         told = grouped(
-            (row["serial"], FleetResult(row.get("date") or "", row["case"], row[name], row[std]))
-            for row in found
+            (row["serial"], FleetResult(row.get("date") or "", row["case"], *said))
+            for row, said in of
         )
         if len(told) > 1:
             yield fleet_parameter(f"{name}, {setting}" if setting else name, told)
