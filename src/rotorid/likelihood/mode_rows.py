@@ -40,7 +40,7 @@ class Pencil:
     terms: StiffnessTable
     speed: float
     monomials: Monomials  # of all unknowns
-    size: int  # number of coordinates
+    shape: tuple[int, int]  # numbers of equations and of coordinates
     held: Mapping[int, float] = field(default_factory=dict)  # unknowns that were otherwise here
 
     @cached_property
@@ -55,7 +55,7 @@ class Pencil:
 
     def matrices(self, unknowns: Floats) -> Floats | Complexes:
         """K, D + Omega G and M, shape (3, row, coordinate)."""
-        found: Any = np.zeros((3, self.size, self.size), dtype=self.weight.dtype)
+        found: Any = np.zeros((3, *self.shape), dtype=self.weight.dtype)
         t = self.terms
         values = self.weight * self.monomials.values(self.put(unknowns))[t.monomial]
         np.add.at(found, (t.order, t.row, t.column), values)
@@ -273,8 +273,8 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
 def pencil_at(layout: Layout, speed: float) -> Pencil:
     further = at_unknowns(layout.acting(Entry))
     terms = Terms.of(layout, [t for t in further if t.order < 3])  # beyond M is no matrix
-    size = layout.model.require_linear().coordinates
-    return Pencil(terms.table, speed, terms.monomials, size)
+    linear = layout.model.require_linear()
+    return Pencil(terms.table, speed, terms.monomials, (linear.rows, linear.coordinates))
 
 
 NEAR = 5.0  # deviations of a measured frequency within which another of the model may be meant

@@ -338,8 +338,8 @@ def energies(
 
 def _by_parameter(model: Model, values: Floats, speed: float) -> Floats:
     """Return p dK/dp, p dD/dp and p dM/dp of each parameter p, (parameter, 3, row, coordinate)."""
-    table, n = model.require_linear().stiffness, len(model.coordinates)
-    parts = np.zeros((3, n, n, len(values)))
+    linear = model.require_linear()
+    table, parts = linear.stiffness, np.zeros((3, linear.rows, linear.coordinates, len(values)))
     slopes = model.monomial_jacobian(values)[table.monomial]
     place, size = (table.order, table.row, table.column), table.sizes(speed)
     np.add.at(parts, place, size[:, None] * slopes * values)

@@ -124,7 +124,7 @@ class Machine:
         if speed not in self._pencils:
             self._pencils.clear()
             size = self.linear.coordinates
-            self._pencils[speed] = Pencil(self._terms, speed, self.monomials, size)
+            self._pencils[speed] = Pencil(self._terms, speed, self.monomials, (size, size))
         return self._pencils[speed]
 
     @cached_property

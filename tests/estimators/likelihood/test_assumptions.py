@@ -218,14 +218,18 @@ GYRO = rid.parse_model(
 )
 
 
-def tilted(hertz: float, **changed) -> Estimate:
+def tilted(hertz: float, model: rid.Model = GYRO, **changed) -> Estimate:
     """Return the answer of a rotor that is said to turn at 50 Hz and turns at `hertz`."""
     rng = np.random.default_rng(5)
     noise = {"M_a": 1e-3, "M_b": 1e-3, "a": 1e-7, "b": 1e-7}
     forces, harmonics = np.exp(1j * rng.uniform(0, 6, (6, 2))), [1, 3, 4, 7, 9, 12]
     record = steady(GYRO, {}, forces, harmonics, hertz=hertz, noise=noise, rng=rng)
-    said = replace(record, speed=2 * np.pi * 50.0, **changed)
-    return identify(GYRO, said, MaximumLikelihood())
+    kept = [k for k, name in enumerate(record.names) if name in (*model.inputs, "a", "b")]
+    parts = {"spectra": record.spectra, "mean": record.mean, "variance": record.variance}
+    parts = {part: np.asarray(values)[..., kept] for part, values in parts.items()}
+    parts["channels"] = tuple(record.channels[k] for k in kept)
+    said = replace(record, speed=2 * np.pi * 50.0, **parts, **changed)
+    return identify(model, said, MaximumLikelihood())
 
 
 def test_a_slip_that_no_rotation_in_the_lines_shows_is_assumed_away(fitted):
@@ -237,6 +241,26 @@ def test_a_slip_that_no_rotation_in_the_lines_shows_is_assumed_away(fitted):
     assert told.moves == pytest.approx(0.01 * found.value("I_p") / found.std("I_p"), rel=0.02)
     for marked in (tilted(50.0, phase_std=1e-3), fitted[0]):  # a mark, or the unbalance seen
         assert "speed" not in {one.assumed for one in marked.assumptions}
+
+
+TILT = ["I*a'' + I_p*Omega*b' = M_a", "I*b'' - I_p*Omega*a' = M_b"]
+BOTH = "I*a'' + I*b'' + I_p*Omega*b' - I_p*Omega*a' = M_a + M_b"
+
+
+@pytest.mark.parametrize(
+    ("equations", "inputs", "verdict"),
+    [
+        (TILT[:1], "M_a N m", "ok under assumptions"),
+        ([*TILT, BOTH], "M_a N m, M_b N m", "not_converged"),  # noise of rank two in three rows
+    ],
+)
+def test_as_many_equations_as_there_are_are_asked(equations, inputs, verdict):
+    values = "I 0.2 kg m^2, I_p 0.3 kg m^2"
+    model = rid.parse_model(model_text("rotor", equations, "a rad, b rad", inputs, values))
+    found = tilted(50.0, model)
+    assert found.verdict == verdict
+    for one in (one for one in found.shifts if one.about == "speed"):
+        assert np.abs(one.moves["I_p"]) == pytest.approx(0.01 * found.value("I_p"), rel=0.02)
 
 
 def test_one_ruler_scales_lengths_to_either_side():
