@@ -64,6 +64,7 @@ UNMODELLED = {
     "load": lambda q, v, a: np.abs(a) * np.sign(v),
     "varying mass": lambda q, v, a: q * a,
     "cogging": lambda q, v, a: np.sin(2 * np.pi * q / 0.02),
+    "long cogging": lambda q, v, a: np.sin(2 * np.pi * q / 0.2),
     "stroke": lambda q, v, a: q * np.sign(v),
     "pre-sliding": lambda q, v, a: presliding(v, 1000.0, 5e-3),
 }

@@ -126,8 +126,9 @@ class SampledProblem(Posed):
         The values are as uncertain as that: the covariance grows by the sum of ``change change'``.
         Of forces that are late ``u(t - lag) = u - lag u'``: so look elastic parts and filters, too.
         """
-        said, own = self.regressions[0].further
-        columns = [r.further[1].reshape(-1, own.shape[2]) for r in self.regressions]
+        travel = np.max([r.travel for r in self.regressions], axis=0)
+        found = [r.further(travel) for r in self.regressions]
+        said, columns = found[0][0], [own.reshape(-1, own.shape[2]) for _, own in found]
         size, clear, changes = scatter.with_column(solution, np.concatenate(columns))
         moved, late, notes = [scatter.worst(change) for change in changes], -float(size[-1]), []
         shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)

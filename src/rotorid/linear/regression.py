@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, cached_property, partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -268,6 +269,11 @@ FURTHER: dict[str, Callable[..., Floats]] = {
 }
 """Forces that equations may lack beside linear ones, as a model's text has them. What keeps no such
 sign with motion scatters between blocks (docs/theory.md, section 6)."""
+ALONG = {"sin({k}*{q})": np.sin, "cos({k}*{q})": np.cos}
+"""The same of a force along the stroke: cogging, a guide that is tight somewhere."""
+WAVES = 3
+"""Waves of a force along the stroke, the longest as long as it, that are looked for: shorter
+ones change their sign often enough to scatter between blocks."""
 SLOWLY = 0.1
 """Share of its usual size below which a velocity is one at which friction is not Coulomb's."""
 
@@ -401,25 +407,42 @@ class SampledRegression(Equations):
         return self._predicted(base, self.inputs * counts, ones, samples)
 
     @cached_property
-    def further(self) -> tuple[list[str], Floats]:
-        """What equations may lack, with columns, (sample, row, what); the last, untold: a lag."""
+    def travel(self) -> Floats:
+        """The usual velocity of each coordinate, and its stroke, (2, coordinate)."""
+        found = np.sqrt((self._motion.velocity**2).mean(axis=0)), np.ptp(self._motion.position, 0)
+        return np.array([np.where(each > 0, each, 1.0) for each in found])
+
+    def further(self, travel: Floats) -> tuple[list[str], Floats]:
+        """Return what equations may lack, with columns, (sample, row, what); the last: a lag.
+
+        `travel` is that of all records; the lag has no text.
+        """
         used, m, texts = self._picked[self.kept], self._motion, ["1"]
         columns = [np.ones((len(used), 1))]
         for j, name in enumerate(self.model.coordinates):
             texts += [name + dots for dots in DERIVATIVES]  # filtered once, as in the equations
             columns += [self._coordinates(self.record.outer, k)[used, j : j + 1] for k in range(3)]
-            slow = SLOWLY * float(np.sqrt((m.velocity[:, j] ** 2).mean())) or 1.0
+            slow, longest = SLOWLY * travel[0, j], 2 * np.pi / travel[1, j]
             turn = np.tanh(m.velocity[:, j] / slow)
-            for text, of in FURTHER.items():
-                force = of(m.position[:, j], m.velocity[:, j], m.acceleration[:, j], turn)
-                texts.append(text.format(q=name, slow=f"{slow:.3g}"))
-                columns.append(self._each(self.record.outer.apply, force[:, None])[used])
+            forces = {
+                text.format(q=name, slow=f"{slow:.3g}"): of(
+                    m.position[:, j], m.velocity[:, j], m.acceleration[:, j], turn
+                )
+                for text, of in FURTHER.items()
+            } | {
+                text.format(q=name, k=f"{n * longest:.5g}"): of(n * longest * m.position[:, j])
+                for (text, of), n in product(ALONG.items(), range(1, 1 + WAVES))
+            }
+            texts += forces
+            columns += [
+                self._each(self.record.outer.apply, f[:, None])[used] for f in forces.values()
+            ]
         acting = self.model.input_matrix
         driven = acting.any(axis=1)
         pushed = np.flatnonzero(driven if driven.any() else ~driven)  # or all of what swings freely
-        forces = np.hstack(columns)[:, None, None] * np.eye(len(acting))[:, pushed, None]
+        every = np.hstack(columns)[:, None, None] * np.eye(len(acting))[:, pushed, None]
         late = self._inputs(1) @ acting.T
-        found = np.dstack([forces.reshape(*late.shape, -1), late])
+        found = np.dstack([every.reshape(*late.shape, -1), late])
         inputs = np.array(self.model.inputs, dtype=object)
         drives = [", ".join(inputs[acting[row] != 0]) or f"row {row + 1}" for row in pushed]
         lack = "the equation of {} lacks a force as {}"
