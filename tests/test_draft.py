@@ -610,6 +610,25 @@ def test_angles_and_speeds_of_what_does_not_turn_are_motion(tmp_path):
     assert found["channels"]["phi_p"]["column"] == "phi"
 
 
+def test_what_an_inspection_needs_first_is_said(tmp_path, output, refusal):
+    """Nothing tells the rate of the samples; and volts are no force, so no law makes them."""
+    swing = SWING.replace("= 0", "= g*V").replace("[parameters]", '[inputs]\nV = "V"\n[parameters]')
+    (tmp_path / "swing.toml").write_text(swing + 'g = { unit = "N m/V" }\n')
+    noise = np.random.default_rng(1).normal(size=(2, 400))
+    write_table(tmp_path / "run.csv", "phi,drive", *noise)
+    out = tmp_path / "run.toml"
+    shown = output("new", tmp_path / "run.csv", "--model", tmp_path / "swing.toml", "--out", out)
+    said = "the sample_rate, or the kind of what has no samples, then rotorid inspect"
+    assert f"; next: {said} {out}" in shown
+    text = out.read_text()
+    assert f"# Next: {said}, which takes a draft" in text
+    assert 'V = {column = "?", unit = "V"}' in text
+    assert "law" not in text
+    assert "no sample rate" in refusal("inspect", out)
+    out.write_text(text.replace('sample_rate = "?"', 'sample_rate = "1 kHz"'))
+    assert "400 samples at 1000 Hz" in output("inspect", out)
+
+
 SWING = """title = "A pendulum"
 equations = ["J*phi_p'' + w*sin(phi_p) = 0"]
 [coordinates]

@@ -503,14 +503,46 @@ def test_a_free_swing_tells_ratios_and_the_force_that_it_lacks():
             assert np.abs(pulls(found, truth)).max() < 4
 
 
-def swinging(inertia: float, damping: float, weight: float, friction: float) -> rid.Record:
+def test_a_free_swing_is_tested_by_what_is_known_of_it():
+    """Its weight has to balance the rest: degrees that are taken for radians do not."""
+    names = "J kg m^2, c N m s/rad, w N m"
+    free = written("a pendulum", ["J*q'' + c*q' + w*sin(q) = 0"], "q rad", "", names)
+    record = swinging(7e-3, 3e-4, 0.24, 0.0)
+    known = rid.Batch(fixed={"w": "0.24 N m"})
+    right = rid.identify(free, rid.filtered(record, 10.0, decimate=10), known)
+    other = swinging(7e-3, 3e-4, 0.24, 0.0, first=0.4)
+    (found,) = rid.predict(free, right, rid.filtered(other, 10.0, decimate=10)).values()
+    assert found.relative_error < 0.1
+    wrong = rid.filtered(replace(record, samples=np.degrees(record.samples)), 10.0, decimate=10)
+    rejected = rid.identify(free, wrong, known)
+    assert str(rejected).startswith("model, batch: rejected (prediction, known part of row 1)")
+    assert right.prediction.keys() == rejected.prediction.keys() == {"known part of row 1"}
+
+
+def test_an_acceleration_that_noise_hides_rejects_nothing():
+    """A known mass times an acceleration that is mostly noise: the error is what noise makes."""
+    free = written("a ring", ["m*q'' + c*q' + k*q = 0"], "q m", "", "m kg, c N s/m, k N/m")
+    time = np.arange(16_000) / 1e3
+    ring = np.exp(-0.05 * time) * np.cos(11 * time)
+    for noise in (0.0, 0.03):
+        samples = ring + noise * np.random.default_rng(1).normal(size=len(time))
+        low = rid.filtered(rid.Record([Channel("q", "m")], samples[:, None], 1e3), 20.0)
+        found = rid.identify(free, low, rid.Batch(fixed={"m": "2 kg"}))
+        assert (found.prediction["known part of row 1"].relative_error > 0.5) == (noise > 0)
+        assert "prediction" not in [note.about for note in found.notes]
+
+
+def swinging(
+    inertia: float, damping: float, weight: float, friction: float, first: float = 0.6
+) -> rid.Record:
     def rate(_: float, state: np.ndarray) -> list[float]:
         angle, speed = state
         moment = damping * speed + weight * np.sin(angle) + friction * np.tanh(speed / 0.01)
         return [speed, -moment / inertia]
 
     time = np.arange(16_000) / 1e3
-    angle = integrate.solve_ivp(rate, (0, 16), [0.6, 0], t_eval=time, rtol=1e-9, max_step=0.01).y[0]
+    fine = {"rtol": 1e-9, "max_step": 0.01}
+    angle = integrate.solve_ivp(rate, (0, 16), [first, 0], t_eval=time, **fine).y[0]
     noise = 2e-4 * np.random.default_rng(3).normal(size=len(time))
     return rid.Record([Channel("q", "rad")], (angle + noise)[:, None], 1e3)
 

@@ -116,8 +116,10 @@ def test_a_sweep_is_not_searched_for_a_period(tmp_path, output):
     assert "; no period; speed 2400 rpm" in shown
     headings = next(line for line in shown.splitlines() if line.startswith("channel"))
     assert headings.split() == ["channel", "unit", "low", "high", "rms", "1x", "2x", "3x"]
-    path.write_text(SWEEP.replace('model = "jeffcott"', 'model = "?"'), encoding="utf-8")
-    assert "; no period; speed 2400 rpm" in output("inspect", path)
+    band = 'band = ["5 Hz", "205 Hz"]\nreferences = ["ref_x"]'
+    for said, other in (('model = "jeffcott"', 'model = "?"'), (band, 'cutoff = "300 Hz"')):
+        path.write_text(SWEEP.replace(said, other), encoding="utf-8")
+        assert "; no period; speed 2400 rpm" in output("inspect", path)
 
 
 SWEEP = """model = "jeffcott"

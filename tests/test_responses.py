@@ -308,6 +308,13 @@ class TestFiles:
         )
         check_alike(identified(load(folder, channels, f"tap{binary}.uff")))
 
+    def test_accelerometers_alone_have_a_report_without_a_position(self, folder):
+        experiment = load(folder, TABLE.splitlines()[1])
+        found = rid.with_evidence(identified(experiment), MODEL, experiment.records("ml"))
+        (shown,) = found.evidence.records
+        assert shown.response is None
+        assert "a3" in [channel.name for channel in shown.channels]
+
     def test_inputs_are_taken_apart(self, folder):
         both = TABLE.replace('a3 = { input = "F"', 'a3 = { input = "G"')
         first, second = load(folder, both).records("ml")

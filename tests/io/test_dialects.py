@@ -128,6 +128,15 @@ def test_names_as_numpy_writes_them(header, mark, tmp_path):
     assert open_delimited(tmp_path / "run.dat").names == ("t", "x1")
 
 
+def test_numbers_name_no_column(tmp_path):
+    """A log that begins with the settings of its test, their names above their values."""
+    path = tmp_path / "swing.txt"
+    path.write_text("trigger_deg, sample_rate, seconds\n90, 1000, 5\n-90.36\n-90.64\n-90.91\n")
+    opened = open_delimited(path)
+    assert opened.names == ("0",)
+    assert opened.read(["0"])["0"].values.tolist() == [-90.36, -90.64, -90.91]
+
+
 def test_header_row(tmp_path):
     path = table(tmp_path, "names,in,line 1\n1,2,3\n4,5,6\n7,8,9\n")
     assert open_delimited(path, header_row=1).names == ("names", "in", "line 1")

@@ -143,6 +143,17 @@ def test_turning_points_of_few_digits_are_not_clipped(digits):
         assert bool(of_check(check_record(record), "clipped")) == (cut < 1)
 
 
+@pytest.mark.parametrize(("cut", "told"), [(1.0, False), (0.9, True)])
+def test_turning_points_of_a_coarse_sensor_are_not_clipped(cut, told):
+    """4096 counts of a turn, written in degrees with two digits, are multiples of nothing."""
+    time = np.arange(5000) / 1000.0
+    wave = 120.0 * np.exp(-0.2 * time) * np.sin(11 * time + 1)
+    counts = np.round(wave.clip(cut * wave.min(), cut * wave.max()) * 4096 / 360)
+    written = np.round(counts * 360 / 4096, 2)
+    record = Record([Channel("x", "deg")], written[:, None], 1000.0)
+    assert bool(of_check(check_record(record), "clipped")) == told
+
+
 def test_what_rests_or_is_masked_is_not_clipped():
     """A position that comes to rest at the end of its stroke, in single steps of its encoder."""
     stroke = 0.1 * np.sin(np.linspace(0, 20, 20_000))

@@ -40,7 +40,7 @@ def models(name: str | None) -> int:
 
 
 def new(files: tuple[Path, ...], model: str | None, out: Path | None, force: bool) -> int:
-    from rotorid.experiment.draft import DRAFT, draft, things_open
+    from rotorid.experiment.draft import DRAFT, before_inspecting, draft, things_open
 
     targets = check_outputs((out, DRAFT), force=force)
     check_apart(targets, [*files, *([] if model is None else [Path(model)])])
@@ -49,8 +49,9 @@ def new(files: tuple[Path, ...], model: str | None, out: Path | None, force: boo
     text = printable(draft(files, model, folder), keep="\n")
     write((STDOUT if out is None else out, as_text(lambda: text, DRAFT)))
     if out is not None:
-        left = printable(things_open(tomllib.loads(text)))
-        show([f"wrote {out}: {left}; next: rotorid inspect {out}"])
+        entry = tomllib.loads(text)
+        left, first = printable(things_open(entry)), before_inspecting(entry)
+        show([f"wrote {out}: {left}; next: {first}rotorid inspect {out}"])
     return OK
 
 

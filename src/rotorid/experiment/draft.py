@@ -332,7 +332,7 @@ _HEAD = f"""#:schema experiment.schema.json
 # Draft by `rotorid new`. What it could not find is left open as
 # "{OPEN}"; the file is refused until each of these is said.
 # %s.
-# Next: rotorid inspect, which takes a draft; when nothing is open, rotorid identify.
+# Next: %srotorid inspect, which takes a draft; when nothing is open, rotorid identify.
 
 """
 
@@ -357,13 +357,20 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
         text["parameters"] = _written(tomlkit.table(), _parameters(loaded))
     text.add(tomlkit.nl())
     text.add(tomlkit.comment(f"as written: {MARK}"))
-    return _HEAD % things_open(text.unwrap()) + tomlkit.dumps(text)
+    written = text.unwrap()
+    return _HEAD % (things_open(written), before_inspecting(written)) + tomlkit.dumps(text)
 
 
 def things_open(entry: Mapping[str, Any]) -> str:
     """Say how many things a draft leaves open, and which."""
     count, told = left_open(entry)
     return f"{count} thing{'s' * (count > 1)} open: {told}" if count else "nothing open"
+
+
+def before_inspecting(entry: Mapping[str, Any]) -> str:
+    """Say what a draft needs before its records can be read; empty where it is nothing."""
+    untimed = any(record.get("sample_rate") == OPEN for record in entry["records"])
+    return "the sample_rate, or the kind of what has no samples, then " if untimed else ""
 
 
 def _runs(files: Sequence[Path]) -> list[_Run]:
@@ -682,7 +689,7 @@ def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None,
             position = displacement(model, name) or (_sensor_name(name) if name in sensors else "")
             channel, told = _input(unit, laws.get(name), position or OPEN, free)
             yield name, channel, told
-            if channel.keys() == {"column", "unit"} and not missing:
+            if channel.keys() == {"column", "unit"} and not missing and unit in ("N", "N m"):
                 missing[name] = _law({"column": OPEN, "unit": "A"}, position or OPEN)
         else:
             hidden.append(f"{name} [{unit}]")

@@ -388,7 +388,7 @@ def _inspected(
         harmonics=entry.harmonics,
         band=band,
         skip=entry.skip or 0.0,
-        whole=cut or (size is None and "band" in entry.model_fields_set),
+        whole=cut or (size is None and bool({"band", "cutoff"} & entry.model_fields_set)),
     )
 
 

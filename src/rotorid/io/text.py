@@ -269,7 +269,12 @@ def _header(
 
 
 def _is_text(row: list[str], fields: int) -> bool:
-    return len(row) >= fields and not any(map(is_value, row))
+    return len(row) >= fields and not any(map(_is_numbers, row))
+
+
+def _is_numbers(field: str) -> bool:
+    """Tell whether values are all that a field holds: one, or a row of what has other marks."""
+    return bool(parts := re.split(r"[;,\s]+", field.strip())) and all(map(is_value, parts))
 
 
 def _names(

@@ -18,7 +18,7 @@ from rotorid.core.values import Floats, frozen
 from rotorid.data.filtered import told_of
 from rotorid.data.observation import Data, Records, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
-from rotorid.linear.regression import Regression, SampledRegression
+from rotorid.linear.regression import Regression, SampledRegression, known_part
 from rotorid.linear.solve import (
     BLOCKS,
     FEWEST,
@@ -104,7 +104,7 @@ class SampledProblem(Posed):
             *machine_checks.physical(self.full, estimate),
             *self.moved(scatter, values, solved),
             *notes,
-            *machine_checks.prediction(estimate, {}),
+            *machine_checks.prediction(estimate, self.noise(solution)),
             *machine_checks.agreement(self.names, *scatter.halves()),
             *self.apart(solved),
         )
@@ -118,6 +118,17 @@ class SampledProblem(Posed):
         scatter = scatter_of_blocks(matrix, solution.residual, gains, numbers)
         return solution, scatter, self.reached(solution)
 
+    def noise(self, solution: LeastSquaresSolution) -> dict[str, float]:
+        """Return the share of each known part that noise explains; forces are taken for quiet."""
+        if self.model.inputs:
+            return {}
+        base = np.nan_to_num(self.base(solution.values))
+        counts = [r.told.sum(axis=0) for r in self.regressions]
+        left = sum(n * r.scatter(base) for n, r in zip(counts, self.regressions, strict=True))
+        size = sum((r.target**2).sum(axis=0) for r in self.regressions)
+        share = np.sqrt(left / np.where(size > 0, size, np.inf))
+        return {known_part(row): part for row, part in enumerate(share.tolist())}
+
     def lacking(
         self, solution: LeastSquaresSolution, scatter: Scatter
     ) -> tuple[list[Note], Floats]:
@@ -129,7 +140,8 @@ class SampledProblem(Posed):
         travel = np.max([r.travel for r in self.regressions], axis=0)
         found = [r.further(travel) for r in self.regressions]
         said, columns = found[0][0], [own.reshape(-1, own.shape[2]) for _, own in found]
-        size, clear, changes = scatter.with_column(solution, np.concatenate(columns))
+        every, free = np.concatenate(columns), not self.model.inputs
+        size, clear, changes = scatter.with_column(solution, every, free=free)
         moved, late, notes = [scatter.worst(change) for change in changes], -float(size[-1]), []
         shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)
         for k in (-1, int(shares[:-1].argmax())):

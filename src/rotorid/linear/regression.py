@@ -73,6 +73,10 @@ def lay_to_inputs(left: NDArray[Any], matrix: NDArray[Any]) -> Complexes:
     return np.asarray((np.linalg.pinv(matrix[:, driven]) @ left[:, driven, None])[..., 0])
 
 
+def known_part(row: int) -> str:
+    return f"known part of row {row + 1}"
+
+
 @frozen
 class Equations(ABC):
     observation: Observation
@@ -320,6 +324,10 @@ class SampledRegression(Equations):
         rows = self._each(lambda part: low_pass.apply(part, order, channels), self._read)
         return np.asarray(rows @ self.sensed[1])
 
+    def _noise(self, low_pass: LowPass, order: int) -> Floats:
+        noise = self._each(partial(low_pass.noise_of, order=order), self._read)
+        return np.asarray(np.sqrt(noise**2 @ self.sensed[1] ** 2))
+
     @cached_property
     def _motion(self) -> Motion:
         """The low-passed motion, at which the terms that are not linear are computed."""
@@ -355,8 +363,7 @@ class SampledRegression(Equations):
         inner, arrays = self.record.inner, self.model.arrays(self._motion)
         size, variance = np.abs(evaluate(argument, arrays)), np.zeros(len(self._samples))
         for order, dots in enumerate(DERIVATIVES):
-            noise = self._each(partial(inner.noise_of, order=order), self._read)
-            offs = np.sqrt(noise**2 @ self.sensed[1] ** 2)
+            offs = self._noise(inner, order)
             for name, off in zip(self.model.coordinates, offs.T, strict=True):
                 if symbol(moving := name + dots) in argument.free_symbols:
                     above, below = (
@@ -404,7 +411,25 @@ class SampledRegression(Equations):
         driven = self.model.input_matrix.any(axis=1)
         counts = self.told[self.kept][:, driven].all(axis=1, keepdims=True)
         ones, samples = np.ones(len(self.inputs)), self.record.used[self.kept]
-        return self._predicted(base, self.inputs * counts, ones, samples)
+        if driven.any():
+            return self._predicted(base, self.inputs * counts, ones, samples)
+        # Of what swings freely the known terms are what the others have to balance.
+        rows = np.flatnonzero((self.model.coefficients[1] != 0).any(axis=0))
+        target, left = self.target[:, rows] + 0j, self.residual(base)[:, rows]
+        names = tuple(map(known_part, rows.tolist()))
+        return Predicted(names, ("",) * len(rows), target, target + left, ones, samples)
+
+    def scatter(self, base: Floats) -> Floats:
+        """Return the variance that noise leaves of each row, (row,): of terms linear in motion."""
+        whole = self.model.coefficients[0] @ base + self.model.coefficients[1]
+        variance = np.zeros(whole.shape[1])
+        for factor, sizes in zip(self.model.motion_factors, whole, strict=True):
+            if factor is not None:
+                column, order, scale = factor
+                size = sizes * speed_factor(scale, self.record.record.speed)
+                off = self._noise(self.record.outer, order)[:, column]
+                variance += (off**2).mean() * size**2
+        return variance
 
     @cached_property
     def travel(self) -> Floats:

@@ -179,12 +179,13 @@ class Scatter:
         return halves, np.asarray(wider(dof) * np.sqrt(within * self.blocks / dof))
 
     def with_column(
-        self, solution: LeastSquaresSolution, columns: Floats
+        self, solution: LeastSquaresSolution, columns: Floats, *, free: bool = False
     ) -> tuple[Floats, Floats, Floats]:
         """Return what some columns, (equation, column), each by itself, add to a solution.
 
         Sizes ``s = p'e / p'p``, ``p = c - X G c`` (0 where that is too little of c), how many
         deviations of the jackknife each is from zero, and the moves ``-G c s``, (column, free).
+        Of what swings `free` none may be a multiple of what is known: with it zero solves the rest.
         """
         columns = columns / solution.deviation[:, None]
         count, answer = self.blocks, np.hstack(solution.gains) @ columns
@@ -193,7 +194,10 @@ class Scatter:
         power = np.add.reduceat(part**2, starts)
         score = np.add.reduceat(part * solution.residual[:, None], starts)
         whole = power.sum(axis=0)
-        told = whole > DISTINCT * (columns**2).sum(axis=0)
+        told = whole > DISTINCT * (length := (columns**2).sum(axis=0))
+        if free:
+            right = solution.residual + solution.matrix @ np.nan_to_num(solution.values)
+            told &= (right @ columns) ** 2 < (1 - DISTINCT) * (right @ right) * length
         told &= (whole - power > ALONE * whole).all(axis=0) & (count >= FEWEST)
         size = np.where(told, score.sum(axis=0) / np.where(told, whole, 1.0), 0.0)
         without = (score - size * power) / np.where(told, whole - power, 1.0)

@@ -168,6 +168,8 @@ def _response(forecast: Forecast) -> ResponseEvidence | None:
     machine = machine_of(forecast.estimate, forecast.number)
     spelt = [(s.channel, combination_text(s.channel.combination)) for s in record.sensors]
     read = [(*each, r) for each in spelt if (r := shares_of(machine, each[1])) is not None]
+    if not read:  # accelerometers alone tell no position
+        return None
     rows = np.array([r for *_, r in read]).reshape(len(read), -1)
     model = plant_response(machine, speed, 2 * np.pi * lines.frequency[at], rows, {})
     # What is left of the inputs moves positions as the inputs do.

@@ -45,6 +45,9 @@ COPY = 1e-9
 """Variance left of one channel without another, relative: two converters share no noise."""
 TELLING = 3
 """Values that tell a copy, at the least: of two, less their mean, all channels are the same."""
+WRITTEN, MANY_LEVELS = 0.25, 20
+"""Steps within which all levels lie about their places where their counts were written with few
+digits, and levels that do not lie so by chance."""
 DITHER = 2.5
 """Steps within which the last digit plays that reads nothing: one up or down, and rounding."""
 REFERENCE = "stuck reference"
@@ -85,7 +88,11 @@ def quantum(samples: Floats) -> float:
     multiples = spacing / step
     rounding = _ROUNDING + 4 * np.finfo(float).eps * largest / step
     if np.abs(multiples - np.round(multiples)).max() > max(rounding * multiples.max(), 1e-3):
-        return 0.0
+        # Counts that were written with few digits are no multiples, but keep near their places.
+        step = float(spacing.sum() / np.round(multiples).sum())
+        off = np.cumsum(spacing) / step - np.cumsum(np.round(multiples))
+        if len(spacing) < MANY_LEVELS or np.ptp(off) > WRITTEN:
+            return 0.0
     return step if (levels[-1] - levels[0]) / step < _MOST_LEVELS else 0.0
 
 
