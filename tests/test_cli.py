@@ -67,7 +67,7 @@ def test_method_overrides_the_file(folder, output):
         assert f"jeffcott, {method}: ok" in output("identify", "run.toml", *options)
 
 
-def test_validate(folder, output):
+def test_validate(folder, output, refusal):
     output("identify", "run.toml", "--json", "run.json")
     entry = EXPERIMENT[EXPERIMENT.index("[[records]]") : EXPERIMENT.index("[chan")]
     halves = entry + 'until = "1 s"\n' + entry + 'skip = "1 s"\n'
@@ -104,6 +104,13 @@ def test_validate(folder, output):
     assert "fails: the result does not predict the record: F_" in told
     assert "Hold the two experiment files side by side" in told
     assert json.loads((folder / "wrong_too.json").read_text())["verdict"] == "fails"
+    # A factor that the search did not find is as missing as a parameter.
+    lost = {"name": "gain[F_x]", "unit": "1", "value": None, "std": None}
+    wrong["nuisance"] = [{**wrong["parameters"][0], **lost}]
+    wrong["covariance"] = [*([*row, None] for row in wrong["covariance"]), [None] * 6]
+    (folder / "lost.json").write_text(json.dumps({**wrong, "status": "not_converged"}))
+    told = refusal("validate", "lost.json", "run.toml")
+    assert "a result that leaves gain[F_x] undetermined; expected a value of every" in told
 
 
 def test_another_part_of_the_same_file_is_another_record(folder, output):

@@ -144,6 +144,12 @@ def test_matrices_of_another_group_are_told_and_no_columns(tmp_path):
     text = draft([path], None, tmp_path)
     assert "# truth/force, 300 x 2: its columns are truth/force[0] to truth/force[1]" in text
     assert "not used: force" not in text
+    # A column whose name a matrix of another group has too is named by its whole path.
+    groups = {"first": {"values": rows}, "second": {"values": rows[:, 0]}}
+    scipy.io.savemat(tmp_path / "run.mat", groups)
+    text = draft([tmp_path / "run.mat"], None, tmp_path)
+    assert "# not used: second/values, " in text
+    assert "# first/values, 300 x 2: its columns are first/values[0] to first/values[1]" in text
 
 
 @pytest.mark.parametrize(("step", "time"), [(0.0025, {"column": "0", "unit": "s"}), (1.0, None)])

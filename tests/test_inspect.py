@@ -1,6 +1,7 @@
 """`rotorid inspect`: finished files, drafts, the page, and what cannot be read."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -65,6 +66,17 @@ def test_without_a_fundamental_the_period_is_found(rig, output):
     bare = rig / "bare.toml"
     bare.write_text('[[records]]\nfile = "run.h5"\ntime = "t"\n', encoding="utf-8")
     assert "periods of 1000 samples (found: 0.1 s, 10 Hz)" in output("inspect", bare)
+
+
+def test_motion_is_told_in_a_unit_of_its_size(tmp_path, output):
+    turned = np.random.default_rng(4).normal(size=(500, 2)).cumsum(axis=0) * [3.0, 3e-6]
+    write_table(tmp_path / "run.csv", "x [rad],y [rad]", turned)
+    draft = '[[records]]\nfile = "run.csv"\nsample_rate = "1 kHz"\n'
+    (tmp_path / "run.toml").write_text(draft)
+    shown = output("inspect", tmp_path / "run.toml")
+    for name, unit, factor in (("x", "rad", 1.0), ("y", "urad", 1e6)):
+        least = factor * turned[:, "xy".index(name)].min()
+        assert re.search(rf"^{name} +{unit} +{re.escape(f'{least:.4g}')} ", shown, re.MULTILINE)
 
 
 def test_a_period_of_an_odd_number_of_samples(tmp_path, output):

@@ -44,11 +44,11 @@ def test_slopes_are_the_derivatives_of_the_force(law, current, position):
     assert by_position / (2 * dx) == pytest.approx(slope.ks, rel=1e-5)
 
 
-@given(st.floats(-20.0, 20.0), st.floats(-3e-4, 3e-4))
-def test_without_bias_one_magnet_works_at_a_time(current, position):
-    """It pulls with the square of its current, to its own side, over its own gap."""
+@given(st.floats(-20.0, 20.0), st.floats(-5e-3, 3e-4) | st.just(-4.2e-4 / np.cos(SINGLE.angle)))
+def test_without_bias_one_magnet_works_at_a_time(current, nearer):
+    """It pulls with the square of its current, to its own side, over its own gap alone."""
     c, side = np.cos(SINGLE.angle), np.sign(current)
-    gap = 4.2e-4 - side * position * c
+    position, gap = side * nearer, 4.2e-4 - nearer * c
     force = SINGLE.force(current, position)
     assert force == pytest.approx(side * 1.2e-5 * c * current**2 / gap**2, rel=1e-12)
     assert SINGLE.guess(force, np.float64(position)) == pytest.approx(current, rel=1e-9)
@@ -114,6 +114,8 @@ def test_deviation_of_the_slopes():
         (lambda: Flux(1e-4, poles=0), r"poles = 0"),
         (lambda: MAGNET.force([0.0, 2.6], 0.0), r"current 2.6 A at sample 1, 1 such in all; "),
         (lambda: MAGNET.force(0.0, 5e-4), r"position 0.0005 m, .* less than the gap"),
+        (lambda: SINGLE.force(-1.0, -5e-4), r"position -0.0005 m, .* less than the gap"),
+        (lambda: MAGNET.force(0.0, -5e-4), r"position -0.0005 m, .* less than the gap"),
         (lambda: MAGNET.force(np.nan, 0.0), r"current nan A"),
     ],
 )

@@ -421,6 +421,9 @@ def test_one_plane_is_enough_where_the_other_does_not_move_it(tmp_path):
     for estimate in (found(0.0), found(100.0, "F_yA = { scale = 0 }")):
         assert estimate.status == "ok"
         assert abs(estimate.value("k") - 2.2e5) < 4 * estimate.std("k") < 100
+    gains = found(0.0, "[estimator]\ngains = ['ki']")
+    assert gains.status == "ok"
+    assert [value.name for value in gains.nuisance] == ["ki[F_xA]"]
     assert found(0.0, sign=-1).suspects[0].term in ("sign[F_xA]", "sign[x_a]")
     with pytest.raises(rid.InputError, match=r"no channel of the input F_yA.*scale = 0"):
         found(100.0)

@@ -479,6 +479,23 @@ def test_what_rests_before_it_is_used_or_at_every_step_is_not_stuck():
         assert not of_check(told(record), "stuck")
 
 
+@pytest.mark.parametrize(("begins", "told"), [(-0.4, True), (0.0, False)])
+def test_a_logger_repeats_an_old_reading_until_the_first_of_its_own(begins, told):
+    """What stands and is then set going, without a leap, is neither old nor cut."""
+    time = np.arange(4000) / 1000.0
+    turned = 5 * np.maximum(time - 0.05, 0.0) + 0.1 * np.maximum(time - 0.05, 0.0) ** 2
+    turned = np.round(turned / 3e-3) * 3e-3
+    turned[:50] = begins
+    record = Record([Channel("q", "rad")], turned[:, None], 1000.0)
+    found = check_record(record)
+    assert not of_check(found, "clipped")
+    assert [note.verdict for note in of_check(found, "stuck")] == ["warning"] * told
+    if told:
+        assert 'skip = "0.05 s"' in only(found, "stuck").cure
+        after = replace(record, samples=record.samples[50:], start=0.05)
+        assert not of_check(check_record(after), "stuck")
+
+
 def rotating(hertz: float, y_phase: float, y_size: float = 1.0) -> Record:
     """Said to turn at 100 Hz, a line that is excited, with a tone elsewhere in x and y."""
     record = machine(speed=2 * np.pi * 100.0)

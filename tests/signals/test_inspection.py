@@ -196,7 +196,7 @@ def test_a_long_record_is_looked_at_in_parts(count, looked):
 @pytest.mark.parametrize(("share", "flat"), [(0.49, 490), (0.51, 0)])
 def test_a_signal_of_two_levels_is_not_clipped(share, flat):
     samples = np.linspace(0.0, 0.9, 1000)
-    samples[: round(1000 * share)] = 1.0
+    samples[1 : 1 + round(1000 * share)] = 1.0
     assert _flat(samples, 1.0) == flat
 
 

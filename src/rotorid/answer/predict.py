@@ -108,7 +108,8 @@ def predict_lines(
     for number, record in enumerate(records, start=first):
         own = record.own if isinstance(record, Observation) else record.parameters
         require_parameters(model, estimate, number, own)
-    if unknown := [value.name for value in estimate.parameters if not np.isfinite(value.value)]:
+    needed = (*estimate.parameters, *estimate.nuisance)
+    if unknown := [value.name for value in needed if not np.isfinite(value.value)]:
         expected = "a value of every parameter"
         cure = "fix one or measure more, then identify again"
         raise InputError(f"a result that leaves {', '.join(unknown)} undetermined", expected, cure)

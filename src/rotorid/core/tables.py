@@ -96,9 +96,10 @@ def page_html(page: Page) -> str:
     )
 
 
-def by_hand(unit: str) -> tuple[str, float]:
-    """Return the unit in which small motion is told, and the factor from SI."""
-    return {"m": ("um", 1e6), "rad": ("urad", 1e6)}.get(unit, (unit, 1.0))
+def by_hand(unit: str, size: float) -> tuple[str, float]:
+    """Return the unit in which motion of such a size is told, and the factor from SI."""
+    small = {"m": ("um", 1e6), "rad": ("urad", 1e6)} if size < 1 else {}
+    return small.get(unit, (unit, 1.0))
 
 
 def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:

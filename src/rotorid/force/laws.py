@@ -85,6 +85,10 @@ class Law(ABC):
     def _force(self, *signals: Any) -> Any:
         """Return the force, of complex constants too."""
 
+    def closing(self, current: Floats, position: Floats) -> Floats:
+        """Return how far the rotor is towards a magnet that pulls, which `reach` limits."""
+        return np.abs(position)
+
     def _within(self, *signals: ArrayLike) -> tuple[Floats, ...]:
         """Return the signals; refuse those that the law does not hold for."""
         return tuple(np.asarray(each, dtype=float) for each in signals)
@@ -155,8 +159,11 @@ def magnet_fluxes(current: Any, position: Any, magnet: Any) -> Any:
     bias, gap, cosine, difference, iron, saturation = magnet
     ahead = bias + difference + current
     behind = bias - difference - current
-    ahead = ahead * (ahead.real > 0) / (gap + iron - position * cosine)
-    behind = behind * (behind.real > 0) / (gap + iron + position * cosine)
+    # A magnet without current has no flux, be its gap closed or not.
+    flows, flows_behind = ahead.real > 0, behind.real > 0
+    ahead = ahead * flows / (1 - flows + flows * (gap + iron - position * cosine))
+    path = 1 - flows_behind + flows_behind * (gap + iron + position * cosine)
+    behind = behind * flows_behind / path
     if saturation != np.inf:
         ahead = ahead * (1 + (ahead / saturation) ** KNEE) ** (-1 / KNEE)
         behind = behind * (1 + (behind / saturation) ** KNEE) ** (-1 / KNEE)
@@ -230,6 +237,9 @@ class Differential(Law):
     def reach(self) -> float:
         return float(self.gap / np.cos(self.angle))
 
+    def closing(self, current: Floats, position: Floats) -> Floats:
+        return np.abs(position) if self.bias else np.sign(current) * position
+
     def _force(self, current: Any, position: Any) -> Any:
         return self._pull(*self.fluxes(current, position))
 
@@ -253,11 +263,12 @@ class Differential(Law):
 
     def _within(self, *signals: ArrayLike) -> tuple[Floats, ...]:
         i, x = np.broadcast_arrays(*super()._within(*signals))
-        for name, values, limit, cure in (
-            ("current", i, self.most, "check the unit and the bias, or limit the current below it"),
-            ("position", x, self.reach, "check the unit and the gap"),
+        below = "check the unit and the bias, or limit the current below it"
+        for name, values, size, limit, cure in (
+            ("current", i, np.abs(i), self.most, below),
+            ("position", x, self.closing(i, x), self.reach, "check the unit and the gap"),
         ):
-            over = np.flatnonzero(~(np.abs(values) < limit * (1 + 1e-12)))
+            over = np.flatnonzero(~(size < limit * (1 + 1e-12)))
             if over.size:
                 unit, what = ("A", "bias") if name == "current" else ("m", "gap")
                 at = f" at sample {over[0]}" if values.ndim else ""
@@ -304,8 +315,10 @@ class Differential(Law):
         biases = self.bias + self.bias_difference, self.bias - self.bias_difference
         ki, ks = 0.0, 0.0
         for gap, bias, side in zip(gaps, biases, (1, -1), strict=True):
-            b = (bias + side * current) / gap
-            b = b * (b.real > 0)
+            flowing = bias + side * current
+            if flowing.real <= 0:
+                continue
+            b = flowing / gap
             bend = 1.0
             if self.saturation != np.inf:
                 # The slope of g^2 / 2, g the bent b: b (1 + (b / b_s)^p)^(-2 / p - 1).

@@ -277,7 +277,7 @@ def _again(
     position = passed.position
     if lines.samples is not None:
         position = displacement(lines, lines.samples, passed.shares @ matrix)
-    if not (np.abs(position) < passed.law.reach).all():
+    if not (passed.law.closing(flowing, position) < passed.law.reach).all():
         return None
     found = replace(passed, flowing=flowing, position=position)
     with np.errstate(all="ignore"):

@@ -201,7 +201,7 @@ class ArrayFile:
         apart = {p for p, count in across.items() if count > 1 and dirname(p) not in groups}
         paths = [p for p, count in across.items() if count and not (groups and p in apart)]
         leaves = [path.rsplit("/", 1)[-1] for path in paths]
-        counts = Counter(leaves)
+        counts = Counter(path.rsplit("/", 1)[-1] for path in self.shapes)  # as `place` looks
         found = list[str]()
         for path, leaf in zip(paths, leaves, strict=True):
             name, count = leaf if counts[leaf] == 1 else path, across[path]

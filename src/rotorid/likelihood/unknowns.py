@@ -261,8 +261,18 @@ def common_delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
     return [_late(k, on, 0.0) for k, on in channels.items() if wanted is None or k in wanted.delays]
 
 
+def _acting(records: Records) -> set[str]:
+    """Return the inputs that are not zero throughout, as those are that have no column."""
+    return {
+        channel.name
+        for record in records
+        for channel, column in zip(record.inputs, record.input_columns, strict=True)
+        if record.lines.mean[:, column].any()
+    }
+
+
 def _require_forces(records: Records, what: str, place: str) -> None:
-    if not any(record.lines.mean[:, list(record.input_columns)].any() for record in records):
+    if not _acting(records):
         expected = "a record with forces, or with currents that make them"
         cure = "name their columns in [channels], or leave it out"
         raise InputError(f"{what}, but no force in any record", expected, cure, place=place)
@@ -393,7 +403,8 @@ def drives(records: Records, wanted: Nuisances | None) -> list[Unknown]:
         cure = "give law, current, position and ki of each"
         raise InputError(told, "channels with a linear force law", cure, place="gains")
     found = []
-    for name in inputs if "ki" in asked else ():
+    acting = _acting(records)
+    for name in [n for n in inputs if n in driven or n in acting] if "ki" in asked else ():
         unit, ki = ("N/A", driven[name].ki) if name in driven else ("1", 1.0)
         found.append(_driving("ki", f"ki[{name}]", unit, ki, [name]))
     alike = grouped((drive.ks, name) for name, drive in driven.items())

@@ -426,7 +426,7 @@ def response_table(found: UnbalanceResponse, k: int = 0) -> Table:
     named = [row for row in every if len(every) <= MOST_ROWS or not NODE.search(row[0])]
     rows = []
     for name, value, std, assumed in named[:MOST_ROWS]:
-        unit, factor = by_hand(units.get(name, ""))
+        unit, factor = by_hand(units.get(name, ""), abs(value))
         size = factor * abs(value)
         rows.append(
             (

@@ -58,7 +58,7 @@ def _told(found: Inspection | LineInspection) -> tuple[str, Table, Sequence[str]
         what, over, unit_over = "rows of 1x phasors", RPM * lines.speed, "rpm"
     ends = f"from {over.min():.6g} to {over.max():.6g} {unit_over}"
     for facts in found.channels:
-        unit, factor = by_hand(facts.unit)
+        unit, factor = by_hand(facts.unit, max(abs(facts.low), abs(facts.high)))
         levels = (f"{factor * level:.4g}" for level in (facts.low, facts.high))
         rows.append((facts.name, unit, *levels, f"{facts.at:.6g}", cell(facts.snr_db, ".1f")))
     headings = ("channel", "unit", "least", "largest", f"at {unit_over}", "S/N dB")
@@ -86,7 +86,7 @@ def _recorded(found: Inspection) -> str:
 
 
 def _row(facts: ChannelFacts) -> tuple[str, ...]:
-    unit, factor = by_hand(facts.unit)
+    unit, factor = by_hand(facts.unit, max(abs(facts.low), abs(facts.high)))
     orders = [f"{factor * a:.3g}" for a in facts.orders] or ["", "", ""]
     return (
         facts.name,
@@ -331,7 +331,7 @@ def _product(model: Model, coefficient: float, monomial: int, factor: str) -> st
 def record_page(record: Logged, file: str, experiment: str) -> Page:
     rows = []
     for column in record.columns:
-        unit, factor = by_hand(column.unit)
+        unit, factor = by_hand(column.unit, float(np.abs(column.samples).max(initial=0.0)))
         mean, rms = factor * column.samples.mean(), factor * column.samples.std()
         hold, delay = "zero-order" if column.hold else "", column.delay * 1e6
         late = f"{delay:.6g}" if delay else ""

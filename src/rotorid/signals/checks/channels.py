@@ -184,7 +184,8 @@ def _flat(samples: Floats, value: float) -> int:
     # A command that is held for several samples is flat everywhere: its tops count when longer.
     held = len(samples) / (np.count_nonzero(np.diff(samples)) + 1)
     least = CLIPPED_RUN * max(1, round(held)) if held > 1.5 else CLIPPED_RUN
-    long = after - first >= least
+    # Where the record begins or ends in one it may stand still: what it was cut from is not seen.
+    long = (after - first >= least) & (first > 0) & (after < len(samples))
     if not long.any():
         return 0
     before, behind = samples[np.maximum(first - 1, 0)], samples[np.minimum(after, len(samples) - 1)]
@@ -210,6 +211,7 @@ def doubtful_samples(record: Record) -> Booleans:
             found |= (samples == limit) & (_flat(samples, float(limit)) >= CLIPPED_SAMPLES)
         if (rest := _longest(samples)) is not None:
             found[rest.first : rest.after] = True
+        found[: _repeated(samples)] = True
     return found
 
 
@@ -297,6 +299,8 @@ FINE = 1e-4
 ABRUPT = 10.0
 """Last digits that a sensor moves within the one sample before a stop: a motion that ends, and be
 it in ten samples a cycle, has less than three left."""
+LEAP = 10.0
+"""How much larger than those after it a step is that ends an old reading: motion gathers speed."""
 MOVING = 0.5
 """Part of the samples outside its rest in which a drive changes: one of steps rests between."""
 ASIDE = 0.2
@@ -345,6 +349,8 @@ def check_stuck(seen: Seen) -> Iterator[Note]:
         samples = record.samples[first:, c]
         rest = _longest(samples)
         if rest is None:
+            if seen.periods is None and not is_input(channel):
+                yield from _stale(record, channel.name, samples)
             continue
         reference = channel.name in seen.references
         severity: Severity = "refuses"
@@ -364,6 +370,25 @@ def check_stuck(seen: Seen) -> Iterator[Note]:
             cure = "right only if nothing was to move there"
         about = REFERENCE if reference else "stuck"
         yield Note(about, severity, text, cure, on=(channel.name,))
+
+
+def _stale(record: Record, name: str, samples: Floats) -> Iterator[Note]:
+    """Tell of a logger that repeats an old reading at first, and leaps when the next one comes."""
+    if not (old := _repeated(samples)):
+        return
+    goes = f"{record.start + old / record.sample_rate:.6g} s"
+    text = f"{samples[0]:.6g} in every sample until {goes}, then a leap to {samples[old]:.6g}"
+    cure = f'an old reading, which the logger repeated: skip = "{goes}" or later'
+    yield Note("stuck", "warns", text, cure, on=(name,))
+
+
+def _repeated(samples: Floats) -> int:
+    steps = np.abs(np.diff(samples))
+    old = int(np.argmax(steps > 0)) + 1 if len(steps) else 0
+    if old < CLIPPED_SAMPLES:
+        return 0
+    near = steps[old : 2 * old].max(initial=quantum(samples))
+    return old if steps[old - 1] >= max(LEAP * near, steps[old:].max(initial=0.0)) else 0
 
 
 @whole_check(REFERENCE)
