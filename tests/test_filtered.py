@@ -234,6 +234,28 @@ def test_forces_that_come_late_are_turned_away(late):
     assert np.abs(pulls(right, AXIS_TRUE)).max() < 4
 
 
+def test_a_force_that_is_lacking_is_taken_for_no_lag():
+    """Friction that sticks where an axis turns: a lag of half a sample shows, less clearly."""
+    true = AXIS_TRUE
+
+    def force(t: float, q: float, v: float) -> float:
+        return 95 * (3600 * (0.15 * np.sin(3 * t) * (1 + 0.3 * np.sin(1.1 * t)) - q) - 96 * v)
+
+    def rate(t: float, state: np.ndarray) -> list[float]:
+        q, v = state
+        lost = true["Fv"] * v + true["Fc"] * np.tanh(v / 1e-4) + true["offset"]
+        return [v, (force(t, q, v) - lost) / true["M"]]
+
+    time, rng = np.arange(20_000) / 1e3, np.random.default_rng(1)
+    q, v = integrate.solve_ivp(rate, (0, 20), [0, 0], "LSODA", time, rtol=1e-8, max_step=2e-3).y
+    samples = np.column_stack([force(time, q, v), q]) + rng.normal(size=(20_000, 2)) * [0.2, 2e-6]
+    record = rid.Record([Channel("F", "N"), Channel("q", "m")], samples, 1e3)
+    found = rid.identify(AXIS, rid.filtered(record, 20.0), "batch")
+    assert {"late forces", "missing force"} <= {n.about for n in found.notes}
+    assert found.verdict == "doubtful"
+    assert np.abs(pulls(found, true)).max() < 3
+
+
 @pytest.mark.sampled(3, parts=2)
 @pytest.mark.parametrize("share", [0.03, 0.3])
 @pytest.mark.parametrize("lacks", UNMODELLED)

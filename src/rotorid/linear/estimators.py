@@ -48,6 +48,9 @@ DOUBTFUL, SURE = 4.0, 5.0
 """Deviations of the normal distribution of a lag between forces and motion from which on it is
 told, where it moves a parameter by more than `MOVED`, and from which on the answer is turned away
 (p < 1e-6), where it moves one by what the gate is sure of."""
+CLEARER = 1.5
+"""Times as clear as the force that is told as lacking a lag must be to turn an answer away: what
+sticks where an axis turns is smeared by the filter, and looks like both (1.1 to 1.3 times)."""
 BIASED = 6.0
 """Deviations by which a lower cut-off moves a parameter of an answer that is turned away: the bias
 is larger still."""
@@ -144,7 +147,8 @@ class SampledProblem(Posed):
         size, clear, changes = scatter.with_column(solution, every, free=free)
         moved, late, notes = [scatter.worst(change) for change in changes], -float(size[-1]), []
         shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)
-        for k in (-1, int(shares[:-1].argmax())):
+        lacks = int(shares[:-1].argmax())
+        for k in (-1, lacks):
             at, share = moved[k][0], float(shares[k])
             if share <= MOVED:
                 continue
@@ -163,7 +167,8 @@ class SampledProblem(Posed):
                 "give the delay of the channels, or look for filters before the logger, or for "
                 "something elastic that the equations leave out"
             )
-            sure = clear[k] > SURE and share > machine_checks.SURE
+            rival = CLEARER * clear[lacks] if shares[lacks] > MOVED else 0.0
+            sure = clear[k] > max(SURE, rival) and share > machine_checks.SURE
             severity: Severity = "rejects" if sure else "doubts"
             notes.append(Note(LATE, severity, text, cure, (name,), share, "1"))
         return notes, changes[:-1][shares[:-1] > MOVED]
