@@ -18,6 +18,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import cli
+from rotorid.core.watch import watched
 from rotorid.studies.fleet import ALARM, FleetResult, fleet_parameter
 from rotorid.studies.plan import load_study
 from rotorid.studies.run import Processes
@@ -303,7 +304,12 @@ def test_a_fleet_tells_who_differs_and_who_changed(tmp_path, output):
         status = "rejected" if case == 15 else "ok"
         store.add({**plan.case(case).row(status, 0.1, **said), **values})
     store.close()
-    shown = output("study", study, "--out", out, "--summary")
+    said = list[str]()
+    with watched(lambda say, *_: said.append(say)):
+        shown = output("study", study, "--out", out, "--summary")
+    told = {"reading results": 1, "summarizing points of the grid": 1}
+    told |= {"sorting results into fleets": 15, "comparing machines of a fleet": 3}
+    assert {say: said.count(say) for say in told} == told
     assert shown.count(" differs by ") == shown.count(" changed by ") == 1
     assert "m of serial 12 differs by +" in shown
     head, *rows = shown[shown.index("\nfleet") + 1 :].splitlines()

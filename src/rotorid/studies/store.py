@@ -13,6 +13,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ReadError, one_line
 from rotorid.core.files import write_whole
+from rotorid.core.watch import counting
 from rotorid.studies.study_case import MACHINE, STOPPED, Row
 
 try:
@@ -180,7 +181,8 @@ def read_rows(folder: Path) -> Any:
     # First the journal: its rows are the newer ones, and leave it only for a part.
     rows = list(_journalled(folder / JOURNAL))
     parts = [_table(rows)] if rows else []
-    parts += [_read(path) for path in sorted((folder / RESULTS).glob(PARTS))]
+    paths = counting(sorted((folder / RESULTS).glob(PARTS)), "reading results")
+    parts += map(_read, paths)
     if not parts:
         raise InputError("no results", "those of a study", "run it first", file=str(folder))
     table = pa.concat_tables(parts, promote_options="default")

@@ -18,7 +18,7 @@ from rotorid.core.files import write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import Page, Table, table
 from rotorid.core.values import Floats, grouped
-from rotorid.core.watch import watch
+from rotorid.core.watch import counting, watch
 from rotorid.report.html import Passage, page_of
 from rotorid.report.records import cell
 from rotorid.studies.fleet import FleetParameter, FleetResult, fleet_parameter
@@ -156,7 +156,8 @@ def summarize_study(plan: StudyPlan, folder: Path) -> StudySummary:
     named = {point for point, serial in zip(points, serials, strict=bool(serials)) if serial}
     of = {p: plan.fleet(p) if p in named else plan.label(p) for p in sorted({*points})}
     labels = np.array([of[point] for point in points])
-    groups = (_group(each, rows.filter(labels == each)) for each in dict.fromkeys(of.values()))
+    counted = counting([*dict.fromkeys(of.values())], "summarizing points of the grid")
+    groups = [_group(each, rows.filter(labels == each)) for each in counted]
     failed = Counter(error for error in rows["error"].to_pylist() if error).most_common(WORST)
     fleets, remarks = _fleets(plan, rows)
     names = [n.removesuffix("_true") for n in rows.column_names if n.endswith("_true")]
@@ -191,7 +192,7 @@ def _fleets(plan: StudyPlan, rows: Any) -> tuple[dict[str, list[Row]], list[str]
     several = len({row.get("model") for row in good}) > 1
     found, uses = defaultdict[str, list[Row]](list), defaultdict[Any, list[Any]](list)
     again = list[tuple[bool, int, str]]()
-    for row in good:
+    for row in counting(good, "sorting results into fleets"):
         apart = plan.fleet(row["point"]), several * f"model = {row.get('model')}"
         label = ", ".join(filter(None, apart))
         taken = [((label, file), *times) for file, *times in json.loads(row.get("record") or "[]")]
@@ -214,7 +215,8 @@ def _fleets(plan: StudyPlan, rows: Any) -> tuple[dict[str, list[Row]], list[str]
 
 def _fleet(fleets: Mapping[str, Sequence[Row]], names: Sequence[str]) -> Iterator[FleetParameter]:
     """Yield what they say, parameter by parameter."""
-    for (setting, members), name in product(fleets.items(), names):
+    every = [*product(fleets.items(), names)]
+    for (setting, members), name in counting(every, "comparing machines of a fleet"):
         std = f"{name}_std"
         found = [row for row in members if 0 < (row[std] or 0.0) < np.inf]
         of = ((r, (r[name], r[std], r.get(f"{std}_assumed"))) for r in found)
