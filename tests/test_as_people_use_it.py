@@ -183,6 +183,15 @@ def test_every_result_shows_itself(find, told):
     assert pickle.loads(pickle.dumps(found)) == found
 
 
+@pytest.mark.parametrize("name", ["jeffcott", "rigid"])
+def test_modes_of_a_single_place_show_their_table(name):
+    """They have no shapes: a notebook showed a ValueError."""
+    found = rid.modes(rid.load_model(name), "600 rpm")
+    assert "<table>" in found._repr_html_()
+    with pytest.raises(rid.InputError, match="nothing to draw"):
+        found.plot()
+
+
 def test_one_order_of_arguments():
     """The speed is the second argument of whatever has one."""
     model, speed = rid.load_model("three-mass"), "6000 rpm"

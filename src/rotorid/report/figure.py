@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from rotorid.core.errors import InputError
 from rotorid.report.drawn import Curve, Matrix, Panel, key_of, label
 
 MOST_IMAGE = 150_000  # characters of a picture in a notebook
@@ -83,7 +84,9 @@ class Picture(Figure):
 @style()
 def figure_of(panels: Sequence[Panel], columns: int = 3, *, apart: bool = False) -> Figure:
     """Draw panels side by side, `columns` in a row, with one key for all or, `apart`, for each."""
-    columns = max(1, min(columns, len(panels)))
+    if not panels:  # modes of a machine with a single place have no shapes
+        raise InputError("a result with nothing to draw", "curves or shapes", "print its table")
+    columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     width = 9.0 if columns < 3 or rows > 1 else 12.0
     height = max(panel.height for panel in panels) * rows + 0.3
