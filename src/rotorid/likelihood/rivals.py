@@ -258,12 +258,13 @@ class RivalSearch:
         yield from self.one_by_one([rival for _, rival in likeliest])
 
     def likeliest(self, stage: str) -> Tries:
+        """Screen the rivals of a stage, and follow the best, if it is better than none of them."""
         entered, costs = self.entered(stage), list[float]()
         for rival in entered:
             costs.append(self.screen(rival))
             yield self.told(self.found, len(costs), len(entered))
-        if entered:
-            self.follow(entered[costs.index(min(costs))])
+        if entered and (least := min(costs)) < self.case.screened(least):
+            self.follow(entered[costs.index(least)])
 
 
 def ranked(found: Sequence[Finding], expected: float, places: Places) -> list[Finding]:

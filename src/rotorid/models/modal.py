@@ -34,6 +34,9 @@ BLOCK = 4  # vectors of a block: as many as there are free motions at rest, in t
 SPARE = 36  # vectors of a Krylov space beyond three times as many as there are modes to be found
 PAYS = 3  # times as many coordinates as vectors from which on such a space pays
 FOUND = 1e-6  # error of a vector that is found: its eigenvalue's is about the square of that
+ASTRAY = 0.1
+"""The same from which on no larger space tells more: with parts of 1e10 times their stiffness, on
+which a search may come, the lowest modes are rounding."""
 SAME = 1e-12  # share of a space's vectors that is rounding
 
 
@@ -85,15 +88,25 @@ def lowest_modes(
     Of a machine of many coordinates from a space of few vectors (block Arnoldi on ``(q, lambda q)``
     about `near`, in rad/s, below the first frequency), which grows until they are found. Right and
     left vectors lie in it, so that errors of both leave their product in an eigenvalue.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where such a space does not hold them: the parts are too unlike, or few modes oscillate.
     """
     whole, size = _Scaled.of(mass, damping, stiffness), 3 * count + SPARE
+    if PAYS * size > len(mass):
+        return whole.eigenmodes()
     shifted = _Shifted(whole, near / whole.unit)
     while PAYS * size <= len(mass):
         found = shifted.within(size).eigenmodes(count)
-        if len(found.values) == count and shifted.error(found) <= FOUND:
+        error = shifted.error(found) if len(found.values) == count else np.inf
+        if error <= FOUND:
             return found
+        if error > ASTRAY:
+            break
         size *= 2
-    return whole.eigenmodes()
+    raise np.linalg.LinAlgError("lowest modes that are rounding, or none")
 
 
 def eigenvalues(mass: Matrix, damping: Matrix, stiffness: Matrix) -> Complexes:

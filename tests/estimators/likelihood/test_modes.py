@@ -18,6 +18,7 @@ from rotorid import InputError
 from rotorid.likelihood.mode_rows import GRANTED
 from rotorid.likelihood.preparation import prepare
 from rotorid.models.knowledge import Knowledge, configurations
+from rotorid.models.modal import eigenmodes, lowest_modes
 
 TESTS = ({}, {"k0": 0.0}, {"m3": 3.0})  # as in service, hanging free, with a mass added
 
@@ -325,3 +326,17 @@ def test_modes_of_many_coordinates_are_those_of_the_whole(text, hung, asked, spe
     for fit, mode in zip(estimate.modes, whole, strict=False):
         assert fit.fitted_hz == pytest.approx(mode.frequency_hz, rel=1e-8)
         assert abs(fit.fitted_hz - fit.frequency_hz) < 2 * fit.std_hz
+
+
+@pytest.mark.parametrize(("stiff", "found"), [(1e-3, True), (1e3, True), (1e12, False)])
+def test_lowest_modes_of_parts_too_unlike_are_refused(stiff, found):
+    """A search may come there; the whole machine would take seconds, and tell rounding."""
+    model = rid.parse_model(FINE)
+    values = model.values({**model.nominal, "s_A": stiff, "k_s": 1e6})
+    at = model.require_linear().matrices(values)
+    if not found:
+        with pytest.raises(np.linalg.LinAlgError, match="rounding"):
+            lowest_modes(at.M, at.D, at.K, 12, 50.0)
+        return
+    lowest, whole = lowest_modes(at.M, at.D, at.K, 12, 50.0), eigenmodes(at.M, at.D, at.K)
+    np.testing.assert_allclose(lowest.values, whole.values[:12], rtol=1e-8)

@@ -102,6 +102,17 @@ def test_which_mistakes_are_followed_after_the_screening(catalogue, best, follow
     assert gone == [str(cost) for cost in followed]
 
 
+@pytest.mark.parametrize(("best", "followed"), [(999.0, ["b"]), (1001.0, [])])
+def test_other_numbers_of_modes_are_followed_where_they_are_better_than_these(
+    catalogue, best, followed
+):
+    gone: list[str] = []
+    costs = {"a": 2000.0, "b": best}
+    catalogue("modes", *(rival(t, left=9e5, gone=gone, screened=c) for t, c in costs.items()))
+    named(case_of(1e6))
+    assert gone == followed
+
+
 def test_what_was_tried_before_is_not_tried_again(catalogue):
     gone: list[str] = []
     catalogue("single", *(rival(t, "mistake", left=1e5, gone=gone) for t in ("a", "b")))
