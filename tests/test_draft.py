@@ -114,7 +114,7 @@ def test_arrays_of_a_matlab_file(tmp_path, output):
     scipy.io.savemat(tmp_path / "run.mat", held)
     out = tmp_path / "run.toml"
     told = output("new", tmp_path / "run.mat", "--model", "jeffcott", "--out", out)
-    named = "3 things open: speed of records.0; column of channels.F_x, channels.F_y"
+    named = "4 things open: speed of records.0; column of channels.F_x, channels.F_y, channels.x"
     assert f"wrote {out}: {named}; next: rotorid inspect {out}" in told
     text = out.read_text()
     assert f"# {named}." in text
@@ -583,7 +583,7 @@ def test_a_disc_that_may_be_the_second_bearing_is_to_be_checked(tmp_path):
 
 def test_lines_to_copy_where_no_column_looks_like_anything(tmp_path):
     text = drafted(tmp_path, "q1,q2,q3,q4,w1,w2,w3,w4")
-    assert '\n# x1 = {column = "?", unit = "um"}\n' in text
+    assert '\nx1 = {column = "?", unit = "um"} # one sensor at least: of any coordinate\n' in text
     law = '# F_x1 = {law = "linear", current = {column = "?", unit = "A"}, position = "x1", ki = '
     assert law in text
     assert "# x1 =" not in drafted(tmp_path, "x1_um,y1_um,x3_um,y3_um,i1x,i1y,i2x,i2y")
@@ -655,3 +655,23 @@ def test_a_column_of_two_values_may_be_a_mark_and_a_file_without_times_a_table(t
     assert 'kind = "phasors"' not in text
     write_table(tmp_path / "runs.csv", "rpm,a1,p1", *np.arange(9.0).reshape(3, 3) ** 2)
     assert 'kind = "phasors"' in draft([tmp_path / "runs.csv"], "jeffcott", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("header", "line"),
+    [
+        (
+            "Force [N],Pos A [mm]",
+            'q = {column = "Pos A", unit = "mm"} # the only column in mm: check',
+        ),
+        ("Force [N],left [mm],right [mm]", "# one sensor at least: left, right"),
+    ],
+)
+def test_a_draft_that_reads_nothing_leaves_a_sensor_open(tmp_path, output, header, line):
+    """Nothing open, and suitable, it was; `identify` then found no sensor of any coordinate."""
+    columns = header.count(",") + 1
+    values = np.random.default_rng(2).normal(size=(400, columns))
+    np.savetxt(tmp_path / "run.csv", values, delimiter=",", header=header, comments="")
+    told = output("new", tmp_path / "run.csv", "--model", "emps")
+    assert line in told
+    assert ("channels.q" in told.partition("Next")[0]) == line.startswith("#")

@@ -515,6 +515,20 @@ class TestAssumed:
         assert found.status == "ok"  # what else is assumed may move it by five std
         assert "H1" not in {one.assumed for one in found.assumptions}
 
+    def test_noise_of_readings_that_rises_with_the_frequency_is_none_of_the_force(self):
+        """Of a displacement, read as an acceleration: 120 % of the force's power was said."""
+        rng, hertz = np.random.default_rng(4), 3 * SPACED[::3]
+        per_line = -((2 * np.pi * hertz) ** 2)
+        true, std = per_line * of_one_mass(hertz), np.abs(per_line) * 3e-8
+        read = true + std * (rng.standard_normal((len(true), 2)) @ [1, 1j])
+        coherence = np.abs(true) ** 2 / (np.abs(true) ** 2 + 60 * std**2)
+        told = {"responses": read[:, None], "coherence": coherence[:, None], "averages": 30}
+        sensor = rid.Channel("a", "m/s^2", reads={"x''": 1.0})
+        lines = rid.response_lines(F, [sensor], hertz, window="none", **told)
+        found = rid.identify(ONE_MASS, lines, rid.MaximumLikelihood())
+        sizes = [one.size for one in found.assumptions if one.assumed == "H1"]
+        assert all(float(size.split()[2]) < 2 for size in sizes), sizes
+
     @pytest.mark.parametrize("stated", [None, "hann", "none"])
     def test_a_window_that_responses_reject_is_suspected(self, stated):
         """With noise of 1e-8 m/N; a rectangular one is another damping, and rejects nothing."""

@@ -526,3 +526,14 @@ def test_a_matrix_is_singular_to_rounding():
     assert np.isfinite(_solved(of, nearly, np.eye(2))).all()
     with pytest.raises(InputError, match="that is singular"):
         _solved(of, singular, np.eye(2))
+
+
+def test_a_record_that_is_not_there_has_no_values(tmp_path, refusal):
+    """Of an index beyond the last the common values were taken: the rotor without trial masses."""
+    seen = Evidence(tuple(RecordEvidence(f"{k}.csv", "phasors") for k in range(2)))
+    estimate = estimate_of(RIGID).with_(evidence=seen)
+    assert rid.balance(estimate, ENDS, "600 rpm", record=1).share < 1e-9
+    with pytest.raises(InputError, match=r"record 2, of a result of 2; expected .* 0 to 1"):
+        rid.balance(estimate, ENDS, "600 rpm", record=2)
+    estimate.save(tmp_path / "run.json")
+    assert "from 0 to 1" in refusal("modes", tmp_path / "run.json", "--record", 2)

@@ -700,6 +700,17 @@ def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None,
         told = "taken to be where the force acts; else write its own distance for the lever"
         sensor = {"reads": displacement(model, name), **_column(column)}
         yield _sensor_name(name), sensor, _and(told, column.assumed)
+    if hidden and len(hidden) == len(model.coordinates) and not sensors:
+        # Nothing is identified without a sensor: the only column of that kind, or one left open.
+        (name, channel), *_ = coordinate.items()
+        alike = [c for c in free if c.measures(model.units[name])]
+        if len(alike) == len(hidden) == 1:
+            used.append(alike[0])
+            yield name, _column(alike[0]), f"the only column in {alike[0].unit}: check"
+        else:
+            names = ", ".join(c.name for c in alike[:_MOST_NAMES]) or "of any coordinate"
+            yield name, channel, f"one sensor at least: {names}"
+        hidden, coordinate = hidden[1:], {}
     if hidden:
         told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
         yield "", None, f"{told} coordinate needs one"

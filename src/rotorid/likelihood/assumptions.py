@@ -650,7 +650,8 @@ def _noise_of_force(at: Evaluation, lines: Lines) -> float:
     """Return a of the noise ``a |H|^2 + b`` that coherences show, b one of each reading.
 
     Noise of the force is in proportion to what it would cause. H1 is too small by a, as H2 is too
-    large where the noise is one of readings.
+    large where the noise is one of readings. What the force makes is in every line: none has less,
+    but for the scatter of coherences, also where the noise of readings is another at each line.
     """
     made, sensors = lines.analyser, at.problem.order[at.forces :]
     if made is None or made.averages is None:
@@ -660,12 +661,14 @@ def _noise_of_force(at: Evaluation, lines: Lines) -> float:
     even = np.broadcast_to(np.eye(len(sensors)), (*noise.shape, len(sensors)))
     parts = np.concatenate([size[:, :, None], even], axis=2)[noise > 0]
     noise, weight, found = noise[noise > 0], noise[noise > 0], np.zeros(1)
+    least = np.quantile(noise / parts[:, 0], 0.25) if len(noise) else 0.0
+    most = least * (1 + 2 / np.sqrt(made.averages))
     for _ in range(3):  # its own scatter is in proportion to what the noise is
         scaled = parts / weight[:, None]
         scale = column_lengths(scaled)
         found = scipy.optimize.nnls(scaled / scale, noise / weight)[0] / scale
         weight = parts @ found
-    return float(found[0])
+    return float(min(found[0], most))
 
 
 def _led_by_the_angle(fit: Fit) -> Iterator[Note]:

@@ -294,6 +294,11 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
         raise InputError("a result that has not converged", "one that is ok, or rejected", cure)
     else:
         model = own_model(source)
+    seen = source.evidence.records if source.evidence else ()
+    last = max([0, len(seen) - 1, *(each.record for each in source.line_misfit)])
+    if record > last and (seen or source.line_misfit):
+        told = f"record {record}, of a result of {last + 1}"
+        raise InputError(told, f"an index from 0 to {last}", "count from 0", place="record")
     source = _of_record(model, source, record)
     fixed = {v.name: v.value for v in source.parameters if v.fixed}
     off = {name for shift in source.shifts for name in shift.moves}  # no constant, if without std
