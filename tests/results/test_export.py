@@ -272,3 +272,16 @@ def test_older_results_of_own_files_are_refused_with_the_cure(name):
     estimate = rid.Estimate(name, "ml", "ok", (), provenance=rid.Provenance(files))
     with pytest.raises(rid.InputError, match=r"without the text of its model.*identify again"):
         rid.own_model(estimate)
+
+
+@pytest.mark.parametrize("write", [rid.Estimate.save, rid.export])
+def test_a_file_that_is_no_result_is_not_replaced_from_python_either(tmp_path, write):
+    """The record of a test was overwritten without a word."""
+    estimate, record = estimate_of(load_model("jeffcott")), tmp_path / "run.csv"
+    record.write_text("t,x\n0,1\n")
+    with pytest.raises(InputError, match="force=True"):
+        write(estimate, record)
+    assert record.read_text() == "t,x\n0,1\n"
+    write(estimate, record, force=True)
+    write(estimate, record)  # its own
+    assert record.stat().st_size > 100

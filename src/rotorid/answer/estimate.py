@@ -36,7 +36,7 @@ from rotorid.answer.parts import (
 )
 from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.errors import InputError
-from rotorid.core.files import MARK, Kind, write_whole
+from rotorid.core.files import MARK, Kind, check_target, write_whole
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import VERDICTS, Note
 from rotorid.core.tables import Page, Table, table
@@ -345,14 +345,17 @@ class Estimate(Shown):
         data["assumptions"] = [vars(one) for one in self.assumptions]
         return {"schema": SCHEMA, "version": __version__, "verdict": self.verdict, **data}
 
-    def save(self, path: str | Path) -> None:
-        """Write the result file (JSON).
+    def save(self, path: str | Path, *, force: bool = False) -> None:
+        """Write the result file (JSON); `force` replaces a file that is no result, or was edited.
 
         Raises
         ------
+        InputError
+            For another's file, such as a record, and a path that cannot be written.
         OSError
             Where the file cannot be written.
         """
+        check_target(Path(path), RESULT, force=force)
         write_whole(path, self.to_json())
 
     def to_json(self) -> bytes:

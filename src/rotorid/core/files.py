@@ -151,7 +151,7 @@ def seen(path: Path) -> Seen:
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
-_OR_FORCE = "choose another name, or replace the file with --force"
+_OR_FORCE = "choose another name, or replace the file with --force (Python: force=True)"
 
 
 def _refused(

@@ -18,7 +18,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate, value_tables
 from rotorid.answer.parts import Value
 from rotorid.core.errors import InputError, one_line, printable, require_names, require_type
-from rotorid.core.files import MARK, Kind, write_whole
+from rotorid.core.files import MARK, Kind, check_target, write_whole
 from rotorid.core.units import finite_speed
 from rotorid.core.values import Floats, frozen
 from rotorid.models import Model
@@ -197,7 +197,12 @@ _LATEX |= {c: "\\" + c for c in "&%$#_{}"}
 
 
 def export(
-    estimate: Estimate, path: str | Path, *, ending: str | None = None, speed: float | str = 0.0
+    estimate: Estimate,
+    path: str | Path,
+    *,
+    ending: str | None = None,
+    speed: float | str = 0.0,
+    force: bool = False,
 ) -> None:
     """Write the parameters, nuisance and derived quantities of an estimate, and their covariance.
 
@@ -213,11 +218,13 @@ def export(
         In place of the path's.
     speed : float or str
         Of the state space: rad/s, or a text with unit.
+    force : bool
+        Replaces a file that no export wrote, or that was edited since.
 
     Raises
     ------
     InputError
-        For any other ending, and for a state space that the machine does not have.
+        For any other ending, another's file, and a state space that the machine does not have.
     OSError
         Where the file cannot be written.
 
@@ -232,6 +239,7 @@ def export(
     parameter,m,kg,2.0,0.01,,False,0.0001
     """
     require_type(estimate, Estimate, place="estimate")
+    check_target(Path(path), EXPORT, force=force)
     write_whole(path, exported(estimate, path, ending=ending, speed=speed))
 
 
