@@ -101,6 +101,8 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
             file = each.lines.source if isinstance(each, Observation) else each.source
             expected = "a record that can be identified"
             raise InputError(str(replace(refusal, cure="")), expected, cure, file=file)
+    if not hasattr(estimator, "estimate"):
+        require_type(estimator, str, place="estimator")
     chosen = by_name(estimator) if isinstance(estimator, str) else estimator
     estimate = chosen.estimate(model, data)
     silent = (c for notes in found for c in notes if c.about == NO_SCATTER and not c.on)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
-from typing import Self
+from typing import Self, TypeVar
 
 LINE = 590  # characters of a message: what is read as one line, and below what a log cuts
 PART = 240  # of one part of it, so that a long one leaves room for the others
@@ -17,6 +17,7 @@ SENTENCE = 4_000  # of a sentence between tables: a warning may list fifty names
 NAMES, NAME_CHARACTERS = 500, 100
 """Names, and their characters, among which the nearest is sought: two of ten letters take 10 us."""
 _GAP = " ... "
+Kind = TypeVar("Kind")
 
 
 def printable(text: str, *, keep: str = "") -> str:
@@ -125,9 +126,22 @@ def require_type(value: object, *taken: type, place: str) -> None:
     if not isinstance(value, taken):
         names = [kind.__name__ for kind in taken]
         cure = "; ".join(MAKES[name] for name in names if name in MAKES)
-        given = one_line(repr(value), 40) if isinstance(value, str | float | int) else ""
-        found = f"{type(value).__name__} {given}".rstrip().replace("NoneType", "None")
-        raise WrongTypeError(found, " or ".join(names), cure, place=place)
+        raise WrongTypeError(_given(value), " or ".join(names), cure, place=place)
+
+
+def require_each(values: Iterable[Kind], taken: type, *, place: str) -> tuple[Kind, ...]:
+    """Return values as a tuple; refuse what is no sequence of that type."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise WrongTypeError(_given(values), f"a list of {taken.__name__}", "", place=place)
+    found = tuple(values)
+    for number, value in enumerate(found):
+        require_type(value, taken, place=f"{place}[{number}]")
+    return found
+
+
+def _given(value: object) -> str:
+    given = one_line(repr(value), 40) if isinstance(value, str | float | int) else ""
+    return f"{type(value).__name__} {given}".rstrip().replace("NoneType", "None")
 
 
 def require_positive(

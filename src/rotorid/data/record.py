@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
-from rotorid.core.errors import InputError, WrongTypeError, require_names
+from rotorid.core.errors import InputError, WrongTypeError, require_names, require_type
 from rotorid.core.notes import Note
 from rotorid.core.units import multiply_units, quantity, si_factor
 from rotorid.core.values import (
@@ -95,6 +95,11 @@ class Channel:
     drive: Drive | None = None
     dynamics: Dynamics | None = None
     law: Law | None = None
+
+    def __post_init__(self) -> None:
+        require_type(self.name, str, place="name")
+        if self.reads is not None:
+            require_type(self.reads, Mapping, place="reads")
 
     @property
     def combination(self) -> Mapping[str, float]:

@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import EFFORT
-from rotorid.core.errors import NotConvergedError, require_names
+from rotorid.core.errors import NotConvergedError, require_each, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.watch import Pace, watch, words
@@ -26,7 +26,7 @@ from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.linear.estimators import refuse_filtered
 from rotorid.models import Model
-from rotorid.models.knowledge import Knowledge
+from rotorid.models.knowledge import Constraint, Knowledge, Mode
 
 EFFORTS = {"quick": 0, "normal": 1, "thorough": 3}
 """Times as many further starts, when looking for the minimum and for other answers, and as many
@@ -210,8 +210,8 @@ class MaximumLikelihood(Nuisances, Knowledge[float | str]):
             ("effort", tuple(EFFORTS), "quick ends at the first minimum"),
         ):
             require_names([getattr(self, key)], choices, f"{key} {{}}", f"choose one; {cure}")
-        for name in ("constraints", "modes"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for name, kind in (("constraints", Constraint), ("modes", Mode)):
+            object.__setattr__(self, name, require_each(getattr(self, name), kind, place=name))
 
     def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate; its status says whether there is one.

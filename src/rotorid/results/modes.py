@@ -655,7 +655,7 @@ class UnbalanceResponse(OfAMachine):
 
 
 def unbalance_response(
-    source: Estimate | Model, speeds: Floats | float | str, *, record: int = 0
+    source: Estimate | Model, speeds: Floats | float | str | Sequence[str], *, record: int = 0
 ) -> UnbalanceResponse:
     """Return the motion that the identified unbalance makes at some speeds, with deviations.
 
@@ -665,7 +665,7 @@ def unbalance_response(
     ----------
     source : Estimate or Model
     speeds : array, shape (speed,), or float or str
-        rad/s; one speed with its unit as text.
+        rad/s, or with their units as texts.
     record : int
         Whose values are taken of what every record has to itself.
 
@@ -685,9 +685,8 @@ def unbalance_response(
     >>> f"{abs(found.motion[0, 0]) * 1e6:.1f} um"
     '21.8 um'
     """
-    if isinstance(speeds, str):
-        speeds = finite_speed(speeds)
-    return response_of(machine_of(source, record), np.atleast_1d(np.asarray(speeds, dtype=float)))
+    each = np.atleast_1d(np.asarray(speeds, dtype=object)).tolist()
+    return response_of(machine_of(source, record), np.array([finite_speed(s) for s in each]))
 
 
 def response_of(machine: Machine, speeds: Floats) -> UnbalanceResponse:

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming, require_positive, require_type
+from rotorid.core.errors import InputError, naming, require_each, require_positive, require_type
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers, frozen
@@ -285,7 +286,7 @@ def _lines_of(
         )
     if band is not None:
         return lines_within(band, rate, size)
-    chosen = () if harmonics is None else harmonics
+    chosen = require_each(() if harmonics is None else harmonics, Real, place="harmonics")
     shown, key = f"the harmonics {list(chosen)}", "harmonics"
     if not len(chosen):
         raise InputError(f"no line in {shown}", "at least one line", "widen it", place=key)
