@@ -498,7 +498,7 @@ def _curves(eigen: Sequence[Eigen]) -> Floats:
     """Return which mode each curve is at each speed, (speed, curve); -1 where it is none."""
     first = len(eigen[0].found.values)
     rows = [list(range(first))]
-    for at, to in pairwise(eigen):
+    for at, to in counting(list(pairwise(eigen)), "following modes over the speeds"):
         found = _followed(at, to, HALVINGS)
         rows.append([found.get(i, -1) for i in rows[-1]])
         new = [j for j in range(len(to.found.values)) if j not in found.values()]
