@@ -37,6 +37,9 @@ FOUND = 1e-6  # error of a vector that is found: its eigenvalue's is about the s
 ASTRAY = 0.1
 """The same from which on no larger space tells more: with parts of 1e10 times their stiffness, on
 which a search may come, the lowest modes are rounding."""
+ROUNDED = 10  # times the rounding of K q, up to which an error may be that of all its products
+BLURRED = 1e-4  # error up to which rounding is an excuse: eight digits of an eigenvalue are left
+EPS = float(np.finfo(float).eps)
 SAME = 1e-12  # share of a space's vectors that is rounding
 
 
@@ -98,10 +101,11 @@ def lowest_modes(
     if PAYS * size > len(mass):
         return whole.eigenmodes()
     shifted = _Shifted(whole, near / whole.unit)
-    while PAYS * size <= len(mass):
+    while PAYS * size <= len(mass) * (1 + shifted.symmetric):  # one side serves as both
         found = shifted.within(size).eigenmodes(count)
-        error = shifted.error(found) if len(found.values) == count else np.inf
-        if error <= FOUND:
+        enough = len(found.values) == count
+        error, rounding = shifted.error(found) if enough else (np.inf, 0.0)
+        if error <= max(FOUND, min(ROUNDED * rounding, BLURRED)):
             return found
         if error > ASTRAY:
             break
@@ -249,10 +253,14 @@ class _Shifted:
             return self.solved(right.real, side) + 1j * self.solved(right.imag, side)
         return self.factors.solve(right, side)
 
+    @cached_property
+    def symmetric(self) -> bool:
+        """Whether it was, before scaling rounded it."""
+        return all(abs(e - e.T).max() <= 4 * EPS * abs(e).max() for e in self.matrices)
+
     def within(self, size: int) -> _Scaled:
         """Hold the machine to the space of its vectors near, `size` on either side."""
-        symmetric = all(abs(each - each.T).max() == 0 for each in self.matrices)
-        parts = [self._krylov(size, side) for side in ("N" if symmetric else "NT")]
+        parts = [self._krylov(size, side) for side in ("N" if self.symmetric else "NT")]
         every = np.concatenate([p for part in parts for p in (part.real, part.imag)], axis=1)
         left, sizes, _ = np.linalg.svd(every, full_matrices=False)
         space = left[:, sizes > SAME * sizes[0]]
@@ -275,17 +283,19 @@ class _Shifted:
             found = np.concatenate([found, block], axis=1)
         return np.asarray(found[:n])
 
-    def error(self, found: Eigenmodes) -> float:
-        """Return how far the right and left vectors are from those of the machine, at most."""
-        values, worst = found.values / self.whole.unit, 0.0
+    def error(self, found: Eigenmodes) -> tuple[float, float]:
+        """Return how far vectors are from those of the machine, at most, and by rounding alone."""
+        values, worst, rounding = found.values / self.whole.unit, 0.0, 0.0
         sides = (("N", found.right / self.whole.column), ("H", found.left / self.whole.row))
         for side, vectors in sides:
             k, d, m = (each if side == "N" else each.conj().T for each in self.matrices)
             at = values if side == "N" else values.conj()
             q = vectors.T
             left = self.solved(at**2 * (m @ q) + at * (d @ q) + k @ q, side)
-            worst = max(worst, *np.linalg.norm(left, axis=0) / np.linalg.norm(q, axis=0))
-        return worst
+            rounded = EPS * self.solved(abs(k) @ np.abs(q), side)
+            for_one = np.linalg.norm([left, rounded], axis=1) / np.linalg.norm(q, axis=0)
+            worst, rounding = np.maximum((worst, rounding), for_one.max(axis=1))
+        return worst, rounding
 
 
 def _scales(size: Floats) -> tuple[Floats, Floats]:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 from bank import agrees, recovered
 from chain_of_masses import MODEL, TRUTH, matrices, wrong
 from differences import gradient_holds
@@ -340,3 +341,21 @@ def test_lowest_modes_of_parts_too_unlike_are_refused(stiff, found):
         return
     lowest, whole = lowest_modes(at.M, at.D, at.K, 12, 50.0), eigenmodes(at.M, at.D, at.K)
     np.testing.assert_allclose(lowest.values, whole.values[:12], rtol=1e-8)
+
+
+def test_rounding_refuses_no_rotor_on_soft_cords(monkeypatch):
+    """Bodies at .8 Hz beside bending; left and right shapes are the same: 72, and a block."""
+    sizes, eig = list[int](), scipy.linalg.eig
+    forms = [rid.parse_model(text).require_linear() for text in (CORED, FINE)]
+    coarse, fine = (form.matrices([1.0, 1.0, 1.2, 100.0]) for form in forms)
+    few = eigenmodes(coarse.M, coarse.D, coarse.K)
+
+    def counted(companion, *rest, **options):
+        sizes.append(len(companion))
+        return eig(companion, *rest, **options)
+
+    monkeypatch.setattr(scipy.linalg, "eig", counted)
+    found = lowest_modes(fine.M, fine.D, fine.K, 12, 1.4)
+    np.testing.assert_allclose(found.values[:8].imag, few.values[:8].imag, rtol=2e-3)
+    assert len(sizes) == 1
+    assert sizes[0] <= 2 * (72 + 4)
