@@ -258,7 +258,7 @@ class RivalSearch:
         yield from self.one_by_one([rival for _, rival in likeliest])
 
     def likeliest(self, stage: str) -> Tries:
-        """Screen the rivals of a stage, and follow the best, if it is better than none of them."""
+        """Screen the rivals of a stage, and follow the best where it beats the case as it is."""
         entered, costs = self.entered(stage), list[float]()
         for rival in entered:
             costs.append(self.screen(rival))
