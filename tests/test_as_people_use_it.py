@@ -242,6 +242,9 @@ def test_a_data_frame_is_a_record(record):
     start = pd.Timestamp("2026-03-02 10:14")
     small = pd.DataFrame({"x": [1, 2, 3]}, index=[start + pd.Timedelta(k, "ms") for k in range(3)])
     found = rid.Record.from_frame(small, units={"x": "um"})
+    named = small.rename(columns={"x": "x [um]"})
+    assert found == rid.Record.from_frame(named)
+    assert rid.Record.from_frame(named, units={"x": "mm"}).samples[0, 0] == 1e-3
     assert found == rid.Record([rid.Channel("x", "m")], [[1e-6], [2e-6], [3e-6]], "1 kHz")
     assert rid.Record.from_frame(small.reset_index(drop=True), sample_rate="2 kHz").start == 0.0
     with pytest.raises(rid.InputError, match="found complex numbers; expected columns of numbers"):

@@ -19,7 +19,6 @@ from rotorid.io.text import (
     DIGITS,
     LINE_CHARACTERS,
     PREAMBLE_CHARACTERS,
-    UNIT_CHARACTERS,
     find_dialect,
     is_value,
     open_delimited,
@@ -420,7 +419,8 @@ def test_heads_take_time_by_their_length(head, tmp_path):
         ("x [um] raw", ("x [um] raw", None)),
         ("x [um)", ("x [um)", None)),
         ("]", ("]", None)),
-        (f"x [{'m' * (UNIT_CHARACTERS + 1)}]", (f"x [{'m' * 65}]", None)),
+        (f"x [{'m' * 65}]", (f"x [{'m' * 65}]", None)),
+        ("iy[1]", ("iy", None)),
         (f"x [{'m*' * 31}mm]", ("x", "m*" * 31 + "mm")),
     ],
 )

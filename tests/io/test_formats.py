@@ -82,6 +82,24 @@ def test_columns_units_and_rate(path):
         open_table(path).find("fxx")
 
 
+@pytest.mark.parametrize("name", ["run.h5", "run.parquet", "run.tdms", "run.mf4"])
+def test_units_in_the_names_of_columns(name, tmp_path):
+    """Without units of the file's own: `find` takes a name with its unit or without."""
+    path, heads = tmp_path / name, ("fx [N]", "px (um)", "ix[1]")
+    if path.suffix in PACKAGES:
+        pytest.importorskip(PACKAGES[path.suffix])
+    WRITERS[name](path, {head: (X, "") for head in heads})
+    opened = open_table(path)
+    assert {each.rsplit("/", 1)[-1] for each in opened.names} >= {"fx", "px", "ix"}
+    sources = {"F": Source("fx", expected="N"), "x": Source("px", expected="m")}
+    record = rid.read_record(path, columns=sources, sample_rate=RATE)
+    np.testing.assert_allclose(record.samples, X[:, None] * [1, 1e-6], rtol=1e-14)
+    with pytest.raises(InputError, match="unit 'mm', where the file says 'um'"):
+        rid.read_record(path, columns={"x": Source("px", "mm")}, sample_rate=RATE)
+    assert opened.find(opened.find("px")) == opened.find("px (um)") == opened.find("px")
+    assert rid.read_record(path, columns={"i": Source("ix[1]", "A")}, sample_rate=RATE)
+
+
 @pytest.mark.parametrize("factor", [2.0, 0.5, 1.001])
 @pytest.mark.parametrize("head", ["t", "time_ms", "t [us]", "clock"])
 def test_a_column_of_times_that_nobody_named_tells_the_rate(tmp_path, head, factor):

@@ -415,6 +415,30 @@ def check_unit(text: str, *, place: str = "") -> str:
     return text if unit.size == 1 and text else _write(unit.atoms, angle=True)
 
 
+BRACKETS = {"]": "[", ")": "("}
+
+
+def is_unit(text: str) -> bool:
+    try:
+        check_unit(text)
+    except InputError:
+        return False
+    return True
+
+
+def name_and_unit(text: str) -> tuple[str, str | None]:
+    """Split the name of a column, ``x1 [um]``, at the unit in brackets that ends it."""
+    opening = BRACKETS.get(text[-1:])
+    if opening is None:
+        return text, None
+    begin = text.find(opening, max(text.rfind(text[-1], 0, -1), 0))
+    name, unit = text[: max(begin, 0)].rstrip(), text[begin + 1 : -1].strip()
+    states_none = unit in ("", "-", "1")  # iy[1] may be the first of several
+    if name.strip() and (states_none or is_unit(unit)):
+        return name, None if states_none else unit
+    return text, None
+
+
 def multiply_units(factors: Iterable[tuple[str, int]]) -> str:
     factors = [(unit, power) for unit, power in factors if power and unit != "1"]
     if len(factors) == 1 and factors[0][1] == 1:

@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError, WrongTypeError, require_names, require_type
 from rotorid.core.notes import Note
-from rotorid.core.units import multiply_units, quantity, si_factor
+from rotorid.core.units import multiply_units, name_and_unit, quantity, si_factor
 from rotorid.core.values import (
     Array,
     Arrays,
@@ -384,7 +384,7 @@ class Record(Shown, WithChannels):
         units: Mapping[str, str] | None = None,
         speed: float | str = 0.0,
     ) -> Self:
-        """Return a pandas data frame as a record: each column a channel of its name.
+        """Return a pandas data frame as a record: a channel per column, ``x [um]`` with its unit.
 
         Parameters
         ----------
@@ -393,7 +393,8 @@ class Record(Shown, WithChannels):
         sample_rate : float or str, optional
             Hz, or a text with a unit, in place of the index.
         units : mapping of str to str, optional
-            Unit of a column, such as ``{"x": "um"}``; the others are in SI.
+            Unit of a column, such as ``{"x": "um"}``, in place of that in its name; without
+            either it is in SI.
         speed : float or str
             rad/s, or a text with a unit.
 
@@ -417,8 +418,10 @@ class Record(Shown, WithChannels):
         if not all(hasattr(frame, name) for name in ("columns", "index", "to_numpy")):
             told, taken = f"{type(frame).__name__}", "a pandas data frame"
             raise WrongTypeError(told, taken, "rid.Record takes arrays", place="frame")
-        names, given = [str(name) for name in frame.columns], units or {}
+        pairs = [name_and_unit(str(name)) for name in frame.columns]
+        names, given = [name for name, _ in pairs], units or {}
         require_names(given, names, "no column {}", "name a column of the frame", place="units")
+        given = {name: unit for name, unit in pairs if unit} | {**given}
         index = np.asarray(frame.index)
         start, rate = _times_of(index) if sample_rate is None else (0.0, sample_rate)
         try:

@@ -22,6 +22,7 @@ import numpy as np
 
 from rotorid.core.errors import NAME_CHARACTERS, InputError, ReadError, nearest, require_type
 from rotorid.core.files import open_regular
+from rotorid.core.units import name_and_unit
 from rotorid.core.values import Floats, frozen
 from rotorid.io.sandbox import Sandbox
 
@@ -200,8 +201,8 @@ class ArrayFile:
         groups = {dirname(path) for path, count in across.items() if count == 1}
         apart = {p for p, count in across.items() if count > 1 and dirname(p) not in groups}
         paths = [p for p, count in across.items() if count and not (groups and p in apart)]
-        leaves = [path.rsplit("/", 1)[-1] for path in paths]
-        counts = Counter(path.rsplit("/", 1)[-1] for path in self.shapes)  # as `place` looks
+        leaves = [_leaf(path) for path in paths]
+        counts = Counter(map(_leaf, self.shapes))  # as `place` looks
         found = list[str]()
         for path, leaf in zip(paths, leaves, strict=True):
             name, count = leaf if counts[leaf] == 1 else path, across[path]
@@ -221,7 +222,9 @@ class ArrayFile:
         held = self.bytes_held(places)
         if rows is None:
             check_held(self._size(places), held, self.file)
-        yield from self.columns(places, rows)
+        units = {name: name_and_unit(place.path)[1] for name, place in places.items()}
+        for part in self.columns(places, rows):
+            yield {name: replace(c, unit=c.unit or units[name]) for name, c in part.items()}
 
     def size_in_blocks(self, names: Sequence[str]) -> int:
         """Return the size of columns in memory; 0 where they are not read in blocks."""
@@ -274,9 +277,10 @@ class ArrayFile:
         """The paths by each of their ends: thousands of names are looked up."""
         found: dict[str, list[str]] = {}
         for path in self.shapes:
-            parts = path.split("/")
-            for begin in range(max(1, len(parts) - DEPTH), len(parts)):
-                found.setdefault("/".join(parts[begin:]), []).append(path)
+            for name in {path, name_and_unit(path)[0]}:
+                parts = name.split("/")
+                for begin in range(max(0, len(parts) - DEPTH), len(parts)):
+                    found.setdefault("/".join(parts[begin:]), []).append(path)
         return found
 
     def scalar(self, name: str) -> float:
@@ -287,6 +291,10 @@ class ArrayFile:
         places = {name: ColumnPlace(fitting[0])}
         self.bytes_held(places)
         return float(next(self.columns(places, None))[name].values[0])
+
+
+def _leaf(path: str) -> str:
+    return name_and_unit(path)[0].rsplit("/", 1)[-1]
 
 
 def is_column(shape: tuple[int, ...]) -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.files import open_regular
-from rotorid.core.units import check_unit, si_factor
+from rotorid.core.units import BRACKETS, is_unit, name_and_unit, si_factor
 from rotorid.core.values import Floats, frozen
 from rotorid.io.sandbox import too_large
 from rotorid.io.table import COLUMNS, Column, Rate, content, no_column, not_what_it_says, seconds
@@ -29,8 +29,6 @@ LINE_CHARACTERS = 1 << 20
 """Of a line: ten thousand columns of a hundred characters."""
 DIGITS = 400
 """Characters of a number: a double ends at 309 digits."""
-UNIT_CHARACTERS = 64
-"""Of a unit in the head of a column: ``kg m^2 s^-2`` has eleven."""
 PREAMBLE_CHARACTERS = 500
 """Of a line above the numbers that is searched for the sample rate."""
 SLOWEST = 10.0
@@ -126,8 +124,7 @@ def _known(text: str, base: str) -> float | None:
 
 
 COMMENTS = ("#", "%")
-_BRACKETS = {"]": "[", ")": "("}
-_PAIRS = tuple(_BRACKETS.items())
+_PAIRS = tuple(BRACKETS.items())
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf)", re.I)
 CLOCK = re.compile(
     r"(?:\d{4}[-/]\d\d?[-/]\d\d?[T ]|\d\d?[./]\d\d?[./]\d{2,4} )?"
@@ -287,7 +284,7 @@ def _names(
         names.pop()
     if len(names) > fields:
         names = _whole_names(names, fields, delimiter, header + 1)
-    pairs = [_name_and_unit(name) for name in names[:fields]]
+    pairs = [name_and_unit(name) for name in names[:fields]]
     pairs = [(name or str(number), unit) for number, (name, unit) in enumerate(pairs)]
     if unit_row is not None:
         texts = [field.strip("[]() ") for field in split(lines[unit_row], delimiter)]
@@ -301,7 +298,7 @@ def _whole_names(names: list[str], fields: int, delimiter: str, line: int) -> li
     """Join names that hold the delimiter in brackets, as ``Time (s)``; refuse more than columns."""
     whole: list[str] = []
     for name in names:
-        unit = delimiter == " " and name[:1] in _BRACKETS.values()
+        unit = delimiter == " " and name[:1] in BRACKETS.values()
         if whole and (unit or any(whole[-1].count(o) > whole[-1].count(c) for c, o in _PAIRS)):
             whole[-1] += delimiter + name
         else:
@@ -319,33 +316,11 @@ def _is_unit_row(fields: list[str]) -> bool:
     """Tell whether a row holds units, of some that no record needs too: nothing else is in it."""
     texts = [field.strip("[]() ") for field in fields]
     stated = [t for t in texts if t and t != "-" and t not in _OTHER_UNITS]
-    return bool(stated) and all(map(_is_unit, stated))
+    return bool(stated) and all(map(is_unit, stated))
 
 
 _OTHER_UNITS = {"°C", "ºC", "degC", "°F", "degF", "dB", "VDC", "VAC", "Vpp", "Ohm", "inc", "digits"}
 """Units of what a logger writes beside: temperatures have another zero, levels another scale."""
-
-
-def _is_unit(text: str) -> bool:
-    if len(text) > UNIT_CHARACTERS:
-        return False
-    try:
-        check_unit(text)
-    except InputError:
-        return False
-    return True
-
-
-def _name_and_unit(field: str) -> tuple[str, str | None]:
-    """Split ``x1 [um]`` into name and unit: what stands in the brackets at the end."""
-    opening = _BRACKETS.get(field[-1:])
-    if opening is None:
-        return field, None
-    begin = field.find(opening, max(field.rfind(field[-1], 0, -1), 0))
-    name, unit = field[: max(begin, 0)].rstrip(), field[begin + 1 : -1].strip()
-    if name.strip() and (unit in ("", "-") or _is_unit(unit)):
-        return name, unit.strip("-") or None
-    return field, None
 
 
 _HEAD_LINES = 400
