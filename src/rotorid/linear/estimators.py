@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from rotorid.core.values import Floats, frozen
 from rotorid.data.filtered import told_of
 from rotorid.data.observation import Data, Records, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
-from rotorid.linear.regression import Regression, SampledRegression, known_part
+from rotorid.linear.regression import SHARPER, Regression, SampledRegression, known_part
 from rotorid.linear.solve import (
     BLOCKS,
     FEWEST,
@@ -82,6 +82,26 @@ class SampledProblem(Posed):
     """Regressions on the samples of all records, in the unknowns that exact constraints leave."""
 
     kind = SampledRegression
+
+    @classmethod
+    def of(
+        cls, records: Records, given: Mapping[str, float | str], constraints: Sequence[Constraint]
+    ) -> Self:
+        """Return the problem with the signs that leave least.
+
+        Signs in a machine turn between samples, seen the more sharply the less noise the motion
+        has; forces that jump where they are read, of a given motion, hold those of the samples.
+        """
+        posed = super().of(records, given, constraints)
+        if not any(r.signs for r in posed.regressions):
+            return posed
+        seen = ([replace(r, sharper=times) for r in posed.regressions] for times in SHARPER)
+        others = (replace(posed, regressions=tuple(regressions)) for regressions in seen)
+        return min((*others, posed), key=cls.misfit)
+
+    def misfit(self) -> float:
+        """Return what all equations leave, ``sum n log(variance)``."""
+        return float(sum(len(r.told) * np.log(self.variance(r)).sum() for r in self.regressions))
 
     @cached_property
     def _plain(self) -> Floats:
@@ -193,8 +213,10 @@ class SampledProblem(Posed):
 
     def moved(self, scatter: Scatter, values: Floats, solved: Solver) -> Iterator[Note]:
         """Judge whether a lower cut-off moves a parameter by more than its deviations."""
-        seen = [(r.observation, r.record.lowered(LOWER)) for r in self.regressions]
-        lower = tuple(SampledRegression(replace(o, filtered=record)) for o, record in seen)
+        seen = [
+            (r, replace(r.observation, filtered=r.record.lowered(LOWER))) for r in self.regressions
+        ]
+        lower = tuple(replace(r, observation=lower) for r, lower in seen)
         _, spread, other = replace(self, regressions=lower).fit(solved)
         change = other - values
         clear = np.abs(change) > CLEAR * scatter.spread_of_change(spread)
@@ -226,6 +248,10 @@ class SampledProblem(Posed):
             yield Note("blocks", "doubts", text, "record longer")
         rests = dict.fromkeys(r.left_out for r in self.regressions if r.left_out)
         yield from (Note("at rest", "says", rest) for rest in rests)
+        if any(r.signs for r in self.regressions):
+            sharper = self.regressions[0].sharper
+            text = f"signs turn between samples, as seen through {sharper} times the cut-off"
+            yield Note("signs", "says", text if sharper else "signs are those of the samples")
         text = (
             f"deviations from {count} blocks of {seconds / count:.3g} s, each left out in turn; "
             "they cover the scatter, not the bias that noise in the motion leaves"

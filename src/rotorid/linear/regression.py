@@ -7,7 +7,7 @@ the forces filters the columns of Phi as well (docs/theory.md, sections 1 and 6)
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, cached_property, partial
 from itertools import product
 from typing import Any
@@ -110,8 +110,13 @@ class Equations(ABC):
                 found = f"a current in the channel of {channel.name}"
                 raise InputError(found, "a force", "use ml", file=self.observation.lines.source)
 
+    @property
+    def _known(self) -> Mapping[Expression, Floats]:
+        """Parts of signals that are not what the motion makes of them."""
+        return {}
+
     def _value(self, index: int, motion: Motion) -> Floats:
-        value = self.model.signal_value(index, motion)
+        value = self.model.signal_value(index, motion, self._known)
         if not is_usable(value):
             told = f"{self.model.signals[index]} without a finite value on this record"
             expected = "a division by something other than zero, a root of something positive"
@@ -257,6 +262,10 @@ class Regression(Equations):
 
 NOISY = 3.0
 """Deviations of its noise below which an expression has no sign: one in 400 has it by chance."""
+SHARPER = (5, 2, 1)
+"""Cut-offs through which what a sign is of may be seen to turn: the more, the less noise it has."""
+WIDEST = 0.45
+"""Of the sample rate: the highest of them."""
 SLOW = 0.005
 """Share of its usual size below which an expression counts as at rest: what creeps and quivers
 of an axis that is held leaves more than its noise; an axis that turns is through in no time."""
@@ -285,6 +294,10 @@ SLOWLY = 0.1
 @frozen
 class SampledRegression(Equations):
     """On the samples in use; arrays over samples hold those of all stretches, one after another."""
+
+    # cut-offs of the low-pass through which what a sign is of is seen to turn between samples; 0:
+    # the signs are those of the samples
+    sharper: float = 0
 
     @property
     def record(self) -> FilteredRecord:
@@ -331,13 +344,35 @@ class SampledRegression(Equations):
     @cached_property
     def _motion(self) -> Motion:
         """The low-passed motion, at which the terms that are not linear are computed."""
+        return self._through(self.record.inner)
+
+    def _through(self, low_pass: LowPass) -> Motion:
         record = self.record.record
         time = record.start + self._samples / record.sample_rate
         angle, speed = record.rotor_angle()[self._samples], np.asarray(record.speed)
         if record.angle is not None:
             speed = self._each(lambda part: np.gradient(part, 1 / record.sample_rate), angle)
-        q, velocity, acceleration = (self._coordinates(self.record.inner, k) for k in range(3))
+        q, velocity, acceleration = (self._coordinates(low_pass, k) for k in range(3))
         return Motion(q, velocity, acceleration, time, angle, speed)
+
+    @cached_property
+    def _known(self) -> Mapping[Expression, Floats]:
+        """The signs, turning between samples.
+
+        A low-pass moves the zero of what bends there, as a velocity with friction does.
+        """
+        if not (self.sharper and self.signs):
+            return {}
+        rate = self.record.record.sample_rate
+        low_pass = LowPass(rate, (min(self.sharper * self.record.cutoff, WIDEST * rate),))
+        arrays = self.model.arrays(self._through(low_pass))
+        return {s: self._each(_mean_sign, evaluate(s.parts[0], arrays)) for s in self.signs}
+
+    @cached_property
+    def signs(self) -> tuple[Expression, ...]:
+        """The signs of what moves in the signals."""
+        moving = (s for index, s in enumerate(self.model.signals) if self.model.moves(index))
+        return tuple(dict.fromkeys(sign for signal in moving for sign in _signs_of(signal)))
 
     @cached_property
     def told(self) -> Booleans:
@@ -346,8 +381,8 @@ class SampledRegression(Equations):
         out = np.zeros((len(self._picked), holds.shape[1]), dtype=bool)
         for index, held in enumerate(holds):
             if self.model.moves(index):
-                for argument in _signs_of(self.model.signals[index]):
-                    out |= self._resting(argument)[:, None] & held
+                for sign in _signs_of(self.model.signals[index]):
+                    out |= self._resting(sign.parts[0])[:, None] & held
         return ~out
 
     @cached_property
@@ -487,6 +522,17 @@ class SampledRegression(Equations):
 
 def _signs_of(value: Expression) -> Iterator[Expression]:
     if value.kind == "sign":
-        yield value.parts[0]
+        yield value
     for part in value.inner:
         yield from _signs_of(part)
+
+
+def _mean_sign(argument: Floats) -> Floats:
+    """Return the samples of the sign of what is a line along a step, up to what a filter takes.
+
+    Its mean over the step about each sample, with what the mean takes of slow parts put back: it
+    multiplies them by ``sin(x) / x ~ 1 - x^2 / 6, x = pi f / rate``.
+    """
+    mean = np.clip(2 * argument / np.maximum(np.abs(np.gradient(argument)), 1e-300), -1, 1)
+    mean[1:-1] -= np.diff(mean, 2) / 24
+    return np.asarray(mean)

@@ -196,11 +196,19 @@ class _ExactValues(_Values):
         return found
 
 
-def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
-    """Return the value on arrays that broadcast; infinite or NaN without a warning."""
-    known = {symbol(name): np.asarray(array, dtype=float) for name, array in arrays.items()}
+def evaluate(
+    value: Expression,
+    arrays: Mapping[str, ArrayLike],
+    known: Mapping[Expression, ArrayLike] | None = None,
+) -> NDArray[np.float64]:
+    """Return the value on arrays that broadcast; infinite or NaN without a warning.
+
+    `known` parts of it are not computed.
+    """
+    names = {symbol(name): array for name, array in arrays.items()} | dict(known or {})
+    values = {part: np.asarray(array, dtype=float) for part, array in names.items()}
     with np.errstate(all="ignore"):
-        return np.asarray(_Values(known)[value])
+        return np.asarray(_Values(values)[value])
 
 
 def is_usable(value: ArrayLike) -> bool:

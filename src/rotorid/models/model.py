@@ -348,9 +348,14 @@ class Model:
         }
         return arrays | {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
 
-    def signal_value(self, index: int, motion: Motion) -> Floats:
-        """Evaluate a signal; it has the axes (..., sample) that it depends on, or none."""
-        return evaluate(self.signals[index], self.arrays(motion))
+    def signal_value(
+        self, index: int, motion: Motion, known: Mapping[Expression, Floats] | None = None
+    ) -> Floats:
+        """Evaluate a signal; it has the axes (..., sample) that it depends on, or none.
+
+        `known` parts of it are not computed.
+        """
+        return evaluate(self.signals[index], self.arrays(motion), known)
 
     @cached_property
     def dimensions(self) -> tuple[Dimension | None, ...]:

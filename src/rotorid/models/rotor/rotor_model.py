@@ -120,12 +120,14 @@ class RotorModel(Model):
         held = Expression(LAGGING, (moved,)) if term.kind.structural else moved
         return product([*term.kind.factor.factors, (held, Fraction(1))])
 
-    def signal_value(self, index: int, motion: Motion) -> Floats:
+    def signal_value(
+        self, index: int, motion: Motion, known: Mapping[Expression, Floats] | None = None
+    ) -> Floats:
         if any(base.kind == LAGGING for base, _ in self.signals[index].factors):
             expected = "damping that has a value at each instant, or estimates on lines"
             cure = "use ml, or give internal and external damping in its place"
             raise ModelError("structural damping", expected, cure, place="damping.structural")
-        return super().signal_value(index, motion)
+        return super().signal_value(index, motion, known)
 
     @property
     def nonlinear(self) -> bool:
