@@ -630,7 +630,7 @@ def test_what_an_inspection_needs_first_is_said(tmp_path, output, refusal):
     assert f"# Next: {said}, which takes a draft" in text
     assert 'V = {column = "?", unit = "V"}' in text
     assert "law" not in text
-    assert "no sample rate" in refusal("inspect", out)
+    assert "the rate of samples, or the kind of a table" in refusal("inspect", out)
     out.write_text(text.replace('sample_rate = "?"', 'sample_rate = "1 kHz"'))
     assert "400 samples at 1000 Hz" in output("inspect", out)
 
@@ -655,6 +655,81 @@ def test_a_column_of_two_values_may_be_a_mark_and_a_file_without_times_a_table(t
     assert 'kind = "phasors"' not in text
     write_table(tmp_path / "runs.csv", "rpm,a1,p1", *np.arange(9.0).reshape(3, 3) ** 2)
     assert 'kind = "phasors"' in draft([tmp_path / "runs.csv"], "jeffcott", tmp_path)
+
+
+BALANCING = """condition,rpm,x amp (um),x phase (deg),y amp (um),y phase (deg)
+first run,3000,12.1,33,13.0,-57
+trial A,3001,15.2,50,15.0,-40
+trial B,2999,10.2,20,10.1,-70
+"""
+LEVELS = "0.1,2,-3\n0.2,2.1,-3.1\n0.4,2.2,-3\n0.8,2.4,-2.9\n"
+
+
+@pytest.mark.parametrize(
+    ("table", "records", "channel", "others"),
+    [
+        (
+            BALANCING,
+            [
+                {
+                    "kind": "phasors",
+                    "speed": {"column": "rpm", "unit": "rpm"},
+                    "rows": {"column": "condition", "is": condition},
+                }
+                for condition in ("first run", "trial A", "trial B")
+            ],
+            {"amplitude": "x amp", "phase": "x phase", "unit": "um", "std": "?"},
+            {"std": "0.3 um"},
+        ),
+        (
+            "freq (Hz),mag_x (um/N),phase_x (deg)\n" + LEVELS,
+            [{"kind": "responses", "frequency": {"column": "freq", "unit": "Hz"}}],
+            {"amplitude": "mag_x", "phase": "phase_x", "unit": "um/N", "std": "?", "input": "?"},
+            {"std": "0.1 um/N", "input": "F_x"},
+        ),
+        (
+            "f,x_re (um/N),x_im (um/N),coh\n" + LEVELS.replace("\n", ",0.98\n"),
+            [
+                {
+                    "kind": "responses",
+                    "frequency": {"column": "f", "unit": "Hz"},
+                    "averages": "?",
+                }
+            ],
+            {"real": "x_re", "imag": "x_im", "unit": "um/N", "coherence": "coh", "input": "?"},
+            {"input": "F_x"},
+        ),
+    ],
+)
+def test_a_table_is_a_record_of_its_kind(tmp_path, output, table, records, channel, others):
+    """Of a row per speed or per frequency, a record per condition; filled in, it is read."""
+    (tmp_path / "run.csv").write_text(table)
+    told = output("new", tmp_path / "run.csv", "--model", "jeffcott", "--out", tmp_path / "d.toml")
+    assert "next: all of these, then rotorid inspect" in told
+    text = (tmp_path / "d.toml").read_text()
+    found = parse(text)
+    assert found["records"] == [{"file": "run.csv", **record} for record in records]
+    assert found["channels"]["x"] == channel
+    assert not {"F_x", "F_y"} & found["channels"].keys()
+    for key, value in others.items():
+        text = text.replace(f'{key} = "?"', f'{key} = "{value}"')
+    (tmp_path / "d.toml").write_text(text.replace('averages = "?"', "averages = 20"))
+    shown = output("inspect", tmp_path / "d.toml")
+    assert shown.count("1x phasors") + shown.count("responses to F_x") == len(records)
+
+
+def test_cures_of_a_draft_without_a_rate_are_taken(tmp_path, output, refusal):
+    """Columns of words are no samples: "leave the column out" was told, which no key does."""
+    (tmp_path / "run.csv").write_text("state,q [mm],w [N]\n" + "on,1,2\noff,2,4\non,3,1\n")
+    output("new", tmp_path / "run.csv", "--model", "emps", "--out", tmp_path / "d.toml")
+    told = refusal("inspect", tmp_path / "d.toml")
+    assert 'records.0: sample_rate: found "?"' in told
+    text = (tmp_path / "d.toml").read_text()
+    for cure in ('sample_rate = "5 kHz"', 'kind = "phasors"'):
+        assert cure in told
+        (tmp_path / "d.toml").write_text(re.sub("sample_rate = .*", cure, text))
+        shown = output if "5 kHz" in cure else refusal
+        assert "sample_rate" not in shown("inspect", tmp_path / "d.toml").partition("channel")[0]
 
 
 @pytest.mark.parametrize(

@@ -185,3 +185,18 @@ sample_rate = "1 kHz"
 [channels]
 x = { column = "ac", unit = "um" }
 """
+
+
+def test_natural_frequencies_without_a_record_are_shown(tmp_path, output):
+    """It was refused, with a record as the cure, where `identify` needs none."""
+    out = tmp_path / "m.toml"
+    first = 'frequency = "22.6 Hz"\nstd = "0.05 Hz"\ndamping = { value = 0.002, std = 0.0005 }\n'
+    second = (
+        'frequency = "2400 rpm"\nstd = "0.1 Hz"\nspeed = "300 rpm"\nparameters = { m = "2 kg" }'
+    )
+    out.write_text(f'model = "jeffcott"\n[[modes]]\n{first}[[modes]]\n{second}\n')
+    shown = output("inspect", out, "--json", tmp_path / "m.json", "--report", tmp_path / "m.html")
+    told = "22.6 Hz, std 0.05 Hz, damping ratio 0.002, std 0.0005, at 0 rpm"
+    assert f"measured natural frequencies: {told}; 40 Hz, std 0.1 Hz, at 300 rpm, m = 2 kg" in shown
+    assert told in (tmp_path / "m.html").read_text()
+    assert json.loads((tmp_path / "m.json").read_text())["told"] == shown.strip()

@@ -280,23 +280,27 @@ def test_the_command(tmp_path, monkeypatch, output, refusal):
 
 
 @pytest.mark.parametrize(
-    ("experiment", "measured", "shown"),
+    ("experiment", "measured", "kind", "shown"),
     [
-        ('[[records]]\nspeed = "6000 rpm"\n[[records]]\nspeed = "100 Hz"\n', (), "6000, 6000 rpm"),
-        ("", (628.0, 628.6), "5999.82 rpm"),  # no speed, as with an angle, whose encoder told one
-        ("", (628.0, 629.0), None),
+        ('[[records]]\nspeed = "6000 rpm"\n[[records]]\nspeed = "100 Hz"\n', (), "", "6000, 6000"),
+        ("", (628.0, 628.6), "periods", "5999.82"),  # as with an angle, whose encoder told one
+        ("", (628.0, 629.0), "periods", None),
+        ("", (-400.0, -200.0), "phasors", "-1800, -3000"),
+        ("", (200.0, 800.0), "whole table", "9 speeds from 1800 to 6600"),
     ],
 )
 def test_the_speeds_of_the_experiment_are_those_of_the_records(
-    experiment, measured, shown, tmp_path, output, refusal
+    experiment, measured, kind, shown, tmp_path, output, refusal
 ):
     base = estimate_of(RIGID)
     source = rid.Provenance(experiment=experiment, model=base.provenance.model)
     if measured:
-        record = RecordEvidence("run.h5", "periods", speed_rad_s=measured)
+        lines = (30, 50) if kind == "phasors" else tuple(range(30, 120, 10))
+        kind = "periods" if kind == "periods" else "phasors"
+        record = RecordEvidence("run.h5", kind, speed_rad_s=measured, frequency_hz=lines)
         base = base.with_(evidence=Evidence((record,)))
     base.with_(provenance=source).save(tmp_path / "run.json")
-    run, said = (output, f"rigid at {shown}") if shown else (refusal, "no speed, and none")
+    run, said = (output, f"rigid at {shown} rpm") if shown else (refusal, "no speed, and none")
     assert said in run("balance", tmp_path / "run.json", "--plane", *ENDS)
 
 

@@ -85,8 +85,9 @@ def inspect(experiment: Path, answer: Outputs) -> int:
         return inspection_report(experiment.name, found, told, work)
 
     parts = [one.to_dict() for one in found]
-    whole = {**parts[0], "verdict": worst(check for one in found for check in one.checks)}
-    answer.give(page, whole if len(parts) == 1 else {**whole, "records": parts}, html)
+    first = parts[0] if parts else {"checks": [], "told": told}
+    whole = {**first, "verdict": worst(check for one in found for check in one.checks)}
+    answer.give(page, whole if len(parts) < 2 else {**whole, "records": parts}, html)
     return OK
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import copysign
 from pathlib import Path
 from typing import Any
 
@@ -179,12 +180,13 @@ def speeds_of(estimate: Estimate) -> list[str]:
     records = [r for r in entries if isinstance(r, dict)] if isinstance(entries, list) else []
     stated = [r["speed"] for r in records if isinstance(r.get("speed"), str)]
     seen = estimate.evidence.records if estimate.evidence else ()
-    ranges = [one.speed_rad_s for one in seen if len(one.speed_rad_s) == 2]
-    measured = [  # by an encoder or a keyphasor
-        f"{(low + high) / 2:.6g} rad/s"
-        for low, high in ranges
-        if high and abs(high - low) <= STEADY * abs(high)
-    ]
+    measured = list[str]()
+    for one in (one for one in seen if len(one.speed_rad_s) == 2):
+        low, high = one.speed_rad_s
+        if high and abs(high - low) <= STEADY * abs(high):  # by an encoder or a keyphasor
+            measured.append(f"{(low + high) / 2:.6g} rad/s")
+        elif one.kind == "phasors":
+            measured += [f"{copysign(f, low):.6g} Hz" for f in one.frequency_hz]
     speeds = list(dict.fromkeys(stated or measured))
     if not speeds:
         expected = "the speed at which the rotor is to run quietly"

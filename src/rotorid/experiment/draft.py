@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import field, replace
 from difflib import SequenceMatcher
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -27,6 +28,7 @@ from rotorid.io import open_table
 from rotorid.io.clock import UNITS, even_rate, is_time, leaf, read_clock, unit_of_time
 from rotorid.io.columns import check_magnitude, largest_of
 from rotorid.io.table import RATES, OneFile, Rate, Stored, columns_across
+from rotorid.io.text import DelimitedTable
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.models.equations import combination_text
@@ -62,6 +64,10 @@ _MAGNETS = ("13", "24")
 _FIRST_OF_POSITION = ("p", "s", "d", "x")
 _RATE = re.compile(r"(?P<rate>fs|sampl(e|ing)_?(rate|freq\w*))|dt|ts", re.I)
 """What scalars are called that hold the sample rate, or its inverse."""
+_PARTS = {"amplitude": r"a|abs|amp\w*|mag\w*", "phase": r"p|ph\w*|arg|angle"}
+_PARTS |= {"real": "re(al)?", "imag": r"im(ag\w*)?"}
+"""Words in the names of the two columns that are one reading of a table."""
+_FREQUENCY, _COHERENCE = re.compile(r"f|freq\w*|hz", re.I), re.compile(r"coh\w*|gamma\w*", re.I)
 _NAMELESS = re.compile(r"^\d+$|\[\d+\]$")
 _EXCITATION = re.compile(
     r"(ex|exc\w*|ref\w*|dist(urb\w*)?|noise|chirp|sweep|inj\w*|add\w*)(_|\d|\b)", re.I
@@ -77,6 +83,8 @@ class Found:
     unit: str | None
     role: Role
     assumed: str = field(default="", compare=False)  # of what it stands for
+    # what a reading of a table says of its columns
+    said: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     @property
     def label(self) -> str:
@@ -305,6 +313,7 @@ class _Run:
     rate: float | None  # Hz
     clock: _Line  # what is said of it
     arrays: tuple[str, ...]  # what is told of those that are not one column of the record
+    table: tuple[_Line, ...] = ()  # what is said of a table, in place of the clock and the rest
 
     def channels(self) -> list[Found]:
         return [c for c in self.columns if c.role == "channel" and np.isfinite(c.values).all()]
@@ -320,9 +329,8 @@ class _Run:
 
 
 DRAFT = Kind("rotorid new")
-_TABLES = (
-    'no samples? Of a row per speed or run, kind = "phasors"; of a row per frequency, "responses"'
-)
+_NO_RATE = 'as "5 kHz"; a row per speed is kind = "phasors" in its place, per frequency "responses"'
+_TWICE = 'where each was read twice, that tells the noise: no std, and same_speed = "1 rpm"'
 BELOW_HALF = 0.499  # of the sample rate: four digits of it do not exceed a half
 _ENOUGH = 10_000  # samples that show whether a column has two values
 _HEAD = f"""#:schema experiment.schema.json
@@ -340,7 +348,7 @@ _HEAD = f"""#:schema experiment.schema.json
 def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     """Return an experiment file; files of one length that share no column are one record."""
     loaded = None if model is None else load_model(model, folder=folder)
-    runs = _runs(files)
+    runs = [one for run in _runs(files) for one in _of_table(run, loaded)]
     if loaded is not None and not _turns(loaded):
         runs = [replace(run, columns=tuple(map(_still, run.columns))) for run in runs]
     text = tomlkit.document()
@@ -369,8 +377,10 @@ def things_open(entry: Mapping[str, Any]) -> str:
 
 def before_inspecting(entry: Mapping[str, Any]) -> str:
     """Say what a draft needs before its records can be read; empty where it is nothing."""
-    untimed = any(record.get("sample_rate") == OPEN for record in entry["records"])
-    return "the sample_rate, or the kind of what has no samples, then " if untimed else ""
+    if any(record.get("sample_rate") == OPEN for record in entry["records"]):
+        return "the sample_rate, or the kind of what has no samples, then "
+    tables = any("kind" in record for record in entry["records"])
+    return "all of these, then " if tables and left_open(entry)[0] else ""
 
 
 def _runs(files: Sequence[Path]) -> list[_Run]:
@@ -451,6 +461,50 @@ def _run(files: tuple[Path, ...], columns: list[Found], tables: Sequence[OneFile
     return _Run(files, tuple(columns), *_clock(columns, stated, rates), told)
 
 
+def _of_table(run: _Run, model: Model | None) -> Iterator[_Run]:
+    """Yield the records of a table without times: one for each text of a column of words."""
+    speeds = [c for c in run.columns if c.role == "speed"]
+    axes = speeds or [c for c in run.columns if _FREQUENCY.fullmatch(leaf(c.name))]
+    readings = list(_readings(run.columns))
+    if run.clock[1] != OPEN or not (readings and axes):
+        yield run
+        return
+    axis = {"column": axes[0].name, "unit": axes[0].unit or ("rpm" if speeds else "Hz")}
+    said, table = {"std": OPEN}, [("kind", "phasors", ""), ("speed", axis, _TWICE)]
+    if not speeds:
+        table = [("kind", "responses", ""), ("frequency", axis, "")]
+        if seen := [c.name for c in run.columns if _COHERENCE.match(leaf(c.name))]:
+            said = {"coherence": seen[0]}
+            table += [("averages", OPEN, "of the coherence")]
+        inputs = [] if model is None else list(model.inputs)
+        said["input"] = inputs[0] if len(inputs) == 1 else OPEN
+    columns = [replace(c, said={**c.said, **said}) for c in readings]
+    used = {axis["column"], *(name for c in columns for name in c.said.values())}
+    columns += [c for c in run.columns if c.name not in used]
+    opened = open_table(run.files[0])
+    words = opened.dialect.words if isinstance(opened, DelimitedTable) else ()
+    texts = ((name, list(dict.fromkeys(opened.texts(name)))) for name in words)
+    column, several = next((c for c in texts if 1 < len(c[1]) <= _MOST_LINES), ("", []))
+    rows = [[("rows", {"column": column, "is": text}, "")] for text in several]
+    yield from (replace(run, columns=tuple(columns), table=(*table, *one)) for one in rows or [[]])
+
+
+def _readings(columns: Sequence[Found]) -> Iterator[Found]:
+    """Yield what two columns are by their names: amplitude and phase, or real and imaginary."""
+    found = dict[str, dict[str, Found]]()
+    for column in columns:
+        words = re.findall(r"[A-Za-z]+|\d+", leaf(column.name))
+        for (k, word), (part, pattern) in product(enumerate(words), _PARTS.items()):
+            if re.fullmatch(pattern, word, re.I):
+                found.setdefault("_".join(words[:k] + words[k + 1 :]), {})[part] = column
+    for (name, parts), pair in product(found.items(), (("amplitude", "phase"), ("real", "imag"))):
+        if set(pair) <= parts.keys():
+            first = parts[pair[0]]
+            said = {part: parts[part].name for part in pair} | {"unit": first.unit or OPEN}
+            motion = (first.unit or "").partition("/N")[0] or None
+            yield replace(first, name=name, unit=motion, said=said, role="channel")
+
+
 def _stated_rates(table: Stored) -> Iterator[tuple[float, str]]:
     """Yield the sample rates that scalars of a file state, in Hz, and what is told of each."""
     for path, shape in table.sizes.items():
@@ -503,7 +557,7 @@ def _clock(
         return rate, ("", None, f"the file states {rate:.9g} Hz")
     for rate, note in scalars:
         return rate, ("sample_rate", f"{rate:.9g} Hz", note)
-    return None, ("sample_rate", OPEN, 'nothing in the file tells it; write it as "5 kHz"')
+    return None, ("sample_rate", OPEN, _NO_RATE)
 
 
 def _likely_unit(told: float, stated: float | None) -> str:
@@ -521,9 +575,10 @@ def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> Ite
             place.relative_to(base).as_posix() if place.is_relative_to(base) else str(place)
         )
     yield ("file", names[0], "") if len(names) == 1 else ("files", names, "")
+    if run.table:
+        yield from run.table
+        return
     yield run.clock
-    if run.clock[1] == OPEN:
-        yield "", None, _TABLES
     for line in _rotation(run, model):
         yield line
         if line[0] == "speed" and later and (model is None or unbalanced(model)):
@@ -659,15 +714,18 @@ def _channels(run: _Run, model: Model | None, named: Set[str]) -> Iterator[_Line
     """Yield the channels, and as remarks what is left over; `named` are those of the records."""
     columns, used = run.channels(), set(named)
     if model is not None:
-        yield "", None, _HELD
+        if not run.table:
+            yield "", None, _HELD
         used |= yield from _of_model(model, [c for c in columns if not is_excitation(c)])
+    turns = not run.table and (model is None or _turns(model))
     for column in columns:
         if column.name not in used:
             unit_text = f" [{column.unit}]" if column.unit else ""
             told = f"{column.values.min():.4g} to {column.values.max():.4g}"
-            if len(np.unique(column.values[:_ENOUGH])) == 2 and (model is None or _turns(model)):
+            if turns and len(np.unique(column.values[:_ENOUGH])) == 2:
                 told += f'; two values, a mark of the rotation? then keyphasor = "{column.name}"'
-            yield "", None, f"not used: {column.name}{unit_text}, {told}"
+            name = inline(column.said).as_string() if column.said else column.name + unit_text
+            yield "", None, f"not used: {name}, {told}"
     yield from (("", None, told) for told in run.arrays[:_MOST_LINES])
 
 
@@ -681,7 +739,9 @@ def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None,
     used = [*taken.values(), *sensors.values(), *laws.values()]
     free = [c for c in measured if c not in used]
     hidden, missing, coordinate = list[str](), dict[str, Any](), dict[str, Any]()
-    for name, unit in _quantities(model).items():
+    parts = next((c.said for c in measured if c.said), {})
+    idle = set(model.inputs) - set(taken) if parts else set()  # 0, or what responses are to
+    for name, unit in ((q, u) for q, u in _quantities(model).items() if q not in idle):
         if name in taken:
             said = filter(None, (_perhaps(model, name, taken), taken[name].assumed))
             yield name, _column(taken[name]), "; ".join(said)
@@ -693,9 +753,8 @@ def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None,
                 missing[name] = _law({"column": OPEN, "unit": "A"}, position or OPEN)
         else:
             hidden.append(f"{name} [{unit}]")
-            coordinate = coordinate or {
-                name: {"column": OPEN, "unit": "um" if unit == "m" else unit}
-            }
+            lacking = {"column": OPEN, "unit": "um" if unit == "m" else unit}
+            coordinate = coordinate or {name: dict.fromkeys(parts, OPEN) or lacking}
     for name, column in sensors.items():
         told = "taken to be where the force acts; else write its own distance for the lever"
         sensor = {"reads": displacement(model, name), **_column(column)}
@@ -758,7 +817,7 @@ def _quantities(model: Model) -> dict[str, str]:
 
 
 def _column(column: Found) -> dict[str, str]:
-    return {"column": column.name, "unit": column.unit or OPEN}
+    return dict(column.said) or {"column": column.name, "unit": column.unit or OPEN}
 
 
 def _sensor_name(name: str) -> str:

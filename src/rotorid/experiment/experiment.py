@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -236,14 +237,6 @@ class Experiment:
             return identify(self.model, self.records(method), self.estimator(method))
 
 
-def _check_ending(path: Path) -> None:
-    ending = path.suffix.lower()
-    if ending in READERS and ending != ".txt" and os.path.exists(path):
-        expected = "an experiment file, which says what is in the records"
-        cure = f"write one: rotorid new {path} --model three-mass --out experiment.toml"
-        raise ReadError(f"a file of the ending {ending}, a record", expected, cure, file=str(path))
-
-
 def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Experiment:
     """Read an experiment file.
 
@@ -350,7 +343,6 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
             raise
         told = f"a draft, shown with its columns as they are in the file: {error}"
         return [_inspect_draft(path.parent, entry) for entry in entries], told
-    plan.require_records()
     found: list[Inspection | LineInspection] = []
     for one in counting(plan.channels, "inspecting records"):
         entry = one.entry
@@ -361,7 +353,15 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
         for lines in _read_table(one):
             named = lines.source or ", ".join(entry.paths)
             found.append(inspect_lines(replace(lines, source=named)))
-    return found, ""
+    told = "; ".join(map(_measured_mode, plan.entry.modes))
+    return found, told and f"measured natural frequencies: {told}"
+
+
+def _measured_mode(mode: schema.ModeEntry) -> str:
+    told, ratio = f"{mode.frequency:g} Hz, std {mode.std:g} Hz", mode.damping
+    told += f", damping ratio {ratio.value:g}, std {ratio.std:g}" if ratio else ""
+    with_ = [f"{name} = {value}" for name, value in mode.parameters.items()]
+    return ", ".join([told, f"at {mode.speed * 30 / math.pi:g} rpm", *with_])
 
 
 def named_files(path: Path) -> list[Path]:

@@ -635,6 +635,10 @@ class DraftRecord(RecordKeys):
     def _filled_in(cls, value: object) -> object:
         if not isinstance(value, dict):
             return value
+        if value.get("sample_rate") == OPEN:
+            expected = "the rate of samples, or the kind of a table"
+            cure = 'write sample_rate = "5 kHz", or kind = "phasors" or "responses" in its place'
+            raise InputError(f'"{OPEN}"', expected, cure, place="sample_rate")
         filled = {key: said for key, said in value.items() if said != OPEN or key == "file"}
         return {key: filled[key] for key in _OF_DRAFTS if key in filled}
 

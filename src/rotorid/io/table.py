@@ -15,7 +15,7 @@ from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from posixpath import dirname
+from posixpath import basename, dirname
 from typing import Any, Protocol
 
 import numpy as np
@@ -201,8 +201,8 @@ class ArrayFile:
         groups = {dirname(path) for path, count in across.items() if count == 1}
         apart = {p for p, count in across.items() if count > 1 and dirname(p) not in groups}
         paths = [p for p, count in across.items() if count and not (groups and p in apart)]
-        leaves = [_leaf(path) for path in paths]
-        counts = Counter(map(_leaf, self.shapes))  # as `place` looks
+        leaves = [basename(name_and_unit(path)[0]) for path in paths]
+        counts = Counter(basename(name_and_unit(path)[0]) for path in self.shapes)  # as `place`
         found = list[str]()
         for path, leaf in zip(paths, leaves, strict=True):
             name, count = leaf if counts[leaf] == 1 else path, across[path]
@@ -291,10 +291,6 @@ class ArrayFile:
         places = {name: ColumnPlace(fitting[0])}
         self.bytes_held(places)
         return float(next(self.columns(places, None))[name].values[0])
-
-
-def _leaf(path: str) -> str:
-    return name_and_unit(path)[0].rsplit("/", 1)[-1]
 
 
 def is_column(shape: tuple[int, ...]) -> bool:

@@ -139,6 +139,7 @@ _BODY = 12  # rows from which the delimiter is judged
 class Dialect:
     # names of the columns without their units; their numbers from 0 where there are none
     names: tuple[str, ...]
+    words: tuple[str, ...]  # the columns without any number, as far as the table is looked at
     # from the names (``x1 [um]``), or from a row of units beside them
     units: tuple[str | None, ...]
     delimiter: str  # A blank stands for any white space
@@ -174,9 +175,15 @@ def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect
     elif header_row is None:
         header, unit_row = _header(lines, rows, start, delimiter)
     pairs = _names(lines, header, unit_row, fields, delimiter)
-    mark = _decimal_mark([field for i in told if i >= start for field in rows[i]], delimiter)
+    values = [rows[i] for i in told if i >= start]
+    mark = _decimal_mark([field for row in values for field in row], delimiter)
     return Dialect(
         names=tuple(name for name, _ in pairs),
+        words=tuple(
+            name
+            for place, (name, _) in enumerate(pairs)
+            if not any(is_value(field) for row in values for field in row[place : place + 1])
+        ),
         units=tuple(unit for _, unit in pairs),
         delimiter=delimiter,
         fields=fields,
@@ -335,21 +342,21 @@ class DelimitedTable:
 
     @cached_property
     def _places(self) -> dict[str, int]:
-        return {name: place for place, name in enumerate(self.names)}
+        return {name: place for place, name in enumerate(self.dialect.names)}
 
     @property
     def names(self) -> tuple[str, ...]:
-        return self.dialect.names
+        return tuple(name for name in self.dialect.names if name not in self.dialect.words)
 
     def find(self, name: str) -> str:
         if name not in self._places:
-            error = no_column(name, self.names, self.file)
+            error = no_column(name, self.dialect.names, self.file)
             if not self.dialect.named:
                 error.cure = (
                     "name columns by their number, from 0, or say where the names are: header_row"
                 )
             raise error
-        count = self.names.count(name) if len(self._places) < len(self.names) else 1
+        count = self.dialect.names.count(name) if len(self._places) < len(self.dialect.names) else 1
         if count > 1:
             expected = "a name that is unique in the file"
             cure = "rename one"
@@ -398,10 +405,10 @@ class DelimitedTable:
         return text.isascii() and "_" not in text
 
     def _no_value(self, text: str | None, line: int, place: int) -> ReadError:
-        at = f"line {line}" if text is None else f"line {line}, column {self.names[place]}"
+        at = f"line {line}" if text is None else f"line {line}, column {self.dialect.names[place]}"
         found = repr(text)[:80] if text else "an empty field"
         if text is None:
-            found, expected = "too few columns", f"{len(self.names)} columns in each row"
+            found, expected = "too few columns", f"{len(self.dialect.names)} columns in each row"
             cure = "complete or remove the row"
         elif self.dialect.clocks[place]:
             expected, cure = "a time such as 12:30:01.250", "correct or remove the row"
@@ -448,15 +455,15 @@ class DelimitedTable:
             except InputError:
                 raise
             except ValueError as error:
-                found, expected = str(error)[:160], f"{len(self.names)} columns in each row"
+                found, expected = str(error)[:160], f"{len(self.dialect.names)} columns in each row"
             except MemoryError:
                 raise too_large(self.file) from None
-        for _, wrong in self._wrong(self.names[place] for place in positions):
+        for _, wrong in self._wrong(self.dialect.names[place] for place in positions):
             raise wrong
         raise ReadError(found, expected, "complete or remove the row", file=self.file)
 
     def _clock(self, position: int) -> Floats:
-        name = self.names[position]
+        name = self.dialect.names[position]
         for _, wrong in self._wrong([name]):
             raise wrong
         try:

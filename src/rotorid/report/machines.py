@@ -91,7 +91,9 @@ def balance_report(
 
 
 def _speeds(found: Balance) -> str:
-    return ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
+    rpm = [speed * RPM for speed in found.speeds]
+    several = f"{len(rpm)} speeds from {min(rpm):.5g} to {max(rpm):.5g}"
+    return several if len(rpm) > 8 else ", ".join(f"{each:.6g}" for each in rpm)
 
 
 def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[Passage]:
