@@ -8,6 +8,7 @@ from tomllib import loads as parse
 import h5py
 import numpy as np
 import pytest
+import scipy.interpolate
 import scipy.io
 from io_writers import write_table
 from working_folder import load, shaken
@@ -750,3 +751,25 @@ def test_a_draft_that_reads_nothing_leaves_a_sensor_open(tmp_path, output, heade
     told = output("new", tmp_path / "run.csv", "--model", "emps")
     assert line in told
     assert ("channels.q" in told.partition("Next")[0]) == line.startswith("#")
+
+
+def test_jitter_of_one_logger_is_told_once_with_its_figures(tmp_path):
+    """Three records of stamps off by 50 to 60 us; the draft takes the rate that they allow."""
+    rng, files = np.random.default_rng(4), [tmp_path / f"run{k}.csv" for k in range(3)]
+    clean = shaken(periods=12, speed=0.0, noise=0.0).samples
+    for file, size in zip(files, (0.9e-4, 1e-4, 1.1e-4), strict=True):
+        noisy = clean + 1e-3 * clean.std(axis=0) * rng.normal(size=clean.shape)
+        times = np.arange(len(noisy)) / RATE
+        stamps = times + size * rng.uniform(-1, 1, len(times))
+        columns = scipy.interpolate.CubicSpline(times, noisy)(stamps) * [1, 1, 1e6, 1e6]
+        write_table(file, "t [s],Fx [N],Fy [N],px [um],py [um]", stamps, columns, fmt="%.9g")
+    text = draft(files, "jeffcott", tmp_path)
+    assert text.count('fundamental = "10 Hz"') == 3
+    text = re.sub('phase = "unknown".*', "", text).replace('speed = "?"', 'speed = "0 rpm"')
+    known = '[parameters]\nm = { start = "5 kg" }\nxi = { fixed = "0 m" }\nzeta = { fixed = "0 m" }'
+    estimate = load(tmp_path, text.replace("[parameters]", known)).identify()
+    assert estimate.status == "ok"
+    (told,) = (text for text in estimate.warnings if "jitter" in text)
+    assert float(re.search(r"jitter by (\S+) s", told)[1]) == pytest.approx(1e-4 / 3**0.5, rel=0.2)
+    assert "an error below 0.001 % at 50 Hz" in told
+    assert told.endswith(" more like this")

@@ -1,10 +1,12 @@
 """Rotors from drawings: elements against ROSS and closed forms, files, and what they refuse."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg
+from packaging.requirements import Requirement
 from result_cases import fit
 from rotor_files import random_rotor, uniform
 
@@ -42,6 +44,14 @@ def test_matrices_equal_those_of_ross(number):
         for name, matrix in (("M", own.M), ("K", own.K), ("G", own.G), ("C", own.D)):
             theirs = golden[f"{name}{number}"]
             np.testing.assert_allclose(matrix, theirs, rtol=1e-9, atol=1e-12 * np.abs(theirs).max())
+
+
+def test_the_extra_installs_no_ross_that_is_not_read():
+    """3.0 has other names and tables of its bearings: `from_ross` would take them wrongly."""
+    text = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+    extra = tomllib.loads(text)["project"]["optional-dependencies"]["ross"]
+    (ross,) = (one for one in map(Requirement, extra) if one.name == "ross-rotordynamics")
+    assert [v in ross.specifier for v in ("2.2", "2.3.0", "2.9", "3.0.0", "3.1")] == [0, 1, 1, 0, 0]
 
 
 @pytest.mark.filterwarnings("ignore")  # ROSS's own, of what it looks for

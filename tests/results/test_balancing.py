@@ -275,6 +275,11 @@ def test_the_command(tmp_path, monkeypatch, output, refusal):
     found = json.loads((tmp_path / "b.json").read_text())
     assert {"plane", "unbalance_kg_m", "angle_rad", "std_kg_m"} <= found["corrections"][0].keys()
     assert {"plane", "unbalance_kg_m", "std_kg_m", "grade_mm_s"} <= found["residual"][1].keys()
+    before, after, mounted = (found[f"grade_{n}mm_s"] for n in ("before_", "", "mounted_"))
+    of, to = (next(g for g in (0.4, 1, 2.5, 6.3, 16) if size <= g) for size in (before, after))
+    assert f"before {before:.2g} mm/s (G {of}), after below {after:.2g} mm/s (G {to})" in shown
+    assert f"masses to 1 % and angles to 1 deg leave up to {mounted:.2g} mm/s more" in shown
+    assert 0 < after < before > 20 * mounted > 0
     assert "no speed, and none" in refusal("balance", "run.json", "--plane", "x,y")
     assert "x=much" in refusal(*arguments, "--at", "x=much")
 

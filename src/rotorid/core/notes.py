@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Literal
 
 from rotorid.core.frozen import frozen
+from rotorid.core.values import grouped
 
 Severity = Literal[
     "refuses",
@@ -113,8 +115,14 @@ class Note:
         return f"{subject}: {self.text}"
 
 
+_FIGURES = re.compile(r"[-+.\de]+(?= (?:%|(?:s|Hz|times|periods)\b))")
+
+
 def remarks(about: str, texts: Iterable[str]) -> list[Note]:
-    return [Note(about, "remarks", text) for text in dict.fromkeys(texts)]
+    """Return texts as notes; of those that differ in figures alone the first, and how many."""
+    alike = grouped((_FIGURES.sub("", text), text) for text in dict.fromkeys(texts))
+    told = ((first, len(more)) for first, *more in alike.values())
+    return [Note(about, "remarks", t + f"; {n} more like this" * bool(n)) for t, n in told]
 
 
 def worst(notes: Iterable[Note]) -> str:

@@ -539,10 +539,12 @@ def _clock(
         said: Any = column.name if column.unit else {"column": column.name, "unit": OPEN}
         note = column.assumed
         try:
-            found = read_clock(column.values).rate.hertz
+            clock = read_clock(column.values).rate
         except ReadError as error:
             said, note = _column(column), str(error.found)
         else:
+            nice = float(f"{clock.hertz:.4g}")  # if jitter, or the digits of the times, allow it
+            found = nice if abs(nice / clock.hertz - 1) <= clock.rounding else clock.hertz
             said_unit = unit_of_time(column.name, column.unit)
             unit = said_unit or _likely_unit(found, rate)
             rate = found / si_factor(unit, "s")

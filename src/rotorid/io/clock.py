@@ -97,7 +97,7 @@ def read_clock(time: Floats, first: float | None = None) -> FileClock:
     even = furthest <= max(NEGLIGIBLE * slope / np.pi, _spacing(time)) or (
         resolution <= slope / 2 and furthest <= _ROUNDED * resolution
     )
-    rate = Rate((count - 1) / span, max(resolution, furthest) / span)
+    rate = Rate((count - 1) / span, max(resolution, 2 * furthest) / span)  # both ends may be off
     jitter = min(np.sqrt(np.mean(deviation**2)), np.std(steps))
     return FileClock(rate, even, float(jitter))
 
