@@ -773,3 +773,17 @@ def test_jitter_of_one_logger_is_told_once_with_its_figures(tmp_path):
     assert float(re.search(r"jitter by (\S+) s", told)[1]) == pytest.approx(1e-4 / 3**0.5, rel=0.2)
     assert "an error below 0.001 % at 50 Hz" in told
     assert told.endswith(" more like this")
+
+
+def test_a_period_that_the_motion_does_not_share_is_none(tmp_path):
+    """Nine waves of 3.3 Hz, which are most of the force, are three of 1.1 Hz, and 1.09 of 0.4 Hz.
+
+    As periods they gave a friction of 210 +- 78 N in place of 20 N.
+    """
+    time, omega = np.arange(10_000) / 1e3, 2 * np.pi * np.array([0.4, 1.1, 3.3])
+    motion = 0.15 * np.sin(np.outer(time, omega) + np.array([0, 1, 0])) * [1, 0.3, 0.13]
+    force = motion @ (-95.0 * omega**2) + 20 * np.sign(np.gradient(motion.sum(axis=1)))
+    write_table(tmp_path / "run.csv", "t [s],F [N],q [m]", time, force, motion.sum(axis=1))
+    (record,) = parse(draft([tmp_path / "run.csv"], "emps", tmp_path))["records"]
+    assert "cutoff" in record
+    assert not {"fundamental", "period_samples"} & record.keys()

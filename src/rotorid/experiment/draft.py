@@ -629,8 +629,9 @@ def unbalanced(model: Model) -> bool:
 
 def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
     sources = run.driving() or run.moving()
-    free = model is not None and not model.inputs and not _turns(model)
-    found, rate = None if free else common_period([c.values for c in sources]), run.rate
+    turning, rate = model is None or _turns(model), run.rate
+    free = model is not None and not model.inputs and not turning
+    found = None if free else common_period([c.values for c in sources], turning)
     bends = model is not None and (free or model.linear is None)
     if found is None:
         yield from _filter(run, rate, model) if model and bends else _whole_record(run, rate)

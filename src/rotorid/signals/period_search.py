@@ -66,7 +66,9 @@ def find_period(samples: Floats) -> Period | None:
     return _refined(correlation, first)
 
 
-def common_period(columns: Sequence[Floats]) -> tuple[Period, list[int]] | None:
+def common_period(
+    columns: Sequence[Floats], turning: bool = True
+) -> tuple[Period, list[int]] | None:
     """Return the period that most columns share, and which repeat, the clearest first; or none.
 
     There is none where all that repeats is one wave, in some columns, while others move without a
@@ -74,6 +76,7 @@ def common_period(columns: Sequence[Floats]) -> tuple[Period, list[int]] | None:
     somebody repeats on purpose holds several lines, or is in all columns. Nor is there one that
     half of the columns of several lines do not have: motions under control come back by and by,
     each in its own time. The counter of a rotor angle, which repeats best of all, is one of many.
+    Where nothing turns, a single wave is motion like others, and repeats with them or none does.
     """
     moving = [k for k, column in enumerate(columns) if np.ptp(column)]
     found = {k: p for k in moving if (p := find_period(columns[k])) is not None}
@@ -88,7 +91,9 @@ def common_period(columns: Sequence[Floats]) -> tuple[Period, list[int]] | None:
         return times.count(1) > 1, len(times), times.count(1), one.correlation
 
     best = max(several, key=shared)
-    if 2 * shared(best)[1] <= len(several):
+    waves = () if turning else (p for k, p in found.items() if k not in several)
+    apart = any(not _divides(wave, several[best]) for wave in waves)
+    if apart or 2 * shared(best)[1] <= len(several):
         return None
     return several[best], [best, *(k for k in found if k != best)]
 
