@@ -24,12 +24,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import browser
 
 WIDTH, HEIGHT, SCALE = 1100, 820, 0.75  # CSS pixels of a picture, and its pixels for each of them
-LINES = "Measured and predicted, frequency by frequency"
+LINES = "Measured and predicted by frequency"
 PLANES = ("x2 - 0.02*theta_y, y2 + 0.02*theta_x", "x2 + 0.02*theta_y, y2 - 0.02*theta_x")
 SHOWN = {  # page, heading at the top of the picture, colours of the window
     "report.png": ("run.html", "h1", "light"),
     "report-lines.png": ("run.html", LINES, "dark"),
-    "balance.png": ("balance.html", "The planes, seen along the shaft", "light"),
+    "balance.png": ("balance.html", "h1", "light"),
 }
 PLACE = """(() => {
   const text = %r;
@@ -105,7 +105,7 @@ def screens(folder: Path) -> None:
         for file, (page, heading, scheme) in SHOWN.items():
             one.show(here / page, WIDTH, scheme)
             top = one.run(PLACE % heading)
-            clip = {"x": 0, "y": max(0, top - 16), "width": WIDTH, "height": HEIGHT, "scale": SCALE}
+            clip = {"x": 0, "y": max(0, top - 30), "width": WIDTH, "height": HEIGHT, "scale": SCALE}
             taken = one.ask("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)
             (folder / file).write_bytes(base64.b64decode(taken["data"]))
 

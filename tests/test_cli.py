@@ -344,7 +344,7 @@ def test_the_report_again(folder, output):
     assert output("report", "run.json") == "report: run.html\n"
     assert (folder / "run.html").read_bytes() == (folder / "first.HTM").read_bytes()
     html = (folder / "run.html").read_text()
-    for text in ("What is left over time", "Correlation of the parameters", "Accepted"):
+    for text in ("Residual over time", "Correlation of the parameters", "Accepted"):
         assert text in html
 
 

@@ -95,7 +95,12 @@ def test_the_page_stands_alone(rig, output):
     page = rig / "found.html"
     output("inspect", rig / "run.toml", "--report", page)
     text = page.read_text(encoding="utf-8")
-    for title in ("Samples", "Spectrum of the mean period", "From period to period", "Noise that"):
+    for title in (
+        "Samples",
+        "Spectrum of the mean period",
+        "Deviation of each period",
+        "Correlation of the noise",
+    ):
         assert f"<h3>{title}" in text
     shown = text.split("</head>")[1].split("<script")[0]
     assert "http" not in shown

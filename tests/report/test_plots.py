@@ -12,6 +12,7 @@ from linear_machines import estimate_of
 from report_pages import Page, titles
 
 import rotorid as rid
+from rotorid.answer.parts import ResponseEvidence
 from rotorid.demo import ESTIMATORS, FUNDAMENTAL, HARMONICS, simulate_record
 from rotorid.report import drawn, machines
 from rotorid.report import html as interactive
@@ -359,11 +360,14 @@ def test_the_page_of_a_balance(estimate):
         off = np.arctan2(masses["y"], masses["x"]) - np.array(one.masses)[:, 1]
         np.testing.assert_allclose(np.exp(1j * off), 1.0, 1e-4)
         assert plot["layout"]["yaxis"]["scaleanchor"] == "x"  # type: ignore[index]
+    twice = replace(found.corrections[0], masses=((1e-3, 0.5),) * 2)
+    panel, *_ = drawn.corrections(replace(found, corrections=(twice, *found.corrections[1:])))
+    assert curve(panel, "masses").told == ("2 x 1 g at 28.6 deg",)
 
 
 def test_planes_that_do_not_reach_are_said(estimate):
     page = Page(machines.balance_report(rid.balance(estimate, ["x1,y1"], SPEED), [], MODEL))
-    assert "These planes cannot do away with the unbalance: " in page.words
+    assert "These planes cannot correct this unbalance: " in page.words
 
 
 def test_what_is_overdamped_is_no_mode_of_a_page(estimate, diagram):
@@ -401,3 +405,15 @@ def test_modes_in_a_sentence(estimate):
     still = machines.modes_sentence(rid.modes(estimate, speed=0.0), None)
     assert still.startswith(f"At standstill {bare}")
     assert still.endswith(" Hz.")
+
+
+def test_a_phase_turns_by_half_a_turn_at_a_resonance_without_damping():
+    """From 0 to -180 deg and back at the zero between two, whatever rounding makes of the sign."""
+    hertz = np.linspace(1.0, 40.0, 79)
+    signs = (-1.0) ** (1 * (hertz > 10.3) + (hertz > 20.3) + (hertz > 30.3))
+    tiny = 1e-17 * np.random.default_rng(1).choice([-1, 1], len(hertz))
+    seen = ResponseEvidence("F", "x", "m/N", 0.0, (5.0, 35.0), (1.0, -1.0), (0.0, 0.0), (0.1, 0.1))
+    _, phase, left = drawn.force_response(seen, hertz, signs + 1j * tiny, np.zeros((2, 79)))
+    (line, *_) = (curve.y for curve in phase.curves if curve.label == "model")
+    np.testing.assert_allclose(line, 90 * (signs - 1), atol=1e-9)
+    np.testing.assert_allclose([curve.y for curve in left.curves], 0.0, atol=1e-9)

@@ -70,6 +70,30 @@ def response_of(estimate, record):
 SWEPT = list(range(2, 80, 2))
 
 
+@pytest.mark.parametrize(
+    ("name", "base", "beside"),
+    [
+        ("three-mass", 20, {"F_x1": "x1", "F_y1": "y1", "F_x3": "x3", "F_y3": "y3"}),
+        ("flexible", 10, {"F_xA": "x_a", "F_yA": "y_a", "F_xB": "x_b", "F_yB": "y_b"}),
+    ],
+)
+def test_a_force_is_shown_with_the_position_beside_it(name, base, beside):
+    """Not with the tilt of the disc, of which the record tells most; nor with a sensor far away."""
+    rig = load_rig(name).rig
+    record = rig.run(1.0, np.random.default_rng(1))
+    periods = rid.average(record, base, harmonics=range(1, 12, 2))
+    truth = Estimate(
+        name,
+        "ml",
+        "ok",
+        tuple(
+            rid.Value(n, rig.model.parameter_units[n], v, fixed=True) for n, v in rig.values.items()
+        ),
+    )
+    response = with_evidence(truth, rig.model, periods).evidence.records[0].response
+    assert response.position == beside[response.force]
+
+
 def test_a_response_is_measured_on_the_models():
     """Without noise on the curve; with it off by its deviations, and by as many as are added."""
     noisy = shaken(SWEPT, np.random.default_rng(5))

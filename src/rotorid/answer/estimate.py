@@ -498,7 +498,8 @@ def _assumed(estimate: Estimate) -> list[str]:
 
 
 def on_data(check: Note) -> str:
-    names = f" of {', '.join(check.on)}" if check.on else ""
+    own = check.severity == "assumes"  # its text names what it shifts
+    names = f" of {', '.join(check.on)}" if check.on and not own else ""
     return f"{check.about}{names}: {check.text}"
 
 
@@ -670,7 +671,8 @@ def row_of(value: Value) -> tuple[str, ...]:
     """Return the cells of `_COLUMNS`."""
     unit = "" if value.unit == "1" else value.unit
     inflated = "" if value.std_inflated is None else two_digits(value.std_inflated)
-    assumed = "" if value.std_assumed is None else two_digits(value.std_assumed)
+    shift, least = value.std_assumed, 1e-6 * (value.std or 0.0)  # below it there is rounding only
+    assumed = "" if shift is None else "0" if shift < least else two_digits(shift)
     rest = inflated, assumed, interval_text(value), unit
     if value.std and abs(value.value) < ROUNDING * value.std:
         return value.name, "0", two_digits(value.std), "", *rest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -139,8 +140,11 @@ def _plane(one: Any, left: Any) -> Panel:
         reach = max(reach, float(np.abs(ring).max()))
     if one.masses and reach > 0:
         # Where on the rim a mass goes counts, not how far out this picture draws it.
-        rim = 1.1 * reach * np.exp(1j * np.array([angle for _, angle in one.masses]))
-        named = tuple(f"{1e3 * m:.4g} g at {np.degrees(a):.1f} deg" for m, a in one.masses)
+        counts = Counter(one.masses)
+        rim = 1.1 * reach * np.exp(1j * np.array([angle for _, angle in counts]))
+        many = [f"{n} x " if n > 1 else "" for n in counts.values()]
+        each = (f"{1e3 * m:.4g} g at {np.degrees(a):.1f} deg" for m, a in counts)
+        named = tuple(map("".join, zip(many, each, strict=True)))
         curves.append(Curve(rim.real, rim.imag, "masses", GREEN, "named", told=named))
         reach *= 1.1
     ends = (-ROOM * reach, ROOM * reach) if reach > 0 else (-1.0, 1.0)
@@ -179,13 +183,20 @@ def _loop(one: Any, limits: dict[str, float]) -> Panel:
     return Panel(title, HERTZ, y, tuple(curves), height=2.6)
 
 
+LOW = 1.4  # inches of a panel, of which a first screen holds three
+BIAS = 0.1  # rad by which a phase of 180 deg may be less, and is -180 all the same
+
+
 def force_response(found: Source, hertz: Floats, model: Complexes, std: Floats) -> list[Panel]:
     """Return a measured response and the model's, whose `std` are along it and across it."""
     x, seen = np.array(found.frequency_hz), np.array(found.real) + 1j * np.array(found.imag)
     bar, size = np.array(found.std) / np.sqrt(2), np.abs(model)  # half of the variance each way
-    phase, here = np.unwrap(np.angle(model)), np.searchsorted(hertz, x)
+    # Without damping responses turn by 180 deg at once: from 0 to -180, and not on.
+    phase = np.unwrap(np.angle(model * np.exp(1j * BIAS)) - BIAS, 1.1 * np.pi)
+    here = np.searchsorted(hertz, x)
     turned = phase[here] + np.angle(seen / model[here])
-    axis, told = Axis(HERTZ.title, log=True), "measured, with 95 %"
+    axis = Axis(HERTZ.title, log=True, ends=(float(hertz[0]), float(hertz[-1])))
+    told = "measured, with 95 %"
     panels: list[Panel] = []
     for y, line, wide, least, points, half in (
         (Axis(found.unit, log=True), size, std[0], size / 100, np.abs(seen), bar),
@@ -200,12 +211,14 @@ def force_response(found: Source, hertz: Floats, model: Complexes, std: Floats) 
         curves += [Curve(hertz, line, "model", BLUE), Curve(x, points, told, RED, "dots")]
         base = np.maximum(points - TWO * half, least.min())
         curves += [Curve(x, points + TWO * half, "", RED, "stems", base=base)]
-        panels.append(Panel("Phase" if panels else "Magnitude", axis, y, tuple(curves)))
+        panels.append(
+            Panel(("Magnitude", "Phase")[len(panels)], axis, y, tuple(curves), height=LOW)
+        )
     if bar.all():
         away = (seen / model[here] - 1) * size[here] / bar
-        curves = [Curve(x, away.real, "left along the response", RED, "dots")]
-        curves += [Curve(x, away.imag, "left across it", GREEN, "diamonds")]
-        panels.append(Panel("What is left", axis, Axis("deviations"), tuple(curves), level=0.0))
+        curves = [Curve(x, away.real, "residual along the response", RED, "dots")]
+        curves += [Curve(x, away.imag, "residual across it", GREEN, "diamonds")]
+        panels.append(Panel("Residual", axis, Axis("std"), tuple(curves), level=0.0, height=LOW))
     return panels
 
 
@@ -284,7 +297,7 @@ def _line_curves(channel: Any, x: Floats, factor: float) -> list[Curve]:
         looks = ("dots", "diamonds", "dots")
     curves = []
     if channel.noise:
-        told = "noise, up to two deviations"
+        told = "noise, up to two std"
         noise = shown(channel.noise)
         curves.append(Curve(x, NOISE_BAND * noise, told, RED, "band", base=noise / 10))
     curves.append(Curve(x, shown(channel.measured), "measured", GREY, looks[0]))

@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from rotorid.answer.estimate import (
+    ERR,
     FAR,
     ROUNDING,
     Estimate,
@@ -60,7 +61,7 @@ METHODS = {
     "sequential": "sequential least squares",
     "ls": "least squares",
 }
-MOODS: dict[str, Mood] = {"ok": "good", UNDER: "good", "doubtful": "doubt", "rejected": "doubt"}
+MOODS: dict[str, Mood] = {"ok": "good", UNDER: "good", "doubtful": "doubt"}
 """How a verdict is coloured; all others are bad."""
 
 
@@ -85,7 +86,7 @@ def verdict_of(estimate: Estimate) -> Verdict:
             first = estimate.assumptions[0]
             text += (
                 f" The values rest on what was assumed: an error of {first.size} ({first.assumed}) "
-                f"would shift {first.parameter} by {first.moves:.2g} standard deviations, and the "
+                f"would shift {first.parameter} by {two_digits(first.moves)} std, and the "
                 "record would not show it."
             )
         return Verdict(text, warnings)
@@ -142,7 +143,7 @@ def _rejected(estimate: Estimate) -> str:
     if estimate.misfit is not None and estimate.misfit.expected > 0:
         times = estimate.misfit.cost / estimate.misfit.expected
         if times > 1:
-            text += f", whose misfit is {times:.3g} times what noise leaves"
+            text += f", whose misfit is {two_digits(times)} times what noise leaves"
     if not estimate.suspects:
         return f"{text}. Nothing that was tried explains it alone."
     first = estimate.suspects[0]
@@ -195,7 +196,7 @@ class Row:
 
 def groups(estimate: Estimate) -> list[tuple[str, list[Row]]]:
     known = estimate.evidence
-    titles = ("", "of the measurement", "what follows from them")
+    titles = ("", "nuisance parameters", "derived")
     found = [
         (title, [_row(v, known.prior(v.name) if known else None) for v in part if not v.fixed])
         for title, part in zip(titles, estimate.quantities.values(), strict=True)
@@ -206,27 +207,19 @@ def groups(estimate: Estimate) -> list[tuple[str, list[Row]]]:
 def _parameters(estimate: Estimate) -> Passage:
     known = estimate.evidence
     any_known = known is not None and any(known.prior(value.name) for value in estimate.free)
-    told = "With standard deviations, as on the screen; a 95 % interval where it is not symmetric"
-    if any_known:
-        told += (
-            ", beside what was known beforehand. Bars: before in grey, now in blue, on a scale of "
-            "their own in each row"
-        )
+    told = "With standard deviations, or a 95 % interval where it is not symmetric."
     assuming = any(value.std_assumed is not None for value in estimate.parameters)
     if assuming:
-        told += (
-            ", and by how much errors of plausible sizes in what was assumed would shift each value"
-        )
+        told += f' "{ERR}": how far plausible errors of the assumptions would shift each value.'
+    if any_known:
+        told += " Bars: prior in grey, result in blue, each row on a scale of its own."
     if estimate.status == "rejected":
-        told += ". The data reject the model: the intervals do not cover what it lacks"
+        told += " The data reject the model: the intervals do not cover what it lacks."
     held = [f"{v.name} = {v.value:.6g}{_unit(v.unit)}" for v in estimate.parameters if v.fixed]
-    more = (
-        ("Known besides", "; ".join(relations(estimate))),
-        ("Held at what was given", ", ".join(held)),
-    )
+    more = ("Also known", "; ".join(relations(estimate))), ("Fixed", ", ".join(held))
     return Passage(
         "Parameters",
-        f"{told}.",
+        told,
         body=rendered(
             "parameters.html", groups=groups(estimate), known=any_known, assuming=assuming
         ),
@@ -300,20 +293,16 @@ EARLY = ("unbalance", "suspect", "other answers")
 """Tables that stand before the pictures."""
 TITLES = {
     "unbalance": "Unbalance in each plane",
-    "suspect": "What the model may lack, or a channel get wrong",
-    "other answers": "Other answers that fit as well",
-    "check": "Checks of the records, and assumptions",
-    "natural frequencies": "Natural frequencies that were measured",
+    "suspect": "Possible causes of the misfit",
+    "other answers": "Equivalent solutions",
+    "check": "Checks of the records and assumptions",
+    "natural frequencies": "Measured natural frequencies",
 }
 PREDICTED = (
-    "The difference between predicted and measured over what was measured, and what the noise of "
-    "the records alone makes of it: from the channel itself and from those that it is predicted "
-    "from. A ratio near 1 is as good as the noise allows."
+    "The prediction error over what was measured, what the noise of all channels alone makes of "
+    "it, and the ratio of both: near 1 is as good as the noise allows."
 )
-EXACT = (
-    "No misfit shows these: what is not known as well as it was taken shifts the values by as many "
-    "of their standard deviations."
-)
+EXACT = "Errors of these would shift the values so far, and no misfit would show it."
 WITHOUT = (
     "This result holds no evidence of its records, so nothing of them is drawn: it was written by "
     "an older version, or in Python without with_evidence. Identify again to have it."
@@ -340,7 +329,9 @@ def estimate_report(estimate: Estimate) -> str:
         on_data(check) for check in estimate.checks if check.severity in ("assumes", "says")
     )
     status = estimate.verdict.replace("_", " ")
-    left = drawn.residual(records[0]) if records else ()
+    responses = [] if model is None else list(_responses(estimate, records))
+    pictures = list(record_pictures(records))
+    shown = responses if responses and estimate.status == "ok" else pictures[2:]
     page = Passage(
         model.title if model is not None and model.title else estimate.model,
         lead=marked("Model <code>{}</code>, identified by {}", estimate.model, _method(estimate)),
@@ -350,21 +341,21 @@ def estimate_report(estimate: Estimate) -> str:
         urge="To mind:" if estimate.status == "ok" else "What to do next:",
         steps=verdict.steps,
         numbers=tuple(_numbers(estimate, records)),
-        panels=tuple(replace(panel, title="What is left over what noise makes") for panel in left),
+        picture=shown[0] if shown else None,
         said=remarks,
         parts=(
-            Passage("What is left open", items=verdict.left_open),
+            Passage("Undetermined combinations", items=verdict.left_open),
             _parameters(estimate),
             *(_titled(one) for one in others if one.headings[0] in EARLY),
-            Passage("How well the channels are predicted", PREDICTED, channels_table(records)),
+            Passage("Prediction error by channel", PREDICTED, channels_table(records)),
             Passage("Assumptions and their effect", EXACT, items=exact),
             _rotor(model),
-            *([] if model is None else _responses(estimate, records)),
-            *record_pictures(records),
+            *responses,
+            *pictures,
             *_own_pictures(estimate, records),
             *([] if model is None or model.linear is None else [machine_part(estimate, fastest)]),
             *(_titled(one) for one in others if one.headings[0] not in EARLY),
-            Passage("The fit in figures", items=(*on_fit(estimate), *warned)),
+            Passage("Fit statistics", items=(*on_fit(estimate), *warned)),
             Passage("Records", table=records_table(records)),
             *equations(model),
             *_work(estimate, model),
@@ -374,15 +365,17 @@ def estimate_report(estimate: Estimate) -> str:
 
 
 def _rotor(model: Model | None) -> Passage:
-    panels = (drawn.drawing(model.rotor),) if isinstance(model, RotorModel) else ()
-    return Passage("The rotor", "The rotor as it is drawn, and what stands on it.", panels=panels)
+    drawing = (drawn.drawing(model.rotor),) if isinstance(model, RotorModel) else ()
+    return Passage("The rotor", panels=drawing)
 
 
 def _numbers(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[tuple[str, str]]:
-    """Yield the numbers that matter, and what each is: fit, unbalance, what is known least."""
+    """Yield the numbers that matter, and what each is: fit; if accepted, unbalance, largest std."""
     errors = [(c.error, name) for name, c in _named([r.channels for r in records])]
     if errors := [each for each in errors if each[0] < TOLD]:
         yield f"{100 * max(errors)[0]:.2g} %", f"off at the most, {max(errors)[1]}"
+    if estimate.status != "ok":
+        return
     if masses := [plane for plane in estimate.unbalance if plane.unit == "kg m"]:
         most = max(masses, key=lambda plane: plane.amount)
         yield f"{1e6 * most.amount:.4g} g mm", f"unbalance, {most.plane}"
@@ -405,7 +398,7 @@ def _work(estimate: Estimate, model: Model | None) -> Iterator[Passage]:
     own = model is None or model.name not in shipped_models()
     texts = (("experiment", source.experiment), ("model", source.model if own else ""))
     yield Passage(
-        "What was done",
+        "Provenance",
         body=marked("<p><code>{}</code>, {}</p>", source.command, by)
         if source.command
         else Markup(),
@@ -429,8 +422,8 @@ def _responses(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterato
             where = f", record {number + 1}" if len(records) > 1 else ""
             yield Passage(
                 f"Response of {found.position} to {found.force}{where}",
-                "What the model leaves of the position, over the force, stands on the model's "
-                "response: other forces and loads are as the model has them. Bars and bands hold "
+                after="Measured: the model's response plus the residual of the position over the "
+                "force, so that other forces and loads are those of the model. Bars and bands hold "
                 "95 %; lines whose bar is longer than the response are left out.",
                 panels=tuple(_response(machine_of(estimate, number), found)),
             )
@@ -456,7 +449,7 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
         panel = drawn.misfit(rows, turning=turning)
         what, where = ("row", "speed") if turning else ("spectral line", "frequency")
         yield Passage(
-            f"Misfit, {where} by {where}",
+            f"Misfit by {where}",
             f"Misfit of each {what} over what noise would leave of it; 1 is right on average. "
             f"Those that stand out together say at which {where} the model lacks something.",
             panels=(panel,),
@@ -485,26 +478,26 @@ def record_pictures(
     noise = "noise and the deviations of the values make" if another else "noise makes"
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
-        each, what = "frequency by frequency", "spectral lines"
+        each, what = "frequency", "spectral lines"
         if record.kind == "phasors":
-            each, what = "speed by speed", "rows of 1x phasors"
+            each, what = "speed", "rows of 1x phasors"
         told = f"Amplitudes of {record.lines} {what}"
         if record.lines_per_point > 1:
             told += f", {record.lines_per_point} neighbours together as their root mean square"
         yield Passage(
-            f"What is left over time{where}",
+            f"Residual over time{where}",
             f"Predicted less measured; the band holds 95 % of what {noise} of it.",
             after=_left_out(record),
             panels=tuple(drawn.over_time(record)),
         )
         yield Passage(
-            f"Measured and predicted, {each}{where}",
+            f"Measured and predicted by {each}{where}",
             f"{told}. Where the difference lies in the band or below, it is what "
             f"{noise}. A channel that is not predicted is shown with its own noise.",
             panels=tuple(drawn.lines(record)),
         )
         yield Passage(
-            f"What is left, {each}{where}",
+            f"Residual by {each}{where}",
             f"Predicted less measured of each channel over what {noise} of it. Evenly near "
             "1 is noise; a line or a channel that stands out is none.",
             panels=tuple(drawn.residual(record)),
@@ -558,9 +551,8 @@ def _named(records: Sequence[Sequence[Named]]) -> Iterator[tuple[str, Named]]:
 
 
 CHANCE = (
-    "How far the prediction is off, and how much of that the noise of this record and the "
-    "deviations of the result's values make; the chance that the two together make an error at "
-    "least as large. Below one in a million it fails."
+    "The prediction error, how much of it noise and the std of the values make, and the chance "
+    "that both together make one as large. Below one in a million it fails."
 )
 
 
@@ -571,18 +563,19 @@ def validation_report(
     records: Sequence[RecordEvidence],
     notes: Sequence[str] = (),
 ) -> str:
-    reached = validated(found)
+    reached, pictures = validated(found), list(record_pictures(records, another=True))
     page = Passage(
-        "Another record, predicted",
-        lead=marked("By a result of <code>{}</code>, {}", estimate.model, _method(estimate)),
+        "Validation on another record",
+        lead=marked("Result of <code>{}</code>, {}", estimate.model, _method(estimate)),
         badge=reached.verdict,
         verdict=f"{reached.sentence[:1].upper()}{reached.sentence[1:]}.",
         mood="good" if reached.verdict == "predicts" else "bad",
         urge="What to do next:",
         steps=reached.cures,
+        picture=pictures[2] if pictures else None,
         parts=(
-            Passage("Channel by channel", CHANCE, validation_table(found)),
-            *record_pictures(records, another=True),
+            Passage("Prediction error by channel", CHANCE, validation_table(found)),
+            *pictures,
             Passage("Records", table=records_table(records)),
         ),
     )

@@ -54,6 +54,7 @@ class Passage:
     urge: str = ""  # said before the steps
     steps: tuple[str, ...] = ()  # what to do, or to mind
     numbers: tuple[tuple[str, str], ...] = ()  # of the first screen, each with what it is
+    picture: Passage | None = None  # the part that stands beside the verdict, and not below
     said: tuple[str, ...] = ()  # more sentences like the caption
     body: Markup = Markup()
     parts: tuple[Passage, ...] = ()
@@ -71,7 +72,7 @@ class Passage:
     @property
     def every(self) -> Iterator[Passage]:
         yield self
-        for part in self.parts:
+        for part in filter(None, (self.picture, *self.parts)):
             if part.holds:
                 yield from part.every
 
@@ -87,9 +88,10 @@ def page_of(
 
     from rotorid import __version__
 
-    work = Passage("What was done", items=tuple(done))
+    work = Passage("Provenance", items=tuple(done))
+    parts = tuple(part for part in page.parts if part is not page.picture)
     lead = marked("{}, written {}" if page.lead else "{}Written {}", page.lead, f"{date.today()}")
-    page = replace(page, lead=lead, parts=(*page.parts, *equations(model), work))
+    page = replace(page, lead=lead, parts=(*parts, *equations(model), work))
     panels = [panel for section in page.every for panel in section.panels]
     scripts = []
     if panels:
@@ -205,7 +207,7 @@ def spec(panel: Panel) -> dict[str, Any]:
     rulers = ((panel.level, across), (panel.upright, upright))
     axes = {
         "xaxis": _axis(x, [curve.x for curve in panel.curves]),
-        "yaxis": _axis(y, [curve.y for curve in panel.curves]),
+        "yaxis": _axis(y, [v for c in panel.curves for v in (c.y, c.base) if v is not None]),
     }
     if y.names:
         axes["yaxis"]["autorange"] = "reversed"

@@ -85,7 +85,15 @@ def balance_report(
         verdict=_balance_sentence(found),
         mood="doubt" if found.share > POOR or found.verdict not in ("ok", UNDER) else "good",
         steps=tuple(text.removeprefix("warning: ") for text in said if text not in besides),
-        parts=(*_balance_parts(found, centred), planes, Passage("Besides", items=besides)),
+        numbers=tuple(
+            (
+                f"{GMM * c.unbalance_kg_m:.4g} g mm",
+                f"at {np.degrees(c.angle_rad):.1f} deg, {c.plane}",
+            )
+            for c in found.corrections[:3]
+        ),
+        picture=planes,
+        parts=(*_balance_parts(found, centred), planes, Passage("Notes", items=besides)),
     )
     return page_of(page, model=model, done=done)
 
@@ -109,7 +117,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
         for each in found.corrections
     ]
     yield Passage(
-        "What to add",
+        "Corrections",
         "Angles count in the rotor, from x to y, from what stands along x where the rotor "
         "angle is 0: at its mark. Taking away is adding on the other side.",
         assuming_table(("correction", "g mm", "std", ERR, "at deg", "std"), rows),
@@ -132,7 +140,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
         for each in found.residual
     ]
     yield Passage(
-        "What is left",
+        "Residual unbalance",
         "The true unbalance is not the identified one: with 95 % less than this is left.",
         table(("left, with 95 %", "less than g mm", "std", "grade in mm/s"), left),
     )
@@ -147,10 +155,8 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
 
 def _balance_sentence(found: Balance) -> str:
     if found.share > POOR:
-        return (
-            f"These planes cannot do away with the unbalance: {100 * found.share:.2g} % of the "
-            "response is left."
-        )
+        left = f"{100 * found.share:.2g} % of the response is left"
+        return f"These planes cannot correct this unbalance: {left}."
     if found.covariance is None:
         return "What to add is computed; the result states no deviations, so what is left is open."
     if found.grade_mm_s is not None and found.rotor_mass is not None:
@@ -464,7 +470,9 @@ def modes_report(
     machine = machine_of(source)
     part, model = _machine_part(machine, found, diagram), machine.model
     verdict = modes_sentence(found, diagram)
-    page = Passage(model.title or model.name, verdict=verdict, parts=(part,))
+    picture = next((one for one in part.parts if one.panels), None)
+    page = replace(part, title=model.title or model.name, verdict=verdict, picture=picture)
+    page = replace(page, lead=part.title)
     return page_of(page, tab=f"{model.name}: {part.title}", model=model, done=notes)
 
 
@@ -475,10 +483,7 @@ def _machine_part(machine: Machine, found: Modes, diagram: Campbell | None) -> P
     free = ", ".join(model.inputs)
     whose = "Of the machine as its equations have it"
     if free:
-        whose += (
-            f", without forces at its inputs ({free}): what a controller or the magnets add is no "
-            "part of it"
-        )
+        whose += f", without forces at its inputs ({free}): controller and magnets excluded"
     critical = critical_table(diagram) if diagram is not None and diagram.critical else None
     return Passage(
         f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill",
@@ -545,7 +550,7 @@ def sensitivity_report(
 ) -> str:
     limits = ", ".join(f"{zone} below {limit:g}" for zone, limit in LIMITS.items())
     by_axis = Passage(
-        "Axis by axis",
+        "Largest sensitivity by axis",
         "The largest sensitivity of each loop, the others closed. Zones of ISO 14839-3: "
         f"{limits}, D above. Where the 95 % interval lies across a limit the zone is "
         "undecided: measure longer, or excite more.",
@@ -559,7 +564,7 @@ def sensitivity_report(
     page = Passage(
         f"{name}: sensitivity of the loops",
         lead="After ISO 14839-3",
-        verdict=_sensitivity_sentence(found),
+        verdict=f"{_sensitivity_sentence(found)}.",
         mood=MOODS.get(worst_of(found), "doubt"),
         parts=(by_axis, curves),
     )

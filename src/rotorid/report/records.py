@@ -122,7 +122,7 @@ def inspection_report(
 ) -> str:
     several = len(found) > 1
     parts = [_part(one, f", record {k}" if several else "") for k, one in enumerate(found, 1)]
-    return page_of(Passage(f"{name}: what is in it", lead=told, parts=tuple(parts)), done=done)
+    return page_of(Passage(f"Records of {name}", lead=told, parts=tuple(parts)), done=done)
 
 
 def _part(found: Inspection | LineInspection, title: str) -> Passage:
@@ -136,7 +136,7 @@ def _part(found: Inspection | LineInspection, title: str) -> Passage:
         verdict=found.sentence,
         mood=MOODS[found.verdict],
         steps=tuple(marked("<strong>{}</strong>: {}", n.verdict, str(n)) for n in graver),
-        said=(f"In order: {fine}.",) if fine else (),
+        said=(f"Passed: {fine}.",) if fine else (),
         table=shown,
         after=" ".join(noise),
         parts=tuple(_pictures(found, title)),
@@ -167,8 +167,8 @@ def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Passage]
         panels=tuple(drawn.spectra(periods)),
     )
     yield Passage(
-        f"From period to period{title}",
-        "Deviation of each period from the mean of all, over its scatter. It falls at the start "
+        f"Deviation of each period{title}",
+        "From the mean of all periods, over its scatter. It falls at the start "
         "while the machine settles, stands out where something knocked, and bends like a bow "
         "where it drifts.",
         panels=(drawn.each_period(periods),),
@@ -176,7 +176,7 @@ def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Passage]
     if one.noise_correlation is not None:
         names = [facts.name for facts in one.channels]
         yield Passage(
-            f"Noise that goes together{title}",
+            f"Correlation of the noise{title}",
             "Correlation between the noises of two channels on the lines that are used. In "
             "closed loop the controller feeds the noise of sensors into the forces.",
             panels=(drawn.noise_correlation(names, one.noise_correlation),),

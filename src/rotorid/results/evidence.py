@@ -31,7 +31,7 @@ from rotorid.linear.regression import Predicted
 from rotorid.models import Model
 from rotorid.models.equations import combination_text
 from rotorid.results.loops import plant_response
-from rotorid.results.machine import machine_of, shares_of
+from rotorid.results.machine import directions_of, machine_of, shares_of
 
 MOST_LINES = 400
 """Values of a channel over frequency: what a screen tells apart."""
@@ -158,7 +158,7 @@ def _record(
 
 
 def _response(forecast: Forecast) -> ResponseEvidence | None:
-    """Return the pair of force and position that tells most; None where no force is measured."""
+    """Return the force that tells most, at the position that moves most like its place; or None."""
     record, lines, found = forecast.bound, forecast.bound.lines, forecast.at
     at, inputs = np.flatnonzero(lines.frequency > 0), list(record.input_columns)
     whole = len(record.model.coordinates) > MOST_COORDINATES
@@ -171,7 +171,11 @@ def _response(forecast: Forecast) -> ResponseEvidence | None:
     if not read:  # accelerometers alone tell no position
         return None
     rows = np.array([r for *_, r in read]).reshape(len(read), -1)
-    model = plant_response(machine, speed, 2 * np.pi * lines.frequency[at], rows, {})
+    places = directions_of(machine).forces(machine.input_matrix())
+    reads, omega = np.vstack([rows, places.T]), 2 * np.pi * lines.frequency[at]
+    model, moved = np.split(plant_response(machine, speed, omega, reads, {}), [len(read)], axis=1)
+    driven = np.diagonal(moved, axis1=1, axis2=2)[:, None]
+    unlike = (np.abs(model - driven) / (np.abs(model) + np.abs(driven))).sum(axis=0)
     # What is left of the inputs moves positions as the inputs do.
     own = np.array([[-float(c.name == name) for name in found.names] for c, *_ in read])
     by_left = model if found.names == record.model.inputs else own + 0 * model[..., :1]
@@ -186,6 +190,8 @@ def _response(forecast: Forecast) -> ResponseEvidence | None:
     told = score > np.log(HALF_WIDTH / np.sqrt(2))
     if not told.any():
         return None
+    unlike = np.where(told.any(axis=0), unlike, np.inf)
+    told &= unlike == unlike.min(axis=0)
     i, j = divmod(int(np.argmax(np.where(told, score, 0.0).sum(axis=0))), len(inputs))
     seen = (lines.frequency[at], points[:, i, j].real, points[:, i, j].imag, std[:, i, j])
     drawn = (tuple(each[told[:, i, j]].tolist()) for each in seen)
