@@ -787,3 +787,18 @@ def test_a_period_that_the_motion_does_not_share_is_none(tmp_path):
     (record,) = parse(draft([tmp_path / "run.csv"], "emps", tmp_path))["records"]
     assert "cutoff" in record
     assert not {"fundamental", "period_samples"} & record.keys()
+
+
+def test_the_cure_of_a_gap_is_taken_by_an_inspection_of_the_draft(tmp_path, output, refusal):
+    """`skip` was not heard of there; and a period was found across the gap, of 1779 samples."""
+    whole = np.arange(len(SHAKEN.samples)) // 21 != 10
+    names = "t [s],Fx [N],Fy [N],px [um],py [um]"
+    write_table(tmp_path / "run.csv", names, TIME[whole] / 1e3, SHAKEN.samples[whole], fmt="%.10g")
+    out = tmp_path / "d.toml"
+    output("new", tmp_path / "run.csv", "--model", "jeffcott", "--out", out)
+    text = out.read_text()
+    (cure,) = re.findall('without: (skip = "[^"]*")', refusal("inspect", out))
+    assert cure in text
+    assert "period_samples" not in text
+    out.write_text(re.sub("^speed = .*", cure, text, flags=re.M))
+    assert "periods of 200 samples (found: 0.1 s, 10 Hz)" in output("inspect", out)

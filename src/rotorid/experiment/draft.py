@@ -541,7 +541,7 @@ def _clock(
         try:
             clock = read_clock(column.values).rate
         except ReadError as error:
-            said, note = _column(column), str(error.found)
+            said, note = _column(column), f"{error.found}; {error.cure}"
         else:
             nice = float(f"{clock.hertz:.4g}")  # if jitter, or the digits of the times, allow it
             found = nice if abs(nice / clock.hertz - 1) <= clock.rounding else clock.hertz
@@ -631,7 +631,8 @@ def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
     sources = run.driving() or run.moving()
     turning, rate = model is None or _turns(model), run.rate
     free = model is not None and not model.inputs and not turning
-    found = None if free else common_period([c.values for c in sources], turning)
+    torn = rate is None and run.clock[0] == "time"  # a period across a gap is none
+    found = None if free or torn else common_period([c.values for c in sources], turning)
     bends = model is not None and (free or model.linear is None)
     if found is None:
         yield from _filter(run, rate, model) if model and bends else _whole_record(run, rate)

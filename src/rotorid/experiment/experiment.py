@@ -417,7 +417,7 @@ def _inspect_draft(folder: Path, entry: schema.DraftRecord) -> Inspection:
     if schema.OPEN in entry.paths:
         raise ReadError("no name of a file", "the file of a record", "name it")
     paths = [folder / name for name in entry.paths]
-    record = read_record(paths, mask=entry.mask, **read.said_of(entry))
+    record = read_record(paths, mask=entry.mask, skip=entry.skip or 0.0, **read.said_of(entry))
     mark = entry.keyphasor if entry.angle is None else entry.angle.column
     if mark in record.names:
         bare, marks = read.without_mark(record, mark)

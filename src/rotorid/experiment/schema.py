@@ -639,8 +639,9 @@ class DraftRecord(RecordKeys):
             expected = "the rate of samples, or the kind of a table"
             cure = 'write sample_rate = "5 kHz", or kind = "phasors" or "responses" in its place'
             raise InputError(f'"{OPEN}"', expected, cure, place="sample_rate")
-        filled = {key: said for key, said in value.items() if said != OPEN or key == "file"}
-        return {key: filled[key] for key in _OF_DRAFTS if key in filled}
+        left = (OPEN, [OPEN, OPEN])
+        filled = {key for key, said in value.items() if said not in left or key == "file"}
+        return {key: value[key] for key in _OF_DRAFTS if key in filled}
 
 
 _OF_DRAFTS = (
