@@ -330,7 +330,7 @@ class _Run:
 
 DRAFT = Kind("rotorid new")
 _NO_RATE = 'as "5 kHz"; a row per speed is kind = "phasors" in its place, per frequency "responses"'
-_TWICE = 'where each was read twice, that tells the noise: no std, and same_speed = "1 rpm"'
+_TWICE = 'many speeds that were read twice tell the noise: then no std, and same_speed = "1 rpm"'
 BELOW_HALF = 0.499  # of the sample rate: four digits of it do not exceed a half
 _ENOUGH = 10_000  # samples that show whether a column has two values
 _HEAD = f"""#:schema experiment.schema.json
@@ -465,13 +465,15 @@ def _of_table(run: _Run, model: Model | None) -> Iterator[_Run]:
     """Yield the records of a table without times: one for each text of a column of words."""
     speeds = [c for c in run.columns if c.role == "speed"]
     axes = speeds or [c for c in run.columns if _FREQUENCY.fullmatch(leaf(c.name))]
-    readings = list(_readings(run.columns))
-    if run.clock[1] != OPEN or not (readings and axes):
+    readings, opened = list(_readings(run.columns)), open_table(run.files[0])
+    words = opened.dialect.words if isinstance(opened, DelimitedTable) else ()
+    if run.clock[1] != OPEN or not readings or not (axes or words):
         yield run
         return
-    axis = {"column": axes[0].name, "unit": axes[0].unit or ("rpm" if speeds else "Hz")}
+    unit = "rpm" if speeds else "Hz"
+    axis = {"column": axes[0].name, "unit": axes[0].unit or unit} if axes else OPEN
     said, table = {"std": OPEN}, [("kind", "phasors", ""), ("speed", axis, _TWICE)]
-    if not speeds:
+    if axes and not speeds:
         table = [("kind", "responses", ""), ("frequency", axis, "")]
         if seen := [c.name for c in run.columns if _COHERENCE.match(leaf(c.name))]:
             said = {"coherence": seen[0]}
@@ -479,10 +481,8 @@ def _of_table(run: _Run, model: Model | None) -> Iterator[_Run]:
         inputs = [] if model is None else list(model.inputs)
         said["input"] = inputs[0] if len(inputs) == 1 else OPEN
     columns = [replace(c, said={**c.said, **said}) for c in readings]
-    used = {axis["column"], *(name for c in columns for name in c.said.values())}
+    used = {c.name for c in axes[:1]} | {name for c in columns for name in c.said.values()}
     columns += [c for c in run.columns if c.name not in used]
-    opened = open_table(run.files[0])
-    words = opened.dialect.words if isinstance(opened, DelimitedTable) else ()
     texts = ((name, list(dict.fromkeys(opened.texts(name)))) for name in words)
     column, several = next((c for c in texts if 1 < len(c[1]) <= _MOST_LINES), ("", []))
     rows = [[("rows", {"column": column, "is": text}, "")] for text in several]
