@@ -654,8 +654,11 @@ def test_a_column_of_two_values_may_be_a_mark_and_a_file_without_times_a_table(t
     assert 'not used: ir, 0 to 1; two values, a mark of the rotation? then keyphasor = "ir"' in text
     assert "acc, " in text
     assert 'kind = "phasors"' not in text
-    write_table(tmp_path / "runs.csv", "rpm,a1,p1", *np.arange(9.0).reshape(3, 3) ** 2)
-    assert 'kind = "phasors"' in draft([tmp_path / "runs.csv"], "jeffcott", tmp_path)
+    for names, kind in (("rpm,a1,p1", "phasors"), ("n,ax,px", "phasors"), ("rpm,a1,p2", None)):
+        write_table(tmp_path / "runs.csv", names, *np.arange(9.0).reshape(3, 3) ** 2)
+        text = draft([tmp_path / "runs.csv"], "jeffcott", tmp_path)
+        assert parse(text)["records"][0].get("kind") == kind
+        assert 'kind = "phasors"' in text
 
 
 BALANCING = """condition,rpm,x amp (um),x phase (deg),y amp (um),y phase (deg)

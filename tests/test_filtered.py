@@ -342,6 +342,8 @@ def test_records_of_one_machine_are_compared(apart, told):
     found = rid.identify(AXIS, lows, "batch")
     notes = [n for n in found.notes if n.about == "records"]
     assert bool(notes) == told == (found.status == "rejected")
+    assert re.findall("^note, left out: .*", str(found), re.M)[0].endswith("; 2 more like this")
+    assert str(found).count("note, left out") == 1
     assert all("1.csv: 97.9" in n.found and n.value > 6 for n in notes)
 
 

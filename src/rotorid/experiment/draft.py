@@ -463,7 +463,7 @@ def _run(files: tuple[Path, ...], columns: list[Found], tables: Sequence[OneFile
 
 def _of_table(run: _Run, model: Model | None) -> Iterator[_Run]:
     """Yield the records of a table without times: one for each text of a column of words."""
-    speeds = [c for c in run.columns if c.role == "speed"]
+    speeds = [c for c in run.columns if c.role == "speed" or leaf(c.name) == "n"]
     axes = speeds or [c for c in run.columns if _FREQUENCY.fullmatch(leaf(c.name))]
     readings, opened = list(_readings(run.columns)), open_table(run.files[0])
     words = opened.dialect.words if isinstance(opened, DelimitedTable) else ()
@@ -493,7 +493,7 @@ def _readings(columns: Sequence[Found]) -> Iterator[Found]:
     """Yield what two columns are by their names: amplitude and phase, or real and imaginary."""
     found = dict[str, dict[str, Found]]()
     for column in columns:
-        words = re.findall(r"[A-Za-z]+|\d+", leaf(column.name))
+        words = re.findall(r"\b[ap](?=[xyz])|[A-Za-z]+|\d+", leaf(column.name))
         for (k, word), (part, pattern) in product(enumerate(words), _PARTS.items()):
             if re.fullmatch(pattern, word, re.I):
                 found.setdefault("_".join(words[:k] + words[k + 1 :]), {})[part] = column
