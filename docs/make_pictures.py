@@ -51,7 +51,7 @@ def line_filter(record: Record, periods: PeriodicRecord, channel: str) -> Panel:
     return Panel(
         f"1. Keep the excited lines of {PERIODS} periods",
         Axis("frequency in Hz", ends=(0, 1.2 * periods.frequency.max())),
-        Axis("amplitude in µm", log=True, ends=(floor, 4 * kept.max())),
+        Axis("amplitude in µm", log=True, ends=(floor, 100 * kept.max())),
         (
             Curve(frequency[shown], before, "before: every line of the record", GREY, "thin"),
             Curve(periods.frequency, kept, "", BLUE, "stems", base=np.full_like(kept, floor)),
@@ -70,14 +70,15 @@ def overview(folder: Path) -> None:
     estimate = identify(model, periods, MaximumLikelihood(base=True))
     (predicted,) = record_evidence(estimate, model, [periods])
     errors = rms_panel(result)
-    room = replace(errors.x, ends=(0.03, 60.0))  # for the key beside the points
+    room = replace(errors.x, ends=(0.03, 1e3))  # for the key beside the points
     panels = [
         line_filter(record, periods, "x1"),
         predicted_force(predicted),
         replace(errors, x=room, title="3. Read the rotor's parameters"),
     ]
     figure = figure_of(panels, columns=3, apart=True)
-    figure.savefig(folder / "demo.png", dpi=120, metadata={"Software": None})
+    figure.set_size_inches(10.5, 4.2)  # to be read in a column of 736 pixels
+    figure.savefig(folder / "demo.png", dpi=140, metadata={"Software": None})
 
 
 def predicted_force(record: RecordEvidence) -> Panel:

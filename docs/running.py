@@ -63,6 +63,7 @@ class _Running(SphinxDirective):
         """Return a block of code, or the line that opens it."""
         block = nodes.literal_block(text.rstrip("\n"), text.rstrip("\n"))
         block["language"] = language
+        block["classes"] += ["terminal"] * (language == "none")
         if line := self.options.get("folded"):
             head = f"<details><summary>{html.escape(line)}</summary>"
             ends = [nodes.raw("", each, format="html") for each in (head, "</details>")]
@@ -124,8 +125,8 @@ class Run(_Running):
     def run(self) -> list[nodes.Node]:
         """Run every line."""
         parts = []
-        for line in re.sub(r"\\\n\s*", "", "\n".join(self.content)).splitlines():
-            program, *arguments = shlex.split(line, comments=True)
+        for line in re.split(r"(?<!\\)\n", "\n".join(self.content)):
+            program, *arguments = shlex.split(re.sub(r"\\\n\s*", "", line), comments=True)
             assert program == "rotorid", line
             with _inside(self.folder) as out:
                 code = run_command(arguments)

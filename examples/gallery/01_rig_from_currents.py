@@ -55,7 +55,7 @@ errors = [(value.value - truth[value.name]) / value.std for value in found]
 figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
 axes.axhspan(-1.96, 1.96, color="0.9", label="95 % intervals")
 axes.plot([value.name for value in found], errors, "o")
-axes.set_ylabel("error over stated deviation")
+axes.set_ylabel("error / std")
 axes.set_ylim(-4, 4)
 axes.tick_params(axis="x", rotation=60)
 axes.legend()

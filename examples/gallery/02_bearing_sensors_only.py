@@ -51,6 +51,6 @@ figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
 for name, case in cases.items():
     axes.plot(list(case), list(case.values()), "o", label=name)
 axes.set_yscale("log")
-axes.set_ylabel("deviation in %")
+axes.set_ylabel("std in %")
 axes.legend()
 plt.show()

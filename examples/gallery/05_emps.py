@@ -7,7 +7,7 @@ motor and a ball screw. Its data are free, but not ours to pass on: this page sh
 where they lie in the folder that ``ROTORID_DATA`` names, and says so where they do not.
 """
 
-# sphinx_gallery_thumbnail_path = "images/report-lines.png"
+# sphinx_gallery_thumbnail_path = "images/report.png"
 import os
 from pathlib import Path
 
@@ -30,7 +30,7 @@ if data.is_dir():
     print(estimate)
 
 # %%
-# The result predicts the force of another record.
+# The result predicts the force of another record; half a period of both.
 
 if data.is_dir():
     other = rid.load_experiment(folder / "validate.toml", folder=data)
@@ -38,9 +38,12 @@ if data.is_dir():
     error = rid.predict(experiment.model, estimate, periods)["F"].relative_error
     print(f"relative error of the force: {100 * error:.2f} %")
 
-    (record,) = other.measured()
+    (record,) = rid.with_evidence(estimate, experiment.model, [periods]).evidence.records
+    force, half = record.channels[0], len(record.time_s) // 2
     figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
-    axes.plot(record.column("F"), lw=0.6)
-    axes.set_xlabel("sample")
+    axes.plot(record.time_s[:half], force.wave_measured[:half], "0.6", lw=2.5, label="measured")
+    axes.plot(record.time_s[:half], force.wave_predicted[:half], lw=1, label="predicted")
+    axes.set_xlabel("time in s")
     axes.set_ylabel("force in N")
+    axes.legend()
     plt.show()

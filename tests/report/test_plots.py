@@ -417,3 +417,9 @@ def test_a_phase_turns_by_half_a_turn_at_a_resonance_without_damping():
     (line, *_) = (curve.y for curve in phase.curves if curve.label == "model")
     np.testing.assert_allclose(line, 90 * (signs - 1), atol=1e-9)
     np.testing.assert_allclose([curve.y for curve in left.curves], 0.0, atol=1e-9)
+
+
+def test_a_response_at_one_speed_is_a_point(estimate):
+    """A line through one point is not seen."""
+    panels = drawn.response(rid.unbalance_response(estimate, SPEED), MODEL.units)
+    assert {curve(panel, "amplitude").look for panel in panels} == {"dots"}

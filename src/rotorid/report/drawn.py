@@ -140,11 +140,9 @@ def _plane(one: Any, left: Any) -> Panel:
         reach = max(reach, float(np.abs(ring).max()))
     if one.masses and reach > 0:
         # Where on the rim a mass goes counts, not how far out this picture draws it.
-        counts = Counter(one.masses)
-        rim = 1.1 * reach * np.exp(1j * np.array([angle for _, angle in counts]))
-        many = [f"{n} x " if n > 1 else "" for n in counts.values()]
-        each = (f"{1e3 * m:.4g} g at {np.degrees(a):.1f} deg" for m, a in counts)
-        named = tuple(map("".join, zip(many, each, strict=True)))
+        counts = Counter(one.masses).items()  # one upon the other they would seem to be one
+        rim = 1.1 * reach * np.exp(1j * np.array([angle for (_, angle), _ in counts]))
+        named = tuple(f"{n} x {1e3 * m:.4g} g at {np.degrees(a):.1f} deg" for (m, a), n in counts)
         curves.append(Curve(rim.real, rim.imag, "masses", GREEN, "named", told=named))
         reach *= 1.1
     ends = (-ROOM * reach, ROOM * reach) if reach > 0 else (-1.0, 1.0)
@@ -468,7 +466,8 @@ def response(found: Source, units: Mapping[str, str]) -> list[Panel]:
         size = factor * np.abs(found.motion[:, c])
         if not (np.isfinite(size) & (size > 0)).any():
             continue
-        curves = [Curve(rpm, np.where(size > 0, size, np.nan), "amplitude", BLUE, "line")]
+        look: Look = "line" if len(rpm) > 1 else "dots"
+        curves = [Curve(rpm, np.where(size > 0, size, np.nan), "amplitude", BLUE, look)]
         std = factor * np.asarray(found.std[:, c])
         if np.isfinite(std).any():
             curves.insert(0, _band(rpm, size, std, "95 % band"))

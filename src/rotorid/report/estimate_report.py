@@ -302,10 +302,15 @@ PREDICTED = (
     "The prediction error over what was measured, what the noise of all channels alone makes of "
     "it, and the ratio of both: near 1 is as good as the noise allows."
 )
+MEASURED = (
+    "Measured: the model's response plus the residual of the position over the force, so that "
+    "other forces and loads are those of the model. Bars and bands hold 95 %; lines whose bar is "
+    "longer than the response are left out."
+)
 EXACT = "Errors of these would shift the values so far, and no misfit would show it."
 WITHOUT = (
-    "This result holds no evidence of its records, so nothing of them is drawn: it was written by "
-    "an older version, or in Python without with_evidence. Identify again to have it."
+    "This result holds no evidence of its records, so nothing of them is drawn: identify again "
+    "with this version, in Python with_evidence."
 )
 
 
@@ -422,9 +427,7 @@ def _responses(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterato
             where = f", record {number + 1}" if len(records) > 1 else ""
             yield Passage(
                 f"Response of {found.position} to {found.force}{where}",
-                after="Measured: the model's response plus the residual of the position over the "
-                "force, so that other forces and loads are those of the model. Bars and bands hold "
-                "95 %; lines whose bar is longer than the response are left out.",
+                after="" if number else MEASURED,
                 panels=tuple(_response(machine_of(estimate, number), found)),
             )
 

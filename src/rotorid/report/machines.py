@@ -160,10 +160,8 @@ def _balance_sentence(found: Balance) -> str:
     if found.covariance is None:
         return "What to add is computed; the result states no deviations, so what is left is open."
     if found.grade_mm_s is not None and found.rotor_mass is not None:
-        return (
-            f"Balanced with this to below {_grade(found.grade_mm_s)}, ISO 21940-11, all planes "
-            "together, with 95 %."
-        )
+        grade = _grade(found.grade_mm_s)
+        return f"Balanced with this to below {grade}, ISO 21940-11, all planes together, with 95 %."
     most = max(each.unbalance_kg_m or 0.0 for each in found.residual)
     return f"With this less than {GMM * most:.2g} g mm is left in any plane, with 95 %."
 

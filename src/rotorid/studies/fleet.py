@@ -80,10 +80,10 @@ class FleetParameter:
     def row(self) -> tuple[str, ...]:
         half = (self.interval[1] - self.interval[0]) / 2
         count = len(self.machines), sum(len(each.results) for each in self.machines)
-        low, high = (f"{end:.2g}" for end in self.scatter_interval)
+        scatter, low, high = (figures(x, x) for x in (self.scatter, *self.scatter_interval))
         every = [r.std_assumed for each in self.machines for r in each.results if r.std_assumed]
         said = figures(self.common, half), two_digits(half), _assumed(max(every, default=None))
-        return self.name, *map(str, count), *said, f"{self.scatter:.2g}", f"{low} to {high}"
+        return self.name, *map(str, count), *said, scatter, f"{low} to {high}"
 
     @property
     def remarks(self) -> Iterator[str]:
@@ -119,7 +119,8 @@ class FleetParameter:
             curves.append(Curve(x, y + half, "", colour, "stems", base=y - half))
             curves.append(Curve(x, y, key, colour, "dots", told=told))
         names = tuple(each.serial for each in self.machines) * (len(self.machines) <= MOST_NAMES)
-        panel = Panel(label(self.name), Axis("serial", names=names), Axis("SI"), tuple(curves))
+        y = Axis(f"{label(self.name)} in SI units")
+        panel = Panel("", Axis("serial", names=names), y, tuple(curves))
         return Passage(self.name, table=rows, panels=(panel,))
 
 
