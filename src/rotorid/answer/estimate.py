@@ -38,9 +38,9 @@ from rotorid.core.distributions import HALF_WIDTH
 from rotorid.core.errors import InputError
 from rotorid.core.files import MARK, Kind, check_target, write_whole
 from rotorid.core.linalg import coupled
-from rotorid.core.notes import VERDICTS, Note
+from rotorid.core.notes import VERDICTS, Note, told_once
 from rotorid.core.tables import Page, Table, table
-from rotorid.core.values import Floats, Shown, frozen, grouped, import_pandas, read_only
+from rotorid.core.values import Floats, Shown, frozen, import_pandas, read_only
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -480,14 +480,10 @@ def tables(estimate: Estimate, *, intervals: bool = False) -> list[Table]:
 def sentences(estimate: Estimate) -> list[str]:
     grave = (c for c in estimate.checks if c.severity in _GRAVE)
     shown = [c for c in grave if not any(str(c) in told for told in estimate.warnings)]
-    # notes on several records, of which the first is shown
-    alike = grouped(((c.about, c.on) if c.verdict == "note" else c, c) for c in shown)
+    keyed = (((c.about, c.on) if c.verdict == "note" else c, c) for c in shown)
     return [
         *on_fit(estimate),
-        *(
-            f"{first.verdict}, {on_data(first)}" + f"; {len(more)} more like this" * bool(more)
-            for first, *more in alike.values()
-        ),
+        *told_once((key, f"{c.verdict}, {on_data(c)}") for key, c in keyed),
         *_assumed(estimate),
         *(f"warning: {warning}" for warning in estimate.warnings),
     ]

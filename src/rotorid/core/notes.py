@@ -119,10 +119,15 @@ _FIGURES = re.compile(r"[-+.\de]+(?= (?:%|(?:s|Hz|times|periods)\b))")
 
 
 def remarks(about: str, texts: Iterable[str]) -> list[Note]:
-    """Return texts as notes; of those that differ in figures alone the first, and how many."""
-    alike = grouped((_FIGURES.sub("", text), text) for text in dict.fromkeys(texts))
-    told = ((first, len(more)) for first, *more in alike.values())
-    return [Note(about, "remarks", t + f"; {n} more like this" * bool(n)) for t, n in told]
+    """Return texts as notes, those that differ in figures alone as one."""
+    alike = told_once((_FIGURES.sub("", text), text) for text in dict.fromkeys(texts))
+    return [Note(about, "remarks", text) for text in alike]
+
+
+def told_once(texts: Iterable[tuple[object, str]]) -> list[str]:
+    """Return the first text of each key, and how many more have that key."""
+    alike = grouped(texts).values()
+    return [first + f"; {len(more)} more like this" * bool(more) for first, *more in alike]
 
 
 def worst(notes: Iterable[Note]) -> str:
