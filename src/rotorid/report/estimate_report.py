@@ -501,8 +501,7 @@ def record_pictures(
         )
         yield Passage(
             f"Residual by {each}{where}",
-            f"Predicted less measured of each channel over what {noise} of it. Evenly near "
-            "1 is noise; a line or a channel that stands out is none.",
+            f"Over what {noise} of it: evenly near 1 is noise, what stands out is none.",
             panels=tuple(drawn.residual(record)),
         )
 
@@ -510,8 +509,8 @@ def record_pictures(
 def _left_out(record: RecordEvidence) -> str:
     left = max((channel.left_out for channel in record.channels), default=0)
     told = (
-        f"Up to {left} of {record.lines} lines, beside a resonance, are not in it: there the "
-        "noise of the forces alone moves the model further than the machine moved."
+        f"Without {left} of {record.lines} lines beside a resonance, where the noise of the forces "
+        "alone moves the model further than the machine moved."
     )
     return told if left else ""
 

@@ -73,9 +73,8 @@ def balance_report(
     said = _said_of(found)
     planes = Passage(
         "The planes, seen along the shaft",
-        "What is to be added in each plane, as a vector. The right correction lies within the "
-        "circle about its end with 95 %: no wider than its dot where the unbalance is well "
-        "known. Masses stand on the rim at their angles.",
+        "The correction in each plane, as a vector; the right one lies within the circle about its "
+        "end with 95 %. Masses stand on the rim at their angles.",
         panels=tuple(drawn.corrections(found)),
     )
     besides = tuple(each for each in said if not each.startswith("warning: "))
@@ -467,10 +466,9 @@ def modes_report(
 ) -> str:
     machine = machine_of(source)
     part, model = _machine_part(machine, found, diagram), machine.model
-    verdict = modes_sentence(found, diagram)
     picture = next((one for one in part.parts if one.panels), None)
-    page = replace(part, title=model.title or model.name, verdict=verdict, picture=picture)
-    page = replace(page, lead=part.title)
+    named = replace(part, title=model.title or model.name, lead=part.title)
+    page = replace(named, verdict=modes_sentence(found, diagram), picture=picture)
     return page_of(page, tab=f"{model.name}: {part.title}", model=model, done=notes)
 
 
@@ -506,15 +504,13 @@ def _pictures(
         )
     yield Passage(
         "Mode shapes",
-        "Each place at the moment when the largest is at its largest, as the sum of a "
-        "circle run through with the rotation and one against it.",
+        "At the moment of the largest motion, as a sum of a forward and a backward circle.",
         panels=tuple(shape_panels(found)),
     )
     if response is not None:
         yield Passage(
             "Unbalance response",
-            "Amplitude that the unbalance makes, without forces at the inputs; the band "
-            "holds 95 %.",
+            "Amplitude by unbalance, without forces at the inputs; the band holds 95 %.",
             panels=tuple(drawn.response(response, model.units)),
         )
 

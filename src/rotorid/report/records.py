@@ -161,16 +161,14 @@ def _pictures(one: Inspection | LineInspection, title: str) -> Iterator[Passage]
         return
     yield Passage(
         f"Spectrum of the mean period{title}",
-        "Multiples of the fundamental: those that are used, and the others, odd and even, with "
-        "the noise of the mean. What stands above the noise and is not used is distortion, "
-        "rotation, or excitation left out.",
+        "Multiples of the fundamental, used, odd or even, with the noise of the mean. What is not "
+        "used and stands above the noise is distortion, rotation, or excitation left out.",
         panels=tuple(drawn.spectra(periods)),
     )
     yield Passage(
         f"Deviation of each period{title}",
-        "From the mean of all periods, over its scatter. It falls at the start "
-        "while the machine settles, stands out where something knocked, and bends like a bow "
-        "where it drifts.",
+        "From the mean of all, over its scatter. It falls while the machine settles, stands out "
+        "where something knocked, and bends like a bow where it drifts.",
         panels=(drawn.each_period(periods),),
     )
     if one.noise_correlation is not None:

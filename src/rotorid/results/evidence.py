@@ -164,7 +164,7 @@ def _response(forecast: Forecast) -> ResponseEvidence | None:
     whole = len(record.model.coordinates) > MOST_COORDINATES
     if whole or found.samples is not None or not (inputs and len(at)) or np.ptp(lines.speed):
         return None
-    at, speed = at[:: -(-len(at) // FEWEST)], float(lines.speed[0])
+    at, speed = at[:: -(-len(at) // MOST_LINES)], float(lines.speed[0])
     machine = machine_of(forecast.estimate, forecast.number)
     spelt = [(s.channel, combination_text(s.channel.combination)) for s in record.sensors]
     read = [(*each, r) for each in spelt if (r := shares_of(machine, each[1])) is not None]
@@ -193,8 +193,10 @@ def _response(forecast: Forecast) -> ResponseEvidence | None:
     unlike = np.where(told.any(axis=0), unlike, np.inf)
     told &= unlike == unlike.min(axis=0)
     i, j = divmod(int(np.argmax(np.where(told, score, 0.0).sum(axis=0))), len(inputs))
+    kept = np.flatnonzero(told[:, i, j])
+    kept = kept[:: -(-len(kept) // FEWEST)]
     seen = (lines.frequency[at], points[:, i, j].real, points[:, i, j].imag, std[:, i, j])
-    drawn = (tuple(each[told[:, i, j]].tolist()) for each in seen)
+    drawn = (tuple(each[kept].tolist()) for each in seen)
     unit = f"{read[i][0].unit}/{record.inputs[j].unit}"
     return ResponseEvidence(record.model.inputs[j], read[i][1], unit, speed, *drawn)
 
