@@ -369,7 +369,7 @@ def demo_report(result: DemoResult) -> str:
     page = Passage(
         "Identification of a flexible rotor on magnetic bearings",
         lead=f"The numerical example of Levy and Arogeti, section 3, simulated {result.runs} times "
-        "with fresh noise and identified by each of their estimators and by maximum likelihood.",
+        "with fresh noise and identified by each of their estimators and by maximum likelihood",
         verdict=first,
         mood="good",
         parts=(Passage("What the figures show", items=tuple(others)), *demo_tables(result)),

@@ -316,7 +316,7 @@ def residual(record: Source) -> list[Panel]:
     values = np.where(np.isfinite(values), values, np.nan)
     names = tuple(label(c.name) for c in shown)
     matrix = Matrix(names, x, values, 0.0, WORST, "difference / noise")
-    return [Panel("", axis, Axis(), matrix=matrix, height=1.1 + 0.26 * len(names))]
+    return [Panel("", axis, Axis(), matrix=matrix, height=max(1.8, 1.1 + 0.26 * len(names)))]
 
 
 def misfit(rows: Source, *, turning: bool = False) -> Panel:
@@ -556,7 +556,7 @@ def _spectrum(record: Source, c: int) -> Panel:
         curves.append(Curve(lines, kept, "", BLUE, "stems", base=np.full_like(kept, floor)))
     curves.append(Curve(lines, kept, "used", BLUE, "dots" if few else "points"))
     if (noise > ROUNDING * top).any():
-        curves.append(Curve(lines, noise, "noise of the mean, one standard deviation", RED, "line"))
+        curves.append(Curve(lines, noise, "noise of the mean, one std", RED, "line"))
     drawn = tuple(curve for curve in curves if len(curve.x))
     return Panel(title, HERTZ, Axis(axis.title, log=True, ends=(floor, 3 * top)), drawn)
 
@@ -572,7 +572,7 @@ def rows(record: Source, *, turning: bool) -> list[Panel]:
         curves = []
         for values, told, colour in (
             (np.abs(record.mean[:, c]), "measured", GREY),
-            (noise[:, c], "noise, one deviation", RED),
+            (noise[:, c], "noise, one std", RED),
         ):
             if (values > 0).any():
                 shown = factor * record.multiplicity * values
