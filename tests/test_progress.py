@@ -7,12 +7,14 @@ import select
 import signal
 import sys
 import time
+from itertools import pairwise
 from threading import Thread
 
 import pytest
 from rotor_files import CORED
 
 from rotorid import cli, load_rig
+from rotorid.core.watch import watched
 from rotorid.likelihood import solver
 
 pty = pytest.importorskip("pty", reason="no terminals of this kind here")
@@ -51,7 +53,7 @@ def read_until(screen: int, text: str, seconds: float = 60.0) -> str:
 
 def test_what_is_tried_is_told_and_an_interrupt_leaves_the_best(folder, monkeypatch, capsys):
     shown = shown_in_process(monkeypatch, *LONG, until=" s left")
-    assert re.search(r"trying [a-z ]+, \d+ of \d+, about \d+ s left", shown)
+    assert re.search(r"trying [a-z ]+, \d+ of \d+, about \d+ s left, step \d+", shown)
     assert re.search(r"best so far: misfit \S+, \S+ expected", shown)
     assert "Traceback" not in shown
     assert "this is the best answer so far" in " ".join(capsys.readouterr().out.split())
@@ -84,6 +86,27 @@ def shown_in_process(
     reader.join()
     os.close(screen)
     return "".join(seen)
+
+
+def test_nothing_is_tried_without_a_word(folder, monkeypatch):
+    """Every step is told before it is tried; what leads it back to its valley takes a few more."""
+    told, silent, evaluated = list[tuple[str, int]](), [0], solver.evaluated
+
+    def watch(say, done=0, of=None, best=""):
+        told.append((say, done))
+        silent.append(0)
+
+    def counted(*point):
+        silent[-1] += 1
+        return evaluated(*point)
+
+    monkeypatch.setattr("rotorid.likelihood.solver.evaluated", counted)
+    with watched(watch):
+        assert cli.run([*LONG, "--quiet"]) == 3
+    assert max(silent) <= 1 + solver.BENDS
+    steps = [(one, other) for (say, one), (now, other) in pairwise(told) if not say and not now]
+    assert all(other in (one + 1, 1) for one, other in steps)
+    assert max(other for _, other in steps) > 10
 
 
 def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder, capsys):

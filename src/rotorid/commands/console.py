@@ -121,12 +121,15 @@ class _Display:
 
     def __init__(self) -> None:
         self._pace = Pace()
-        self._text = self._best = ""
+        self._text = self._steps = self._best = ""
         self._live: Live | None = None
 
     def __call__(self, say: str, done: int = 0, of: int | None = None, best: str = "") -> None:
+        if not say:
+            self._steps = f", step {done}"
+            return
         self._best = f"; best so far: {best}" if best else self._best
-        self._text = words(say, done, of, self._pace.left(say, done, of)) + self._best
+        self._text, self._steps = words(say, done, of, self._pace.left(say, done, of)), ""
 
     def wait(self) -> None:
         self._timer = Timer(PATIENCE, self._show)
@@ -147,7 +150,7 @@ class _Display:
         from rich.text import Text
 
         def rendered() -> Spinner:
-            spinner.update(text=Text(self._text))
+            spinner.update(text=Text(self._text + self._steps + self._best))
             return spinner
 
         spinner = Spinner("dots")

@@ -13,7 +13,10 @@ Item = TypeVar("Item")
 
 
 class Watch(Protocol):
-    """Told what is being done, how much of it is done already, and the best found so far."""
+    """Told what is being done, how much of it is done already, and the best found so far.
+
+    Told nothing, ``say = ""``, but the steps that what was told last has taken, it goes on.
+    """
 
     def __call__(self, say: str, done: int = 0, of: int | None = None, best: str = "") -> None:
         """Take what is being done; `of` is None where nobody knows how much there is."""

@@ -12,6 +12,8 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from rotorid.answer.derived import deviation
 from rotorid.answer.parts import ModeFit
@@ -24,7 +26,7 @@ from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.models.knowledge import Mode, number
 from rotorid.models.linear_form import StiffnessTable
-from rotorid.models.modal import Eigenmodes, lowest_modes, parted
+from rotorid.models.modal import Eigenmodes, lowest_modes, many, parted
 
 GRANTED = 0.3
 """Relative error granted to a frequency per relaxation, so that records lead until the last stage:
@@ -231,8 +233,9 @@ class ModalRows:
 
 def configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Configuration:
     """Return one configuration; the pattern of its modes is that of the generic machine."""
-    pencil = _pencil(layout, modes[0])
-    most = 2 * (number(modes[-1]) + ABOVE)
+    whole, most = _pencil(layout, modes[0]), 2 * (number(modes[-1]) + ABOVE)
+    pencil = _one_of_each(whole) if many(whole.shape[1], most) else whole
+    most = most if pencil.shape == whole.shape else most // 2
     free = Configuration(tuple(modes), pencil, (), generic - layout.start, most)
     try:
         pattern = tuple(map(len, free.solved(generic).modes.distinct))
@@ -251,6 +254,27 @@ def configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Con
             place="modes",
         )
     return found
+
+
+def _one_of_each(pencil: Pencil) -> Pencil:
+    """Leave out parts that nothing joins to the rest and that ring as another: one of two planes.
+
+    Whatever the values are, their determinants are the same; here every product of unknowns in
+    every matrix has a value of its own, so that what is zero now and acts in one part tells too.
+    """
+    t, size = pencil.terms, np.abs(pencil.weight)
+    term, places = t.monomial * len(t.kinds) + t.kind, (t.row, t.column)
+    largest = np.zeros(term.max(initial=0) + 1)
+    np.maximum.at(largest, term, size)
+    values = np.random.default_rng(0).uniform(0.5, 1.5, len(largest)) / np.maximum(largest, 1e-300)
+    matrix = coo_array((pencil.weight * values[term], places), shape=pencil.shape).toarray()
+    count, part = connected_components(matrix != 0, directed=False)
+    logs = [np.linalg.slogdet(matrix[part == k][:, part == k])[1] for k in range(count)]
+    _, kept = np.unique(np.round(logs, 6), return_index=True)
+    chosen = np.isin(part, kept)
+    place, t = np.cumsum(chosen) - 1, t.where(chosen[t.row])
+    t = replace(t, row=place[t.row], column=place[t.column])
+    return replace(pencil, terms=t, shape=(int(chosen.sum()),) * 2)
 
 
 def _pencil(layout: Layout, mode: Mode) -> Pencil:

@@ -25,6 +25,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.core.values import Floats, frozen
+from rotorid.core.watch import watch
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, Tangent, inside, outside, retract, tangent
 from rotorid.likelihood.relations import Relation
@@ -81,7 +82,7 @@ class _Walk:
             raise np.linalg.LinAlgError("no point near keeps the bounds")
         self.problem, self.bounded = anchored(problem.sketch or problem, start), bounded
         self.unknowns = start if x is None else x
-        self.iterations, self.effort = 0, EFFORT
+        self.iterations, self.trials, self.effort = 0, 0, EFFORT
         # what a start at a bound of zero has lost, it may find again
         sizes = np.maximum(np.abs(start), np.abs(problem.layout.start))
         sized = ~problem.layout.additive & (sizes > 0)
@@ -132,6 +133,8 @@ class _Walk:
             length = math.sqrt(along @ along)
             if length == 0 or (attempt and where.promised(along) < worth):
                 return None, radius  # the bounds leave no way, or shorter steps gain nothing
+            self.trials += 1
+            watch("", self.trials)
             trial = _stepped(point, where, along, self.bounded)
             for _ in range(BENDS):
                 if trial is None or trial.cost < point.cost:

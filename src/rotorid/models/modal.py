@@ -83,6 +83,11 @@ def eigenmodes(mass: Matrix, damping: Matrix, stiffness: Matrix) -> Eigenmodes:
     return _Scaled.of(mass, damping, stiffness).eigenmodes()
 
 
+def many(coordinates: int, count: int) -> bool:
+    """Tell whether a few modes of so many coordinates are found sooner by themselves."""
+    return PAYS * (3 * count + SPARE) <= coordinates
+
+
 def lowest_modes(
     mass: Matrix, damping: Matrix, stiffness: Matrix, count: int, near: float
 ) -> Eigenmodes:
@@ -98,7 +103,7 @@ def lowest_modes(
         Where such a space does not hold them: the parts are too unlike, or few modes oscillate.
     """
     whole, size = _Scaled.of(mass, damping, stiffness), 3 * count + SPARE
-    if PAYS * size > len(mass):
+    if not many(len(mass), count):
         return whole.eigenmodes()
     shifted = _Shifted(whole, near / whole.unit)
     while PAYS * size <= len(mass) * (1 + shifted.symmetric):  # one side serves as both
@@ -107,7 +112,7 @@ def lowest_modes(
         error, rounding = shifted.error(found) if enough else (np.inf, 0.0)
         if error <= max(FOUND, min(ROUNDED * rounding, BLURRED)):
             return found
-        if error > ASTRAY:
+        if error > ASTRAY or rounding > BLURRED:
             break
         size *= 2
     raise np.linalg.LinAlgError("lowest modes that are rounding, or none")
@@ -261,7 +266,8 @@ class _Shifted:
     def within(self, size: int) -> _Scaled:
         """Hold the machine to the space of its vectors near, `size` on either side."""
         parts = [self._krylov(size, side) for side in ("N" if self.symmetric else "NT")]
-        every = np.concatenate([p for part in parts for p in (part.real, part.imag)], axis=1)
+        halves = ((p.real, p.imag) if np.iscomplexobj(p) else (p,) for p in parts)
+        every = np.concatenate([half for both in halves for half in both], axis=1)
         left, sizes, _ = np.linalg.svd(every, full_matrices=False)
         space = left[:, sizes > SAME * sizes[0]]
         k, d, m = (np.asarray(space.T @ (each @ space)) for each in self.matrices)
@@ -294,6 +300,7 @@ class _Shifted:
             left = self.solved(at**2 * (m @ q) + at * (d @ q) + k @ q, side)
             rounded = EPS * self.solved(abs(k) @ np.abs(q), side)
             for_one = np.linalg.norm([left, rounded], axis=1) / np.linalg.norm(q, axis=0)
+            for_one *= np.maximum(1.0, self.at / np.abs(at)) ** 2  # M hides what K lacks below it
             worst, rounding = np.maximum((worst, rounding), for_one.max(axis=1))
         return worst, rounding
 

@@ -329,7 +329,9 @@ def test_modes_of_many_coordinates_are_those_of_the_whole(text, hung, asked, spe
         assert abs(fit.fitted_hz - fit.frequency_hz) < 2 * fit.std_hz
 
 
-@pytest.mark.parametrize(("stiff", "found"), [(1e-3, True), (1e3, True), (1e12, False)])
+@pytest.mark.parametrize(
+    ("stiff", "found"), [(1e-14, False), (1e-3, True), (1e3, True), (1e12, False)]
+)
 def test_lowest_modes_of_parts_too_unlike_are_refused(stiff, found):
     """A search may come there; the whole machine would take seconds, and tell rounding."""
     model = rid.parse_model(FINE)
@@ -341,6 +343,22 @@ def test_lowest_modes_of_parts_too_unlike_are_refused(stiff, found):
         return
     lowest, whole = lowest_modes(at.M, at.D, at.K, 12, 50.0), eigenmodes(at.M, at.D, at.K)
     np.testing.assert_allclose(lowest.values, whole.values[:12], rtol=1e-8)
+
+
+ASIDE = 'aside = { at = "480 mm", kyy = "k_y" }\n[parameters]\nk_y = { unit = "N/m", nominal = 0 }'
+
+
+@pytest.mark.parametrize(
+    ("text", "speed", "planes"),
+    [(FINE, 0.0, 1), (FINE.replace("[parameters]", ASIDE), 0.0, 2), (FINE, 900.0, 2)],
+)
+def test_of_two_planes_that_are_the_same_one_is_solved(text, speed, planes):
+    """Not where a value acts in one of them, though it is zero, or where turning joins them."""
+    model = rid.parse_model(text)
+    known, x = rows(model, model.nominal, [rid.Mode(100.0, 1.0, (0.01, 0.01), speed=speed)])
+    (group,) = known.modes.configurations
+    assert 2 * group.pencil.shape[0] == planes * len(model.coordinates)
+    assert known.jacobian(x)[0].all()
 
 
 def test_rounding_refuses_no_rotor_on_soft_cords(monkeypatch):
