@@ -81,12 +81,15 @@ class LowPass:
         return np.asarray(found)
 
     def noise_of(self, samples: Floats, order: int) -> Floats:
-        """Return what white noise, which is what the filter takes away, leaves on a derivative."""
+        """Return what white noise leaves on a derivative.
+
+        It is what half the band and above hold, where the motion has least.
+        """
         frequency = np.linspace(0, self.sample_rate / 2, 4097)
-        gain = self.gain(frequency)
-        taken = np.sqrt(((samples - self.apply(samples)) ** 2).mean(axis=0))
-        left = (gain * (2 * np.pi * frequency) ** order) ** 2
-        return np.asarray(taken * np.sqrt(left.mean() / ((1 - gain) ** 2).mean()))
+        motion = LowPass(self.sample_rate, (max(self.sample_rate / 4, *self.cutoffs),))
+        taken = np.sqrt(((samples - motion.apply(samples)) ** 2).mean(axis=0))
+        left = (self.gain(frequency) * (2 * np.pi * frequency) ** order) ** 2
+        return np.asarray(taken * np.sqrt(left.mean() / ((1 - motion.gain(frequency)) ** 2).mean()))
 
 
 _TEXT = re.compile(
@@ -232,8 +235,9 @@ def filtered(
 
     A Butterworth filter of 4th order, run forward and backward so that it shifts nothing, takes
     away what is above the cut-off; the ends, which it cannot know, are trimmed. For `LeastSquares`
-    and `Batch`. Noise that the cut-off lets pass is in the regressors and biases the estimate, as
-    in every least squares; a low cut-off takes the motion away that tells a parameter.
+    and `Batch`. Noise that the cut-off lets pass is in the regressors and pulls the estimate, as
+    in every least squares; what white noise does is taken off. A low cut-off takes the motion away
+    that tells a parameter.
 
     Parameters
     ----------

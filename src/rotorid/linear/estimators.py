@@ -18,7 +18,7 @@ from rotorid.core.values import Floats, frozen
 from rotorid.data.filtered import told_of
 from rotorid.data.observation import Data, Records, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
-from rotorid.linear.regression import SHARPER, Regression, SampledRegression, known_part
+from rotorid.linear.regression import SHARPER, Regression, SampledRegression
 from rotorid.linear.solve import (
     BLOCKS,
     FEWEST,
@@ -51,6 +51,9 @@ told, where it moves a parameter by more than `MOVED`, and from which on the ans
 CLEARER = 1.5
 """Times as clear as the force that is told as lacking a lag must be to turn an answer away: what
 sticks where an axis turns is smeared by the filter, and looks like both (1.1 to 1.3 times)."""
+UNSURE = 0.3
+"""Share of what noise of the motion moves, and is taken off, that the deviations hold: it is taken
+for white, and as strong below the cut-off as it is above."""
 BIASED = 6.0
 """Deviations by which a lower cut-off moves a parameter of an answer that is turned away: the bias
 is larger still."""
@@ -118,42 +121,86 @@ class SampledProblem(Posed):
         return np.asarray(np.maximum(variance, floor if floor > 0 else 1.0))
 
     def summarize(self, method: str, solved: Solver) -> Estimate:
-        solution, scatter, values = self.fit(solved)
-        notes, off = self.lacking(solution, scatter)
-        covariance = scatter.covariance + off.T @ off
+        solution, scatter, values, pull = self.fit(solved)
+        lacking, off = self.lacking(solution, scatter, pull)
+        covariance = scatter.covariance + off.T @ off + UNSURE**2 * np.outer(pull, pull)
+        solution = replace(solution, values=solution.values - pull)
         estimate = self.estimate(method, solution, covariance, unknown=scatter.alone)
         return estimate.with_notes(
             *self.told(scatter),
             *machine_checks.physical(self.full, estimate),
-            *self.moved(scatter, values, solved),
-            *notes,
+            *self.pulled(pull, scatter, values),
+            *self.moved(replace(scatter, covariance=covariance), values, solved),
+            *lacking,
             *machine_checks.prediction(estimate, self.noise(solution)),
             *machine_checks.agreement(self.names, *scatter.halves()),
             *self.apart(solved),
         )
 
-    def fit(self, solved: Solver) -> tuple[LeastSquaresSolution, Scatter, Floats]:
-        """Return a solution, what blocks say of it, and its values as far as equations reach."""
+    def fit(self, solved: Solver) -> tuple[LeastSquaresSolution, Scatter, Floats, Floats]:
+        """Return a solution, what blocks say of it, its values as far as equations reach, its pull.
+
+        The values are without the pull.
+        """
         solution = solved(self)
         counts = [len(r.inputs) for r in self.regressions]
         numbers = np.repeat(block_numbers(counts, BLOCKS), len(self.model.texts))
         matrix, gains = solution.matrix, np.hstack(solution.gains)
         scatter = scatter_of_blocks(matrix, solution.residual, gains, numbers)
-        return solution, scatter, self.reached(solution)
+        pull = self.pull(solution)
+        return solution, scatter, self.reached(solution) - pull, pull
 
     def noise(self, solution: LeastSquaresSolution) -> dict[str, float]:
-        """Return the share of each known part that noise explains; forces are taken for quiet."""
-        if self.model.inputs:
-            return {}
-        base = np.nan_to_num(self.base(solution.values))
-        counts = [r.told.sum(axis=0) for r in self.regressions]
-        left = sum(n * r.scatter(base) for n, r in zip(counts, self.regressions, strict=True))
-        size = sum((r.target**2).sum(axis=0) for r in self.regressions)
+        """Return the share of what is predicted that noise of the motion explains."""
+        base, acting = np.nan_to_num(self.base(solution.values)), self.model.input_matrix
+        found = [r.predicted(base) for r in self.regressions]
+        rows = acting.any(axis=1) if acting.any() else self.model.coefficients[1].any(axis=0)
+        to = np.linalg.pinv(acting[rows]) if acting.any() else np.eye(int(rows.sum()))
+        whole, left = self._sizes(solution)[:, rows] @ to.T, np.zeros(len(to))
+        for r in self.regressions:
+            left += len(r.inputs) * np.einsum("ar,ab,br->r", whole, r.noise, whole)
+        size = np.sum([each.size for each in found], axis=0)
         share = np.sqrt(left / np.where(size > 0, size, np.inf))
-        return {known_part(row): part for row, part in enumerate(share.tolist())}
+        return dict(zip(found[0].names, share.tolist(), strict=True))
+
+    def _sizes(self, solution: LeastSquaresSolution) -> Floats:
+        """Return what each row holds of each signal, (signal, row)."""
+        coefficients, known = self.model.coefficients
+        return np.asarray(coefficients @ np.nan_to_num(self.base(solution.values)) + known)
+
+    def pull(self, solution: LeastSquaresSolution) -> Floats:
+        """Return what noise of the motion adds to the values, (free,).
+
+        ``-(X'X)^-1 E[N' N theta]``, N what noise leaves on X: least squares takes it for motion.
+        """
+        whole, found = self._sizes(solution), np.zeros(len(self.names))
+        deviation, first = solution.deviation, 0
+        for r in self.regressions:
+            weight = r.told.sum(axis=0) / deviation[first : first + whole.shape[1]] ** 2
+            found -= np.einsum("arf,ab,br,r->f", self.structure, r.noise, whole, weight)
+            first += r.target.size
+        gains = np.hstack(solution.gains)
+        return np.asarray(gains @ (gains.T @ found))
+
+    def pulled(self, pull: Floats, scatter: Scatter, values: Floats) -> Iterator[Note]:
+        """Say what noise of the motion has moved most, and was taken off.
+
+        A pull by a share of the value is right to the square of that share.
+        """
+        at, share = scatter.worst(pull)
+        if share <= MOVED:
+            return
+        text = (
+            f"noise in the motion pulls {self.names[at]} by {pull[at]:+.3g} {self._unit(at)}, "
+            f"{share:.2g} deviations, which are taken off; the deviations hold {UNSURE:g} of that"
+        )
+        cure = "try a lower cut-off, as long as the motion lies well below"
+        large = abs(pull[at]) > UNSURE * abs(values[at])
+        severity: Severity = "doubts" if large else "says"
+        yield Note("noise in the motion", severity, text, cure, (self.names[at],), share, "1")
 
     def lacking(
-        self, solution: LeastSquaresSolution, scatter: Scatter
+        self, solution: LeastSquaresSolution, scatter: Scatter, pull: Floats
     ) -> tuple[list[Note], Floats]:
         """Return notes on forces that are lacking or late, and what the former move, (force, free).
 
@@ -164,7 +211,7 @@ class SampledProblem(Posed):
         found = [r.further(travel) for r in self.regressions]
         said, columns = found[0][0], [own.reshape(-1, own.shape[2]) for _, own in found]
         every, free = np.concatenate(columns), not self.model.inputs
-        size, clear, changes = scatter.with_column(solution, every, free=free)
+        size, clear, changes = scatter.with_column(solution, every, pull, free=free)
         moved, late, notes = [scatter.worst(change) for change in changes], -float(size[-1]), []
         shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)
         lacks = int(shares[:-1].argmax())
@@ -195,7 +242,7 @@ class SampledProblem(Posed):
 
     def apart(self, solved: Solver) -> Iterator[Note]:
         """Judge whether records, each fitted alone, agree parameter by parameter."""
-        alone = [replace(self, regressions=(r,)).fit(solved)[1:] for r in self.regressions]
+        alone = [replace(self, regressions=(r,)).fit(solved)[1:3] for r in self.regressions]
         values = np.array([found for _, found in alone])
         variance = np.array([np.diag(s.covariance) * wider(s.blocks - 1) ** 2 for s, _ in alone])
         variance[[s.alone | (s.blocks < FEWEST) for s, _ in alone]] = np.inf
@@ -217,7 +264,7 @@ class SampledProblem(Posed):
             (r, replace(r.observation, filtered=r.record.lowered(LOWER))) for r in self.regressions
         ]
         lower = tuple(replace(r, observation=lower) for r, lower in seen)
-        _, spread, other = replace(self, regressions=lower).fit(solved)
+        _, spread, other, _ = replace(self, regressions=lower).fit(solved)
         change = other - values
         clear = np.abs(change) > CLEAR * scatter.spread_of_change(spread)
         worst, share = scatter.worst(np.where(clear, change, 0.0))
@@ -254,7 +301,7 @@ class SampledProblem(Posed):
             yield Note("signs", "says", text if sharper else "signs are those of the samples")
         text = (
             f"deviations from {count} blocks of {seconds / count:.3g} s, each left out in turn; "
-            "they cover the scatter, not the bias that noise in the motion leaves"
+            "they cover the scatter, and a share of what noise in the motion moves"
         )
         yield Note("blocks", "says", text)
 
@@ -315,7 +362,8 @@ class LeastSquares(LinearEstimator):
 
     The derivatives in F are taken as free of noise. They are not: noise in the regressors
     attenuates the estimates, most in rows whose right side is zero, and on the paper's rotor this
-    bias is nearly all of the error. The stated deviations cover the scatter, not the bias.
+    bias is nearly all of the error. The stated deviations cover the scatter, not the bias. On
+    samples the bias of white noise is computed and taken off.
 
     Parameters
     ----------

@@ -262,7 +262,7 @@ class Regression(Equations):
 
 NOISY = 3.0
 """Deviations of its noise below which an expression has no sign: one in 400 has it by chance."""
-SHARPER = (5, 2, 1)
+SHARPER = (5, 1)
 """Cut-offs through which what a sign is of may be seen to turn: the more, the less noise it has."""
 WIDEST = 0.45
 """Of the sample rate: the highest of them."""
@@ -287,6 +287,8 @@ ALONG = {"sin({k}*{q})": np.sin, "cos({k}*{q})": np.cos}
 WAVES = 3
 """Waves of a force along the stroke, the longest as long as it, that are looked for: shorter
 ones change their sign often enough to scatter between blocks."""
+ENOUGH = 1000
+"""Samples over which the share of noise in terms that are not linear is averaged."""
 SLOWLY = 0.1
 """Share of its usual size below which a velocity is one at which friction is not Coulomb's."""
 
@@ -388,7 +390,13 @@ class SampledRegression(Equations):
     @cached_property
     def kept(self) -> Booleans:
         """Samples with an equation that counts, shape (used,)."""
-        return np.asarray(self.told.any(axis=1))
+        found = np.asarray(self.told.any(axis=1))
+        if not found.any():
+            signs = ", ".join(map(str, self.signs))
+            told = f"no sample in use at which the argument of {signs} is more than its noise"
+            cure = "check the column and its unit, or record a motion that is larger"
+            raise InputError(told, "motion", cure, file=self.observation.lines.source)
+        return found
 
     def _resting(self, argument: Expression) -> Booleans:
         """Return the samples in use too much of whose weight lies on a rest of a sign's argument.
@@ -454,17 +462,43 @@ class SampledRegression(Equations):
         names = tuple(map(known_part, rows.tolist()))
         return Predicted(names, ("",) * len(rows), target, target + left, ones, samples)
 
-    def scatter(self, base: Floats) -> Floats:
-        """Return the variance that noise leaves of each row, (row,): of terms linear in motion."""
-        whole = self.model.coefficients[0] @ base + self.model.coefficients[1]
-        variance = np.zeros(whole.shape[1])
-        for factor, sizes in zip(self.model.motion_factors, whole, strict=True):
+    @cached_property
+    def noise(self) -> Floats:
+        """What noise of the motion leaves on the signals: means of products, (signal, signal).
+
+        To first order. Of derivatives k and l of one quantity it is ``cos((k - l) pi / 2)`` times
+        the variance of the one of order (k + l) / 2.
+        """
+        model, low_pass, to = self.model, self.record.outer, self.sensed[1]
+        stretches = (self._each(partial(low_pass.noise_of, order=k), self._read) for k in range(3))
+        still, moving, pushed = ((to.T * (off**2).mean(axis=0)) @ to for off in stretches)
+        none = np.zeros_like(still)
+        covariance = np.block(
+            [[still, none, -moving], [none, moving, none], [-moving, none, pushed]]
+        )
+        some = self._picked[self.kept][:: max(1, len(self.kept) // ENOUGH)]
+        arrays = {
+            name: values if values.ndim == 0 else values[some]
+            for name, values in model.arrays(self._motion).items()
+        }
+        turning = {sign: evaluate(sign, arrays) for sign in self.signs}  # slopes of no size
+        slopes = np.zeros((len(model.signals), len(some), len(covariance)))
+        moved = [name + dots for dots in DERIVATIVES for name in model.coordinates]
+        for index, factor in enumerate(model.motion_factors):
             if factor is not None:
                 column, order, scale = factor
-                size = sizes * speed_factor(scale, self.record.record.speed)
-                off = self._noise(self.record.outer, order)[:, column]
-                variance += (off**2).mean() * size**2
-        return variance
+                at, speed = order * len(still) + column, self.record.record.speed
+                slopes[index, :, at] = speed_factor(scale, speed)
+            elif model.moves(index):
+                signal = model.signals[index]
+                for at, name in enumerate(moved):
+                    if (by := np.sqrt(covariance[at, at])) and symbol(name) in signal.free_symbols:
+                        above, below = (
+                            evaluate(signal, {**arrays, name: arrays[name] + off}, turning)
+                            for off in (by, -by)
+                        )
+                        slopes[index, :, at] = (above - below) / (2 * by)
+        return np.tensordot(slopes @ covariance, slopes, ((1, 2), (1, 2))) / len(some)
 
     @cached_property
     def travel(self) -> Floats:
