@@ -18,7 +18,6 @@ from sampled_bank import (
     DUFFING_TRUE,
     UNMODELLED,
     axis,
-    coloured,
     duffing,
     dwelling,
     measured,
@@ -209,7 +208,7 @@ def test_noise_in_the_motion_is_taken_off():
     assert plain[0] < 0.95 * AXIS_TRUE["M"]
     found = rid.identify(AXIS, low, "ls")
     assert np.abs(pulls(found, AXIS_TRUE)).max() < 3
-    assert not {n.about for n in found.notes} & {"cut-off", "late forces", "prediction"}
+    assert not {n.about for n in found.notes} & {"late forces", "prediction"}
     (said,) = [n for n in found.notes if n.about == "noise in the motion"]
     assert (said.on, said.severity) == (("M",), "says")
     assert said.found.startswith("noise in the motion pulls M by -")
@@ -252,6 +251,46 @@ def test_forces_that_come_late_are_turned_away(late):
     assert np.abs(pulls(right, AXIS_TRUE)).max() < 4
 
 
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("seed", range(6))
+def test_a_lag_that_the_record_does_not_show_is_assumed(seed):
+    """A millisecond at one of 4 N of noise: 16 deviations, and seldom clear."""
+    for late in (0, 1, -1):
+        record = axis(np.random.default_rng(seed))
+        samples = np.column_stack([np.roll(record.samples[:, 0], late), record.samples[:, 1]])
+        moved = replace(record, samples=samples)
+        found = rid.identify(AXIS, rid.filtered(moved, 60.0), "batch")
+        assert np.abs(pulls(found, AXIS_TRUE)).max() < 5 or found.verdict != "ok"
+        for timing in (n for n in found.notes if n.about == "timing"):
+            assert float(timing.size.split()[0]) <= 1.0
+            known = stated(moved, ["F"], delay=0.0, delay_std=1e-6)
+            sure = rid.identify(AXIS, rid.filtered(known, 60.0), "batch")
+            assert "timing" not in {n.about for n in sure.notes}
+            assert sure.parameters == found.parameters
+
+
+@pytest.mark.parametrize("stiffness", [1e5, np.inf])
+def test_what_is_elastic_is_no_larger_mass(stiffness):
+    """Two masses on a spring, identified as one, which moves as both below their resonance."""
+    rng = np.random.default_rng(3)
+    omega, turn = 2 * np.pi * np.sort(rng.uniform(0.3, 8, 12)), rng.uniform(0, 2 * np.pi, 12)
+    time = np.arange(15_000) / 1e3
+    inner = -35 * omega**2 * (1 / (1 - 35 * omega**2 / (stiffness + 30j * omega)))
+    response = 1 / (-60 * omega**2 + 100j * omega + 2000 + inner)
+    wave = np.exp(1j * (np.outer(time, omega) + turn))
+    noise = rng.normal(size=(len(time), 2)) * [0.5, 1e-6]
+    samples = np.column_stack([(wave * 30).sum(1).real, (wave @ (30 * response)).real]) + noise
+    record = measured(samples[:, 0], samples[:, 1], ("F", "x"), 1000.0)
+    equation = ["m*x'' + c*x' + k*x = F"]
+    model = written("one mass", equation, "x m", "F N", "m kg, c N s/m, k N/m")
+    found = rid.identify(model, rid.filtered(record, 20.0), "batch")
+    assert np.abs(pulls(found, {"m": 95.0, "c": 100.0, "k": 2000.0})).max() < 3
+    told = [n for n in found.notes if n.about == "missing force"]
+    assert [("x'''' (" in n.found, "elastic" in (n.cure or "")) for n in told] == (
+        [(True, True)] if stiffness < np.inf else []
+    )
+
+
 def pushed(way: float) -> rid.Record:
     """Return a record of the axis under a controller, its friction turning within a way."""
     true = AXIS_TRUE
@@ -285,16 +324,16 @@ def test_friction_turns_between_samples():
     """The signs of samples make friction wrong by a step, those of a low-passed velocity early."""
     low = rid.filtered(pushed(0.0), 20.0)
     found = rid.identify(AXIS, low, "batch")
-    assert found.verdict == "ok"
+    assert found.verdict == "ok under assumptions"  # of the timing, which the record tells to .1 ms
     assert not {"late forces", "missing force"} & {n.about for n in found.notes}
     assert np.abs(pulls(found, AXIS_TRUE)).max() < 3
     # Of a motion that is given, forces hold the signs of the samples.
     given = quiet_axis()
-    sharper = [
-        rid.LeastSquares().solve(AXIS, [record])[0].regressions[0].sharper
+    between = [
+        rid.LeastSquares().solve(AXIS, [record])[0].regressions[0].between
         for record in (low, rid.filtered(given, 20.0))
     ]
-    assert sharper == [5, 0]
+    assert between == [True, False]
 
 
 @pytest.mark.sampled(3, parts=2)
@@ -365,21 +404,13 @@ def test_records_of_one_machine_are_compared(apart, told):
     assert all("1.csv: 97.9" in n.found and n.value > 6 for n in notes)
 
 
-@pytest.mark.parametrize(("sure", "severity"), [(1.9, "rejects"), (2.1, "doubts")])
-def test_a_bias_that_no_deviation_covers_is_turned_away(sure, severity, monkeypatch):
-    """Noise that is not white is weaker where it is measured: the cut-off moves the mass by two."""
-    monkeypatch.setattr("rotorid.linear.estimators.BIASED", sure)
-    record = axis(rng := np.random.default_rng(0), position_noise=0.0)
-    noise = coloured(rng, len(record.samples), 2e-5, 2e-3, 1000.0)
-    loud = replace(record, samples=record.samples + np.column_stack([0 * noise, noise]))
-    found = rid.identify(AXIS, rid.filtered(loud, 100.0), "ls")
-    assert [n.severity for n in found.notes if n.about == "cut-off"] == [severity]
-
-
-def test_a_cutoff_below_the_motion_is_told():
-    """The cube of a position that lost its upper lines is not the cube of the position."""
-    found = rid.identify(DUFFING, rid.filtered(duffing(np.random.default_rng(0)), 8.0), "ls")
-    assert [w for w in found.warnings if "or the motion reaches up to the cut-off" in w]
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("cutoff", [2.0, 8.0, 30.0])
+def test_a_cutoff_below_the_motion_does_no_harm(cutoff):
+    """Terms that are not linear see the motion through five cut-offs, where noise allows it."""
+    found = rid.identify(DUFFING, rid.filtered(duffing(np.random.default_rng(0)), cutoff), "ls")
+    assert found.verdict == "ok"
+    assert np.abs(pulls(found, DUFFING_TRUE)).max() < 3
 
 
 def test_a_record_at_rest_is_refused():

@@ -216,11 +216,6 @@ class FilteredRecord(OfMachine):
         near = scipy.ndimage.maximum_filter1d(doubtful, reach) > 0
         return replace(self, used=self.used[~near[self.used]])
 
-    def lowered(self, share: float) -> FilteredRecord:
-        """Return the same samples, low-passed at a share of these cut-offs."""
-        second = None if self.second is None else share * self.second
-        return replace(self, cutoff=share * self.cutoff, second=second)
-
 
 def filtered(
     record: Record,

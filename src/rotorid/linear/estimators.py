@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
+from itertools import product
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from rotorid.answer import machine_checks
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.judge import LACKS, LATE, RECORDS
+from rotorid.answer.judge import LACKS, LATE, MATTERS, RECORDS, weighed
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats, frozen
 from rotorid.data.filtered import told_of
 from rotorid.data.observation import Data, Records, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
-from rotorid.linear.regression import SHARPER, Regression, SampledRegression
+from rotorid.linear.regression import ELASTIC, SHARPER, Regression, SampledRegression
 from rotorid.linear.solve import (
     BLOCKS,
     FEWEST,
@@ -35,14 +36,11 @@ from rotorid.models import Model
 from rotorid.models.knowledge import Constraint
 from rotorid.signals.spectrum import synthesize
 
-LOWER = 0.7
-"""Share of the cut-off at which the answer is found again: half the noise of an acceleration is
-gone by then, and half of what motion lies between."""
 MOVED = 1.0
-"""Deviations by which the lower cut-off may move a parameter before a warning tells of it: a bias
-of one leaves 83 % of intervals right where 95 % are promised."""
+"""Deviations that a force that is lacking, a lag or noise may move a parameter before it is told:
+one leaves 83 % of intervals right where 95 % are promised."""
 CLEAR = 3.0
-"""Deviations of the move itself by which it is more than chance; and between two records."""
+"""Deviations between two records by which they differ by more than chance."""
 
 DOUBTFUL, SURE = 4.0, 5.0
 """Deviations of the normal distribution of a lag between forces and motion from which on it is
@@ -54,9 +52,6 @@ sticks where an axis turns is smeared by the filter, and looks like both (1.1 to
 UNSURE = 0.3
 """Share of what noise of the motion moves, and is taken off, that the deviations hold: it is taken
 for white, and as strong below the cut-off as it is above."""
-BIASED = 6.0
-"""Deviations by which a lower cut-off moves a parameter of an answer that is turned away: the bias
-is larger still."""
 
 
 def filtered_records(records: Records) -> bool:
@@ -90,17 +85,20 @@ class SampledProblem(Posed):
     def of(
         cls, records: Records, given: Mapping[str, float | str], constraints: Sequence[Constraint]
     ) -> Self:
-        """Return the problem with the signs that leave least.
+        """Return the problem that sees the motion as leaves least.
 
-        Signs in a machine turn between samples, seen the more sharply the less noise the motion
-        has; forces that jump where they are read, of a given motion, hold those of the samples.
+        Signs in a machine turn between samples; forces that jump where they are read, of a given
+        motion, hold those of the samples.
         """
         posed = super().of(records, given, constraints)
-        if not any(r.signs for r in posed.regressions):
+        if not posed.model.nonlinear:
             return posed
-        seen = ([replace(r, sharper=times) for r in posed.regressions] for times in SHARPER)
-        others = (replace(posed, regressions=tuple(regressions)) for regressions in seen)
-        return min((*others, posed), key=cls.misfit)
+        turning = (True, False) if any(r.signs for r in posed.regressions) else (False,)
+        ways = (
+            [replace(r, sharper=times, between=between) for r in posed.regressions]
+            for times, between in product(SHARPER, turning)
+        )
+        return min((replace(posed, regressions=tuple(way)) for way in ways), key=cls.misfit)
 
     def misfit(self) -> float:
         """Return what all equations leave, ``sum n log(variance)``."""
@@ -130,7 +128,6 @@ class SampledProblem(Posed):
             *self.told(scatter),
             *machine_checks.physical(self.full, estimate),
             *self.pulled(pull, scatter, values),
-            *self.moved(replace(scatter, covariance=covariance), values, solved),
             *lacking,
             *machine_checks.prediction(estimate, self.noise(solution)),
             *machine_checks.agreement(self.names, *scatter.halves()),
@@ -205,40 +202,66 @@ class SampledProblem(Posed):
         """Return notes on forces that are lacking or late, and what the former move, (force, free).
 
         The values are as uncertain as that: the covariance grows by the sum of ``change change'``.
-        Of forces that are late ``u(t - lag) = u - lag u'``: so look elastic parts and filters, too.
         """
         travel = np.max([r.travel for r in self.regressions], axis=0)
         found = [r.further(travel) for r in self.regressions]
         said, columns = found[0][0], [own.reshape(-1, own.shape[2]) for _, own in found]
         every, free = np.concatenate(columns), not self.model.inputs
         size, clear, changes = scatter.with_column(solution, every, pull, free=free)
-        moved, late, notes = [scatter.worst(change) for change in changes], -float(size[-1]), []
+        moved = [scatter.worst(change) for change in changes]
         shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)
-        lacks = int(shares[:-1].argmax())
-        for k in (-1, lacks):
-            at, share = moved[k][0], float(shares[k])
-            if share <= MOVED:
-                continue
-            name = self.names[at]
-            by = (
-                f"({clear[k]:.3g} deviations), which moves {name} by {changes[k, at]:+.3g} "
-                f"{self._unit(at)}, {share:.2g} deviations"
-            )
-            if k >= 0:
-                text, cure = f"{said[k]} {by}: they are wider by that", "add it with a parameter"
-                notes.append(Note(LACKS, "doubts", text, cure, (name,), share, "1"))
-                continue
-            way = "late" if late > 0 else "early"
-            text = f"the forces come as if {abs(late) * 1e3:.3g} ms {way} {by}"
-            cure = (
-                "give the delay of the channels, or look for filters before the logger, or for "
-                "something elastic that the equations leave out"
-            )
-            rival = CLEARER * clear[lacks] if shares[lacks] > MOVED else 0.0
-            sure = clear[k] > max(SURE, rival) and share > machine_checks.SURE
-            severity: Severity = "rejects" if sure else "doubts"
-            notes.append(Note(LATE, severity, text, cure, (name,), share, "1"))
+        lacks, notes, rival = int(shares[:-1].argmax()), [], 0.0
+        if (share := float(shares[lacks])) > MOVED:
+            at, rival = moved[lacks][0], CLEARER * float(clear[lacks])
+            text = f"{said[lacks]} {self._by(at, clear[lacks], changes[lacks, at], share)}"
+            cure = "add it with a parameter"
+            if said[lacks].endswith(ELASTIC):
+                cure = (
+                    "something is elastic, or filters: give it coordinates, or its channel a delay"
+                )
+            text += ": they are wider by that"
+            notes.append(Note(LACKS, "doubts", text, cure, (self.names[at],), share, "1"))
+        if size[-1]:
+            lag, clearly = -float(size[-1]), float(clear[-1])
+            notes += self.late(lag, clearly, changes[-1], rival, scatter)
         return notes, changes[:-1][shares[:-1] > MOVED]
+
+    def _by(self, at: int, clear: float, change: float, share: float) -> str:
+        return (
+            f"({clear:.3g} deviations), which moves {self.names[at]} by {change:+.3g} "
+            f"{self._unit(at)}, {share:.2g} deviations"
+        )
+
+    def late(
+        self, lag: float, clear: float, change: Floats, rival: float, scatter: Scatter
+    ) -> Iterator[Note]:
+        """Judge a lag of the forces, s, which changes the values; or say what an unseen one does.
+
+        Of forces that are late ``u(t - lag) = u - lag u'``: so look elastic parts and filters, too.
+        """
+        at, share = scatter.worst(change)
+        cure = (
+            "give the delay of the channels, or look for filters before the logger, or for "
+            "something elastic that the equations leave out"
+        )
+        if clear > DOUBTFUL and share > MOVED:
+            way = "late" if lag > 0 else "early"
+            by = self._by(at, clear, change[at], share)
+            text = f"the forces come as if {abs(lag) * 1e3:.3g} ms {way} {by}"
+            sure = clear > max(SURE, rival) and share > machine_checks.SURE
+            severity: Severity = "rejects" if sure else "doubts"
+            yield Note(LATE, severity, text, cure, (self.names[at],), share, "1")
+            return
+        # A command acts at the next sample as often as at its own, unless its delay is stated.
+        records = [r.record.record for r in self.regressions]
+        stated = max(c.delay_std for r in self.regressions for c in r.observation.inputs)
+        doubt = stated or 1 / min(record.sample_rate for record in records)
+        unseen = min(doubt, abs(lag) + 2 * abs(lag) / clear)
+        spread = np.sqrt(np.diag(scatter.covariance))
+        moves = np.where(spread > 0, np.abs(change), 0.0) / np.where(spread > 0, spread, 1.0)
+        size = f"{unseen * 1e3:.3g} ms"
+        note = Note("timing", "assumes", f"forces at most {size} early or late", cure, size=size)
+        yield from weighed([(note, moves * unseen / abs(lag), MATTERS)], self.names)[1]
 
     def apart(self, solved: Solver) -> Iterator[Note]:
         """Judge whether records, each fitted alone, agree parameter by parameter."""
@@ -258,28 +281,6 @@ class SampledProblem(Posed):
         cure = "identify the records apart: something differs between them, or the model lacks it"
         yield Note(RECORDS, severity, text, cure, (self.names[worst],), figure, "1")
 
-    def moved(self, scatter: Scatter, values: Floats, solved: Solver) -> Iterator[Note]:
-        """Judge whether a lower cut-off moves a parameter by more than its deviations."""
-        seen = [
-            (r, replace(r.observation, filtered=r.record.lowered(LOWER))) for r in self.regressions
-        ]
-        lower = tuple(replace(r, observation=lower) for r, lower in seen)
-        _, spread, other, _ = replace(self, regressions=lower).fit(solved)
-        change = other - values
-        clear = np.abs(change) > CLEAR * scatter.spread_of_change(spread)
-        worst, share = scatter.worst(np.where(clear, change, 0.0))
-        if share <= MOVED:
-            return
-        name, unit, by = self.names[worst], self._unit(worst), float(change[worst])
-        text = (
-            f"a cut-off lower by {100 * (1 - LOWER):.0f} % moves {name} by {by:+.3g} "
-            f"{unit}, {share:.2g} deviations: noise in the motion pulls the answer towards "
-            "zero, or the motion reaches up to the cut-off; the deviations do not cover that: try "
-            "other cut-offs"
-        )
-        severity: Severity = "rejects" if share > BIASED else "doubts"
-        yield Note("cut-off", severity, text, on=(name,), value=by, unit=unit)
-
     def told(self, scatter: Scatter) -> Iterator[Note]:
         """Say what the records and the blocks show."""
         count, seconds = scatter.blocks, sum(r.record.duration for r in self.regressions)
@@ -295,10 +296,13 @@ class SampledProblem(Posed):
             yield Note("blocks", "doubts", text, "record longer")
         rests = dict.fromkeys(r.left_out for r in self.regressions if r.left_out)
         yield from (Note("at rest", "says", rest) for rest in rests)
-        if any(r.signs for r in self.regressions):
-            sharper = self.regressions[0].sharper
-            text = f"signs turn between samples, as seen through {sharper} times the cut-off"
-            yield Note("signs", "says", text if sharper else "signs are those of the samples")
+        if self.model.nonlinear:
+            one = self.regressions[0]
+            text = (
+                f"terms that are not linear see the motion through {one.sharper} times the cut-off"
+            )
+            turning = f"; signs {'turn between' if one.between else 'are those of the'} samples"
+            yield Note("nonlinear", "says", text + turning * bool(one.signs))
         text = (
             f"deviations from {count} blocks of {seconds / count:.3g} s, each left out in turn; "
             "they cover the scatter, and a share of what noise in the motion moves"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, cached_property, partial
 from itertools import product
 from typing import Any
@@ -263,7 +264,9 @@ class Regression(Equations):
 NOISY = 3.0
 """Deviations of its noise below which an expression has no sign: one in 400 has it by chance."""
 SHARPER = (5, 1)
-"""Cut-offs through which what a sign is of may be seen to turn: the more, the less noise it has."""
+"""Cut-offs through which terms that are not linear may see the motion. A low-pass shifts the zero
+of what bends there, as a velocity with friction does, and makes less of a cube; noise is smaller
+through a narrow one."""
 WIDEST = 0.45
 """Of the sample rate: the highest of them."""
 SLOW = 0.005
@@ -282,6 +285,10 @@ FURTHER: dict[str, Callable[..., Floats]] = {
 }
 """Forces that equations may lack beside linear ones, as a model's text has them. What keeps no such
 sign with motion scatters between blocks (docs/theory.md, section 6)."""
+ELASTIC = 4 * "'"
+"""The derivative that what is elastic, or filters, makes of slow motion, beside a larger mass."""
+SLOW_PART = 1 / 3
+"""Share of the cut-off up to which it is looked for: its noise grows with the 4.5th power."""
 ALONG = {"sin({k}*{q})": np.sin, "cos({k}*{q})": np.cos}
 """The same of a force along the stroke: cogging, a guide that is tight somewhere."""
 WAVES = 3
@@ -297,9 +304,9 @@ SLOWLY = 0.1
 class SampledRegression(Equations):
     """On the samples in use; arrays over samples hold those of all stretches, one after another."""
 
-    # cut-offs of the low-pass through which what a sign is of is seen to turn between samples; 0:
-    # the signs are those of the samples
-    sharper: float = 0
+    # cut-offs of the low-pass through which terms that are not linear see the motion
+    sharper: float = 1
+    between: bool = False  # whether signs turn between samples, or are those of the samples
 
     @property
     def record(self) -> FilteredRecord:
@@ -346,7 +353,9 @@ class SampledRegression(Equations):
     @cached_property
     def _motion(self) -> Motion:
         """The low-passed motion, at which the terms that are not linear are computed."""
-        return self._through(self.record.inner)
+        rate = self.record.record.sample_rate
+        hertz = min(self.sharper * self.record.cutoff, WIDEST * rate)
+        return self._through(LowPass(rate, (max(hertz, self.record.cutoff),)))
 
     def _through(self, low_pass: LowPass) -> Motion:
         record = self.record.record
@@ -359,16 +368,9 @@ class SampledRegression(Equations):
 
     @cached_property
     def _known(self) -> Mapping[Expression, Floats]:
-        """The signs, turning between samples.
-
-        A low-pass moves the zero of what bends there, as a velocity with friction does.
-        """
-        if not (self.sharper and self.signs):
-            return {}
-        rate = self.record.record.sample_rate
-        low_pass = LowPass(rate, (min(self.sharper * self.record.cutoff, WIDEST * rate),))
-        arrays = self.model.arrays(self._through(low_pass))
-        return {s: self._each(_mean_sign, evaluate(s.parts[0], arrays)) for s in self.signs}
+        """The signs, turning between samples, if they do."""
+        arrays, signs = self.model.arrays(self._motion), self.signs if self.between else ()
+        return {s: self._each(_mean_sign, evaluate(s.parts[0], arrays)) for s in signs}
 
     @cached_property
     def signs(self) -> tuple[Expression, ...]:
@@ -403,7 +405,8 @@ class SampledRegression(Equations):
 
         A rest lasts so long that a filtered sample lies within; one that merely turns does not.
         """
-        inner, arrays = self.record.inner, self.model.arrays(self._motion)
+        inner = self.record.inner
+        arrays = self.model.arrays(self._through(inner))
         size, variance = np.abs(evaluate(argument, arrays)), np.zeros(len(self._samples))
         for order, dots in enumerate(DERIVATIVES):
             offs = self._noise(inner, order)
@@ -512,14 +515,19 @@ class SampledRegression(Equations):
         `travel` is that of all records; the lag has no text.
         """
         used, m, texts = self._picked[self.kept], self._motion, ["1"]
+        outer = self.record.outer
+        slow = replace(outer, cutoffs=(*outer.cutoffs, SLOW_PART * self.record.cutoff))
+        bent = self._coordinates(slow, 4)
         columns = [np.ones((len(used), 1))]
         for j, name in enumerate(self.model.coordinates):
             texts += [name + dots for dots in DERIVATIVES]  # filtered once, as in the equations
-            columns += [self._coordinates(self.record.outer, k)[used, j : j + 1] for k in range(3)]
-            slow, longest = SLOWLY * travel[0, j], 2 * np.pi / travel[1, j]
-            turn = np.tanh(m.velocity[:, j] / slow)
+            columns += [self._coordinates(outer, k)[used, j : j + 1] for k in range(3)]
+            texts.append(name + ELASTIC)
+            columns.append(bent[used, j : j + 1])
+            crawl, longest = SLOWLY * travel[0, j], 2 * np.pi / travel[1, j]
+            turn = np.tanh(m.velocity[:, j] / crawl)
             forces = {
-                text.format(q=name, slow=f"{slow:.3g}"): of(
+                text.format(q=name, slow=f"{crawl:.3g}"): of(
                     m.position[:, j], m.velocity[:, j], m.acceleration[:, j], turn
                 )
                 for text, of in FURTHER.items()

@@ -156,15 +156,6 @@ class Scatter:
         shares = np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
         return int(shares.argmax()), float(shares.max())
 
-    def spread_of_change(self, other: Scatter) -> Floats:
-        """Return the deviation of what another answer from the same blocks differs by, (free,)."""
-        count = min(self.blocks, other.blocks)
-        one, two = (
-            np.add.reduceat(part, np.arange(count) * len(part) // count, axis=0)
-            for part in (self.shifts, other.shifts)
-        )
-        return np.asarray(np.sqrt(((one - two) ** 2).sum(axis=0)))
-
     def halves(self) -> tuple[Floats, Floats]:
         """Return what the halves add, shape (half, free), and the deviation of half of that.
 
