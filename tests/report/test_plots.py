@@ -367,7 +367,7 @@ def test_the_page_of_a_balance(estimate):
 
 def test_planes_that_do_not_reach_are_said(estimate):
     page = Page(machines.balance_report(rid.balance(estimate, ["x1,y1"], SPEED), [], MODEL))
-    assert "These planes cannot correct this unbalance: " in page.words
+    assert "These planes cannot balance this rotor: " in page.words
 
 
 def test_what_is_overdamped_is_no_mode_of_a_page(estimate, diagram):

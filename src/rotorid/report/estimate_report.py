@@ -328,8 +328,6 @@ def estimate_report(estimate: Estimate) -> str:
     others = [one for one in tables if one.headings[0] not in values]
     speeds = [v for record in records for v in record.speed_rad_s if math.isfinite(v)]
     verdict, fastest = verdict_of(estimate), max(speeds, key=abs, default=0.0)
-    graver = [check for check in estimate.checks if check.severity in ("warns", "refuses")]
-    warned = [f"{check.verdict}, {on_data(check)}" for check in graver]
     exact = tuple(
         on_data(check) for check in estimate.checks if check.severity in ("assumes", "says")
     )
@@ -360,13 +358,19 @@ def estimate_report(estimate: Estimate) -> str:
             *_own_pictures(estimate, records),
             *([] if model is None or model.linear is None else [machine_part(estimate, fastest)]),
             *(_titled(one) for one in others if one.headings[0] not in EARLY),
-            Passage("Fit statistics", items=(*on_fit(estimate), *warned)),
+            _statistics(estimate),
             Passage("Records", table=records_table(records)),
             *equations(model),
             *_work(estimate, model),
         ),
     )
     return page_of(page, tab=f"{estimate.model}, {estimate.method}: {status}")
+
+
+def _statistics(estimate: Estimate) -> Passage:
+    graver = [check for check in estimate.checks if check.severity in ("warns", "refuses")]
+    warned = (f"{check.verdict}, {on_data(check)}" for check in graver)
+    return Passage("Fit statistics", items=(*on_fit(estimate), *warned))
 
 
 def _rotor(model: Model | None) -> Passage:

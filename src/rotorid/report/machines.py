@@ -155,7 +155,7 @@ def _balance_parts(found: Balance, centred: Sequence[Feedforward]) -> Iterator[P
 def _balance_sentence(found: Balance) -> str:
     if found.share > POOR:
         left = f"{100 * found.share:.2g} % of the response is left"
-        return f"These planes cannot correct this unbalance: {left}."
+        return f"These planes cannot balance this rotor: {left}."
     if found.covariance is None:
         return "What to add is computed; the result states no deviations, so what is left is open."
     if found.grade_mm_s is not None and found.rotor_mass is not None:
