@@ -190,15 +190,22 @@ class _Scaled:
         else:
             companion[n:, :n], companion[n:, n:], heavy = -k, -d, np.zeros_like(companion)
             heavy[:n, :n], heavy[n:, n:] = np.eye(n), m
+        undamped = self.space is not None and not d.any()
+        if undamped:  # those of lambda^2, half as many
+            companion, heavy = companion[n:, :n], None if heavy is None else m
         found: Any = scipy.linalg.eig(
             companion, heavy, left=vectors, right=vectors, homogeneous_eigvals=True
         )
         none = np.zeros((2 * n, 0), dtype=np.complex128)
         (over, under), left, right = found if vectors else (found, none, none)
-        lower: Any = left[n:] if heavy is not None else np.linalg.solve(m.conj().T, left[n:])
+        lower: Any = left[-n:] if heavy is not None else np.linalg.solve(m.conj().T, left[-n:])
         finite = np.abs(under) > 1e-14 * np.abs(over)
-        values: Complexes = np.full(2 * n, np.inf, dtype=np.complex128)
+        values: Complexes = np.full(len(over), np.inf, dtype=np.complex128)
         values[finite] = over[finite] / under[finite]
+        if undamped:
+            roots = np.sqrt(values)
+            values = np.concatenate([roots, -roots])
+            right, lower = np.tile(right, 2), np.tile(lower, 2)
         return values, right[:n], lower
 
     @cached_property
