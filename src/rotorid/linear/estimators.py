@@ -19,7 +19,7 @@ from rotorid.core.values import Floats, frozen
 from rotorid.data.filtered import told_of
 from rotorid.data.observation import Data, Records, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
-from rotorid.linear.regression import ELASTIC, SHARPER, Regression, SampledRegression
+from rotorid.linear.regression import SHARPER, Regression, SampledRegression
 from rotorid.linear.solve import (
     BLOCKS,
     FEWEST,
@@ -213,13 +213,9 @@ class SampledProblem(Posed):
         lacks, notes, rival = int(shares[:-1].argmax()), [], 0.0
         if (share := float(shares[lacks])) > MOVED:
             at, rival = moved[lacks][0], CLEARER * float(clear[lacks])
-            text = f"{said[lacks]} {self._by(at, clear[lacks], changes[lacks, at], share)}"
-            cure = "add it with a parameter"
-            if said[lacks].endswith(ELASTIC):
-                cure = (
-                    "something is elastic, or filters: give it coordinates, or its channel a delay"
-                )
-            text += ": they are wider by that"
+            lack, cure = said[lacks]
+            by = self._by(at, clear[lacks], changes[lacks, at], share)
+            text = f"{lack} {by}: they are wider by that"
             notes.append(Note(LACKS, "doubts", text, cure, (self.names[at],), share, "1"))
         if size[-1]:
             lag, clearly = -float(size[-1]), float(clear[-1])

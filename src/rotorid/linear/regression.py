@@ -287,6 +287,8 @@ FURTHER: dict[str, Callable[..., Floats]] = {
 sign with motion scatters between blocks (docs/theory.md, section 6)."""
 ELASTIC = 4 * "'"
 """The derivative that what is elastic, or filters, makes of slow motion, beside a larger mass."""
+ADD = "add it with a parameter"
+BENDS = "something is elastic, or filters: give it coordinates, or its channel a delay"
 SLOW_PART = 1 / 3
 """Share of the cut-off up to which it is looked for: its noise grows with the 4.5th power."""
 ALONG = {"sin({k}*{q})": np.sin, "cos({k}*{q})": np.cos}
@@ -509,20 +511,23 @@ class SampledRegression(Equations):
         found = np.sqrt((self._motion.velocity**2).mean(axis=0)), np.ptp(self._motion.position, 0)
         return np.array([np.where(each > 0, each, 1.0) for each in found])
 
-    def further(self, travel: Floats) -> tuple[list[str], Floats]:
-        """Return what equations may lack, with columns, (sample, row, what); the last: a lag.
+    def further(self, travel: Floats) -> tuple[list[tuple[str, str]], Floats]:
+        """Return what equations may lack and its cure, with columns, (sample, row, what).
+
+        The last column is that of a lag.
 
         `travel` is that of all records; the lag has no text.
         """
-        used, m, texts = self._picked[self.kept], self._motion, ["1"]
+        used, m, texts = self._picked[self.kept], self._motion, {"1": ADD}
         outer = self.record.outer
         slow = replace(outer, cutoffs=(*outer.cutoffs, SLOW_PART * self.record.cutoff))
         bent = self._coordinates(slow, 4)
         columns = [np.ones((len(used), 1))]
         for j, name in enumerate(self.model.coordinates):
-            texts += [name + dots for dots in DERIVATIVES]  # filtered once, as in the equations
+            # filtered once, as in the equations
+            texts |= dict.fromkeys((name + dots for dots in DERIVATIVES), ADD)
             columns += [self._coordinates(outer, k)[used, j : j + 1] for k in range(3)]
-            texts.append(name + ELASTIC)
+            texts[name + ELASTIC] = BENDS
             columns.append(bent[used, j : j + 1])
             crawl, longest = SLOWLY * travel[0, j], 2 * np.pi / travel[1, j]
             turn = np.tanh(m.velocity[:, j] / crawl)
@@ -535,7 +540,7 @@ class SampledRegression(Equations):
                 text.format(q=name, k=f"{n * longest:.5g}"): of(n * longest * m.position[:, j])
                 for (text, of), n in product(ALONG.items(), range(1, 1 + WAVES))
             }
-            texts += forces
+            texts |= dict.fromkeys(forces, ADD)
             columns += [
                 self._each(self.record.outer.apply, f[:, None])[used] for f in forces.values()
             ]
@@ -548,7 +553,8 @@ class SampledRegression(Equations):
         inputs = np.array(self.model.inputs, dtype=object)
         drives = [", ".join(inputs[acting[row] != 0]) or f"row {row + 1}" for row in pushed]
         lack = "the equation of {} lacks a force as {}"
-        return [lack.format(row, text) for row in drives for text in texts], self.counting(found)
+        said = [(lack.format(row, text), cure) for row in drives for text, cure in texts.items()]
+        return said, self.counting(found)
 
     @property
     def left_out(self) -> str:
