@@ -349,6 +349,28 @@ def test_a_force_that_the_equations_lack_is_in_the_deviations(lacks, share):
         assert most < 3 or lacks == "pre-sliding"
 
 
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(
+    ("lacks", "term"),
+    [
+        ("spring", "q ("),
+        ("hardening", "q^3 ("),
+        ("drag", "q'*abs(q') ("),
+        ("one-sided", "abs(q') ("),
+        ("load", "abs(q'')*tanh("),
+        ("varying mass", "q*q'' ("),
+        ("long cogging", "sin("),
+    ],
+)
+def test_the_clearest_term_is_told(lacks, term):
+    """What moves the values most is another one as often: they share what they move."""
+    for seed, share in enumerate((0.03, 0.1, 0.3)):
+        record = axis(np.random.default_rng(seed), lacks=lacks, share=share)
+        found = rid.identify(AXIS, rid.filtered(record, 40.0, decimate=10), "batch")
+        (note,) = [n for n in found.notes if n.about == "missing force"]
+        assert f"the equation of F lacks a force as {term}" in note.found
+
+
 def test_the_term_that_is_told_is_the_cure():
     record = axis(np.random.default_rng(0), lacks="drag")
     low = rid.filtered(record, 40.0, decimate=10)

@@ -210,7 +210,8 @@ class SampledProblem(Posed):
         size, clear, changes = scatter.with_column(solution, every, pull, free=free)
         moved = [scatter.worst(change) for change in changes]
         shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)
-        lacks, notes, rival = int(shares[:-1].argmax()), [], 0.0
+        lacks = int(np.where(shares > MOVED, clear, 0.0)[:-1].argmax())
+        notes, rival = list[Note](), 0.0
         if (share := float(shares[lacks])) > MOVED:
             at, rival = moved[lacks][0], CLEARER * float(clear[lacks])
             lack, cure = said[lacks]
