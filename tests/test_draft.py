@@ -686,6 +686,18 @@ def conditions(speed: object) -> list[dict[str, object]]:
             {"std": "0.3 um", "speed": "3000 rpm"},
         ),
         (
+            "speed_rpm,x_amp_um,x_phase_rad\n3000,12.1,0.3\n4000,15.2,0.5\n5000,10.2,0.4\n",
+            [{"kind": "phasors", "speed": {"column": "speed_rpm", "unit": "rpm"}}],
+            {
+                "amplitude": "x_amp_um",
+                "phase": "x_phase_rad",
+                "unit": "um",
+                "phase_unit": "rad",
+                "std": "?",
+            },
+            {"std": "0.3 um"},
+        ),
+        (
             "freq (Hz),mag_x (um/N),phase_x (deg)\n" + LEVELS,
             [{"kind": "responses", "frequency": {"column": "freq", "unit": "Hz"}}],
             {"amplitude": "mag_x", "phase": "phase_x", "unit": "um/N", "std": "?", "input": "?"},
@@ -720,6 +732,15 @@ def test_a_table_is_a_record_of_its_kind(tmp_path, output, table, records, chann
     (tmp_path / "d.toml").write_text(text.replace('averages = "?"', "averages = 20"))
     shown = output("inspect", tmp_path / "d.toml")
     assert shown.count("1x phasors") + shown.count("responses to F_x") == len(records)
+
+
+def test_a_binary_table_says_that_its_conditions_are_not_read(tmp_path, output):
+    with h5py.File(tmp_path / "run.h5", "w") as data:
+        data["run"] = [b"first", b"first", b"trial"]
+        for name in ("rpm", "x_amp_um", "x_phase_deg"):
+            data[name] = [1000.0, 2000.0, 1000.0]
+    draft = output("new", tmp_path / "run.h5", "--model", "jeffcott")
+    assert "# words that tell conditions are read in text tables alone: export as .csv" in draft
 
 
 def test_cures_of_a_draft_without_a_rate_are_taken(tmp_path, output, refusal):

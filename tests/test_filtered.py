@@ -217,6 +217,15 @@ def test_noise_in_the_motion_is_taken_off():
     assert found.std("M") > 0.3 * abs(pulled)
 
 
+@pytest.mark.parametrize(("noise", "verdict"), [(2e-4, "doubtful"), (4e-4, "rejected")])
+def test_noise_that_leaves_a_tenth_of_a_value_is_taken_off_and_doubted(noise, verdict):
+    """Least squares finds 5 and 2 of 96 kg: what noise takes of that is too little by as much."""
+    record = axis(np.random.default_rng(2), position_noise=noise)
+    found = rid.identify(AXIS, rid.filtered(record, 100.0), "ls")
+    assert found.verdict == verdict
+    assert found.status == "rejected" or np.abs(pulls(found, AXIS_TRUE)).max() < 3
+
+
 @pytest.mark.sampled(1)
 def test_noise_is_no_force_that_is_lacking():
     """It leaves 55 % of the force, and what looks like a spring of this narrow motion."""

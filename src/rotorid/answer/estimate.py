@@ -229,7 +229,9 @@ class Estimate(Shown):
         """Why an answer that is ok is doubtful all the same; empty where it is not."""
         if self.status == "ok" and any(note.about == EFFORT for note in self.notes):
             return "little effort"
-        if self.status == "ok" and (off := [n for n in self.notes if n.about in OFF]):
+        if self.status == "ok" and (
+            off := [n for n in self.notes if n.about in OFF and n.severity == "doubts"]
+        ):
             return f"{off[0].value or math.nan:.2g} std off along {' or '.join(off[0].on)}"
         if self.status != "ok" or self.misfit is None or not self.misfit.p_value < DOUBTFUL:
             return ""

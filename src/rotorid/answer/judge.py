@@ -33,9 +33,10 @@ can but say that the gain of a dead sensor is 1e-19."""
 OPEN = "not identifiable"  # what a note on an open direction, and on what would close it, is about
 DIRECTION = "direction"  # of the note that records contradict in one direction what was assumed
 LACKS, LATE, RECORDS = "missing force", "late forces", "records"
+PULLED = "noise in the motion"
 """What notes are about that the equations of filtered samples lack a force, or that forces come
-late, or that records of one machine differ."""
-OFF = frozenset({DIRECTION, LACKS, LATE, RECORDS})
+late, or that records of one machine differ, or that least squares takes noise for motion."""
+OFF = frozenset({DIRECTION, LACKS, LATE, RECORDS, PULLED})
 """What makes an answer doubtful by so many deviations, though nothing shows that it is wrong."""
 EFFORT = "effort"  # what the note is about that not everything was asked that may change the answer
 SUSPECTS = "suspects"  # of the sentence on possible causes: it says what to do, and stands first

@@ -44,7 +44,7 @@ _ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
     ("keyphasor", re.compile(rf"kp|key\b.*|key_?ph\w*|{_MARK}|(zero|null)_?({_MARK})", re.I), ""),
     ("angle", re.compile(r"enc\w*|angle\w*|phi|rotor_?angle", re.I), "rad"),
 )
-_UNIT_IN_NAME = re.compile(r"[munµk][AVN]|[munµ]m|mil")
+_UNIT_IN_NAME = re.compile(r"[munµk][AVN]|[munµ]m|mil|deg|[munµ]?rad")
 _CURRENT = re.compile(r"i[abxyz]{0,2}(?![a-z])|cur|coil", re.I)
 """What a current is called, where no unit says so: iA_x, I 1 X."""
 _WORDS = {
@@ -480,6 +480,10 @@ def _of_table(run: _Run, model: Model | None) -> Iterator[_Run]:
             table += [("averages", OPEN, "of the coherence")]
         inputs = [] if model is None else list(model.inputs)
         said["input"] = inputs[0] if len(inputs) == 1 else OPEN
+    if isinstance(opened, Stored):
+        table += [
+            ("", "", "words that tell conditions are read in text tables alone: export as .csv")
+        ]
     columns = [replace(c, said={**c.said, **said}) for c in readings]
     used = {c.name for c in axes[:1]} | {name for c in columns for name in c.said.values()}
     columns += [c for c in run.columns if c.name not in used]
@@ -493,7 +497,7 @@ def _readings(columns: Sequence[Found]) -> Iterator[Found]:
     """Yield what two columns are by their names: amplitude and phase, or real and imaginary."""
     found = dict[str, dict[str, Found]]()
     for column in columns:
-        words = re.findall(r"\b[ap](?=[xyz])|[A-Za-z]+|\d+", leaf(column.name))
+        words = re.findall(r"\b[ap](?=[xyz])|[A-Za-z]+|\d+", leaf(column.label))
         for (k, word), (part, pattern) in product(enumerate(words), _PARTS.items()):
             if re.fullmatch(pattern, word, re.I):
                 found.setdefault("_".join(words[:k] + words[k + 1 :]), {})[part] = column
@@ -501,6 +505,8 @@ def _readings(columns: Sequence[Found]) -> Iterator[Found]:
         if set(pair) <= parts.keys():
             first = parts[pair[0]]
             said = {part: parts[part].name for part in pair} | {"unit": first.unit or OPEN}
+            if pair[1] == "phase" and parts["phase"].unit == "rad":
+                said["phase_unit"] = "rad"
             motion = (first.unit or "").partition("/N")[0] or None
             yield replace(first, name=name, unit=motion, said=said, role="channel")
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rotorid.answer import machine_checks
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.judge import LACKS, LATE, MATTERS, RECORDS, weighed
+from rotorid.answer.judge import LACKS, LATE, MATTERS, PULLED, RECORDS, weighed
 from rotorid.core.errors import InputError
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats, frozen
@@ -169,20 +169,25 @@ class SampledProblem(Posed):
         """Return what noise of the motion adds to the values, (free,).
 
         ``-(X'X)^-1 E[N' N theta]``, N what noise leaves on X: least squares takes it for motion.
+        The theta is that without the pull: where noise is half of X, that of the solution is half.
         """
-        whole, found = self._sizes(solution), np.zeros(len(self.names))
+        whole, structure = self._sizes(solution), self.structure
+        found, shrunk = np.zeros(len(self.names)), np.eye(len(self.names))
+        gains = np.hstack(solution.gains)
+        inverse = gains @ gains.T
         deviation, first = solution.deviation, 0
         for r in self.regressions:
             weight = r.told.sum(axis=0) / deviation[first : first + whole.shape[1]] ** 2
-            found -= np.einsum("arf,ab,br,r->f", self.structure, r.noise, whole, weight)
+            seen = np.einsum("arf,ab,r->brf", structure, r.noise, weight)
+            found -= np.einsum("brf,br->f", seen, whole)
+            shrunk -= inverse @ np.einsum("brf,brg->fg", seen, structure)
             first += r.target.size
-        gains = np.hstack(solution.gains)
-        return np.asarray(gains @ (gains.T @ found))
+        return np.linalg.solve(shrunk, inverse @ found)
 
     def pulled(self, pull: Floats, scatter: Scatter, values: Floats) -> Iterator[Note]:
         """Say what noise of the motion has moved most, and was taken off.
 
-        A pull by a share of the value is right to the square of that share.
+        A pull of all of the value leaves nothing of it: least squares has the other sign.
         """
         at, share = scatter.worst(pull)
         if share <= MOVED:
@@ -192,9 +197,10 @@ class SampledProblem(Posed):
             f"{share:.2g} deviations, which are taken off; the deviations hold {UNSURE:g} of that"
         )
         cure = "try a lower cut-off, as long as the motion lies well below"
-        large = abs(pull[at]) > UNSURE * abs(values[at])
-        severity: Severity = "doubts" if large else "says"
-        yield Note("noise in the motion", severity, text, cure, (self.names[at],), share, "1")
+        size, whole = abs(pull[at]), abs(values[at])
+        severity: Severity = "says" if size <= UNSURE * whole else "doubts"
+        severity = "rejects" if size > whole else severity
+        yield Note(PULLED, severity, text, cure, (self.names[at],), share, "1")
 
     def lacking(
         self, solution: LeastSquaresSolution, scatter: Scatter, pull: Floats
