@@ -228,12 +228,16 @@ def test_noise_that_leaves_a_tenth_of_a_value_is_taken_off_and_doubted(noise, ve
 
 @pytest.mark.sampled(1)
 def test_noise_is_no_force_that_is_lacking():
-    """It leaves 55 % of the force, and what looks like a spring of this narrow motion."""
+    """It leaves 55 % of the force, and looks like a spring, or elastic, where motion is narrow."""
     record = axis(np.random.default_rng(1), position_noise=4e-5)
     found = rid.identify(AXIS, rid.filtered(record, 100.0), "ls")
     assert found.prediction["F"].relative_error > 0.4
     assert found.status != "rejected"
     assert np.abs(pulls(found, AXIS_TRUE)).max() < 3
+    for seed in range(3):
+        noisy = axis(np.random.default_rng(seed), position_noise=2e-5)
+        again = rid.identify(AXIS, rid.filtered(noisy, 100.0), "ls")
+        assert not {n.about for n in again.notes} & {"missing force", "late forces"}
     # The forces of another motion are still found out.
     other = axis(np.random.default_rng(2)).samples[:, :1]
     wrong = replace(record, samples=np.hstack([other, record.samples[:, 1:]]))
@@ -736,6 +740,17 @@ def test_from_the_file_to_the_answer(folder, output):
     output("validate", target, path)
     output("report", target, "--out", report)
     output("inspect", path)
+
+
+def test_a_delay_with_its_std_settles_the_timing(folder, output):
+    """What a note tells to write is read; without a cut-off no method but ml weighs it."""
+    path = write(folder, 'cutoff = "40 Hz"\ndecimate = 10')
+    assert "note, timing: assumed forces at most" in output("identify", path)
+    plain, column = path.read_text(), '{ column = "F"'
+    stated_ = plain.replace(column, f'{column}, delay = {{ value = "0 s", std = "1 us" }}')
+    assert stated_ != plain
+    path.write_text(stated_)
+    assert "note, timing" not in output("identify", path)
 
 
 def test_two_files_and_python(folder):

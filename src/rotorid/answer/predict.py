@@ -25,7 +25,13 @@ from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.unknowns import Nuisances, own_parameters, unknowns_of
 from rotorid.linear.estimators import filtered_records
-from rotorid.linear.regression import Predicted, Regression, SampledRegression, relative_errors
+from rotorid.linear.regression import (
+    Equations,
+    Predicted,
+    Regression,
+    SampledRegression,
+    relative_errors,
+)
 from rotorid.models import Model
 from rotorid.models.knowledge import Knowledge
 from rotorid.signals.checks.registry import NO_SCATTER
@@ -120,9 +126,15 @@ def predict_lines(
         reduced = model.substitute({v.name: v.value for v in estimate.parameters if v.fixed})
         found = base_of(reduced, estimate, physical=False)
         assert found is not None  # all values are there
-        equations = SampledRegression if filtered else Regression
-        return [equations(replace(r, model=reduced)).predicted(found[0]) for r in bound]
+        return [_equations(replace(r, model=reduced), found[0]).predicted(found[0]) for r in bound]
     return by_likelihood(bound, _at_estimate(model, estimate, bound, first).records)
+
+
+def _equations(record: Observation, base: Floats) -> Equations:
+    """Return the equations of a record; of samples those that see the motion as leaves least."""
+    if record.filtered is None:
+        return Regression(record)
+    return min(SampledRegression(record).ways(), key=lambda way: way.misfit(base))
 
 
 def _at_estimate(model: Model, estimate: Estimate, records: Records, first: int) -> Point:

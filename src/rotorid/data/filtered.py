@@ -80,15 +80,17 @@ class LowPass:
             found += slope
         return np.asarray(found)
 
-    def noise_of(self, samples: Floats, order: int) -> Floats:
-        """Return what white noise leaves on a derivative.
+    def noise_of(self, samples: Floats, order: int, beside: LowPass | None = None) -> Floats:
+        """Return what white noise leaves on a derivative: the root of its variance.
 
-        It is what half the band and above hold, where the motion has least.
+        It is what half the band and above hold, where the motion has least. Of two derivatives
+        through two filters their covariance is that of their mean order, to the sign.
         """
         frequency = np.linspace(0, self.sample_rate / 2, 4097)
         motion = LowPass(self.sample_rate, (max(self.sample_rate / 4, *self.cutoffs),))
         taken = np.sqrt(((samples - motion.apply(samples)) ** 2).mean(axis=0))
-        left = (self.gain(frequency) * (2 * np.pi * frequency) ** order) ** 2
+        gains = self.gain(frequency) * (beside or self).gain(frequency)
+        left = gains * (2 * np.pi * frequency) ** (2 * order)
         return np.asarray(taken * np.sqrt(left.mean() / ((1 - motion.gain(frequency)) ** 2).mean()))
 
 

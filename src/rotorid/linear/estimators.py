@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
-from itertools import product
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -19,7 +18,7 @@ from rotorid.core.values import Floats, frozen
 from rotorid.data.filtered import told_of
 from rotorid.data.observation import Data, Records, bind_all
 from rotorid.linear.family import LeastSquaresProblem, Posed, Solver
-from rotorid.linear.regression import SHARPER, Regression, SampledRegression
+from rotorid.linear.regression import Regression, SampledRegression
 from rotorid.linear.solve import (
     BLOCKS,
     FEWEST,
@@ -91,18 +90,11 @@ class SampledProblem(Posed):
         motion, hold those of the samples.
         """
         posed = super().of(records, given, constraints)
-        if not posed.model.nonlinear:
-            return posed
-        turning = (True, False) if any(r.signs for r in posed.regressions) else (False,)
-        ways = (
-            [replace(r, sharper=times, between=between) for r in posed.regressions]
-            for times, between in product(SHARPER, turning)
-        )
-        return min((replace(posed, regressions=tuple(way)) for way in ways), key=cls.misfit)
+        ways = zip(*(r.ways() for r in posed.regressions), strict=True)
+        return min((replace(posed, regressions=way) for way in ways), key=cls.misfit)
 
     def misfit(self) -> float:
-        """Return what all equations leave, ``sum n log(variance)``."""
-        return float(sum(len(r.told) * np.log(self.variance(r)).sum() for r in self.regressions))
+        return float(sum(r.misfit(self._plain) for r in self.regressions))
 
     @cached_property
     def _plain(self) -> Floats:
@@ -113,10 +105,7 @@ class SampledProblem(Posed):
 
     def variance(self, regression: Any) -> Floats:
         """Return the variance of what least squares leaves of each row, (row,)."""
-        told = np.maximum(regression.told.sum(axis=0), 1)
-        variance = (regression.residual(self._plain) ** 2).sum(axis=0) / told
-        floor = 1e-18 * (regression.target**2).mean(axis=0).max()
-        return np.asarray(np.maximum(variance, floor if floor > 0 else 1.0))
+        return np.asarray(regression.variance(self._plain))
 
     def summarize(self, method: str, solved: Solver) -> Estimate:
         solution, scatter, values, pull = self.fit(solved)
@@ -210,10 +199,16 @@ class SampledProblem(Posed):
         The values are as uncertain as that: the covariance grows by the sum of ``change change'``.
         """
         travel = np.max([r.travel for r in self.regressions], axis=0)
-        found = [r.further(travel) for r in self.regressions]
-        said, columns = found[0][0], [own.reshape(-1, own.shape[2]) for _, own in found]
+        whole = self._sizes(solution)
+        columns, noise, first = list[Floats](), np.zeros(1), 0
+        for r in self.regressions:
+            said, own, shared = r.further(travel, whole)
+            columns.append(own.reshape(-1, own.shape[2]))
+            deviation = solution.deviation[first : first + len(shared)]
+            noise = noise + (r.told.sum(axis=0) / deviation**2) @ shared
+            first += r.target.size
         every, free = np.concatenate(columns), not self.model.inputs
-        size, clear, changes = scatter.with_column(solution, every, pull, free=free)
+        size, clear, changes = scatter.with_column(solution, every, pull, noise, free=free)
         moved = [scatter.worst(change) for change in changes]
         shares = np.where(clear > DOUBTFUL, [share for _, share in moved], 0.0)
         lacks = int(np.where(shares > MOVED, clear, 0.0)[:-1].argmax())
@@ -244,8 +239,8 @@ class SampledProblem(Posed):
         """
         at, share = scatter.worst(change)
         cure = (
-            "give the delay of the channels, or look for filters before the logger, or for "
-            "something elastic that the equations leave out"
+            "give the delay of the channels and its std, or look for filters before the logger, or "
+            "for something elastic that the equations leave out"
         )
         if clear > DOUBTFUL and share > MOVED:
             way = "late" if lag > 0 else "early"

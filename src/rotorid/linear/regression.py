@@ -310,6 +310,25 @@ class SampledRegression(Equations):
     sharper: float = 1
     between: bool = False  # whether signs turn between samples, or are those of the samples
 
+    def ways(self) -> Iterator[SampledRegression]:
+        """Yield the ways to see a motion in terms that are not linear."""
+        if not self.model.nonlinear:
+            yield self
+            return
+        for times, between in product(SHARPER, (True, False) if self.signs else (False,)):
+            yield replace(self, sharper=times, between=between)
+
+    def variance(self, base: Floats) -> Floats:
+        """Return the variance of what is left of each row, (row,)."""
+        told = np.maximum(self.told.sum(axis=0), 1)
+        variance = (self.residual(base) ** 2).sum(axis=0) / told
+        floor = 1e-18 * (self.target**2).mean(axis=0).max()
+        return np.asarray(np.maximum(variance, floor if floor > 0 else 1.0))
+
+    def misfit(self, base: Floats) -> float:
+        """Return what all equations leave, ``sum n log(variance)``."""
+        return len(self.told) * float(np.log(self.variance(base)).sum())
+
     @property
     def record(self) -> FilteredRecord:
         assert self.observation.filtered is not None
@@ -468,42 +487,75 @@ class SampledRegression(Equations):
         return Predicted(names, ("",) * len(rows), target, target + left, ones, samples)
 
     @cached_property
-    def noise(self) -> Floats:
-        """What noise of the motion leaves on the signals: means of products, (signal, signal).
+    def _slow(self) -> LowPass:
+        outer = self.record.outer
+        return replace(outer, cutoffs=(*outer.cutoffs, SLOW_PART * self.record.cutoff))
 
-        To first order. Of derivatives k and l of one quantity it is ``cos((k - l) pi / 2)`` times
-        the variance of the one of order (k + l) / 2.
+    @cached_property
+    def _covariance(self) -> Floats:
+        """Of what noise of the motion leaves on derivatives 0, 1, 2 and the slow part of the 4th.
+
+        Shape (order, coordinate, order, coordinate). Of derivatives k and l of one quantity it is
+        ``cos((k - l) pi / 2)`` times the variance of the one of order (k + l) / 2.
         """
-        model, low_pass, to = self.model, self.record.outer, self.sensed[1]
-        stretches = (self._each(partial(low_pass.noise_of, order=k), self._read) for k in range(3))
-        still, moving, pushed = ((to.T * (off**2).mean(axis=0)) @ to for off in stretches)
-        none = np.zeros_like(still)
-        covariance = np.block(
-            [[still, none, -moving], [none, moving, none], [-moving, none, pushed]]
-        )
+        orders, to, outer = (0, 1, 2, 4), self.sensed[1], self.record.outer
+        found = np.zeros((4, to.shape[1]) * 2)
+        for (a, one), (b, other) in product(enumerate(orders), repeat=2):
+            if (one + other) % 2 == 0 and one + other < 8:
+                beside = self._slow if 4 in (one, other) else None
+                of = partial(outer.noise_of, order=(one + other) // 2, beside=beside)
+                variance = (self._each(of, self._read) ** 2).mean(axis=0)
+                found[a, :, b] = (-1) ** ((one - other) // 2) * (to.T * variance) @ to
+        return found
+
+    @cached_property
+    def _slopes(self) -> Floats:
+        """How the signals answer to the motion, (signal, sample, order x coordinate).
+
+        At some samples; signs have no slope of any size.
+        """
+        model, covariance = self.model, self._covariance
+        std = np.sqrt([np.diag(covariance[k, :, k]) for k in range(3)]).reshape(-1)
         some = self._picked[self.kept][:: max(1, len(self.kept) // ENOUGH)]
         arrays = {
             name: values if values.ndim == 0 else values[some]
             for name, values in model.arrays(self._motion).items()
         }
-        turning = {sign: evaluate(sign, arrays) for sign in self.signs}  # slopes of no size
-        slopes = np.zeros((len(model.signals), len(some), len(covariance)))
+        turning = {sign: evaluate(sign, arrays) for sign in self.signs}
+        slopes = np.zeros((len(model.signals), len(some), len(std)))
         moved = [name + dots for dots in DERIVATIVES for name in model.coordinates]
         for index, factor in enumerate(model.motion_factors):
             if factor is not None:
                 column, order, scale = factor
-                at, speed = order * len(still) + column, self.record.record.speed
-                slopes[index, :, at] = speed_factor(scale, speed)
+                at = order * len(model.coordinates) + column
+                slopes[index, :, at] = speed_factor(scale, self.record.record.speed)
             elif model.moves(index):
                 signal = model.signals[index]
-                for at, name in enumerate(moved):
-                    if (by := np.sqrt(covariance[at, at])) and symbol(name) in signal.free_symbols:
+                for at, (name, by) in enumerate(zip(moved, std, strict=True)):
+                    if by and symbol(name) in signal.free_symbols:
                         above, below = (
                             evaluate(signal, {**arrays, name: arrays[name] + off}, turning)
                             for off in (by, -by)
                         )
                         slopes[index, :, at] = (above - below) / (2 * by)
-        return np.tensordot(slopes @ covariance, slopes, ((1, 2), (1, 2))) / len(some)
+        return slopes
+
+    @cached_property
+    def noise(self) -> Floats:
+        """What noise of the motion leaves on the signals, to first order: means of products.
+
+        Shape (signal, signal).
+        """
+        slopes, size = self._slopes, self._slopes.shape[2]
+        own = self._covariance[:3, :, :3].reshape(size, size)
+        products = np.tensordot(slopes @ own, slopes, ((1, 2), (1, 2)))
+        return np.asarray(products / slopes.shape[1])
+
+    @cached_property
+    def shared(self) -> Floats:
+        """The same of derivatives and signals, (order of `_covariance`, coordinate, signal)."""
+        with_them = self._covariance[:, :, :3].reshape(4, len(self.model.coordinates), -1)
+        return np.asarray(with_them @ self._slopes.mean(axis=1).T)
 
     @cached_property
     def travel(self) -> Floats:
@@ -511,24 +563,28 @@ class SampledRegression(Equations):
         found = np.sqrt((self._motion.velocity**2).mean(axis=0)), np.ptp(self._motion.position, 0)
         return np.array([np.where(each > 0, each, 1.0) for each in found])
 
-    def further(self, travel: Floats) -> tuple[list[tuple[str, str]], Floats]:
+    def further(
+        self, travel: Floats, whole: Floats
+    ) -> tuple[list[tuple[str, str]], Floats, Floats]:
         """Return what equations may lack and its cure, with columns, (sample, row, what).
 
-        The last column is that of a lag.
-
-        `travel` is that of all records; the lag has no text.
+        And the mean product of what noise leaves on each and on what a row holds of the signals,
+        `whole`: (row, what). The last column, without a text, is that of a lag. `travel` is that
+        of all records.
         """
         used, m, texts = self._picked[self.kept], self._motion, {"1": ADD}
-        outer = self.record.outer
-        slow = replace(outer, cutoffs=(*outer.cutoffs, SLOW_PART * self.record.cutoff))
-        bent = self._coordinates(slow, 4)
-        columns = [np.ones((len(used), 1))]
+        outer, bent = self.record.outer, self._coordinates(self._slow, 4)
+        columns, noisy = [np.ones((len(used), 1))], [np.zeros((1, whole.shape[1]))]
         for j, name in enumerate(self.model.coordinates):
             # filtered once, as in the equations
             texts |= dict.fromkeys((name + dots for dots in DERIVATIVES), ADD)
             columns += [self._coordinates(outer, k)[used, j : j + 1] for k in range(3)]
             texts[name + ELASTIC] = BENDS
             columns.append(bent[used, j : j + 1])
+            noisy += [
+                self.shared[:, j] @ whole,
+                np.zeros((len(FURTHER) + 2 * WAVES, whole.shape[1])),
+            ]
             crawl, longest = SLOWLY * travel[0, j], 2 * np.pi / travel[1, j]
             turn = np.tanh(m.velocity[:, j] / crawl)
             forces = {
@@ -554,7 +610,9 @@ class SampledRegression(Equations):
         drives = [", ".join(inputs[acting[row] != 0]) or f"row {row + 1}" for row in pushed]
         lack = "the equation of {} lacks a force as {}"
         said = [(lack.format(row, text), cure) for row in drives for text, cure in texts.items()]
-        return said, self.counting(found)
+        shared = np.concatenate(noisy).T[:, None] * np.eye(len(acting))[:, pushed, None]
+        shared = np.append(shared.reshape(len(acting), -1), np.zeros((len(acting), 1)), axis=1)
+        return said, self.counting(found), shared
 
     @property
     def left_out(self) -> str:

@@ -170,12 +170,19 @@ class Scatter:
         return halves, np.asarray(wider(dof) * np.sqrt(within * self.blocks / dof))
 
     def with_column(
-        self, solution: LeastSquaresSolution, columns: Floats, pull: Floats, *, free: bool = False
+        self,
+        solution: LeastSquaresSolution,
+        columns: Floats,
+        pull: Floats,
+        noise: Floats,
+        *,
+        free: bool = False,
     ) -> tuple[Floats, Floats, Floats]:
         """Return what some columns, (equation, column), each by itself, add to a solution.
 
-        Sizes ``s = (p'e + c'X pull) / p'p``, ``p = c - X G c`` (0 where that is too little of c), e
-        holding ``-X pull`` of what noise of the motion pulls; how many deviations of the jackknife
+        Sizes ``s = (p'e + c'X pull + noise) / p'p``, ``p = c - X G c`` (0 where that is too little
+        of c), e holding ``-X pull`` of what noise of the motion pulls, and less by the product of
+        what noise leaves on c and on e, (column,); how many deviations of the jackknife
         each is from zero, and the moves ``-G c s``, (column, free).
         Of what swings `free` none may be a multiple of what is known: with it zero solves the rest.
         """
@@ -186,6 +193,7 @@ class Scatter:
         power = np.add.reduceat(part**2, starts)
         score = part * solution.residual[:, None] + columns * (solution.matrix @ pull)[:, None]
         score = np.add.reduceat(score, starts)
+        score += noise * (np.diff([*starts, len(columns)]) / len(columns))[:, None]
         whole = power.sum(axis=0)
         told = whole > DISTINCT * (length := (columns**2).sum(axis=0))
         if free:
