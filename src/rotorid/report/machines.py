@@ -184,8 +184,8 @@ def _said_of(found: Balance) -> list[str]:
     said.append(f"{100 * found.share:.2g} % predicted residual response")
     if found.share > POOR:
         said.append(
-            "warning: these planes cannot remove this unbalance; add a plane, or choose with "
-            "--at what to minimize"
+            "warning: this does not remove the unbalance; allow other masses or holes, add a "
+            "plane, or choose with --at what to minimize"
         )
     return said
 
