@@ -448,6 +448,21 @@ def test_a_cutoff_below_the_motion_does_no_harm(cutoff):
     assert np.abs(pulls(found, DUFFING_TRUE)).max() < 3
 
 
+def test_an_answer_without_a_deviation_is_doubtful():
+    """An axis that is pushed once: one block tells its mass."""
+    time = np.arange(15_000) / 1e3
+    push = np.exp(-(((time - 7.0) / 0.05) ** 2))
+    noise = np.random.default_rng(0).normal(size=(len(time), 2)) * [0.01, 1e-7]
+    twice = np.cumsum(np.cumsum(push * (1 - ((time - 7.0) / 0.05) ** 2))) * 1e-6
+    force = 5.0 * push * (1 - ((time - 7.0) / 0.05) ** 2)
+    record = measured(force + noise[:, 0], twice + noise[:, 1], ("F", "x"), 1000.0)
+    model = written("a mass", ["m*x'' = F"], "x m", "F N", "m kg")
+    found = rid.identify(model, rid.filtered(record, 40.0), "ls")
+    assert found["m"].std is None
+    assert (found.status, found.verdict) == ("ok", "doubtful")
+    assert "nothing tells the std of m" in str(found)
+
+
 def test_a_record_at_rest_is_refused():
     still = 1e-6 * np.random.default_rng(0).standard_normal((15000, 2))
     low = rid.filtered(measured(still[:, 0], still[:, 1], ("F", "q"), 1000.0), 40.0)

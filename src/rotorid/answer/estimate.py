@@ -227,13 +227,15 @@ class Estimate(Shown):
     @property
     def doubt(self) -> str:
         """Why an answer that is ok is doubtful all the same; empty where it is not."""
-        if self.status == "ok" and any(note.about == EFFORT for note in self.notes):
+        if self.status != "ok":
+            return ""
+        if any(note.about == EFFORT for note in self.notes):
             return "little effort"
-        if self.status == "ok" and (
-            off := [n for n in self.notes if n.about in OFF and n.severity == "doubts"]
-        ):
+        if off := [n for n in self.notes if n.about in OFF and n.severity == "doubts"]:
             return f"{off[0].value or math.nan:.2g} std off along {' or '.join(off[0].on)}"
-        if self.status != "ok" or self.misfit is None or not self.misfit.p_value < DOUBTFUL:
+        if untold := [v.name for v in self.parameters if v.std is None and not v.fixed]:
+            return f"nothing tells the std of {', '.join(untold)}"
+        if self.misfit is None or not self.misfit.p_value < DOUBTFUL:
             return ""
         return f"p = {self.misfit.p_value:.1g}"
 

@@ -296,9 +296,7 @@ class SampledProblem(Posed):
         yield from (Note("at rest", "says", rest) for rest in rests)
         if self.model.nonlinear:
             one = self.regressions[0]
-            text = (
-                f"terms that are not linear see the motion through {one.sharper} times the cut-off"
-            )
+            text = f"terms that are not linear see the motion up to {one.highest:.4g} Hz"
             turning = f"; signs {'turn between' if one.between else 'are those of the'} samples"
             yield Note("nonlinear", "says", text + turning * bool(one.signs))
         text = (

@@ -374,9 +374,13 @@ class SampledRegression(Equations):
     @cached_property
     def _motion(self) -> Motion:
         """The low-passed motion, at which the terms that are not linear are computed."""
-        rate = self.record.record.sample_rate
-        hertz = min(self.sharper * self.record.cutoff, WIDEST * rate)
-        return self._through(LowPass(rate, (max(hertz, self.record.cutoff),)))
+        return self._through(LowPass(self.record.record.sample_rate, (self.highest,)))
+
+    @property
+    def highest(self) -> float:
+        """Hz; the cut-off of the low-pass through which terms that are not linear see it."""
+        widest = min(self.sharper * self.record.cutoff, WIDEST * self.record.record.sample_rate)
+        return max(widest, self.record.cutoff)
 
     def _through(self, low_pass: LowPass) -> Motion:
         record = self.record.record
