@@ -448,6 +448,37 @@ def test_a_cutoff_below_the_motion_does_no_harm(cutoff):
     assert np.abs(pulls(found, DUFFING_TRUE)).max() < 3
 
 
+@pytest.mark.parametrize("wraps", [False, True])
+def test_equations_without_a_force_are_tested(wraps):
+    """A mass that only a spring drives; where its position wraps, its equation holds nothing."""
+    rng, time = np.random.default_rng(1), np.arange(15_000) / 1e3
+    omega, turn = 2 * np.pi * rng.uniform(0.5, 4, 14), rng.uniform(0, 2 * np.pi, 14)
+    stiffness = np.array([[2 * 900.0, -900.0], [-900.0, 900.0 + 100.0]])
+    dynamic = stiffness - np.multiply.outer(omega**2, np.diag([3.0, 2.0])) + 0j
+    dynamic += np.multiply.outer(1j * omega, np.diag([9.0, 6.0]))
+    response = np.linalg.solve(dynamic, np.tile([[10.0], [0.0]], (14, 1, 1)))[..., 0]
+    wave = np.exp(1j * (np.outer(time, omega) + turn))
+    samples = np.column_stack([10.0 * wave.sum(axis=1).real, (wave @ response).real])
+    samples += rng.normal(size=samples.shape) * [0.05, 1e-6, 1e-6]
+    if wraps:
+        half = 0.5 * np.abs(samples[:, 2]).max()
+        samples[:, 2] = (samples[:, 2] + half) % (2 * half) - half
+    channels = [Channel("F", "N"), Channel("x", "m"), Channel("y", "m")]
+    equations = ["a*x'' + c*x' + k*(2*x - y) = F", "b*y'' + d*y' + k*(y - x) + s*y = 0"]
+    units = "a kg, b kg, c N s/m, d N s/m, k N/m, s N/m"
+    model = written("two masses", equations, "x m, y m", "F N", units)
+    record = rid.filtered(rid.Record(channels, samples, 1000.0), 30.0)
+    found = rid.identify(model, record, "batch")
+    told = [n.found for n in found.notes if n.about == "prediction" and n.found.startswith("row")]
+    assert [text.partition(" %")[0][:38] for text in told] == (
+        ["row 2, which no force drives, leaves 9"] if wraps else []
+    )
+    assert found.status == ("rejected" if wraps else "ok")
+    if not wraps:
+        truth = {"a": 3.0, "b": 2.0, "c": 9.0, "d": 6.0, "k": 900.0, "s": 100.0}
+        assert np.abs(pulls(found, truth)).max() < 4
+
+
 def test_an_answer_without_a_deviation_is_doubtful():
     """An axis that is pushed once: one block tells its mass."""
     time = np.arange(15_000) / 1e3

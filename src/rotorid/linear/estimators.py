@@ -119,6 +119,7 @@ class SampledProblem(Posed):
             *self.pulled(pull, scatter, values),
             *lacking,
             *machine_checks.prediction(estimate, self.noise(solution)),
+            *self.unbalanced(solution),
             *machine_checks.agreement(self.names, *scatter.halves()),
             *self.apart(solved),
         )
@@ -148,6 +149,28 @@ class SampledProblem(Posed):
         size = np.sum([each.size for each in found], axis=0)
         share = np.sqrt(left / np.where(size > 0, size, np.inf))
         return dict(zip(found[0].names, share.tolist(), strict=True))
+
+    def unbalanced(self, solution: LeastSquaresSolution) -> Iterator[Note]:
+        """Judge rows without a force or a known term by what they leave of their largest term."""
+        base, whole = np.nan_to_num(self.base(solution.values)), self._sizes(solution)
+        told = self.model.input_matrix.any(axis=1) | self.model.coefficients[1].any(axis=0)
+        for row in np.flatnonzero(~told):
+            terms = sum(((r.signals * whole[:, row]) ** 2).sum(axis=0) for r in self.regressions)
+            left = sum((r.residual(base)[:, row] ** 2).sum() for r in self.regressions)
+            noise = sum(
+                len(r.inputs) * whole[:, row] @ r.noise @ whole[:, row] for r in self.regressions
+            )
+            if not (largest := np.max(terms)):
+                continue
+            error, unsure = np.sqrt([left / largest, noise / largest])
+            if error > np.hypot(machine_checks.UNPREDICTED, 2 * unsure):
+                text = (
+                    f"row {row + 1}, which no force drives, leaves {100 * error:.3g} % of its "
+                    f"largest term, of which noise explains {100 * unsure:.3g} %: the equations do "
+                    "not describe this record"
+                )
+                cure = "check columns, units and signs"
+                yield Note("prediction", "rejects", text, cure, value=float(error), unit="1")
 
     def _sizes(self, solution: LeastSquaresSolution) -> Floats:
         """Return what each row holds of each signal, (signal, row)."""
