@@ -52,7 +52,7 @@ def read_until(screen: int, text: str, seconds: float = 60.0) -> str:
 
 
 def test_what_is_tried_is_told_and_an_interrupt_leaves_the_best(folder, monkeypatch, capsys):
-    shown = shown_in_process(monkeypatch, *LONG, until=" s left")
+    shown = shown_in_process(monkeypatch, *LONG, until=" s left, step ")
     assert re.search(r"trying [a-z ]+, \d+ of \d+, about \d+ s left, step \d+", shown)
     assert re.search(r"best so far: misfit \S+, \S+ expected", shown)
     assert "Traceback" not in shown
