@@ -177,6 +177,14 @@ class SampledProblem(Posed):
         coefficients, known = self.model.coefficients
         return np.asarray(coefficients @ np.nan_to_num(self.base(solution.values)) + known)
 
+    def _weighted(self, solution: LeastSquaresSolution) -> Iterator[tuple[Any, Floats]]:
+        """Yield each regression with its samples that count over the variance of each, (row,)."""
+        first = 0
+        for r in self.regressions:
+            deviation = solution.deviation[first : first + len(self.model.texts)]
+            yield r, r.told.sum(axis=0) / deviation**2
+            first += r.target.size
+
     def pull(self, solution: LeastSquaresSolution) -> Floats:
         """Return what noise of the motion adds to the values, (free,).
 
@@ -187,13 +195,10 @@ class SampledProblem(Posed):
         found, shrunk = np.zeros(len(self.names)), np.eye(len(self.names))
         gains = np.hstack(solution.gains)
         inverse = gains @ gains.T
-        deviation, first = solution.deviation, 0
-        for r in self.regressions:
-            weight = r.told.sum(axis=0) / deviation[first : first + whole.shape[1]] ** 2
+        for r, weight in self._weighted(solution):
             seen = np.einsum("arf,ab,r->brf", structure, r.noise, weight)
             found -= np.einsum("brf,br->f", seen, whole)
             shrunk -= inverse @ np.einsum("brf,brg->fg", seen, structure)
-            first += r.target.size
         return np.linalg.solve(shrunk, inverse @ found)
 
     def pulled(self, pull: Floats, scatter: Scatter, values: Floats) -> Iterator[Note]:
@@ -223,13 +228,11 @@ class SampledProblem(Posed):
         """
         travel = np.max([r.travel for r in self.regressions], axis=0)
         whole = self._sizes(solution)
-        columns, noise, first = list[Floats](), np.zeros(1), 0
-        for r in self.regressions:
+        columns, noise = list[Floats](), np.zeros(1)
+        for r, weight in self._weighted(solution):
             said, own, shared = r.further(travel, whole)
             columns.append(own.reshape(-1, own.shape[2]))
-            deviation = solution.deviation[first : first + len(shared)]
-            noise = noise + (r.told.sum(axis=0) / deviation**2) @ shared
-            first += r.target.size
+            noise = noise + weight @ shared
         every, free = np.concatenate(columns), not self.model.inputs
         size, clear, changes = scatter.with_column(solution, every, pull, noise, free=free)
         moved = [scatter.worst(change) for change in changes]
@@ -242,7 +245,7 @@ class SampledProblem(Posed):
             by = self._by(at, clear[lacks], changes[lacks, at], share)
             text = f"{lack} {by}: they are wider by that"
             notes.append(Note(LACKS, "doubts", text, cure, (self.names[at],), share, "1"))
-        if size[-1]:
+        if clear[-1]:
             lag, clearly = -float(size[-1]), float(clear[-1])
             notes += self.late(lag, clearly, changes[-1], rival, scatter)
         return notes, changes[:-1][shares[:-1] > MOVED]

@@ -587,7 +587,7 @@ class SampledRegression(Equations):
             columns.append(bent[used, j : j + 1])
             noisy += [
                 self.shared[:, j] @ whole,
-                np.zeros((len(FURTHER) + 2 * WAVES, whole.shape[1])),
+                np.zeros((len(FURTHER) + len(ALONG) * WAVES, whole.shape[1])),
             ]
             crawl, longest = SLOWLY * travel[0, j], 2 * np.pi / travel[1, j]
             turn = np.tanh(m.velocity[:, j] / crawl)
